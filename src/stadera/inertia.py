@@ -1,0 +1,256 @@
+"""The ten inertial parameters of a rigid body, their order and their geometry.
+
+The order, everywhere in code, files and print, is the paper's eq. 3::
+
+    [m, m·cx, m·cy, m·cz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz]
+
+with the inertia about the origin of the body's own frame, in that frame's axes. Dynamics are linear in these ten.
+
+The pseudo-inertia (Wensing, Kim, Slotine 2018) is their 4x4 symmetric rearrangement::
+
+    J = [[Σ, h], [hᵀ, m]],   Σ = ½ tr(I) 1 - I = ∫ρ r rᵀ dV,   h = m c
+
+A body is physically possible (a non-negative mass density has these moments) exactly when J is positive
+semidefinite; a frame change `r' = R r + p` acts as `J' = T J Tᵀ` with `T = [[R, p], [0, 1]]`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stadera.errors import ModelError
+
+if TYPE_CHECKING:
+    import pinocchio
+
+Array = NDArray[np.float64]
+
+ORDER: tuple[str, ...] = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+"""Names of the ten parameters in their one order."""
+
+UNITS: tuple[str, ...] = ("kg", *("kg·m",) * 3, *("kg·m²",) * 6)
+"""Units of the ten parameters."""
+
+_FROM_PINOCCHIO = np.array([0, 1, 2, 3, 4, 5, 7, 6, 8, 9])  # Pinocchio stores Ixx Ixy Iyy Ixz Iyz Izz; an involution
+
+_INERTIA_INDEX = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+def _pseudo_basis() -> Array:
+    """The ten 4x4 matrices E_k with J(φ) = Σ_k φ_k E_k."""
+    basis = np.zeros((10, 4, 4))
+    basis[0, 3, 3] = 1.0
+    for k in range(3):
+        basis[1 + k, k, 3] = basis[1 + k, 3, k] = 1.0
+    for k, (i, j) in enumerate(_INERTIA_INDEX):
+        if i == j:
+            basis[4 + k, :3, :3] = 0.5 * np.eye(3)
+            basis[4 + k, i, i] -= 1.0
+        else:
+            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
+    return basis
+
+
+PSEUDO_BASIS: Array = _pseudo_basis()
+"""The ten constant 4x4 matrices that turn parameters into a pseudo-inertia: J = Σ φ_k E_k. Shape (10, 4, 4)."""
+
+
+def skew(v: ArrayLike) -> Array:
+    """The matrix [v]x with [v]x w = v x w. Shape (3, 3)."""
+    x, y, z = np.asarray(v, dtype=float)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def order_from_pinocchio(parameters: ArrayLike) -> Array:
+    """Ten parameters (last axis) in Pinocchio's order, reordered to ours; applied again, it goes back."""
+    return np.asarray(parameters, dtype=float)[..., _FROM_PINOCCHIO]
+
+
+@dataclass(frozen=True, eq=False)
+class InertialParameters:
+    """The ten parameters of one body, in that body's own frame.
+
+    Kept as the vector of eq. 3, so that differences of bodies (a payload as "after minus before") are values too,
+    physical or not; ask `is_physical`.
+
+    Args:
+        vector: shape (10,), units kg, kg·m, kg·m².
+
+    Raises:
+        ModelError: wrong shape, or a value that is not finite.
+    """
+
+    vector: Array
+
+    def __post_init__(self) -> None:
+        vector = np.array(self.vector, dtype=float)
+        if vector.shape != (10,):
+            raise ModelError(f"inertial parameters need shape (10,), got {vector.shape}")
+        if not np.isfinite(vector).all():
+            bad = ", ".join(name for name, v in zip(ORDER, vector, strict=True) if not np.isfinite(v))
+            raise ModelError(f"inertial parameters are not finite: {bad}")
+        vector.flags.writeable = False
+        object.__setattr__(self, "vector", vector)
+
+    # -- made from --------------------------------------------------------------------------------------------
+    @classmethod
+    def from_com(cls, mass: float, com: ArrayLike, inertia_com: ArrayLike) -> InertialParameters:
+        """From the mass [kg], the centre of mass [m] and the inertia about the centre of mass [kg·m²], (3, 3)."""
+        c = np.asarray(com, dtype=float)
+        about_origin = np.asarray(inertia_com, dtype=float) + mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return cls.from_moments(mass, mass * c, about_origin)
+
+    @classmethod
+    def from_moments(cls, mass: float, first_moment: ArrayLike, inertia: ArrayLike) -> InertialParameters:
+        """From the mass, the first moment m·c [kg·m] and the inertia about the frame's origin [kg·m²], (3, 3)."""
+        tensor = np.asarray(inertia, dtype=float)
+        return cls(np.array([mass, *np.asarray(first_moment, dtype=float), *(tensor[i, j] for i, j in _INERTIA_INDEX)]))
+
+    @classmethod
+    def from_pseudo_inertia(cls, pseudo: ArrayLike) -> InertialParameters:
+        """From the 4x4 pseudo-inertia, the inverse of `pseudo_inertia`."""
+        J = np.asarray(pseudo, dtype=float)
+        second = J[:3, :3]
+        return cls.from_moments(J[3, 3], J[:3, 3], np.trace(second) * np.eye(3) - second)
+
+    @classmethod
+    def from_pinocchio(cls, inertia: pinocchio.Inertia) -> InertialParameters:
+        """From Pinocchio's spatial inertia, expressed in the same frame."""
+        return cls(order_from_pinocchio(inertia.toDynamicParameters()))
+
+    @classmethod
+    def zero(cls) -> InertialParameters:
+        """No body at all."""
+        return cls(np.zeros(10))
+
+    # -- read as ----------------------------------------------------------------------------------------------
+    @property
+    def mass(self) -> float:
+        """Mass [kg]."""
+        return float(self.vector[0])
+
+    @property
+    def first_moment(self) -> Array:
+        """m·c [kg·m], shape (3,)."""
+        return self.vector[1:4]
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass [m], shape (3,); NaN where the mass is zero."""
+        return self.first_moment / self.mass if self.mass else np.full(3, np.nan)
+
+    @property
+    def inertia(self) -> Array:
+        """Inertia about the frame's origin [kg·m²], shape (3, 3)."""
+        xx, xy, xz, yy, yz, zz = self.vector[4:]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def inertia_com(self) -> Array:
+        """Inertia about the centre of mass, in the frame's axes [kg·m²], shape (3, 3)."""
+        if not self.mass:
+            return self.inertia
+        h = self.first_moment
+        return self.inertia - (h @ h * np.eye(3) - np.outer(h, h)) / self.mass
+
+    @property
+    def pseudo_inertia(self) -> Array:
+        """The 4x4 pseudo-inertia J."""
+        J: Array = np.tensordot(self.vector, PSEUDO_BASIS, axes=1)
+        return J
+
+    def to_pinocchio(self) -> pinocchio.Inertia:
+        """As Pinocchio's spatial inertia.
+
+        Raises:
+            ModelError: the mass is zero while moments are not, which Pinocchio's mass-and-lever form cannot hold.
+        """
+        import pinocchio
+
+        if self.mass == 0.0 and self.vector.any():
+            raise ModelError("a body with zero mass and non-zero moments has no Pinocchio inertia")
+        com = self.com if self.mass else np.zeros(3)
+        return pinocchio.Inertia(self.mass, com, self.inertia_com)
+
+    # -- geometry ---------------------------------------------------------------------------------------------
+    def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> InertialParameters:
+        """The same body seen from another frame.
+
+        Args:
+            rotation: R (3, 3), and
+            translation: p (3,) [m] of this frame in the other one: `r_other = R r + p`.
+        """
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = rotation, translation
+        return self.from_pseudo_inertia(T @ self.pseudo_inertia @ T.T)
+
+    def shifted(self, translation: ArrayLike) -> InertialParameters:
+        """The same body seen from parallel axes, this frame's origin lying at `translation` [m] in the other."""
+        return self.transformed(np.eye(3), translation)
+
+    def __add__(self, other: InertialParameters) -> InertialParameters:
+        return InertialParameters(self.vector + other.vector)
+
+    def __sub__(self, other: InertialParameters) -> InertialParameters:
+        return InertialParameters(self.vector - other.vector)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, InertialParameters) and bool(np.array_equal(self.vector, other.vector))
+
+    def __hash__(self) -> int:
+        return hash(self.vector.tobytes())
+
+    # -- physics ----------------------------------------------------------------------------------------------
+    def is_physical(self, tolerance: float = 1e-9) -> bool:
+        """Whether some non-negative mass density has these moments (J positive semidefinite).
+
+        Args:
+            tolerance: how far below zero the smallest eigenvalue may lie, relative to the largest of the
+                pseudo-inertia brought to unit diagonal, which makes it free of units.
+        """
+        J = self.pseudo_inertia
+        diagonal = np.diag(J)
+        if (diagonal < 0).any():
+            return False
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        return bool(np.linalg.eigvalsh(J / np.outer(scale, scale)).min() >= -tolerance)
+
+    def log_cholesky(self) -> Array:
+        """The ten unconstrained coordinates of Rucker and Wensing 2022 (`from_log_cholesky` goes back), shape (10,).
+
+        Upper-triangular U with J = U Uᵀ, written e^α [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3],
+        [0, 0, 0, 1]]; ordered [α, d1, d2, d3, s12, s23, s13, t1, t2, t3].
+
+        Raises:
+            ModelError: the body is not strictly physical (J not positive definite).
+        """
+        flipped = self.pseudo_inertia[::-1, ::-1]
+        try:
+            U = np.linalg.cholesky(flipped)[::-1, ::-1]
+        except np.linalg.LinAlgError as error:
+            raise ModelError("log-Cholesky coordinates need a strictly physical body") from error
+        e_alpha = U[3, 3]
+        V = U / e_alpha
+        return np.array([np.log(e_alpha), *np.log(np.diag(V)[:3]), V[0, 1], V[1, 2], V[0, 2], *V[:3, 3]])
+
+    @classmethod
+    def from_log_cholesky(cls, coordinates: ArrayLike) -> InertialParameters:
+        """Always physical, whatever the ten coordinates (see `log_cholesky`)."""
+        alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = np.asarray(coordinates, dtype=float)
+        U = np.exp(alpha) * np.array(
+            [
+                [np.exp(d1), s12, s13, t1],
+                [0.0, np.exp(d2), s23, t2],
+                [0.0, 0.0, np.exp(d3), t3],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
+        return cls.from_pseudo_inertia(U @ U.T)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers by name, for JSON."""
+        return dict(zip(ORDER, self.vector.tolist(), strict=True))

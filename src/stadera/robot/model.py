@@ -1,0 +1,219 @@
+"""What a quadruped is to this package: plain frozen values, free of the library that read the file.
+
+Frames: the trunk frame is the floating base's. A link's frame is its joint's frame, fixed to the link: for a URDF the
+link frame; for an MJCF the body's axes with the origin at the joint's anchor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import ModelError, UnknownNameError
+from stadera.inertia import InertialParameters
+
+Array = NDArray[np.float64]
+
+LEG_NAMES: tuple[str, ...] = ("LF", "RF", "LH", "RH")
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """The kinematic tree: a trunk and revolute joints, in topological order, as arrays.
+
+    Attributes:
+        links: names; `links[0]` is the trunk, `links[i + 1]` is what `joints[i]` moves.
+        joints: names, n of them.
+        parents: `parents[i]` is the index in `links` of the link that joint i hangs on.
+        rotations: (n, 3, 3), R of joint i's frame in its parent link's frame, at zero angle.
+        translations: (n, 3) [m], origin of joint i's frame in its parent link's frame.
+        axes: (n, 3), unit vector of joint i's rotation, in its own frame.
+    """
+
+    links: tuple[str, ...]
+    joints: tuple[str, ...]
+    parents: tuple[int, ...]
+    rotations: Array
+    translations: Array
+    axes: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.joints)
+        shapes = {"rotations": (n, 3, 3), "translations": (n, 3), "axes": (n, 3)}
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ModelError(f"tree {name} need shape {shape}, got {getattr(self, name).shape}")
+        if len(self.links) != n + 1 or len(self.parents) != n:
+            raise ModelError(f"a tree of {n} joints needs {n + 1} links and {n} parents")
+        if any(not 0 <= p <= i for i, p in enumerate(self.parents)):
+            raise ModelError("tree joints are not in topological order")
+
+    def ancestors(self, joint: int) -> tuple[int, ...]:
+        """Indices of the joints from the trunk to joint `joint`, itself included."""
+        chain = [joint]
+        while (parent := self.parents[chain[-1]]) > 0:
+            chain.append(parent - 1)
+        return tuple(reversed(chain))
+
+    def restricted(self, joints: tuple[str, ...]) -> Tree:
+        """The tree of these joints alone, their ancestors among them; the trunk stays.
+
+        Raises:
+            UnknownNameError: a name is not a joint of this tree.
+            ModelError: a joint's parent joint is left out.
+        """
+        for name in joints:
+            if name not in self.joints:
+                raise UnknownNameError("joint", name, self.joints)
+        keep = [i for i, name in enumerate(self.joints) if name in joints]
+        position = {0: 0} | {i + 1: k + 1 for k, i in enumerate(keep)}
+        missing = [self.joints[i] for i in keep if self.parents[i] not in position]
+        if missing:
+            raise ModelError(f"joint {missing[0]!r} hangs on a joint that was left out")
+        return Tree(
+            links=(self.links[0], *(self.links[i + 1] for i in keep)),
+            joints=tuple(self.joints[i] for i in keep),
+            parents=tuple(position[self.parents[i]] for i in keep),
+            rotations=self.rotations[keep],
+            translations=self.translations[keep],
+            axes=self.axes[keep],
+        )
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of one joint; infinite where the model states none."""
+
+    lower: float = -np.inf  # rad
+    upper: float = np.inf  # rad
+    velocity: float = np.inf  # rad/s
+    effort: float = np.inf  # N·m
+
+
+@dataclass(frozen=True)
+class JointDynamics:
+    """What a joint adds to the rigid bodies' torque: I_a q̈ + b q̇ + τ_c sign(q̇) + offset."""
+
+    armature: float = 0.0  # kg·m², rotor inertia seen at the joint
+    viscous: float = 0.0  # N·m·s/rad
+    coulomb: float = 0.0  # N·m
+    offset: float = 0.0  # N·m
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One leg: three joints from the trunk outwards (HAA, HFE, KFE) and a point foot.
+
+    Attributes:
+        name: LF, RF, LH or RH.
+        joints, links: names in the model file, from the trunk outwards.
+        foot: the foot frame's name in the model file, or "<last link>_foot" where the file has none.
+        foot_position: (3,) [m], centre of the foot sphere in the last link's frame.
+        foot_radius: [m], 0 where unknown.
+    """
+
+    name: str
+    joints: tuple[str, str, str]
+    links: tuple[str, str, str]
+    foot: str
+    foot_position: tuple[float, float, float]
+    foot_radius: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame fixed to a link: r_link = rotation @ r_frame + translation."""
+
+    link: str
+    rotation: Array  # (3, 3)
+    translation: Array  # (3,) m
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A primitive shape fixed to a link, for pictures and clearance; its pose is in the link's frame.
+
+    `size` is (radius,) for a sphere, (radius, length) for a capsule or cylinder along its own z, and the three full
+    edge lengths for a box [m].
+    """
+
+    link: str
+    kind: Literal["sphere", "capsule", "cylinder", "box"]
+    size: tuple[float, ...]
+    rotation: Array
+    translation: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A quadruped: tree, legs, prior inertial parameters and joint dynamics, limits, frames and simple shapes.
+
+    Attributes:
+        name: as asked for, or the model file's own.
+        tree: all leg joints; joints that belong to no leg are held at zero and their links lumped into their parent.
+        legs: LF, RF, LH, RH in this order.
+        inertias: prior (CAD) parameters by link, in the link's frame, with everything fixed to the link included.
+        dynamics: prior joint dynamics by joint.
+        limits: by joint.
+        frames: fixed frames by name (feet and IMUs among them).
+        shapes: primitive shapes.
+        source: the model file, None for a robot made in memory.
+        notes: what the loader had to assume or mend, one sentence each.
+    """
+
+    name: str
+    tree: Tree
+    legs: tuple[Leg, ...]
+    inertias: Mapping[str, InertialParameters]
+    dynamics: Mapping[str, JointDynamics]
+    limits: Mapping[str, JointLimits]
+    frames: Mapping[str, Frame] = field(default_factory=dict)
+    shapes: tuple[Shape, ...] = ()
+    source: Path | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, keys in (("inertias", self.tree.links), ("dynamics", self.tree.joints), ("limits", self.tree.joints)):
+            given = getattr(self, name)
+            if missing := [key for key in keys if key not in given]:
+                raise ModelError(f"robot {self.name}: {name} lack {', '.join(missing)}")
+            object.__setattr__(self, name, MappingProxyType(dict(given)))
+        object.__setattr__(self, "frames", MappingProxyType(dict(self.frames)))
+
+    @property
+    def trunk(self) -> str:
+        """Name of the trunk link."""
+        return self.tree.links[0]
+
+    @cached_property
+    def mass(self) -> float:
+        """Mass of the whole robot, prior values [kg]."""
+        return sum(self.inertias[link].mass for link in self.tree.links)
+
+    def leg(self, name: str) -> Leg:
+        """The leg of that name: LF, RF, LH, RH (any case), or the robot's own prefix (FL, RR, ...).
+
+        Raises:
+            UnknownNameError: no such leg.
+        """
+        wanted = name.upper()
+        for leg in self.legs:
+            if wanted == leg.name:
+                return leg
+        for leg in self.legs:
+            # the robot's own prefix ends where the name's first separator stands: FL_hip_joint, fl.hx
+            own = leg.joints[0].upper()
+            if own.startswith(wanted) and not own[len(wanted) : len(wanted) + 1].isalpha():
+                return leg
+        raise UnknownNameError("leg", name, (leg.name for leg in self.legs), self.name)
+
+    def leg_tree(self, name: str) -> Tree:
+        """The tree of one leg on a held trunk."""
+        return self.tree.restricted(self.leg(name).joints)
