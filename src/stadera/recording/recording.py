@@ -12,6 +12,8 @@ from stadera.errors import RecordingError, UnknownNameError
 
 Array = NDArray[np.float64]
 
+_CHANNELS = ("position", "velocity", "acceleration", "effort")
+
 
 @dataclass(frozen=True, eq=False)
 class Imu:
@@ -69,10 +71,16 @@ class Recording:
         if self.time.ndim != 1:
             raise RecordingError(f"{self.source}: time needs shape (samples,), got {self.time.shape}")
         shape = (len(self.time), len(self.joints))
-        for name in ("position", "velocity", "acceleration", "effort"):
+        for name in _CHANNELS:
             values = getattr(self, name)
             if values is not None and values.shape != shape:
                 raise RecordingError(f"{self.source}: {name} needs shape {shape}, got {values.shape}")
+        if self.imu is not None:
+            _check_imu(self.imu, len(self.time), self.source)
+        for foot, force in self.foot_force.items():
+            _check_shape(force, (len(self.time), 3), f"{foot}.force", self.source)
+        for foot, contact in self.foot_contact.items():
+            _check_shape(contact, (len(self.time),), f"{foot}.contact", self.source)
         _check_time(self.time, self.source)
         _check_finite(self)
 
@@ -102,6 +110,18 @@ class Recording:
         return self.joints.index(joint)
 
 
+def _check_imu(imu: Imu, samples: int, source: str) -> None:
+    for name, width in (("angular_velocity", 3), ("linear_acceleration", 3), ("orientation", 4)):
+        values = getattr(imu, name)
+        if values is not None:
+            _check_shape(values, (samples, width), f"imu.{name}", source)
+
+
+def _check_shape(values: NDArray[np.generic], shape: tuple[int, ...], name: str, source: str) -> None:
+    if values.shape != shape:
+        raise RecordingError(f"{source}: {name} needs shape {shape}, got {values.shape}")
+
+
 def _check_time(time: Array, source: str) -> None:
     if not np.isfinite(time).all():
         raise RecordingError(f"{source}: column 'time' is not finite at sample {int(np.argmin(np.isfinite(time)))}")
@@ -113,10 +133,14 @@ def _check_time(time: Array, source: str) -> None:
 
 
 def _check_finite(recording: Recording) -> None:
-    for name in ("position", "velocity", "acceleration", "effort"):
-        values = getattr(recording, name)
+    labelled = [(getattr(recording, name), name, recording.joints) for name in _CHANNELS]
+    if recording.imu is not None:
+        for name in ("angular_velocity", "linear_acceleration", "orientation"):
+            labelled.append((getattr(recording.imu, name), name, ("imu",) * 4))
+    labelled += [(force, "force", (foot,) * 3) for foot, force in recording.foot_force.items()]
+    for values, name, owners in labelled:
         if values is not None and not np.isfinite(values).all():
             sample, column = np.argwhere(~np.isfinite(values))[0]
             raise RecordingError(
-                f"{recording.source}: column '{recording.joints[column]}.{name}' is not finite at sample {sample}"
+                f"{recording.source}: column '{owners[column]}.{name}' is not finite at sample {sample}"
             )

@@ -1,0 +1,148 @@
+"""The flat table's column names: which column of a log is what. Pure names, no file access."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from stadera.errors import RecordingError, UnknownNameError
+
+TIME = "time"
+CHANNELS: tuple[str, ...] = ("position", "velocity", "acceleration", "effort")
+IMU_COLUMNS: dict[str, tuple[str, ...]] = {
+    "angular_velocity": tuple(f"imu.angular_velocity.{axis}" for axis in "xyz"),
+    "linear_acceleration": tuple(f"imu.linear_acceleration.{axis}" for axis in "xyz"),
+    "orientation": tuple(f"imu.orientation.{axis}" for axis in "xyzw"),
+}
+REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns of a table are read, and as what.
+
+    Attributes:
+        joints: in the order of the asked joints, or of the table's columns.
+        channels: by channel, one column for each joint; channels that are not recorded are absent.
+        imu: by quantity, its three or four columns; empty where there is no complete IMU.
+        force: by foot, the x, y, z columns.
+        contact: by foot, its column.
+        notes: what was kept out and why.
+    """
+
+    joints: tuple[str, ...]
+    channels: Mapping[str, tuple[str, ...]]
+    imu: Mapping[str, tuple[str, ...]]
+    force: Mapping[str, tuple[str, ...]]
+    contact: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Every column to read, time first."""
+        groups = (*self.channels.values(), *self.imu.values(), *self.force.values(), tuple(self.contact.values()))
+        return (TIME, *(name for group in groups for name in group))
+
+
+def layout(
+    names: Sequence[str], source: str, joints: Sequence[str] | None = None, require: Collection[str] = ()
+) -> Layout:
+    """Sort a table's column names into a layout.
+
+    Args:
+        names: the table's header.
+        source: the file, for messages.
+        joints: the joints to read, in this order; None for all that have a position.
+        require: what each of these joints must have: any of position, velocity, acceleration, effort; and "imu".
+
+    Raises:
+        RecordingError: a column that is there twice, missing or misspelled; names it and the closest ones.
+        UnknownNameError: `require` holds something else.
+    """
+    for item in require:
+        if item not in REQUIRABLE:
+            raise UnknownNameError("channel", item, REQUIRABLE)
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise RecordingError(f"{source}: column {twice!r} is there {names.count(twice)} times")
+    if TIME not in names:
+        raise _missing(TIME, names, source, "not a flat table")
+    wanted = tuple(joints) if joints is not None else _joints_in(names, source)
+    channels, notes = _channels(names, source, wanted, require)
+    imu, imu_notes = _imu(names, source, "imu" in require)
+    force = {
+        foot: tuple(f"{foot}.force.{axis}" for axis in "xyz")
+        for foot in _prefixes(names, ".force.x")
+        if {f"{foot}.force.y", f"{foot}.force.z"} <= set(names)
+    }
+    contact = {foot: f"{foot}.contact" for foot in _prefixes(names, ".contact")}
+    found = Layout(wanted, channels, imu, force, contact)
+    unknown = [name for name in names if name not in found.columns and not _is_joint_column(name)]
+    if unknown:
+        notes += (f"kept out unknown columns: {_listed(unknown)}",)
+    return Layout(wanted, channels, imu, force, contact, notes + imu_notes)
+
+
+def _joints_in(names: Sequence[str], source: str) -> tuple[str, ...]:
+    found = _prefixes(names, ".position")
+    unknown = [name for name in names if not _is_joint_column(name)]
+    for channel in CHANNELS[1:]:
+        for joint in _prefixes(names, f".{channel}"):
+            expected = f"{joint}.position"
+            if joint not in found and get_close_matches(expected, unknown, n=1, cutoff=0.85):
+                raise _missing(expected, names, source)
+    if not found:
+        raise _missing("<joint>.position", names, source, "not a flat table")
+    return found
+
+
+def _channels(
+    names: Sequence[str], source: str, joints: tuple[str, ...], require: Collection[str]
+) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """Columns of each channel. One that only some joints have is an error for effort, else left out with a note."""
+    channels: dict[str, tuple[str, ...]] = {}
+    notes: tuple[str, ...] = ()
+    for channel in CHANNELS:
+        columns = tuple(f"{joint}.{channel}" for joint in joints)
+        absent = [column for column in columns if column not in names]
+        partial = 0 < len(absent) < len(columns)
+        if absent and (channel == "position" or channel in require or (channel == "effort" and partial)):
+            raise _missing(absent[0], names, source)
+        if not absent:
+            channels[channel] = columns
+        elif partial:
+            notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
+    return channels, notes
+
+
+def _imu(names: Sequence[str], source: str, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    absent = {key: [c for c in columns if c not in names] for key, columns in IMU_COLUMNS.items()}
+    needed = absent["angular_velocity"] + absent["linear_acceleration"]
+    if needed:
+        if required:
+            raise _missing(needed[0], names, source)
+        some = any(column in names for columns in IMU_COLUMNS.values() for column in columns)
+        return {}, (f"left out the IMU: no column {_listed(needed)}",) if some else ()
+    kept = {key: columns for key, columns in IMU_COLUMNS.items() if not absent[key]}
+    return kept, ()
+
+
+def _missing(column: str, names: Sequence[str], source: str, what: str = "") -> RecordingError:
+    close = get_close_matches(column, names, n=3, cutoff=0.75)
+    joints = _prefixes(names, ".position")
+    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+    there = f"joints with a position: {_listed(joints)}" if joints else f"columns: {_listed(names)}"
+    return RecordingError(f"{source}: {what + ': ' if what else ''}no column {column!r}{hint} ({there})")
+
+
+def _prefixes(names: Iterable[str], suffix: str) -> tuple[str, ...]:
+    return tuple(n.removesuffix(suffix) for n in names if n.endswith(suffix) and n != suffix)
+
+
+def _is_joint_column(name: str) -> bool:
+    return any(name.endswith(f".{channel}") for channel in CHANNELS)
+
+
+def _listed(names: Sequence[str], most: int = 16) -> str:
+    shown = ", ".join(name if len(name) <= 60 else name[:57] + "..." for name in names[:most])
+    return shown + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,0 +1,96 @@
+"""Opening a log of any known kind. A new kind is one file with a reader and one line in READERS."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Protocol
+
+from stadera.errors import RecordingError
+from stadera.recording.csv_table import CsvTable
+from stadera.recording.join import concatenate
+from stadera.recording.parquet_table import ParquetTable
+from stadera.recording.recording import Recording
+
+CHUNK_ROWS = 65536
+
+
+class Reader(Protocol):
+    """What a kind of log must offer."""
+
+    @property
+    def name(self) -> str:
+        """What it reads, for messages."""
+        ...
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """File name endings, lower case, that promise this kind; may be none."""
+        ...
+
+    def accepts(self, path: Path) -> bool:
+        """Whether the content at `path` (not its name) is of this kind; looks at the beginning only."""
+        ...
+
+    def stream(
+        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
+    ) -> Iterator[Recording]:
+        """As the module's `stream`; `rows` None: all in one."""
+        ...
+
+
+# The first that accepts reads: those with magic bytes stand before those that take any text.
+READERS: tuple[Reader, ...] = (ParquetTable(), CsvTable())
+
+
+def stream(
+    path: str | PathLike[str],
+    *,
+    joints: Sequence[str] | None = None,
+    require: Collection[str] = (),
+    rows: int = CHUNK_ROWS,
+) -> Iterator[Recording]:
+    """A log as consecutive recordings of `rows` samples each, memory flat in the log's length.
+
+    Args:
+        path: the log.
+        joints: the joints to read, in this order; None for all.
+        require: what each of these joints must have: velocity, acceleration, effort; and "imu".
+        rows: samples a chunk; the last one is shorter.
+
+    Raises:
+        RecordingError: at once where the file is not there, of no known kind or lacks a column; on iterating where a
+            value is not a finite number or time does not increase. Names the file, the column and the sample.
+    """
+    if rows < 1:
+        raise RecordingError(f"a chunk needs at least one row, got {rows}")
+    path = Path(path)
+    return reader_of(path).stream(path, joints=joints, require=require, rows=rows)
+
+
+def read(path: str | PathLike[str], *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:
+    """A whole log as one recording. Arguments and errors as `stream`."""
+    path = Path(path)
+    return concatenate(tuple(reader_of(path).stream(path, joints=joints, require=require, rows=None)))
+
+
+def reader_of(path: Path) -> Reader:
+    """The reader for what is at `path`, by content.
+
+    Raises:
+        RecordingError: nothing there, nothing in it, of no known kind, or of another kind than its name says.
+    """
+    known = ", ".join(f"{reader.name} ({', '.join(reader.suffixes)})" for reader in READERS)
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file")
+    if path.is_file() and path.stat().st_size == 0:
+        raise RecordingError(f"{path}: the file is empty; accepted: {known}")
+    found = next((reader for reader in READERS if reader.accepts(path)), None)
+    named = next((reader for reader in READERS if path.suffix.lower() in reader.suffixes), None)
+    if found is None:
+        what = "a directory" if path.is_dir() else f"not what its name says, no {named.name}" if named else "no log"
+        raise RecordingError(f"{path}: {what} that can be read; accepted: {known}")
+    if named is not None and named is not found:
+        raise RecordingError(f"{path}: not what its name says: content is {found.name}; accepted: {known}")
+    return found

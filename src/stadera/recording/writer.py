@@ -1,0 +1,82 @@
+"""Writing recordings as the flat table, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as pacsv
+from pyarrow import parquet
+
+from stadera.errors import RecordingError
+from stadera.recording.columns import CHANNELS, IMU_COLUMNS, TIME
+from stadera.recording.recording import Recording
+
+SUFFIXES: tuple[str, ...] = (".csv", ".parquet", ".pq")
+ROW_GROUP = 65536
+
+
+def write_table(recording: Recording | Iterable[Recording], path: str | PathLike[str]) -> Path:
+    """Write a recording, or consecutive chunks of one, as a flat table; the suffix says CSV or Parquet.
+
+    Values come back bit for bit. The file appears whole or not at all; what was there before stays until then.
+
+    Raises:
+        RecordingError: another suffix, no recording, chunks with differing columns, a folder that is not there.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise RecordingError(f"{path}: no such folder {str(path.parent)!r}")
+    chunks = iter([recording] if isinstance(recording, Recording) else recording)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        _write(chunks, partial, path)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def _write(chunks: Iterator[Recording], partial: Path, path: Path) -> None:
+    first = next(chunks, None)
+    if first is None:
+        raise RecordingError(f"{path}: nothing to write")
+    head = to_arrow(first)
+    if unfit := next((name for name in head.column_names if any(sign in name for sign in ',"\n\r')), None):
+        raise RecordingError(f"{path}: column {unfit!r} has a comma, quote or line break in its name")
+    if path.suffix.lower() == ".csv":
+        writer = pacsv.CSVWriter(partial, head.schema, write_options=pacsv.WriteOptions(quoting_header="none"))
+    else:
+        writer = parquet.ParquetWriter(partial, head.schema, use_dictionary=False)
+    with writer:
+        for table in chain([head], map(to_arrow, chunks)):
+            if table.schema != head.schema:
+                raise RecordingError(f"{path}: chunks differ in their columns")
+            for batch in table.to_batches(ROW_GROUP):
+                writer.write_batch(batch)
+
+
+def to_arrow(recording: Recording) -> pa.Table:
+    """The flat table of a recording, all columns float64."""
+    columns: dict[str, np.ndarray] = {TIME: recording.time}
+    for channel in CHANNELS:
+        values = getattr(recording, channel)
+        if values is not None:
+            columns |= {f"{joint}.{channel}": values[:, i] for i, joint in enumerate(recording.joints)}
+    if recording.imu is not None:
+        for quantity, names in IMU_COLUMNS.items():
+            values = getattr(recording.imu, quantity)
+            if values is not None:
+                columns |= {name: values[:, i] for i, name in enumerate(names)}
+    for foot, force in recording.foot_force.items():
+        columns |= {f"{foot}.force.{axis}": force[:, i] for i, axis in enumerate("xyz")}
+    for foot, contact in recording.foot_contact.items():
+        columns[f"{foot}.contact"] = contact.astype(np.float64)
+    return pa.table({name: pa.array(np.ascontiguousarray(values)) for name, values in columns.items()})

@@ -1,0 +1,99 @@
+"""What every reader of logs must do, run on every registered kind. A new reader adds a line to MAKERS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stadera.errors import RecordingError, UnknownNameError
+from stadera.recording import READERS, Imu, Recording, concatenate, read, reader_of, stream, write_table
+
+SAMPLES = 1000
+MAKERS: dict[str, Callable[[Recording, Path], Path]] = {
+    "CSV table": lambda recording, folder: write_table(recording, folder / "log.csv"),
+    "Parquet table": lambda recording, folder: write_table(recording, folder / "log.parquet"),
+}
+
+
+@pytest.fixture
+def recording() -> Recording:
+    rng = np.random.default_rng(7)
+    return Recording(
+        time=10.0 + 0.002 * np.arange(SAMPLES),
+        joints=("LF_HAA", "LF_HFE", "fl.kn"),
+        position=rng.normal(size=(SAMPLES, 3)),
+        velocity=rng.normal(size=(SAMPLES, 3)),
+        effort=rng.normal(size=(SAMPLES, 3)),
+        imu=Imu(rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 3)), rng.normal(size=(SAMPLES, 4))),
+    )
+
+
+@pytest.fixture(params=sorted(MAKERS))
+def log(request: pytest.FixtureRequest, recording: Recording, tmp_path: Path) -> Path:
+    return MAKERS[request.param](recording, tmp_path)
+
+
+def test_every_reader_is_under_this_contract() -> None:
+    assert sorted(reader.name for reader in READERS) == sorted(MAKERS)
+
+
+def test_exactly_one_reader_accepts(log: Path) -> None:
+    assert [reader for reader in READERS if reader.accepts(log)] == [reader_of(log)]
+
+
+def test_values_come_back(log: Path, recording: Recording) -> None:
+    back = read(log)
+    assert back.joints == recording.joints
+    assert back.source == str(log)
+    assert back.acceleration is None
+    assert back.imu is not None
+    assert recording.imu is not None
+    for name in ("time", "position", "velocity", "effort"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(recording, name))
+    for name in ("angular_velocity", "linear_acceleration", "orientation"):
+        np.testing.assert_array_equal(getattr(back.imu, name), getattr(recording.imu, name))
+
+
+@pytest.mark.parametrize("rows", [1, 7, 333, SAMPLES, SAMPLES + 1])
+def test_chunks_put_together_are_the_whole(log: Path, rows: int) -> None:
+    chunks = tuple(stream(log, rows=rows))
+    assert [len(chunk) for chunk in chunks[:-1]] == [rows] * (len(chunks) - 1)
+    whole, joined = read(log), concatenate(chunks)
+    np.testing.assert_array_equal(joined.time, whole.time)
+    np.testing.assert_array_equal(joined.position, whole.position)
+    np.testing.assert_array_equal(joined.effort, whole.effort)
+    assert joined.notes == whole.notes
+
+
+def test_chosen_joints_come_in_the_asked_order(log: Path, recording: Recording) -> None:
+    back = read(log, joints=("fl.kn", "LF_HAA"))
+    assert back.joints == ("fl.kn", "LF_HAA")
+    np.testing.assert_array_equal(back.position, recording.position[:, [2, 0]])
+
+
+def test_a_joint_that_is_not_there_names_file_and_choices(log: Path) -> None:
+    with pytest.raises(RecordingError, match=r"LF_HFE") as caught:
+        read(log, joints=("LF_KFE",))
+    assert str(log) in str(caught.value)
+    assert "LF_KFE" in str(caught.value)
+
+
+def test_a_required_channel_that_is_not_there_is_named(log: Path) -> None:
+    with pytest.raises(RecordingError, match=r"acceleration"):
+        read(log, require=("acceleration",))
+    with pytest.raises(UnknownNameError, match="valid: position, velocity"):
+        read(log, require=("torque",))
+
+
+def test_a_name_of_another_kind_is_an_error(log: Path) -> None:
+    other = next(reader for reader in READERS if reader is not reader_of(log))
+    renamed = log.rename(log.with_name(f"renamed{other.suffixes[0]}"))
+    with pytest.raises(RecordingError, match="not what its name says"):
+        read(renamed)
+
+
+def test_a_name_that_promises_nothing_is_read_by_content(log: Path, recording: Recording) -> None:
+    np.testing.assert_array_equal(read(log.rename(log.with_name("log"))).time, recording.time)
