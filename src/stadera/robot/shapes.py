@@ -1,0 +1,55 @@
+"""Simple shapes for links whose model file has meshes alone: fitted along the link, from kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.robot.model import Leg, Shape, Tree
+
+Array = NDArray[np.float64]
+
+_SLENDERNESS = 0.12  # radius of a fitted capsule, as a share of its length
+_TRUNK_FLATNESS = 0.6  # height of a fitted trunk box, as a share of its width
+
+
+def fitted_shapes(tree: Tree, legs: tuple[Leg, ...], shapes: tuple[Shape, ...]) -> Iterator[Shape]:
+    """A capsule or box for every link, and a sphere for every foot, that `shapes` leave bare.
+
+    A leg link gets a capsule from its joint to the next joint or foot; the trunk a box that spans the hips.
+    """
+    covered = {shape.link for shape in shapes}
+    if tree.links[0] not in covered:
+        yield _trunk_box(tree, legs)
+    for leg in legs:
+        next_joint = (*(tree.translations[tree.joints.index(name)] for name in leg.joints[1:]), leg.foot_position)
+        for link, end in zip(leg.links, next_joint, strict=True):
+            end_point = np.asarray(end, dtype=float)
+            own = [shape for shape in shapes if shape.link == link]
+            body = [shape for shape in own if shape.kind != "sphere"] if link == leg.links[2] else own
+            if not body and np.linalg.norm(end_point) > 1e-6:
+                yield _capsule(link, end_point)
+        if leg.foot_radius > 0 and not any(s.link == leg.links[2] and s.kind == "sphere" for s in shapes):
+            yield Shape(leg.links[2], "sphere", (leg.foot_radius,), np.eye(3), np.asarray(leg.foot_position))
+
+
+def _capsule(link: str, end: Array) -> Shape:
+    length = float(np.linalg.norm(end))
+    return Shape(link, "capsule", (_SLENDERNESS * length, length), _z_along(end / length), 0.5 * end)
+
+
+def _trunk_box(tree: Tree, legs: tuple[Leg, ...]) -> Shape:
+    hips = np.array([tree.translations[tree.joints.index(leg.joints[0])] for leg in legs])
+    low, high = hips.min(axis=0), hips.max(axis=0)
+    length, width = float(high[0] - low[0]), float(high[1] - low[1])
+    return Shape(tree.links[0], "box", (length, width, _TRUNK_FLATNESS * width), np.eye(3), 0.5 * (low + high))
+
+
+def _z_along(direction: Array) -> Array:
+    """A rotation whose third column is `direction` (unit)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    x = np.cross(helper, direction)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(direction, x), direction])
