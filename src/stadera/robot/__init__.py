@@ -1,5 +1,18 @@
 """Robots: their kinematic tree, legs, limits and prior parameters."""
 
+from stadera.robot.catalog import CATALOG
+from stadera.robot.load import load_robot
 from stadera.robot.model import LEG_NAMES, Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
 
-__all__ = ["LEG_NAMES", "Frame", "JointDynamics", "JointLimits", "Leg", "Robot", "Shape", "Tree"]
+__all__ = [
+    "CATALOG",
+    "LEG_NAMES",
+    "Frame",
+    "JointDynamics",
+    "JointLimits",
+    "Leg",
+    "Robot",
+    "Shape",
+    "Tree",
+    "load_robot",
+]

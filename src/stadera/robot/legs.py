@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,7 @@ def _name_from_words(file: ModelFile, chain: list[int]) -> str:
 def _words(name: str) -> set[str]:
     """Lower-case words of a name, and each two neighbours joined: front_left_hip -> front, left, hip, frontleft..."""
     split = [word.lower() for word in re.split(r"[^A-Za-z]+", re.sub(r"([a-z])([A-Z])", r"\1_\2", name)) if word]
-    return set(split) | {a + b for a, b in zip(split, split[1:], strict=False)}
+    return set(split) | {a + b for a, b in pairwise(split)}
 
 
 def _hip(model: Any, chain: list[int]) -> Array:

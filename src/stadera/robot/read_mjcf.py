@@ -1,7 +1,7 @@
 """Reads an MJCF with MuJoCo's own compiler, into a Pinocchio model.
 
-MuJoCo's compiler is what defines MJCF (defaults, includes, frames, angles, actuators). Pinocchio's parser of it knows no
-actuator ranges and, with a joint anchor off the body's origin, puts fixed child bodies in the wrong place.
+MuJoCo's compiler is what defines MJCF (defaults, includes, frames, angles, actuators). Pinocchio's parser of it knows
+no actuator ranges and, with a joint anchor off the body's origin, puts fixed child bodies in the wrong place.
 """
 
 from __future__ import annotations

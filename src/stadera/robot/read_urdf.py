@@ -29,7 +29,7 @@ def read_urdf(path: Path, root: ET.Element) -> ModelFile:
         path=path,
         name=root.get("name") or path.stem,
         model=model,
-        trunk=_trunk_name(model, masses, {shape.link for shape in shapes} | _with_mesh(root)),
+        trunk=_trunk_name(model, masses, _with_mesh(root), {shape.link for shape in shapes}),
         links={name: children[name] for name in model.names if name in children},
         masses=masses,
         shapes=shapes,
@@ -48,15 +48,16 @@ def _build(path: Path) -> Any:
     return model
 
 
-def _trunk_name(model: Any, masses: dict[str, float], with_geometry: set[str]) -> str:
-    """The root link; where that is a massless dummy, the heaviest link with a shape that is fixed at identity to it."""
+def _trunk_name(model: Any, masses: dict[str, float], meshed: set[str], shaped: set[str]) -> str:
+    """The root link; where that is a dummy (no mass, no mesh), the heaviest link with a body fixed at identity to it."""
     import pinocchio as pin
 
     fixed = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == 1]
     root: str = fixed[0].name
-    coincident = [f.name for f in fixed if f.placement.isIdentity(1e-9) and f.name in with_geometry]
-    heaviest: str = max(coincident, key=lambda name: masses[name], default=root)
-    return heaviest if masses[root] < _DUMMY_MASS_RATIO * masses[heaviest] else root
+    bodies = [f.name for f in fixed if f.placement.isIdentity(1e-9) and f.name in meshed | shaped]
+    heaviest: str = max(bodies, key=lambda name: masses[name], default=root)
+    dummy = root not in meshed and masses[root] < _DUMMY_MASS_RATIO * masses[heaviest]
+    return heaviest if dummy else root
 
 
 def _with_mesh(root: ET.Element) -> set[str]:
