@@ -1,8 +1,27 @@
 """Recordings: reading, writing and preprocessing of robot logs."""
 
 from stadera.recording.join import concatenate, take
+from stadera.recording.preprocess import Preprocessing, PreprocessingReport, Processed, preprocess, preprocess_stream
 from stadera.recording.reader import READERS, Reader, read, reader_of, stream
 from stadera.recording.recording import Imu, Recording
+from stadera.recording.sampling import split_gaps
 from stadera.recording.writer import write_table
 
-__all__ = ["READERS", "Imu", "Reader", "Recording", "concatenate", "read", "reader_of", "stream", "take", "write_table"]
+__all__ = [
+    "READERS",
+    "Imu",
+    "Preprocessing",
+    "PreprocessingReport",
+    "Processed",
+    "Reader",
+    "Recording",
+    "concatenate",
+    "preprocess",
+    "preprocess_stream",
+    "read",
+    "reader_of",
+    "split_gaps",
+    "stream",
+    "take",
+    "write_table",
+]
