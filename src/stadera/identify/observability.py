@@ -1,0 +1,154 @@
+"""What the data can tell and what they cannot: rank, identifiable combinations, and a verdict for each parameter.
+
+Each parameter is measured in its own prior width, θ_k = θ0_k + w_k x_k, which frees W = R diag(w) of units. W's singular
+values s_k say how firmly the data hold each direction v_k of x: its standard deviation without any prior is 1/s_k, in units of
+what the prior finds plausible. So:
+
+* the rank is the number of directions that the data know better than the prior does, s_k > 1;
+* a parameter is observable when the data alone fix it well inside its prior width (to a tenth), unobservable when even
+  a change by its whole width moves no data beyond their noise, partial in between: some combination with others is
+  known, it itself is not.
+
+For data without noise this is the algebraic rank and row space of the regressor (section II.A); with noise it is
+what that noise leaves of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.identify.information import Information
+from stadera.identify.prior import Prior
+
+Array = NDArray[np.float64]
+
+_FLAT = 1e4  # prior widths that stand for "no prior at all"
+_FIRM = 0.1  # of the prior width: below this, without a prior, a parameter counts as observed
+_SILENT = 1.0  # in units of noise: what a change by the whole prior width does to the data
+
+
+class Verdict(StrEnum):
+    """How far one parameter is known (the colours of Table I: green, gray, red)."""
+
+    OBSERVABLE = "observable"
+    PARTIAL = "partial"
+    UNOBSERVABLE = "unobservable"
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """One identifiable combination, Σ coefficient · parameter, each with the unit of the first one."""
+
+    terms: tuple[tuple[str, float], ...]
+
+    def __str__(self) -> str:
+        out = ""
+        for name, factor in self.terms:
+            sign = "-" if factor < 0 else "+"
+            size = "" if abs(abs(factor) - 1.0) < 5e-7 else f"{abs(factor):.4g}·"
+            out += f" {sign} {size}{name}" if out else f"{'-' if factor < 0 else ''}{size}{name}"
+        return out
+
+    def of(self, values: dict[str, float]) -> float:
+        """The combination's value."""
+        return sum(factor * values[name] for name, factor in self.terms)
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """What is known of the parameters named by `columns`.
+
+    Attributes:
+        columns: names, n of them.
+        widths: (n,), the prior's standard deviation of each, in its own unit.
+        singular_values: (n,) of W, descending, dimensionless.
+        directions: (n, n), the rows v_k.
+        left: (n, n), the columns u_k.
+    """
+
+    columns: tuple[str, ...]
+    widths: Array
+    singular_values: Array
+    directions: Array
+    left: Array
+
+    @property
+    def rank(self) -> int:
+        """How many directions the data know better than the prior does."""
+        return int(np.sum(self.singular_values > self._floor))
+
+    @property
+    def _floor(self) -> float:
+        return max(1.0, 1e-13 * len(self.columns) * float(self.singular_values.max(initial=0.0)))
+
+    def std(self, gradients: Array | None = None, prior: float = 1.0) -> Array:
+        """Standard deviations of the parameters when the prior is `prior` times as wide as stated.
+
+        Args:
+            gradients: (k, n), of other quantities with respect to the parameters, asked for instead.
+        """
+        g = self._in_widths(gradients) @ self.directions.T
+        s = np.where(self.singular_values > 1e-6 * self._floor, self.singular_values, 0.0)
+        return np.asarray(np.sqrt(np.sum(g**2 / (s**2 + prior**-2), axis=1)))
+
+    def verdicts(self, gradients: Array | None = None) -> tuple[Verdict, ...]:
+        """One verdict for each parameter, or for each quantity whose gradient (k, n) is given."""
+        g = self._in_widths(gradients)
+        firm = self.std(gradients, prior=_FLAT) <= _FIRM * np.linalg.norm(g, axis=1)
+        influence = np.linalg.norm(self.singular_values[:, None] * self.directions, axis=0)
+        heard = ((influence > max(_SILENT, 1e-6 * self._floor)) & (g != 0)).any(axis=1)
+        return tuple(
+            Verdict.OBSERVABLE if f else Verdict.PARTIAL if h else Verdict.UNOBSERVABLE
+            for f, h in zip(firm & heard, heard, strict=True)
+        )
+
+    def _in_widths(self, gradients: Array | None) -> Array:
+        return np.diag(self.widths) if gradients is None else np.atleast_2d(gradients) * self.widths
+
+    def combinations(self, negligible: float = 1e-6) -> tuple[Combination, ...]:
+        """The identifiable combinations in reduced echelon form, one for each observed direction.
+
+        The observed space is reduced by Gauss-Jordan, so that a combination reads "this parameter, plus what cannot be
+        told apart from it". Meant for data without noise: noise leaves small change in every coefficient.
+        """
+        masses = np.array([name.endswith(".m") for name in self.columns])
+        # a mass is what the others are told apart by, so it leads a combination only where nothing else can
+        reduced, pivots = _echelon(self.directions[: self.rank], np.where(masses, 1e-3, 1.0))
+        out = []
+        for row, pivot in zip(reduced, pivots, strict=True):
+            row = np.where(np.abs(row) > negligible, row, 0.0) / self.widths
+            row = row / row[pivot]
+            order = [pivot, *(int(k) for k in np.flatnonzero(row) if k != pivot)]
+            out.append(Combination(tuple((self.columns[k], float(row[k])) for k in order)))
+        return tuple(sorted(out, key=lambda c: self.columns.index(c.terms[0][0])))
+
+
+def observability(information: Information, prior: Prior) -> Observability:
+    """Weighs what the rows say against what the prior says.
+
+    Args:
+        information: with rows in units of their true noise, on the prior's columns.
+    """
+    data = information if information.columns == prior.columns else information.marginal(prior.columns)
+    U, s, Vt = np.linalg.svd(data.R * prior.scales)
+    return Observability(prior.columns, prior.scales, s, Vt, U)
+
+
+def _echelon(rows: Array, preference: Array) -> tuple[Array, list[int]]:
+    """Gauss-Jordan with full pivoting on entries times `preference` (n,): the reduced rows, the pivot column of each."""
+    work = rows.copy()
+    pivots: list[int] = []
+    for k in range(len(work)):
+        rest = np.abs(work[k:]) * preference
+        rest[:, pivots] = 0.0
+        i, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
+        work[[k, k + i]] = work[[k + i, k]]
+        work[k] /= work[k, j]
+        others = [r for r in range(len(work)) if r != k]
+        work[others] -= np.outer(work[others, j], work[k])
+        pivots.append(int(j))
+    return work, pivots

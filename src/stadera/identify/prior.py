@@ -1,0 +1,168 @@
+"""What is believed of the parameters before a log is read: the CAD values, and how far from them a value is plausible.
+
+A link's belief lives in coordinates that do not depend on the choice of its frame or units. With the prior
+pseudo-inertia J0 = U Uᵀ (U upper triangular), any other J is written::
+
+    J = U (1 + D) Uᵀ,     D symmetric 4x4
+
+A change of frame T turns J0 into T J0 Tᵀ and leaves ‖D‖ as it is (D only rotates), so ‖D‖² is an invariant distance:
+the affine-invariant metric on pseudo-inertias at J0 (Lee, Wensing, Park 2019). D's last entry is the mass's
+relative change, for J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be held without losing
+the invariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import IdentificationError
+from stadera.inertia import ORDER, PSEUDO_BASIS, InertialParameters
+from stadera.regressors.motion import STANDARD_GRAVITY
+from stadera.robot.model import JointDynamics, Robot
+
+Array = NDArray[np.float64]
+
+_UPPER = tuple((i, j) for i in range(4) for j in range(i, 4))
+_SYMMETRIC_BASIS = np.zeros((10, 4, 4))
+for _k, (_i, _j) in enumerate(_UPPER):
+    _SYMMETRIC_BASIS[_k, _i, _j] = _SYMMETRIC_BASIS[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
+_MASS_COORDINATE = _UPPER.index((3, 3))
+_FROM_PSEUDO = np.linalg.pinv(PSEUDO_BASIS.reshape(10, 16).T)  # (10, 16): parameters of a flattened pseudo-inertia
+
+
+@dataclass(frozen=True)
+class PriorWidth:
+    """How far from the model's values the truth may lie, one standard deviation, relative.
+
+    Attributes:
+        shape: of a link's pseudo-inertia in the invariant metric, per coordinate of D.
+        torque: of friction and offset torques, relative to the weight of the leg times half its length.
+        armature: of rotor inertias, relative to the joint-space inertia of what the joint carries.
+    """
+
+    shape: float = 0.5
+    torque: float = 1.0
+    armature: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name in ("shape", "torque", "armature"):
+            if not getattr(self, name) > 0:
+                raise IdentificationError(f"prior width {name!r} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """θ = values + root @ x with x ~ N(0, 1): the belief in the parameters named by `columns`.
+
+    Attributes:
+        columns: names of the n parameters.
+        values: (n,), in the parameters' own units.
+        root: (n, n), block diagonal by link and joint; invertible.
+        links: the links whose ten parameters are all among the columns.
+        coordinates: for each such link (10, 4, 4): the matrices B_k with D = Σ_k x_k B_k over the link's ten x.
+    """
+
+    columns: tuple[str, ...]
+    values: Array
+    root: Array
+    links: tuple[str, ...]
+    coordinates: Mapping[str, Array]
+
+    @cached_property
+    def scales(self) -> Array:
+        """The prior standard deviation of each parameter by itself, (n,)."""
+        return np.asarray(np.linalg.norm(self.root, axis=1))
+
+    @property
+    def mass_coordinates(self) -> dict[str, int]:
+        """For each link, which of the x is its mass's relative change."""
+        return {link: self.block(link).start + _MASS_COORDINATE for link in self.links}
+
+    def block(self, link: str) -> slice:
+        """Where a link's ten parameters (and its ten x) stand."""
+        at = self.columns.index(f"{link}.{ORDER[0]}")
+        return slice(at, at + 10)
+
+
+def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None = None) -> Prior:
+    """The belief that a robot's model gives.
+
+    Args:
+        robot: its prior inertias and joint dynamics are the centre.
+        columns: parameters wanted: whole links (`<link>.m` ... in order) and joint terms (`<joint>.armature`, ...).
+        width: how far from the centre is plausible.
+
+    Raises:
+        IdentificationError: columns that hold only part of a link.
+    """
+    width = width or PriorWidth()
+    values, root = np.zeros(len(columns)), np.zeros((len(columns), len(columns)))
+    links: list[str] = []
+    coordinates: dict[str, Array] = {}
+    at = 0
+    while at < len(columns):
+        owner, term = columns[at].rsplit(".", 1)
+        if term == ORDER[0] and owner in robot.inertias:
+            if columns[at : at + 10] != tuple(f"{owner}.{name}" for name in ORDER):
+                raise IdentificationError(f"the prior needs all ten parameters of link {owner!r}, in order")
+            body = positive_definite(robot.inertias[owner])
+            values[at : at + 10] = body.vector
+            root[at : at + 10, at : at + 10] = _link_map(body) * width.shape
+            coordinates[owner] = _SYMMETRIC_BASIS * width.shape
+            links.append(owner)
+            at += 10
+        elif owner in robot.dynamics and term in JointDynamics.__dataclass_fields__:
+            values[at] = getattr(robot.dynamics[owner], term)
+            inertia, torque = _joint_scales(robot, owner)
+            root[at, at] = width.armature * inertia if term == "armature" else width.torque * torque
+            at += 1
+        else:
+            raise IdentificationError(f"no prior for parameter {columns[at]!r} of robot {robot.name}")
+    return Prior(columns, values, root, tuple(links), coordinates)
+
+
+def positive_definite(inertia: InertialParameters, floor: float = 1e-4) -> InertialParameters:
+    """The nearest body whose density has full extent in all directions; the body itself where it has.
+
+    A point mass or a flat plate has a singular pseudo-inertia and a model file may hold an impossible one; a metric
+    needs a regular one. The eigenvalues of the second moment about the centre of mass are raised to `floor` of the
+    largest.
+    """
+    second = inertia.shifted(-inertia.com).pseudo_inertia[:3, :3]
+    lam, V = np.linalg.eigh(second)
+    lifted = np.maximum(lam, floor * max(lam.max(), 1e-12 * inertia.mass))
+    if np.array_equal(lifted, lam):
+        return inertia
+    about_com = np.zeros((4, 4))
+    about_com[:3, :3], about_com[3, 3] = (V * lifted) @ V.T, inertia.mass
+    return InertialParameters.from_pseudo_inertia(about_com).shifted(inertia.com)
+
+
+def _link_map(inertia: InertialParameters) -> Array:
+    """(10, 10): the parameters' change for each unit coordinate of D."""
+    J = inertia.pseudo_inertia
+    U = np.linalg.cholesky(J[::-1, ::-1])[::-1, ::-1]
+    changes = U @ _SYMMETRIC_BASIS @ U.T
+    return np.asarray(_FROM_PSEUDO @ changes.reshape(10, 16).T)
+
+
+def _joint_scales(robot: Robot, joint: str) -> tuple[float, float]:
+    """A joint's inertia [kg·m²] and gravity torque [N·m] scale: what it carries, stretched out along the leg."""
+    tree = robot.tree
+    index = tree.joints.index(joint)
+    carried = [i for i in range(len(tree.joints)) if index in tree.ancestors(i)]
+    mass = reach = inertia = moment = 0.0
+    for i in carried:
+        body = robot.inertias[tree.links[i + 1]]
+        if i != index:
+            reach += float(np.linalg.norm(tree.translations[i]))
+        arm = reach + float(np.linalg.norm(body.com))
+        mass += body.mass
+        moment += body.mass * arm
+        inertia += body.mass * arm**2
+    return max(inertia, 1e-9 * mass), STANDARD_GRAVITY * max(moment, 1e-6 * mass) * 0.1

@@ -1,0 +1,172 @@
+"""From information to parameters: the paper's null-space solution (eq. 5), and the physically consistent one.
+
+Both keep a mass that is not observable at its CAD value. No leg's mass is observable on a held trunk; a mass that drifts
+there is the method's doing and no finding, and centres of mass, h/m, would drift with it. What a wrong mass should have
+explained shows in the first moments and the inertia instead, which are what the torques depend on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cvxpy as cp
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import IdentificationError
+from stadera.identify.information import Information
+from stadera.identify.observability import Observability, Verdict, observability
+from stadera.identify.prior import Prior
+from stadera.inertia import InertialParameters
+
+Array = NDArray[np.float64]
+
+_NON_NEGATIVE = ("armature", "viscous", "coulomb")
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters found, and how far to trust them.
+
+    Attributes:
+        columns: names, n of them.
+        values: (n,), in the parameters' own units.
+        covariance: (n, n), data and prior together: where the data say nothing, the prior's width.
+        prior: what was believed before.
+        observability: what the data could tell.
+        residual: root of the mean squared residual of the rows in units of their noise: 1 where noise and model are
+            right.
+        method: "null-space" or "consistent".
+    """
+
+    columns: tuple[str, ...]
+    values: Array
+    covariance: Array
+    prior: Prior
+    observability: Observability
+    residual: float
+    method: str
+
+    def by_name(self) -> dict[str, float]:
+        """Values by parameter name."""
+        return dict(zip(self.columns, self.values.tolist(), strict=True))
+
+    def inertia(self, link: str) -> InertialParameters:
+        """One link's ten parameters."""
+        return InertialParameters(self.values[self.prior.block(link)])
+
+    @property
+    def is_physical(self) -> bool:
+        """Whether every link could exist and no joint has negative friction or rotor inertia."""
+        return all(self.inertia(link).is_physical() for link in self.prior.links) and all(
+            value >= -1e-9 * scale
+            for name, value, scale in zip(self.columns, self.values, self.prior.scales, strict=True)
+            if name.rsplit(".", 1)[1] in _NON_NEGATIVE
+        )
+
+
+def null_space_solution(information: Information, prior: Prior) -> Estimate:
+    """Least squares where the data speak, the CAD values where they do not: the paper's eq. 5.
+
+    φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. The metric: each parameter in units of its
+    prior width, so that the answer does not depend on units; within the null space masses are brought to CAD first, then
+    the rest as near to CAD as that leaves. Directions that the data know worse than the prior count as null space, which
+    for data without noise is the null space of the regressor. Parameters with no influence on the data stay at CAD exactly.
+    """
+    data = _on(prior, information)
+    seen = observability(data, prior)
+    rank, directions = seen.rank, seen.directions
+    gap = data.z - data.R @ prior.values
+    x = directions[:rank].T @ ((seen.left[:, :rank].T @ gap) / seen.singular_values[:rank])
+    null_space = directions[rank:].T
+    masses = [prior.columns.index(f"{link}.m") for link in prior.links]
+    x -= null_space @ (np.linalg.pinv(null_space[masses], rcond=1e-6) @ x[masses])
+    scaled = directions.T * prior.scales[:, None]
+    covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
+    return _estimate(data, prior, seen, prior.values + prior.scales * x, covariance, "null-space")
+
+
+def consistent_solution(information: Information, prior: Prior, margin: float = 1e-3) -> Estimate:
+    """The most plausible parameters that some real robot could have.
+
+    minimise    ‖R θ - z‖² + ‖x‖²,    θ = θ_CAD + S x
+    subject to  J_i ⪰ margin · J_i,CAD for every link; rotor inertia, viscous and Coulomb friction ≥ 0;
+                masses that are not observable at CAD
+
+    the maximum a-posteriori estimate under the prior's Gaussian, invariant to the choice of frames and units. In the
+    prior's coordinates the matrix inequality is 1 + D_i ⪰ margin, equally well scaled for any robot.
+
+    Raises:
+        IdentificationError: the solver found no answer.
+    """
+    data = _on(prior, information)
+    seen = observability(data, prior)
+    verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
+    held = [k for link, k in prior.mass_coordinates.items() if verdicts[f"{link}.m"] is not Verdict.OBSERVABLE]
+    free = [k for k in range(len(prior.columns)) if k not in held]
+    root = prior.root[:, free]
+    U, s, Vt = np.linalg.svd(data.R @ root, full_matrices=False)
+    gap = data.z - data.R @ prior.values
+    weight = np.sqrt(s**2 + 1.0)
+    best = Vt.T @ (s * (U.T @ gap) / weight**2)  # the optimum without the constraints
+    x = np.zeros(len(prior.columns))
+    x[free] = best
+    if not _is_consistent(x, prior, margin):
+        x[free] = _constrained(best, Vt, weight, free, prior, margin)
+    scaled = root @ Vt.T
+    covariance = (scaled / weight**2) @ scaled.T
+    return _estimate(data, prior, seen, prior.values + prior.root @ x, covariance, "consistent")
+
+
+def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
+    """argmin Σ weight² (v·(x - best))² under the constraints, over the free x: written in y = weight · V(x - best) / scale,
+    in which the objective is round whatever the ratio of data to prior; below 1e-7 of the firmest direction the solver
+    cannot tell weights apart."""
+    scale = np.maximum(weight / weight.max(), 1e-7)
+    y = cp.Variable(len(free))
+    x_free = best + Vt.T @ cp.multiply(1.0 / scale, y)
+    spread = np.zeros((len(prior.columns), len(free)))
+    spread[free, range(len(free))] = 1.0
+    x = spread @ x_free
+    constraints = []
+    for link in prior.links:
+        block = prior.block(link)
+        flat = prior.coordinates[link].reshape(10, 16).T
+        D = cp.reshape(flat @ x[block], (4, 4), order="C")
+        constraints.append((D + D.T) / 2 + np.eye(4) * (1.0 - margin) >> 0)
+    signed = _signed(prior)
+    if signed:
+        constraints.append(x[signed] >= -prior.values[signed] / prior.scales[signed])
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(y)), constraints)
+    try:
+        problem.solve(solver=cp.CLARABEL)
+    except cp.error.SolverError as error:
+        raise IdentificationError(f"the physically consistent problem could not be solved: {error}") from error
+    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or x_free.value is None:
+        raise IdentificationError(f"the physically consistent problem could not be solved: {problem.status}")
+    return np.asarray(x_free.value)
+
+
+def _is_consistent(x: Array, prior: Prior, margin: float) -> bool:
+    for link in prior.links:
+        D = np.tensordot(x[prior.block(link)], prior.coordinates[link], axes=1)
+        if np.linalg.eigvalsh(D).min() < margin - 1.0:
+            return False
+    signed = _signed(prior)
+    return bool(np.all(x[signed] * prior.scales[signed] >= -prior.values[signed]))
+
+
+def _signed(prior: Prior) -> list[int]:
+    return [k for k, c in enumerate(prior.columns) if c.rsplit(".", 1)[1] in _NON_NEGATIVE]
+
+
+def _on(prior: Prior, information: Information) -> Information:
+    return information if information.columns == prior.columns else information.marginal(prior.columns)
+
+
+def _estimate(
+    data: Information, prior: Prior, seen: Observability, values: Array, covariance: Array, method: str
+) -> Estimate:
+    freedom = max(data.count - seen.rank, 1.0)
+    residual = float(np.sqrt(data.residual_squared(values) / freedom))
+    return Estimate(prior.columns, values, covariance, prior, seen, residual, method)

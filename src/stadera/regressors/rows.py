@@ -1,0 +1,62 @@
+"""Rows: what a measurement says of the parameters, `A θ = b` with a known noise. The only thing solvers ever see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import IdentificationError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Linear equations `matrix @ θ[columns] = target` with independent noise of standard deviation `std`.
+
+    Attributes:
+        columns: names of the parameters the matrix's columns belong to; parameters not named have zero columns.
+        matrix: (rows, columns).
+        target: (rows,).
+        std: noise of the target, one number or (rows,), in the target's unit; positive.
+
+    Raises:
+        IdentificationError: shapes that do not fit, values that are not finite, a std that is not positive.
+    """
+
+    columns: tuple[str, ...]
+    matrix: Array
+    target: Array
+    std: float | Array = 1.0
+
+    def __post_init__(self) -> None:
+        rows = len(self.target)
+        if self.matrix.shape != (rows, len(self.columns)):
+            raise IdentificationError(
+                f"rows need a matrix of shape {(rows, len(self.columns))}, got {self.matrix.shape}"
+            )
+        if np.any(np.asarray(self.std) <= 0) or not np.isfinite(self.std).all():
+            raise IdentificationError("the standard deviation of rows must be positive and finite")
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    def predict(self, values: Array) -> Array:
+        """The target that parameters (ordered as `columns`) would give, shape (rows,)."""
+        return np.asarray(self.matrix @ values)
+
+
+def stack(rows: Sequence[Rows], columns: tuple[str, ...]) -> Rows:
+    """Several rows as one dense set over `columns`, in order; columns a set does not name are zero in it."""
+    index = {name: k for k, name in enumerate(columns)}
+    matrix = np.zeros((sum(len(r) for r in rows), len(columns)))
+    at = 0
+    for r in rows:
+        matrix[at : at + len(r), [index[c] for c in r.columns]] = r.matrix
+        at += len(r)
+    target = np.concatenate([r.target for r in rows]) if rows else np.zeros(0)
+    std = np.concatenate([np.broadcast_to(r.std, len(r)) for r in rows]) if rows else np.zeros(0)
+    return Rows(columns, matrix, target, std)
