@@ -1,0 +1,192 @@
+"""What `identify` found, as plain values: everything that a table, a report, a JSON or a URDF is made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.identify.observability import Verdict
+from stadera.identify.solutions import Estimate
+from stadera.inertia import ORDER
+from stadera.robot.model import JointDynamics, Leg, Robot
+
+Array = NDArray[np.float64]
+
+MODELS: tuple[str, ...] = ("prior", "prior_friction", "identified")
+"""Models that are compared: CAD rigid bodies alone, CAD with friction fitted, and the identified one."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number: what was believed, what was found, how sure, and whether the data could tell.
+
+    `std` is None where the data say nothing; then `value` is the prior's.
+    """
+
+    prior: float
+    value: float
+    std: float | None
+    verdict: Verdict
+    unit: str
+
+
+@dataclass(frozen=True)
+class KnownCombination:
+    """One identifiable combination of parameters, as text, with its unit, prior and found value, and standard deviation."""
+
+    text: str
+    prior: float
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueTrace:
+    """Torques over time, thinned out for plots: what was measured and what each model predicts.
+
+    Attributes:
+        part: "training" or "validation".
+        time: (samples,) [s].
+        measured: (samples, joints) [N·m].
+        predicted: by model, (samples, joints) [N·m].
+    """
+
+    part: str
+    time: Array
+    measured: Array
+    predicted: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class LegIdentification:
+    """One leg.
+
+    Attributes:
+        leg: its names.
+        estimate: the solution that was asked for.
+        null_space: the paper's eq. 5 on the same data, for comparison.
+        friction_only: joint terms fitted with the rigid bodies at CAD, by parameter name.
+        combinations: what a motion of this kind can tell, and how well this log tells it.
+        structural_rank: rank of the regressor for rich motion without noise; the log's own is the estimate's.
+        noise: by joint, standard deviation of the torque residual [N·m].
+        correlation: by joint, how many samples one independent sample is worth.
+        rmse: by part, model and joint [N·m].
+        traces: for plots.
+        warnings: what a reader should know, one sentence each.
+    """
+
+    leg: Leg
+    estimate: Estimate
+    null_space: Estimate
+    friction_only: Mapping[str, float]
+    combinations: tuple[KnownCombination, ...]
+    structural_rank: int
+    noise: Mapping[str, float]
+    correlation: Mapping[str, float]
+    rmse: Mapping[str, Mapping[str, Mapping[str, float]]]
+    traces: tuple[TorqueTrace, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Quantity]:
+        """The ten parameters of each link, and the joint terms, by name."""
+        names = self.estimate.columns
+        return dict(zip(names, self._quantities(np.eye(len(names)), [_unit(n) for n in names]), strict=True))
+
+    @cached_property
+    def coms(self) -> Mapping[str, tuple[Quantity, Quantity, Quantity]]:
+        """Centre of mass of each link [m], link frame."""
+        return {link: self._com(link) for link in self.leg.links}
+
+    def _com(self, link: str) -> tuple[Quantity, Quantity, Quantity]:
+        """c = h / m, whose gradient is (-c/m, 1/m)."""
+        estimate = self.estimate
+        mass_at = estimate.prior.block(link).start
+        body = estimate.inertia(link)
+        gradients = np.zeros((3, len(estimate.columns)))
+        gradients[:, mass_at] = -body.com / body.mass
+        gradients[range(3), range(mass_at + 1, mass_at + 4)] = 1.0 / body.mass
+        prior = estimate.prior.values[mass_at : mass_at + 4]
+        x, y, z = self._quantities(gradients, ["m"] * 3, body.com, prior[1:] / prior[0])
+        return x, y, z
+
+    def _quantities(
+        self, gradients: Array, units: list[str], values: Array | None = None, priors: Array | None = None
+    ) -> list[Quantity]:
+        estimate = self.estimate
+        values = estimate.values if values is None else values
+        priors = estimate.prior.values if priors is None else priors
+        stds = np.sqrt(np.einsum("ki,ij,kj->k", gradients, estimate.covariance, gradients))
+        verdicts = estimate.observability.verdicts(gradients)
+        return [
+            Quantity(float(p), float(v), None if q is Verdict.UNOBSERVABLE else float(s), q, unit)
+            for p, v, s, q, unit in zip(priors, values, stds, verdicts, units, strict=True)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """All legs that were identified from one log.
+
+    Attributes:
+        robot: the prior model.
+        source: the log.
+        method: of the solution, "consistent" or "null-space".
+        legs: one entry each.
+        torque_lag: how much later the recorded torque acted than its stamp says [s].
+        validated_on: what the validation part is, in words; None where there is none.
+        notes: what was done to the log, in order.
+        warnings: what concerns the whole log.
+    """
+
+    robot: Robot
+    source: str
+    method: str
+    legs: tuple[LegIdentification, ...]
+    torque_lag: float
+    validated_on: str | None
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def rank(self) -> int:
+        """Directions that the data know better than the prior does, over all legs."""
+        return sum(leg.estimate.observability.rank for leg in self.legs)
+
+    @property
+    def parameters(self) -> int:
+        """Parameters asked for, over all legs."""
+        return sum(len(leg.estimate.columns) for leg in self.legs)
+
+    @property
+    def is_physical(self) -> bool:
+        """Whether a real robot could have every identified link and joint."""
+        return all(leg.estimate.is_physical for leg in self.legs)
+
+    def identified_robot(self) -> Robot:
+        """The robot with the identified links and joints put in."""
+        inertias, dynamics = dict(self.robot.inertias), dict(self.robot.dynamics)
+        for leg in self.legs:
+            found = leg.estimate.by_name()
+            inertias |= {link: leg.estimate.inertia(link) for link in leg.leg.links}
+            for joint in leg.leg.joints:
+                terms = {t: found[f"{joint}.{t}"] for t in JointDynamics.__dataclass_fields__ if f"{joint}.{t}" in found}
+                dynamics[joint] = replace(dynamics[joint], **terms)
+        return replace(self.robot, inertias=inertias, dynamics=dynamics)
+
+
+_UNITS = dict(zip(ORDER, ("kg", *("kg·m",) * 3, *("kg·m²",) * 6), strict=True)) | {
+    "armature": "kg·m²",
+    "viscous": "N·m·s/rad",
+    "coulomb": "N·m",
+    "offset": "N·m",
+}
+
+
+def _unit(column: str) -> str:
+    return _UNITS[column.rsplit(".", 1)[1]]
