@@ -6,8 +6,8 @@ link frame; for an MJCF the body's axes with the origin at the joint's anchor.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -115,7 +115,7 @@ class Leg:
         name: LF, RF, LH or RH.
         joints, links: names in the model file, from the trunk outwards.
         foot: the foot frame's name in the model file, or "<last link>_foot" where the file has none.
-        foot_position: (3,) [m], centre of the foot sphere in the last link's frame.
+        foot_position: (3,) [m], centre of the foot sphere in the last link's frame; it may lie off the foot frame.
         foot_radius: [m], 0 where unknown.
     """
 
@@ -140,8 +140,8 @@ class Frame:
 class Shape:
     """A primitive shape fixed to a link, for pictures and clearance; its pose is in the link's frame.
 
-    `size` is (radius,) for a sphere, (radius, length) for a capsule or cylinder along its own z, and the three full
-    edge lengths for a box [m].
+    `size` is (radius,) for a sphere, (radius, length) for a capsule or cylinder along its own z (a capsule's length is
+    that between the centres of its caps), and the three full edge lengths for a box [m].
     """
 
     link: str
@@ -213,6 +213,29 @@ class Robot:
             if own.startswith(wanted) and not own[len(wanted) : len(wanted) + 1].isalpha():
                 return leg
         raise UnknownNameError("leg", name, (leg.name for leg in self.legs), self.name)
+
+    def with_inertias(self, inertias: Mapping[str, InertialParameters]) -> Robot:
+        """The same robot with other inertial parameters for these links (in the links' frames).
+
+        Raises:
+            UnknownNameError: a name is not a link of the tree.
+        """
+        self._check_known("link", inertias, self.tree.links)
+        return replace(self, inertias={**self.inertias, **inertias})
+
+    def with_dynamics(self, dynamics: Mapping[str, JointDynamics]) -> Robot:
+        """The same robot with other joint dynamics for these joints.
+
+        Raises:
+            UnknownNameError: a name is not a joint of the tree.
+        """
+        self._check_known("joint", dynamics, self.tree.joints)
+        return replace(self, dynamics={**self.dynamics, **dynamics})
+
+    def _check_known(self, kind: str, names: Iterable[str], valid: tuple[str, ...]) -> None:
+        for name in names:
+            if name not in valid:
+                raise UnknownNameError(kind, name, valid, self.name)
 
     def leg_tree(self, name: str) -> Tree:
         """The tree of one leg on a held trunk."""

@@ -49,7 +49,7 @@ def _build(path: Path) -> Any:
 
 
 def _trunk_name(model: Any, masses: dict[str, float], meshed: set[str], shaped: set[str]) -> str:
-    """The root link; where that is a dummy (no mass, no mesh), the heaviest link with a body fixed at identity to it."""
+    """The root link; where that is a dummy (no mass, no mesh), the heaviest link with a shape fixed at identity."""
     import pinocchio as pin
 
     fixed = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == 1]

@@ -1,0 +1,64 @@
+"""A robot as a Pinocchio model, its inertias and joint dynamics those of the value, not of the file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stadera.robot.model import Array, Robot
+
+
+def pinocchio_model(robot: Robot) -> Any:
+    """`pinocchio.Model` with a free-flyer and the tree's joints in the tree's order.
+
+    So q = [position, quaternion xyzw, joint angles in tree order] and v = [linear, angular velocity of the trunk in
+    its own frame, joint velocities]. Link i of the tree is joint i + 1. Armature, damping, dry friction and limits
+    are set; every link is a BODY frame and every other frame of the robot an OP_FRAME, by their names.
+
+    Raises:
+        ModelError: a link has zero mass and non-zero moments.
+    """
+    import pinocchio as pin
+
+    tree, model = robot.tree, pin.Model()
+    model.name = robot.name
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.addJointFrame(root)
+    for i, name in enumerate(tree.joints):
+        placement = pin.SE3(tree.rotations[i], tree.translations[i])
+        joint = model.addJoint(tree.parents[i] + 1, _joint_model(tree.axes[i]), placement, name)
+        model.addJointFrame(joint)
+    for k, link in enumerate(tree.links):
+        model.appendBodyToJoint(k + 1, robot.inertias[link].to_pinocchio(), pin.SE3.Identity())
+    for name, frame in robot.frames.items():
+        kind = pin.FrameType.BODY if name in tree.links else pin.FrameType.OP_FRAME
+        placement = pin.SE3(np.array(frame.rotation), np.array(frame.translation))
+        model.addFrame(pin.Frame(name, tree.links.index(frame.link) + 1, placement, kind), False)
+    _set_joint_values(robot, model)
+    return model
+
+
+def _joint_model(axis: Array) -> Any:
+    import pinocchio as pin
+
+    aligned = {(1.0, 0.0, 0.0): pin.JointModelRX, (0.0, 1.0, 0.0): pin.JointModelRY, (0.0, 0.0, 1.0): pin.JointModelRZ}
+    kind = aligned.get((float(axis[0]), float(axis[1]), float(axis[2])))
+    return kind() if kind else pin.JointModelRevoluteUnaligned(np.array(axis))
+
+
+def _set_joint_values(robot: Robot, model: Any) -> None:
+    """Joint dynamics and limits; the free-flyer's are zero and infinite."""
+    dynamics = [robot.dynamics[joint] for joint in robot.tree.joints]
+    limits = [robot.limits[joint] for joint in robot.tree.joints]
+    free_v, free_q = np.full(6, np.inf), np.full(7, np.inf)
+    model.armature = np.array([0.0] * 6 + [d.armature for d in dynamics])
+    model.damping = np.array([0.0] * 6 + [d.viscous for d in dynamics])
+    friction = np.array([0.0] * 6 + [d.coulomb for d in dynamics])
+    model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
+    model.lowerPositionLimit = np.concatenate([-free_q, [limit.lower for limit in limits]])
+    model.upperPositionLimit = np.concatenate([free_q, [limit.upper for limit in limits]])
+    velocity = np.concatenate([free_v, [limit.velocity for limit in limits]])
+    effort = np.concatenate([free_v, [limit.effort for limit in limits]])
+    model.upperVelocityLimit, model.lowerVelocityLimit = velocity, -velocity
+    model.upperEffortLimit, model.lowerEffortLimit = effort, -effort

@@ -1,0 +1,108 @@
+"""A nominal stance for any quadruped: feet under the hips, legs bent a little."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stadera.errors import ModelError
+from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.model import Array, Leg, Robot, Tree
+
+_EXTENSION = 0.8  # height of the HFE joint above the foot, as a share of the stretched leg
+_OTHER_EXTENSIONS = (0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)  # where the joints' limits forbid the first
+_NEWTON_STEPS = 30
+_LARGEST_STEP = 0.3  # rad
+_SOLVED = 1e-8  # m and sine of an angle
+_GRID = (3, 4, 5)  # starts for HAA, HFE, KFE
+
+
+def standing_configuration(robot: Robot) -> Array:
+    """Joint angles of a plausible stance, in the tree's order [rad], shape (n,).
+
+    In each leg the foot is right below the HFE joint's x, the leg's plane is vertical (HFE axis horizontal) and the
+    feet are at one height, 80 % of the stretched leg below the hips (as near to it as the limits allow). Of the
+    solutions within the limits the one is taken whose HAA is nearest to the middle of its range, and of those the one
+    with the knee towards the robot's middle.
+
+    Raises:
+        ModelError: no such stance within the joints' limits.
+    """
+    heights = _hips(robot)[:, 2]
+    stretched = np.array([_stretched(robot, leg) for leg in robot.legs])
+    for extension in (_EXTENSION, *_OTHER_EXTENSIONS):
+        ground = float(np.mean(heights - extension * stretched))
+        found = [_solve_leg(robot, leg, ground) for leg in robot.legs]
+        q = np.zeros(len(robot.tree.joints))
+        for leg, angles in zip(robot.legs, found, strict=True):
+            if angles is None:
+                break
+            q[[robot.tree.joints.index(name) for name in leg.joints]] = angles
+        else:
+            return q
+    raise ModelError(f"robot {robot.name}: no stance with the feet below the hips within the joints' limits")
+
+
+def _hips(robot: Robot) -> Array:
+    """Origins of the HFE joints with vertical leg planes, nearly: at the middle of the HAA ranges; (4, 3)."""
+    q = np.zeros((1, len(robot.tree.joints)))
+    for leg in robot.legs:
+        q[0, robot.tree.joints.index(leg.joints[0])] = 0.5 * sum(_range(robot, leg.joints[0]))
+    _, translations = forward_kinematics(robot.tree, q)
+    hips: Array = translations[0, [robot.tree.links.index(leg.links[1]) for leg in robot.legs]]
+    return hips
+
+
+def _stretched(robot: Robot, leg: Leg) -> float:
+    """Thigh plus shank: the farthest the foot gets from the HFE joint in the plane normal to its axis [m]."""
+    hfe, kfe = (robot.tree.joints.index(name) for name in leg.joints[1:])
+    thigh, shank = robot.tree.translations[kfe], np.array(leg.foot_position)
+    return sum(float(np.linalg.norm(np.cross(robot.tree.axes[j], v))) for j, v in ((hfe, thigh), (kfe, shank)))
+
+
+def _range(robot: Robot, joint: str) -> tuple[float, float]:
+    """The joint's range, or one turn about zero where it has none or more."""
+    limit = robot.limits[joint]
+    if limit.upper - limit.lower > 2 * np.pi:
+        return max(-np.pi, limit.lower), min(np.pi, limit.upper)
+    return limit.lower, limit.upper
+
+
+def _solve_leg(robot: Robot, leg: Leg, ground: float) -> Array | None:
+    """Angles (3,) of a leg with its foot at height `ground` in the trunk frame; None where there are none."""
+    low, high = np.array([_range(robot, joint) for joint in leg.joints]).T
+    starts = [np.linspace(a, b, count + 2)[1:-1] for a, b, count in zip(low, high, _GRID, strict=True)]
+    q = np.stack(np.meshgrid(*starts, indexing="ij"), axis=-1).reshape(-1, 3)
+    tree = robot.leg_tree(leg.name)
+    for _ in range(_NEWTON_STEPS):
+        error, slope = _error(tree, leg, q, ground)
+        step = (np.linalg.pinv(slope) @ error[:, :, None])[..., 0]
+        q = q - step * np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+    q = np.where(q < low, q + 2 * np.pi, np.where(q > high, q - 2 * np.pi, q))
+    error, _ = _error(tree, leg, q, ground)
+    good = (np.abs(error).max(axis=1) < _SOLVED) & ((q >= low) & (q <= high)).all(axis=1)
+    return _preferred(tree, q[good], 0.5 * (low + high)) if good.any() else None
+
+
+def _error(tree: Tree, leg: Leg, q: Array, ground: float) -> tuple[Array, Array]:
+    """What a stance wants to be zero (N, 3), [foot x - HFE x, HFE axis z, foot z - ground], and its slope (N, 3, 3)."""
+    rotations, translations = forward_kinematics(tree, q)
+    origins = translations[:, 1:]
+    foot = translations[:, 3] + rotations[:, 3] @ np.array(leg.foot_position)
+    axes = (rotations[:, 1:] @ tree.axes[:, :, None])[..., 0]
+    motion = np.cross(axes, foot[:, None] - origins)  # (N, joint, xyz)
+    error = np.column_stack([foot[:, 0] - origins[:, 1, 0], axes[:, 1, 2], foot[:, 2] - ground])
+    slope = np.zeros((len(q), 3, 3))
+    slope[:, 0], slope[:, 2] = motion[..., 0], motion[..., 2]
+    slope[:, 0, 0] -= np.cross(axes[:, 0], origins[:, 1] - origins[:, 0])[:, 0]
+    slope[:, 1, 0] = np.cross(axes[:, 0], axes[:, 1])[:, 2]
+    return error, slope
+
+
+def _preferred(tree: Tree, q: Array, middle: Array) -> Array:
+    """The solution (3,) with the least HAA, then the knee towards the middle, then the least turning of the others."""
+    _, translations = forward_kinematics(tree, q)
+    hip, knee = translations[:, 2, 0], translations[:, 3, 0]
+    away = np.abs(q - middle)
+    outwards = (knee - hip) * np.sign(hip) > 0
+    best: Array = q[np.lexsort((away[:, 1:].sum(axis=1), outwards, np.round(away[:, 0], 3)))[0]]
+    return best
