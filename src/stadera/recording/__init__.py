@@ -1,5 +1,6 @@
 """Recordings: reading, writing and preprocessing of robot logs."""
 
+from stadera.recording.cutoff import suggest_cutoff
 from stadera.recording.join import concatenate, take
 from stadera.recording.preprocess import Preprocessing, PreprocessingReport, Processed, preprocess, preprocess_stream
 from stadera.recording.reader import READERS, Reader, read, reader_of, stream
@@ -22,6 +23,7 @@ __all__ = [
     "reader_of",
     "split_gaps",
     "stream",
+    "suggest_cutoff",
     "take",
     "write_table",
 ]

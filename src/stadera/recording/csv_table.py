@@ -40,10 +40,17 @@ class CsvTable:
         self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.recording.stream`."""
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
+        header = _header(path)
         found = layout(header, str(path), joints, require)
         return recordings(_batches(path, header, found.columns), found, str(path), rows)
+
+
+def _header(path: Path) -> list[str]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [name.strip() for name in next(csv.reader(file, skipinitialspace=True), [])]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: not a readable CSV table: {error}") from None
 
 
 def _batches(path: Path, header: list[str], columns: tuple[str, ...]) -> Iterator[pa.RecordBatch]:

@@ -108,5 +108,5 @@ def apply(kernel: Array, values: Array) -> Array:
         (channels, samples - 2 half).
     """
     if len(kernel) == 1:
-        return values * kernel
+        return values  # the identity
     return np.asarray(signal.oaconvolve(values, kernel[np.newaxis, ::-1], mode="valid", axes=1))

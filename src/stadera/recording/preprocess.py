@@ -272,7 +272,8 @@ def _run(chunks: Iterator[Recording], plan: _Plan) -> Iterator[Processed]:
     if pending is None:
         window = tally.report.window
         raise RecordingError(
-            f"{source}: too few samples: {tally.report.samples_in} in {tally.report.segments} stretches without a gap, "
+            f"{source}: too few samples: {tally.report.samples_in} in {tally.report.segments} "
+            f"stretch{'es' * (tally.report.segments != 1)} without a gap, "
             f"none as long as the {window} samples ({window * sampling.period:.3g} s) that the filter needs"
         )
     yield replace(pending, report=tally.report, notes=(*tally.notes, *tally.report.notes))

@@ -28,7 +28,7 @@ class Sampling:
     """How a log is sampled.
 
     Attributes:
-        period: of its steps on the average, those above one and a half times the median left out [s].
+        period: the mean of its steps, of an even log's even ones, of an uneven log's all but gaps [s].
         even: whether it can be filtered without interpolation.
         tolerance: the share of a period that a step of an even log may be off.
         gap_factor: the number of periods above which a step of an uneven log is a gap.
@@ -65,9 +65,11 @@ def sampling_of(time: Array, tolerance: float, gap_factor: float, even: bool | N
     steps = np.diff(time[:HEAD])
     if not len(steps):
         raise RecordingError(f"too few samples: {len(time)}, at least 2 are needed")
-    period = float(steps[steps <= 1.5 * np.median(steps)].mean())
+    median = float(np.median(steps))
+    alike = np.abs(steps - median) <= tolerance * median
     if even is None:
-        even = float(np.mean(np.abs(steps - period) <= tolerance * period)) >= EVEN_SHARE
+        even = float(alike.mean()) >= EVEN_SHARE
+    period = float(steps[alike if even else steps <= gap_factor * median].mean())
     return Sampling(period, even, tolerance, gap_factor)
 
 
