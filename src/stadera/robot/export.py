@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from xml.dom import minidom
 
@@ -18,7 +19,7 @@ import numpy as np
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.load import load_robot, parse_xml, read_model_file
-from stadera.robot.model import Robot
+from stadera.robot.model import JointDynamics, Robot
 from stadera.robot.modelfile import ModelFile
 from stadera.robot.write_mjcf import write_mjcf
 from stadera.robot.write_urdf import write_urdf
@@ -35,7 +36,7 @@ def export_model(robot: Robot, path: str | Path) -> None:
 
     Raises:
         ModelError: the robot has no source file, the suffix is not the source's format, a value that the format
-            cannot hold (mass not positive; in MJCF an inertia that no body has), or a folder that cannot be written.
+            cannot hold (mass not positive, friction negative; in MJCF an inertia that no body has), or a folder that cannot be written.
     """
     target = Path(path)
     if robot.source is None:
@@ -46,6 +47,7 @@ def export_model(robot: Robot, path: str | Path) -> None:
     inertias, fixed = _changed_inertias(robot, prior, file), _fixed_bodies(prior, file)
     fixed = {link: names for link, names in fixed.items() if link in inertias}
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
+    _check_not_negative(dynamics, ("viscous", "coulomb") if is_urdf else ("viscous", "coulomb", "armature"))
     if is_urdf:
         document = write_urdf(robot.source, inertias, fixed, dynamics)
     else:
@@ -59,6 +61,16 @@ def _check_suffix(source: Path, target: Path, is_urdf: bool) -> None:
     if target.suffix.lower() not in valid:
         kind = "a URDF" if is_urdf else "an MJCF"
         raise ModelError(f"{target}: the model {source.name} is {kind}, it is written to {' or '.join(valid)} only")
+
+
+def _check_not_negative(dynamics: Mapping[str, JointDynamics], kinds: tuple[str, ...]) -> None:
+    for joint, values in dynamics.items():
+        for kind in kinds:
+            if getattr(values, kind) < 0:
+                raise ModelError(
+                    f"joint {joint!r} has a {kind} value of {getattr(values, kind):g}, below zero, which no model file "
+                    "should hold"
+                )
 
 
 def _changed_inertias(robot: Robot, prior: Robot, file: ModelFile) -> dict[str, InertialParameters]:

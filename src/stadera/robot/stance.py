@@ -104,5 +104,5 @@ def _preferred(tree: Tree, q: Array, middle: Array) -> Array:
     hip, knee = translations[:, 2, 0], translations[:, 3, 0]
     away = np.abs(q - middle)
     outwards = (knee - hip) * np.sign(hip) > 0
-    best: Array = q[np.lexsort((away[:, 1:].sum(axis=1), outwards, np.round(away[:, 0], 3)))[0]]
-    return best
+    best = q[np.lexsort((away[:, 1:].sum(axis=1), outwards, np.round(away[:, 0], 3)))[0]]
+    return np.where(np.abs(best) < _SOLVED, 0.0, best)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from xml.dom import minidom
 
 import numpy as np
@@ -80,12 +81,13 @@ def _inertial(link: str, inertia: InertialParameters) -> dict[str, str]:
 def _draw_in_includes(document: minidom.Document, folder: Path) -> None:
     while includes := document.getElementsByTagName("include"):
         include = includes[0]
-        inner = parse_document(folder / include.getAttribute("file")).documentElement
-        if inner is None or include.parentNode is None:
-            raise ModelError(f"{folder / include.getAttribute('file')}: an empty include")
+        parent, inner = include.parentNode, parse_document(folder / include.getAttribute("file")).documentElement
+        if inner is None or not isinstance(parent, minidom.Element):
+            raise ModelError(f"{folder / include.getAttribute('file')}: an include that is not inside the model")
         for node in list(inner.childNodes):
-            include.parentNode.insertBefore(document.importNode(node, True), include)
-        include.parentNode.removeChild(include)
+            copy: Any = document.importNode(node, True)
+            parent.insertBefore(copy, include)
+        parent.removeChild(include)
 
 
 def _check_compiler(document: minidom.Document, source: Path) -> None:
@@ -99,9 +101,9 @@ def _point_to_assets(document: minidom.Document, folder: Path) -> None:
     root = document.documentElement
     if root is None or not document.getElementsByTagName("asset"):
         return
+    if not children(root, "compiler"):
+        put_child(root, document.createElement("compiler"))
     compilers = children(root, "compiler")
-    if not compilers:
-        compilers = [root.insertBefore(document.createElement("compiler"), root.firstChild)]
     kinds = ("assetdir", "meshdir", "texturedir")
     said = {name: c.getAttribute(name) for c in compilers for name in kinds if c.hasAttribute(name)}
     for name in ("meshdir", "texturedir"):

