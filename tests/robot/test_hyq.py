@@ -48,3 +48,16 @@ def test_is_the_published_model(published: Path) -> None:
             np.testing.assert_allclose(
                 mine_data.oMf[k[0]].homogeneous, his_data.oMf[k[1]].homogeneous, rtol=0, atol=1e-14
             )
+
+
+def test_shapes_lie_about_the_links_centres_of_mass() -> None:
+    robot = load_robot("hyq")
+    for leg in ("lf", "rf", "lh", "rh"):
+        hip = next(shape for shape in robot.shapes if shape.link == f"{leg}_hipassembly" and shape.kind == "cylinder")
+        assert np.linalg.norm(hip.translation - robot.inertias[hip.link].com) < 0.05
+        thigh = next(shape for shape in robot.shapes if shape.link == f"{leg}_upperleg")
+        assert np.linalg.norm(thigh.translation - robot.inertias[thigh.link].com) < 0.05
+
+
+def test_has_no_meshes() -> None:
+    assert "<mesh" not in find_file("hyq").read_text()

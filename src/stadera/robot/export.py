@@ -36,7 +36,8 @@ def export_model(robot: Robot, path: str | Path) -> None:
 
     Raises:
         ModelError: the robot has no source file, the suffix is not the source's format, a value that the format
-            cannot hold (mass not positive, friction negative; in MJCF an inertia that no body has), or a folder that cannot be written.
+            cannot hold (mass not positive, friction negative; in MJCF an inertia that no body has), or a folder that
+            cannot be written.
     """
     target = Path(path)
     if robot.source is None:

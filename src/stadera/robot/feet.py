@@ -51,18 +51,18 @@ def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -
     if not ends:
         raise ModelError(f"link {link!r} has no frame named foot or toe, and no primitive shape to find a foot on")
     point, radius = max(ends, key=lambda end: float(np.linalg.norm(end[0])))
-    return Foot(name, _triple(point), radius, f"foot of {link} taken at the far end of the link's geometry")
+    return Foot(name, _triple(point), radius, "taken at the far end of its link's geometry")
 
 
 def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape]) -> Foot:
     reach = _SPHERE_SEARCH * float(np.linalg.norm(frame.translation))
     offset = [float(np.linalg.norm(s.translation - frame.translation)) for s in spheres]
     if not spheres or min(offset) > reach:
-        return Foot(name, _triple(frame.translation), 0.0, f"foot {name} has no sphere: taken as a point at its frame")
+        return Foot(name, _triple(frame.translation), 0.0, "no sphere there, taken as a point at the frame")
     nearest = spheres[int(np.argmin(offset))]
     note = ""
     if min(offset) > 1e-6:
-        note = f"foot {name} taken at the centre of its sphere, {1e3 * min(offset):.1f} mm from the frame of that name"
+        note = f"taken at the centre of the sphere, {1e3 * min(offset):.1f} mm from the frame of that name"
     return Foot(name, _triple(nearest.translation), nearest.size[0], note)
 
 

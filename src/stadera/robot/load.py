@@ -160,7 +160,8 @@ def _on_moving_links(file: ModelFile, frames: dict[str, Frame]) -> list[Shape]:
 def _legs(
     file: ModelFile, chains: tuple[Chain, ...], frames: dict[str, Frame], shapes: tuple[Shape, ...]
 ) -> tuple[tuple[Leg, ...], list[str]]:
-    legs, notes = [], []
+    legs: list[Leg] = []
+    feet_by_note: dict[str, list[str]] = {}
     for chain in chains:
         a, b, c = (file.model.names[joint] for joint in chain.joints)
         links = (file.links[a], file.links[b], file.links[c])
@@ -169,9 +170,8 @@ def _legs(
         except ModelError as error:
             raise ModelError(f"{file.path}: leg {chain.name}: {error}") from error
         legs.append(Leg(chain.name, (a, b, c), links, foot.frame, foot.position, foot.radius))
-        if foot.note:
-            notes.append(foot.note)
-    return tuple(legs), notes
+        feet_by_note.setdefault(foot.note, []).append(foot.frame)
+    return tuple(legs), [f"foot {', '.join(feet)}: {note}" for note, feet in feet_by_note.items() if note]
 
 
 def _limits(model: Any, tree: Tree) -> tuple[dict[str, JointLimits], list[str]]:
