@@ -49,13 +49,8 @@ def joint_axis(joint: Any) -> Array | None:
     if joint.nv != 1:
         return None
     data = joint.createData()
-    joint.calc(data, joint.neutral() if hasattr(joint, "neutral") else _neutral(joint))
-    motion = np.asarray(data.S.matrix() if hasattr(data.S, "matrix") else data.S).reshape(6)
-    axis = motion[3:]
+    zero_angle = np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0])  # an unbounded joint has (cos, sin)
+    joint.calc(data, zero_angle)
+    axis = np.asarray(data.S.matrix()).reshape(6)[3:]
     length = float(np.linalg.norm(axis))
     return axis / length if length > 0.5 else None
-
-
-def _neutral(joint: Any) -> Array:
-    """Zero angle: 0, or (cos, sin) = (1, 0) for an unbounded revolute joint."""
-    return np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0])

@@ -180,8 +180,6 @@ class _Builder:
     # -- values by joint ------------------------------------------------------------------------------------------
     def set_joint_values(self) -> None:
         mj, model = self.mj, self.model
-        for name in ("armature", "damping", "upperDryFrictionLimit", "lowerDryFrictionLimit"):
-            setattr(model, name, np.zeros(model.nv))
         lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
         effort, armature, damping, friction = np.full(model.nv, np.inf), *np.zeros((3, model.nv))
         for joint, j in self._mj_joint.items():
