@@ -51,6 +51,6 @@ def joint_axis(joint: Any) -> Array | None:
     data = joint.createData()
     zero_angle = np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0])  # an unbounded joint has (cos, sin)
     joint.calc(data, zero_angle)
-    axis = np.asarray(data.S.matrix()).reshape(6)[3:]
+    axis = np.asarray(data.S).reshape(6)[3:]
     length = float(np.linalg.norm(axis))
     return axis / length if length > 0.5 else None
