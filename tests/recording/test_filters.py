@@ -44,7 +44,9 @@ def test_derivatives_of_a_sine_in_the_pass_band(rate: float, share: float, part:
     # real part of the odd kernel's response and imaginary part of the even one's are the phase errors
     omega = 2 * np.pi * part * share * rate
     window = kernels(rate, share * rate)
-    value, first, second = (response(kernel, rate, part * share * rate) for kernel in window.kernels)
+    value, first, second = (
+        response(kernel, rate, part * share * rate) for kernel in (window.value, window.first, window.second)
+    )
     assert first == pytest.approx(1j * omega * value, rel=1e-3)
     assert second == pytest.approx(-(omega**2) * value, rel=1e-3)
     assert first / (1j * omega) == pytest.approx(1.0, abs=1.1e-3)
@@ -53,11 +55,11 @@ def test_derivatives_of_a_sine_in_the_pass_band(rate: float, share: float, part:
 
 def test_all_derivatives_go_through_the_same_filter_up_to_the_cutoff() -> None:
     rate, cutoff = 1000.0, 50.0
-    value, first, second = kernels(rate, cutoff).kernels
+    window = kernels(rate, cutoff)
     for frequency in (5.0, 30.0, 50.0, 60.0):
-        omega, low = 2 * np.pi * frequency, response(value, rate, frequency)
-        assert response(first, rate, frequency) == pytest.approx(1j * omega * low, rel=1e-3)
-        assert response(second, rate, frequency) == pytest.approx(-(omega**2) * low, rel=1e-3)
+        omega, low = 2 * np.pi * frequency, response(window.value, rate, frequency)
+        assert response(window.first, rate, frequency) == pytest.approx(1j * omega * low, rel=1e-3)
+        assert response(window.second, rate, frequency) == pytest.approx(-(omega**2) * low, rel=1e-3)
 
 
 def test_differences_without_a_filter_are_exact_for_polynomials_of_degree_eight() -> None:
@@ -65,7 +67,7 @@ def test_differences_without_a_filter_are_exact_for_polynomials_of_degree_eight(
     polynomial = np.polynomial.Polynomial(np.random.default_rng(1).normal(size=9))
     window = kernels(10.0, None)
     inner = time[window.half : -window.half]
-    for order, kernel in enumerate(window.kernels):
+    for order, kernel in enumerate((window.value, window.first, window.second)):
         expected = polynomial.deriv(order)(inner) if order else polynomial(inner)
         np.testing.assert_allclose(apply(kernel, polynomial(time)[None])[0], expected, rtol=1e-10, atol=1e-10)
 
@@ -81,3 +83,17 @@ def test_applying_is_numpys_correlation() -> None:
 def test_a_cutoff_out_of_range_names_the_range(cutoff: float) -> None:
     with pytest.raises(RecordingError, match="above 0 and at most 125 Hz"):
         kernels(1000.0, cutoff)
+
+
+@settings(max_examples=40, deadline=None)
+@given(**designs, part=st.floats(0.0, 1.0), periods=st.floats(-30.0, 30.0))
+def test_the_late_kernel_looks_back_in_time(rate: float, share: float, part: float, periods: float) -> None:
+    frequency, delay = part * share * rate, periods / rate
+    window = kernels(rate, share * rate, delay=delay)
+    expected = response(window.value, rate, frequency) * np.exp(-2j * np.pi * frequency * delay)
+    assert response(window.late, rate, frequency) == pytest.approx(expected, abs=1e-3)
+
+
+def test_without_a_delay_late_is_now() -> None:
+    window = kernels(500.0, 10.0)
+    np.testing.assert_array_equal(window.late, window.value)

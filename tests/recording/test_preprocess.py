@@ -109,6 +109,16 @@ def test_accelerations_can_be_derived_from_recorded_velocities() -> None:
         preprocess(recording_at(even(3000)), Preprocessing(cutoff_hz=10.0, derive_from="velocity"))
 
 
+def test_effort_is_moved_to_when_it_acts() -> None:
+    time, delay = even(3000), 0.0137
+    recording = replace(recording_at(time), effort=motion(time + delay)[0])  # commanded early
+    for cutoff in (None, 10.0):
+        result = preprocess(recording, Preprocessing(cutoff, effort_delay=delay))
+        assert result.effort is not None
+        np.testing.assert_allclose(result.effort, motion(result.time)[0], atol=1e-3)
+        assert "moved the effort by +13.7 ms" in result.notes
+
+
 def test_joints_are_chosen_and_ordered() -> None:
     recording = recording_at(even(3000))
     chosen = preprocess(recording, Preprocessing(10.0, drop_below=0.0), ("LF_KFE", "LF_HAA"))
@@ -120,7 +130,7 @@ def test_joints_are_chosen_and_ordered() -> None:
 
 @pytest.mark.parametrize("cutoff", [None, 15.0])
 @pytest.mark.parametrize("stamps", [even, uneven])
-@pytest.mark.parametrize("rows", [1, 61, 1000, 4096, 9999])
+@pytest.mark.parametrize("rows", [17, 61, 1000, 4096, 9999])
 def test_chunks_give_what_the_whole_gives(cutoff: float | None, stamps, rows: int) -> None:  # type: ignore[no-untyped-def]
     time = stamps(6000)
     time[2500:] += 0.4
@@ -242,6 +252,7 @@ def test_a_log_shorter_than_the_filter_says_how_long_it_must_be() -> None:
         ({"drop_below": -1.0}, "at least 0 rad/s"),
         ({"derive_from": "effort"}, "valid: position, velocity"),
         ({"resample": "maybe"}, "valid: auto, always, never"),
+        ({"effort_delay": 1.0}, "within 0.2 s"),
         ({"tolerance": 0.0}, "between 0 and 0.5"),
         ({"gap_factor": 1.0}, "above 1"),
     ],

@@ -2,10 +2,12 @@
 
 from stadera.recording.cutoff import suggest_cutoff
 from stadera.recording.join import concatenate, take
-from stadera.recording.preprocess import Preprocessing, PreprocessingReport, Processed, preprocess, preprocess_stream
+from stadera.recording.preprocess import Processed, preprocess, preprocess_stream
 from stadera.recording.reader import READERS, Reader, read, reader_of, stream
 from stadera.recording.recording import Imu, Recording
 from stadera.recording.sampling import split_gaps
+from stadera.recording.settings import Preprocessing, PreprocessingReport
+from stadera.recording.smoothing import smooth_rows
 from stadera.recording.writer import write_table
 
 __all__ = [
@@ -21,6 +23,7 @@ __all__ = [
     "preprocess_stream",
     "read",
     "reader_of",
+    "smooth_rows",
     "split_gaps",
     "stream",
     "suggest_cutoff",

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Literal
 
 import numpy as np
 
@@ -17,106 +16,8 @@ from stadera.errors import RecordingError
 from stadera.recording.filters import Kernels, apply, kernels
 from stadera.recording.join import concatenate
 from stadera.recording.recording import Array, Recording
-from stadera.recording.sampling import GAP_FACTOR, HEAD, Block, Sampling, resampled, sampling_of, segments
-
-
-@dataclass(frozen=True)
-class Preprocessing:
-    """What is done to a log before regressors are made of it.
-
-    Attributes:
-        cutoff_hz: where the low-pass filter is at -3 dB [Hz]. None: no filter; recorded velocities and accelerations
-            are taken as they are, missing ones are central differences.
-        drop_below: samples with all joint velocities below this are dropped [rad/s]; 0 keeps all.
-        derive_from: with a filter, the signal whose derivatives the others are: "position" (velocity and acceleration
-            are its derivatives) or "velocity" (the acceleration is its derivative).
-        resample: "auto" puts a log of uneven stamps on an even grid, "always" and "never" do as they say.
-        tolerance: the share of a period that an even log's steps may be off.
-        gap_factor: a step of more periods than this is a gap.
-
-    Raises:
-        RecordingError: a setting out of its range.
-    """
-
-    cutoff_hz: float | None
-    drop_below: float = 0.01
-    derive_from: Literal["position", "velocity"] = "position"
-    resample: Literal["auto", "always", "never"] = "auto"
-    tolerance: float = 0.01
-    gap_factor: float = GAP_FACTOR
-
-    def __post_init__(self) -> None:
-        """Validated where made."""
-        if self.cutoff_hz is not None and not (np.isfinite(self.cutoff_hz) and self.cutoff_hz > 0):
-            raise RecordingError(f"cut-off needs to be above 0 Hz, got {self.cutoff_hz:g}")
-        if not self.drop_below >= 0:
-            raise RecordingError(f"drop_below needs to be at least 0 rad/s, got {self.drop_below:g}")
-        for name, valid in (("derive_from", ("position", "velocity")), ("resample", ("auto", "always", "never"))):
-            if getattr(self, name) not in valid:
-                raise RecordingError(f"unknown {name} {getattr(self, name)!r}; valid: {', '.join(valid)}")
-        if not 0 < self.tolerance < 0.5:
-            raise RecordingError(f"tolerance needs to be between 0 and 0.5 periods, got {self.tolerance:g}")
-        if not self.gap_factor > 1:
-            raise RecordingError(f"gap factor needs to be above 1, got {self.gap_factor:g}")
-
-
-@dataclass(frozen=True)
-class PreprocessingReport:
-    """What was done to a log, up to and including the chunk that carries this report.
-
-    Attributes:
-        rate_hz: of the result [Hz].
-        cutoff_hz: -3 dB [Hz], None where not filtered.
-        resampled: whether values were interpolated onto an even grid.
-        samples_in: read.
-        segments: stretches without a gap.
-        short_segments: of these, too short for one window of the filter, and dropped.
-        window: samples that the filter and the differences need for one.
-        filtered: samples after filtering, before those at rest were dropped.
-        at_rest: dropped, all joints slower than the threshold.
-        samples_out: the result's.
-    """
-
-    rate_hz: float
-    cutoff_hz: float | None
-    resampled: bool
-    window: int
-    drop_below: float
-    samples_in: int = 0
-    segments: int = 0
-    short_segments: int = 0
-    filtered: int = 0
-    at_rest: int = 0
-
-    @property
-    def samples_out(self) -> int:
-        """Samples of the result."""
-        return self.filtered - self.at_rest
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The report in sentences, with units."""
-        notes = [
-            f"low-pass filtered all signals without delay, -3 dB at {self.cutoff_hz:.4g} Hz"
-            if self.cutoff_hz is not None
-            else "not filtered"
-        ]
-        if self.resampled:
-            notes.insert(0, f"resampled uneven time stamps to {self.rate_hz:.6g} Hz")
-        if self.segments > 1:
-            notes.append(f"split at {self.segments - 1} gap{'s' * (self.segments > 2)} into {self.segments} segments")
-        if self.short_segments:
-            notes.append(
-                f"dropped {self.short_segments} segment{'s' * (self.short_segments > 1)} shorter than the "
-                f"{self.window / self.rate_hz:.3g} s that the filter needs"
-            )
-        if self.window > 1:
-            edge = self.window // 2
-            notes.append(f"trimmed {edge} samples ({edge / self.rate_hz:.3g} s) at both ends of every segment")
-        if self.at_rest:
-            notes.append(f"dropped {self.at_rest} samples with all joints below {self.drop_below:g} rad/s")
-        notes.append(f"{self.samples_out} of {self.samples_in} samples at {self.rate_hz:.6g} Hz are left")
-        return tuple(notes)
+from stadera.recording.sampling import HEAD, Block, Sampling, resampled, sampling_of, segments, windows
+from stadera.recording.settings import Preprocessing, PreprocessingReport
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +124,7 @@ def _plan(head: Recording, joints: tuple[str, ...], settings: Preprocessing, sam
     if head.effort is not None:
         channels.append("effort")
     derivatives = not {"velocity", "acceleration"} <= set(channels)
-    window = kernels(sampling.rate_hz, settings.cutoff_hz, derivatives=derivatives)
+    window = kernels(sampling.rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=settings.effort_delay)
     return _Plan(joints, tuple(channels), settings, sampling, window)
 
 
@@ -246,6 +147,7 @@ def _run(chunks: Iterator[Recording], plan: _Plan) -> Iterator[Processed]:
             resampled=not sampling.even,
             window=2 * plan.window.half + 1,
             drop_below=plan.settings.drop_below,
+            effort_delay=plan.settings.effort_delay,
         )
     )
 
@@ -261,7 +163,7 @@ def _run(chunks: Iterator[Recording], plan: _Plan) -> Iterator[Processed]:
     if not sampling.even:
         blocks = resampled(blocks, sampling.period)
     pending: Processed | None = None
-    for block in _windows(blocks, plan.window.half, tally):
+    for block in windows(_counted(blocks, 2 * plan.window.half + 1, tally), plan.window.half):
         result = _moving(_differentiated(block, plan), source, plan, tally)
         if len(result):
             if pending is not None:
@@ -279,31 +181,26 @@ def _run(chunks: Iterator[Recording], plan: _Plan) -> Iterator[Processed]:
     yield replace(pending, report=tally.report, notes=(*tally.notes, *tally.report.notes))
 
 
-def _windows(blocks: Iterable[Block], half: int, tally: _Tally) -> Iterator[Block]:
-    """Blocks long enough for the filter: each overlaps the one before, of its segment, by a window less one sample."""
-    kept: Block | None = None
-    for fresh in blocks:
-        tally.add(segments=fresh.start)
-        block = fresh.after(kept)
-        samples = len(block.time)
-        if samples > 2 * half:
-            yield block
-            kept = block.between(samples - 2 * half, samples, start=False, end=False)
-        else:
-            kept = block
-            tally.add(short_segments=block.start and block.end)
+def _counted(blocks: Iterable[Block], window: int, tally: _Tally) -> Iterator[Block]:
+    """The same blocks; segments are counted, and those shorter than a window."""
+    samples = 0
+    for block in blocks:
+        samples = len(block.time) + (0 if block.start else samples)
+        tally.add(segments=block.start, short_segments=block.end and samples < window)
+        yield block
 
 
 def _differentiated(block: Block, plan: _Plan) -> dict[str, Array]:
     """Every channel filtered, velocity and acceleration by the derived kernels where they are not stacked."""
-    n, half = len(plan.joints), plan.window.half
-    value, first, second = plan.window.kernels
+    n, half, window = len(plan.joints), plan.window.half, plan.window
     raw = {name: block.values[i * n : (i + 1) * n] for i, name in enumerate(plan.channels)}
-    out = {name: apply(value, rows) for name, rows in raw.items()}
+    out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}
     if "velocity" not in raw:
-        out["velocity"] = apply(first, raw["position"])
+        out["velocity"] = apply(window.first, raw["position"])
     if "acceleration" not in raw:
-        out["acceleration"] = apply(first, raw["velocity"]) if "velocity" in raw else apply(second, raw["position"])
+        out["acceleration"] = (
+            apply(window.first, raw["velocity"]) if "velocity" in raw else apply(window.second, raw["position"])
+        )
     return out | {"time": block.time[half : len(block.time) - half]}
 
 

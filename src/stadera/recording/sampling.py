@@ -166,3 +166,19 @@ def resampled(blocks: Iterable[Block], period: float) -> Iterator[Block]:
         curve = interpolate.CubicHermiteSpline(time, block.values, slopes, axis=1)
         yield Block(grid, np.ascontiguousarray(curve(grid)), start=count == 0, end=block.end)
         kept, count = block.between(len(time) - 3, len(time), start=False, end=False), steps
+
+
+def windows(blocks: Iterable[Block], half: int) -> Iterator[Block]:
+    """Blocks long enough for a kernel of `half` samples on each side.
+
+    Each overlaps the one before, of its segment, by 2 half samples, so that correlating every block where the window is
+    whole gives each sample once. Segments shorter than a window are left out.
+    """
+    kept: Block | None = None
+    for fresh in blocks:
+        block = fresh.after(kept)
+        samples = len(block.time)
+        kept = block
+        if samples > 2 * half:
+            yield block
+            kept = block.between(samples - 2 * half, samples, start=False, end=False)
