@@ -64,7 +64,7 @@ def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec
     spec.option.timestep = options.timestep
     spec.option.gravity = (0.0, 0.0, -GRAVITY)
     trunk = spec.worldbody.add_body(name=tree.links[0])
-    _placeholder_inertia(trunk)
+    placeholder_inertia(trunk)
     if options.floating:
         trunk.add_freejoint(name="floating_base")
     bodies = [trunk]
@@ -72,7 +72,7 @@ def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec
         quat = np.zeros(4)
         mujoco.mju_mat2Quat(quat, np.ascontiguousarray(tree.rotations[i]).ravel())
         body = bodies[tree.parents[i]].add_body(name=tree.links[i + 1], pos=tree.translations[i], quat=quat)
-        _placeholder_inertia(body)
+        placeholder_inertia(body)
         dynamics = robot.dynamics[joint]
         body.add_joint(
             name=joint,
@@ -183,8 +183,11 @@ def _filled_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjMod
     return model
 
 
-def _placeholder_inertia(body: mujoco.MjsBody) -> None:
-    # Away from the body's frame on purpose: the compiler takes shortcuts for bodies whose inertial frame is their own.
+def placeholder_inertia(body: mujoco.MjsBody) -> None:
+    """Any inertia, for the compiler; `set_body_inertia` writes the true one into the compiled model.
+
+    It lies away from the body's frame on purpose: the compiler takes shortcuts where the two frames are one.
+    """
     body.explicitinertial = True
     body.mass = 1.0
     body.ipos = (0.1, 0.2, 0.3)
