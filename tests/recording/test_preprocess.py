@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.recording import (
+    Imu,
     Preprocessing,
     Processed,
     Recording,
@@ -117,6 +118,25 @@ def test_effort_is_moved_to_when_it_acts() -> None:
         assert result.effort is not None
         np.testing.assert_allclose(result.effort, motion(result.time)[0], atol=1e-3)
         assert "moved the effort by +13.7 ms" in result.notes
+
+
+@pytest.mark.parametrize("cutoff", [None, 10.0])
+def test_an_imu_goes_through_the_same_filter(cutoff: float | None) -> None:
+    time = even(3000)
+    time[1500:] += 1.0
+    q, dq, _ = motion(time)
+    recording = replace(recording_at(time), imu=Imu(q, dq, frame="trunk_imu"))
+    wanted = Preprocessing(cutoff, drop_below=0.0)
+    result = preprocess(recording, wanted, JOINTS[:2], imu=True)
+    assert result.imu is not None
+    assert result.imu.frame == "trunk_imu"
+    alone = preprocess(replace(recording, velocity=dq), wanted)
+    np.testing.assert_allclose(result.imu.angular_velocity, alone.position, atol=1e-12)
+    np.testing.assert_allclose(result.imu.linear_acceleration, motion(result.time)[1], atol=0.02)
+    np.testing.assert_allclose(result.imu.angular_acceleration, motion(result.time)[1], atol=0.02)
+    assert preprocess(recording, wanted).imu is None
+    with pytest.raises(RecordingError, match=r"no column 'imu.angular_velocity.x'"):
+        preprocess(recording_at(time), wanted, imu=True)
 
 
 def test_joints_are_chosen_and_ordered() -> None:

@@ -252,7 +252,7 @@ def test_only_known_suffixes_and_folders_are_written(tmp_path: Path) -> None:
     recording = Recording(np.arange(5.0), ("a",), np.zeros((5, 1)))
     with pytest.raises(RecordingError, match=r"\.csv, \.parquet"):
         write_table(recording, tmp_path / "log.xlsx")
-    with pytest.raises(RecordingError, match="no such folder"):
+    with pytest.raises(StaderaError, match="no such folder"):
         write_table(recording, tmp_path / "absent" / "log.csv")
     with pytest.raises(RecordingError, match="nothing to write"):
         write_table([], tmp_path / "log.csv")

@@ -2,7 +2,7 @@
 
 from stadera.recording.cutoff import suggest_cutoff
 from stadera.recording.join import concatenate, take
-from stadera.recording.preprocess import Processed, preprocess, preprocess_stream
+from stadera.recording.preprocess import Processed, ProcessedImu, preprocess, preprocess_stream
 from stadera.recording.reader import READERS, Reader, read, reader_of, stream
 from stadera.recording.recording import Imu, Recording
 from stadera.recording.sampling import split_gaps
@@ -16,6 +16,7 @@ __all__ = [
     "Preprocessing",
     "PreprocessingReport",
     "Processed",
+    "ProcessedImu",
     "Reader",
     "Recording",
     "concatenate",

@@ -19,6 +19,25 @@ from stadera.recording.recording import Array, Recording
 from stadera.recording.sampling import HEAD, Block, Sampling, resampled, sampling_of, segments, windows
 from stadera.recording.settings import Preprocessing, PreprocessingReport
 
+IMU_CHANNELS = ("angular_velocity", "linear_acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessedImu:
+    """What an IMU said, in its own frame, through the same filter as the joints.
+
+    Attributes:
+        angular_velocity: (samples, 3) [rad/s].
+        angular_acceleration: (samples, 3) [rad/s²], its derivative.
+        linear_acceleration: (samples, 3) [m/s²], the specific force.
+        frame: the IMU frame's name, None where the log does not say.
+    """
+
+    angular_velocity: Array
+    angular_acceleration: Array
+    linear_acceleration: Array
+    frame: str | None = None
+
 
 @dataclass(frozen=True, eq=False)
 class Processed:
@@ -29,6 +48,7 @@ class Processed:
         joints: names, n of them.
         position, velocity, acceleration: (samples, n) [rad, rad/s, rad/s²].
         effort: (samples, n) [N·m], None where not recorded.
+        imu: None where it was not asked for.
         report: what was done so far; the last chunk's covers the whole log.
         source: of the log.
         notes: the log's own and the report's.
@@ -41,45 +61,35 @@ class Processed:
     acceleration: Array
     effort: Array | None
     report: PreprocessingReport
+    imu: ProcessedImu | None = None
     source: str = "recording"
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)
 
 
-def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[str] | None = None) -> Processed:
+def preprocess(
+    recording: Recording, settings: Preprocessing, joints: Sequence[str] | None = None, *, imu: bool = False
+) -> Processed:
     """Preprocess a whole recording.
 
     Args:
         recording: the log.
         settings: what to do.
         joints: the joints to keep, in this order; None for all.
+        imu: whether the IMU is wanted too.
 
     Raises:
-        RecordingError: too few samples for the filter, a cut-off too high for the sampling rate, no sample that moves.
+        RecordingError: no IMU though asked for, too few samples for the filter, a cut-off too high for the rate.
         UnknownNameError: a joint that is not recorded.
     """
-    parts = tuple(preprocess_stream([recording], settings, joints))
-    last = parts[-1]
-    if len(parts) == 1:
-        return last
-
-    def joined(name: str) -> Array:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return replace(
-        last,
-        time=joined("time"),
-        position=joined("position"),
-        velocity=joined("velocity"),
-        acceleration=joined("acceleration"),
-        effort=None if last.effort is None else joined("effort"),
-    )
+    parts = tuple(preprocess_stream([recording], settings, joints, imu=imu))
+    return parts[0] if len(parts) == 1 else _joined(parts)
 
 
 def preprocess_stream(
-    chunks: Iterable[Recording], settings: Preprocessing, joints: Sequence[str] | None = None
+    chunks: Iterable[Recording], settings: Preprocessing, joints: Sequence[str] | None = None, *, imu: bool = False
 ) -> Iterator[Processed]:
     """Preprocess consecutive chunks of one log; the results put together are those of the whole log.
 
@@ -90,7 +100,7 @@ def preprocess_stream(
     names = tuple(joints) if joints is not None else head.joints
     even = {"auto": None, "always": False, "never": True}[settings.resample]
     sampling = sampling_of(head.time, settings.tolerance, settings.gap_factor, even)
-    return _run(chain([head], rest), _plan(head, names, settings, sampling))
+    return _run(chain([head], rest), _plan(head, names, settings, sampling, imu))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +108,8 @@ class _Plan:
     """What a log's first chunk decides for all of it."""
 
     joints: tuple[str, ...]
-    channels: tuple[str, ...]  # stacked in this order, each with a row for every joint
+    channels: tuple[str, ...]  # stacked in this order, each with a row for every joint, or three of the IMU
+    imu_frame: str | None
     settings: Preprocessing
     sampling: Sampling
     window: Kernels
@@ -115,7 +126,7 @@ class _Tally:
         self.report = replace(self.report, **{name: getattr(self.report, name) + n for name, n in counts.items()})
 
 
-def _plan(head: Recording, joints: tuple[str, ...], settings: Preprocessing, sampling: Sampling) -> _Plan:
+def _plan(head: Recording, joints: tuple[str, ...], settings: Preprocessing, sampling: Sampling, imu: bool) -> _Plan:
     channels = ["position"]
     if settings.cutoff_hz is None:
         channels += [name for name in ("velocity", "acceleration") if getattr(head, name) is not None]
@@ -123,9 +134,22 @@ def _plan(head: Recording, joints: tuple[str, ...], settings: Preprocessing, sam
         channels.append("velocity")
     if head.effort is not None:
         channels.append("effort")
-    derivatives = not {"velocity", "acceleration"} <= set(channels)
+    if imu:
+        channels += IMU_CHANNELS
+    derivatives = imu or not {"velocity", "acceleration"} <= set(channels)
     window = kernels(sampling.rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=settings.effort_delay)
-    return _Plan(joints, tuple(channels), settings, sampling, window)
+    frame = head.imu.frame if head.imu is not None else None
+    return _Plan(joints, tuple(channels), frame, settings, sampling, window)
+
+
+def _rows(chunk: Recording, channel: str, joints: tuple[str, ...]) -> Array:
+    """A channel as (rows, samples)."""
+    if channel not in IMU_CHANNELS:
+        return chunk.channel(channel, joints).T
+    if chunk.imu is None:
+        raise RecordingError(f"{chunk.source}: no column 'imu.{channel}.x'; the log has no IMU")
+    values: Array = getattr(chunk.imu, channel)
+    return values.T
 
 
 def _head(chunks: Iterator[Recording]) -> tuple[Recording, Iterator[Recording]]:
@@ -157,7 +181,7 @@ def _run(chunks: Iterator[Recording], plan: _Plan) -> Iterator[Processed]:
             source = chunk.source
             tally.add(samples_in=len(chunk))
             tally.notes |= dict.fromkeys(chunk.notes)
-            yield chunk.time, np.concatenate([chunk.channel(name, plan.joints).T for name in plan.channels])
+            yield chunk.time, np.concatenate([_rows(chunk, name, plan.joints) for name in plan.channels])
 
     blocks = segments(stacks(), sampling)
     if not sampling.even:
@@ -192,8 +216,9 @@ def _counted(blocks: Iterable[Block], window: int, tally: _Tally) -> Iterator[Bl
 
 def _differentiated(block: Block, plan: _Plan) -> dict[str, Array]:
     """Every channel filtered, velocity and acceleration by the derived kernels where they are not stacked."""
-    n, half, window = len(plan.joints), plan.window.half, plan.window
-    raw = {name: block.values[i * n : (i + 1) * n] for i, name in enumerate(plan.channels)}
+    half, window = plan.window.half, plan.window
+    widths = [3 if name in IMU_CHANNELS else len(plan.joints) for name in plan.channels]
+    raw = dict(zip(plan.channels, np.split(block.values, np.cumsum(widths)[:-1]), strict=True))
     out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}
     if "velocity" not in raw:
         out["velocity"] = apply(window.first, raw["position"])
@@ -201,6 +226,8 @@ def _differentiated(block: Block, plan: _Plan) -> dict[str, Array]:
         out["acceleration"] = (
             apply(window.first, raw["velocity"]) if "velocity" in raw else apply(window.second, raw["position"])
         )
+    if "angular_velocity" in raw:
+        out["angular_acceleration"] = apply(window.first, raw["angular_velocity"])
     return out | {"time": block.time[half : len(block.time) - half]}
 
 
@@ -218,5 +245,40 @@ def _moving(signals: dict[str, Array], source: str, plan: _Plan, tally: _Tally) 
         acceleration=signals["acceleration"].T,
         effort=signals["effort"].T if "effort" in signals else None,
         report=tally.report,
+        imu=None
+        if "angular_velocity" not in signals
+        else ProcessedImu(
+            signals["angular_velocity"].T,
+            signals["angular_acceleration"].T,
+            signals["linear_acceleration"].T,
+            plan.imu_frame,
+        ),
         source=source,
+    )
+
+
+def _joined(parts: Sequence[Processed]) -> Processed:
+    last = parts[-1]
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    def joined_imu(name: str) -> Array:
+        return np.concatenate([getattr(part.imu, name) for part in parts])
+
+    return replace(
+        last,
+        time=joined("time"),
+        position=joined("position"),
+        velocity=joined("velocity"),
+        acceleration=joined("acceleration"),
+        effort=None if last.effort is None else joined("effort"),
+        imu=None
+        if last.imu is None
+        else ProcessedImu(
+            joined_imu("angular_velocity"),
+            joined_imu("angular_acceleration"),
+            joined_imu("linear_acceleration"),
+            last.imu.frame,
+        ),
     )

@@ -86,7 +86,10 @@ def reader_of(path: Path) -> Reader:
         raise RecordingError(f"{path}: no such file")
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(f"{path}: the file is empty; accepted: {known}")
-    found = next((reader for reader in READERS if reader.accepts(path)), None)
+    try:
+        found = next((reader for reader in READERS if reader.accepts(path)), None)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     named = next((reader for reader in READERS if path.suffix.lower() in reader.suffixes), None)
     if found is None:
         what = "a directory" if path.is_dir() else f"not what its name says, no {named.name}" if named else "no log"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from os import PathLike
@@ -14,6 +13,7 @@ from pyarrow import csv as pacsv
 from pyarrow import parquet
 
 from stadera.errors import RecordingError
+from stadera.files import written_together
 from stadera.recording.columns import CHANNELS, IMU_COLUMNS, TIME
 from stadera.recording.recording import Recording
 
@@ -27,24 +27,18 @@ def write_table(recording: Recording | Iterable[Recording], path: str | PathLike
     Values come back bit for bit. The file appears whole or not at all; what was there before stays until then.
 
     Raises:
-        RecordingError: another suffix, no recording, chunks with differing columns, a folder that is not there.
+        RecordingError: another suffix, no recording, chunks with differing columns.
+        StaderaError: a folder that is not there or cannot be written to.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise RecordingError(f"{path}: no such folder {str(path.parent)!r}")
-    chunks = iter([recording] if isinstance(recording, Recording) else recording)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        _write(chunks, partial, path)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with written_together([path]) as (draft,):
+        _write(iter([recording] if isinstance(recording, Recording) else recording), draft, path)
     return path
 
 
-def _write(chunks: Iterator[Recording], partial: Path, path: Path) -> None:
+def _write(chunks: Iterator[Recording], draft: Path, path: Path) -> None:
     first = next(chunks, None)
     if first is None:
         raise RecordingError(f"{path}: nothing to write")
@@ -52,9 +46,9 @@ def _write(chunks: Iterator[Recording], partial: Path, path: Path) -> None:
     if unfit := next((name for name in head.column_names if any(sign in name for sign in ',"\n\r')), None):
         raise RecordingError(f"{path}: column {unfit!r} has a comma, quote or line break in its name")
     if path.suffix.lower() == ".csv":
-        writer = pacsv.CSVWriter(partial, head.schema, write_options=pacsv.WriteOptions(quoting_header="none"))
+        writer = pacsv.CSVWriter(draft, head.schema, write_options=pacsv.WriteOptions(quoting_header="none"))
     else:
-        writer = parquet.ParquetWriter(partial, head.schema, use_dictionary=False)
+        writer = parquet.ParquetWriter(draft, head.schema, use_dictionary=False)
     with writer:
         for table in chain([head], map(to_arrow, chunks)):
             if table.schema != head.schema:
