@@ -40,28 +40,34 @@ def export_model(robot: Robot, path: str | Path) -> None:
             cannot be written.
     """
     target = Path(path)
-    if robot.source is None:
-        raise ModelError(f"robot {robot.name} was made in memory, there is no model file to write its values into")
-    is_urdf = parse_xml(robot.source).tag == "robot"
-    _check_suffix(robot.source, target, is_urdf)
-    prior, file = load_robot(robot.source), read_model_file(robot.source)
+    source, is_urdf = check_export(robot, target)
+    prior, file = load_robot(source), read_model_file(source)
     inertias, fixed = _changed_inertias(robot, prior, file), _fixed_bodies(prior, file)
     fixed = {link: names for link, names in fixed.items() if link in inertias}
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
     _check_not_negative(dynamics, ("viscous", "coulomb") if is_urdf else ("viscous", "coulomb", "armature"))
     if is_urdf:
-        document = write_urdf(robot.source, inertias, fixed, dynamics)
+        document = write_urdf(source, inertias, fixed, dynamics)
     else:
         origins = {link: prior.frames[link].translation for link in inertias}
-        document = write_mjcf(robot.source, target, inertias, origins, fixed, dynamics)
+        document = write_mjcf(source, target, inertias, origins, fixed, dynamics)
     _replace_whole(document, robot, target)
 
 
-def _check_suffix(source: Path, target: Path, is_urdf: bool) -> None:
+def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
+    """What can be known before the values are: the model file to write into, and whether it is a URDF.
+
+    Raises:
+        ModelError: the robot has no source file, or the path's suffix is not the source's format.
+    """
+    if robot.source is None:
+        raise ModelError(f"robot {robot.name} was made in memory, there is no model file to write its values into")
+    is_urdf = parse_xml(robot.source).tag == "robot"
     valid = (".urdf",) if is_urdf else (".xml", ".mjcf")
-    if target.suffix.lower() not in valid:
+    if Path(path).suffix.lower() not in valid:
         kind = "a URDF" if is_urdf else "an MJCF"
-        raise ModelError(f"{target}: the model {source.name} is {kind}, it is written to {' or '.join(valid)} only")
+        raise ModelError(f"{path}: the model {robot.source.name} is {kind}, it is written to {' or '.join(valid)} only")
+    return robot.source, is_urdf
 
 
 def _check_not_negative(dynamics: Mapping[str, JointDynamics], kinds: tuple[str, ...]) -> None:
