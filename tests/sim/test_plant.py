@@ -12,27 +12,37 @@ from sim.reference import pinocchio_model
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters, skew
 from stadera.robot import JointDynamics, JointLimits, Robot, load_robot
-from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.stance import standing_configuration
 from stadera.sim import DroppedBox, Plant, RigidMass, SimulationError, Terrain, TrueState, VirtualForce, imu_pose
 
 RAMP = Terrain(slope=np.deg2rad(12.0), heading=0.7)
 
 
+def damped(robot: Robot) -> Robot:
+    """The robot with viscous joints, so that plain springs make it stand still; see `stand`."""
+    viscous = JointDynamics(viscous=0.02 * spring(robot))
+    return replace(robot, dynamics=dict.fromkeys(robot.tree.joints, viscous))
+
+
+def spring(robot: Robot) -> float:
+    """Stiffness of a joint [N·m/rad], scaled by weight and leg length."""
+    height = -foot_positions(robot, standing_configuration(robot)[None])[0, :, 2].mean()
+    return 4.0 * 9.81 * robot.mass * float(height)
+
+
 @pytest.fixture(scope="module")
 def hyq() -> Robot:
-    return load_robot("hyq")
+    return damped(load_robot("hyq"))
 
 
 def stand(plant: Plant, seconds: float, *, reset: bool = True, sway: float = 0.0) -> None:
-    """Joint springs and dampers around the nominal stance, scaled by weight; `sway` [rad] moves it at 1 Hz."""
-    stance = standing_configuration(plant.robot)
+    """Joint springs around the nominal stance; `sway` [rad] moves it at 1 Hz."""
+    stance, stiffness = standing_configuration(plant.robot), spring(plant.robot)
     if reset:
         plant.reset(stance)
-    stiffness = 3.0 * 9.81 * plant.robot.mass
     for _ in range(round(seconds / plant.timestep)):
-        reference = stance + sway * np.sin(2 * np.pi * plant.time)
-        plant.step(stiffness * (reference - plant.joint_position) - 0.05 * stiffness * plant.joint_velocity)
+        plant.step(stiffness * (stance + sway * np.sin(2 * np.pi * plant.time) - plant.joint_position))
 
 
 def residual(robot: Robot, state: TrueState) -> np.ndarray:
@@ -80,11 +90,11 @@ def assert_balanced(robot: Robot, state: TrueState, trunk: InertialParameters) -
 @pytest.mark.parametrize("name", ["hyq", "go2", "anymal_c", "b1"])
 def test_stands_and_carries_its_weight(name: str) -> None:
     try:
-        robot = load_robot(name)
+        robot = damped(load_robot(name))
     except MissingExtraError as error:
         pytest.skip(str(error))
     plant = Plant(robot)
-    stand(plant, 1.5)
+    stand(plant, 5.0)
     state = plant.state
     assert state.foot_contact.all()
     assert np.abs(state.joint_velocity).max() < 1e-2
@@ -94,13 +104,13 @@ def test_stands_and_carries_its_weight(name: str) -> None:
 
 @pytest.mark.parametrize("terrain", [Terrain(), RAMP])
 def test_motion_obeys_pinocchios_equations(hyq: Robot, terrain: Terrain) -> None:
-    robot = replace(hyq, dynamics=dict.fromkeys(hyq.tree.joints, JointDynamics(armature=0.05, viscous=0.3)))
+    robot = replace(hyq, dynamics=dict.fromkeys(hyq.tree.joints, JointDynamics(armature=0.05, viscous=40.0)))
     plant = Plant(robot, terrain)
     for part in range(5):
         stand(plant, 0.13, reset=part == 0, sway=0.1)
         state = plant.state
         assert np.abs(state.joint_velocity).max() > 0.05
-        np.testing.assert_allclose(residual(robot, state), 0.0, atol=1e-6)
+        np.testing.assert_allclose(residual(robot, state), 0.0, atol=1e-6 * 9.81 * robot.mass)  # the contact solver's
 
 
 def test_momentum_changes_by_the_forces(hyq: Robot) -> None:
@@ -118,7 +128,7 @@ def test_momentum_changes_by_the_forces(hyq: Robot) -> None:
         force.append(s.foot_force.sum(axis=0) - [0.0, 0.0, 9.81 * hyq.mass])
     impulse = np.sum(0.5 * (np.array(force[1:]) + force[:-1]), axis=0) * plant.timestep
     change = momentum[-1] - momentum[0]
-    assert np.linalg.norm(change) > 50.0
+    assert np.linalg.norm(change) > 10.0
     np.testing.assert_allclose(impulse, change, atol=0.02 * np.linalg.norm(change))
 
 
@@ -135,12 +145,12 @@ def test_truth_with_payload_is_what_the_ground_feels(hyq: Robot, terrain: Terrai
     plant = Plant(hyq, terrain)
     stand(plant, 0.5)
     plant.apply_payload(payload)
-    stand(plant, 2.0, reset=False)
+    stand(plant, 6.0, reset=False)
     truth = plant.truth()
     assert truth.mass > hyq.inertias[hyq.trunk].mass + 5.0
     assert_balanced(hyq, plant.state, truth)
     plant.remove_payload()
-    stand(plant, 1.5, reset=False)
+    stand(plant, 6.0, reset=False)
     assert plant.payloads == ()
     assert plant.truth() == hyq.inertias[hyq.trunk]
     assert_balanced(hyq, plant.state, hyq.inertias[hyq.trunk])
@@ -218,7 +228,7 @@ def test_imu_feels_the_motion_of_its_place(hyq: Robot) -> None:
     s, arm = plant.state, moved.translation
     omega = s.angular_velocity
     lever = np.cross(s.angular_acceleration, arm) + np.cross(omega, np.cross(omega, arm))
-    specific = s.rotation.T @ (s.linear_acceleration + [0.0, 0.0, 9.81]) + lever
+    specific = s.rotation.T @ (s.linear_acceleration + np.array([0.0, 0.0, 9.81])) + lever
     np.testing.assert_allclose(plant.imu_motion[:3], moved.rotation.T @ omega, atol=1e-9)
     np.testing.assert_allclose(plant.imu_motion[3:], moved.rotation.T @ specific, atol=1e-8)
 

@@ -16,7 +16,7 @@ from stadera.sim.model import least_leg_eigenvalue
 
 Array = NDArray[np.float64]
 
-_MOST_DRAWS = 1000
+_MOST_DRAWS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def perturbed(
 
     Raises:
         UnknownNameError: no such leg.
-        ModelError: no draw out of 1000 was simulable.
+        ModelError: no draw out of 200 was simulable.
     """
     if not margin > 0:
         raise ModelError(f"the margin on the mass matrix's least eigenvalue must be positive, got {margin}")

@@ -28,7 +28,7 @@ _CONTACT_SOLIMP = (0.95, 0.99, 1e-4, 0.5, 2.0)
 _FRICTION_TO_NORMAL = (
     100.0  # impratio: stiffness of friction over that of the normal; keeps standing feet from creeping
 )
-_SOLVER_TOLERANCE = 1e-10
+_SOLVER_TOLERANCE = 1e-12
 
 
 def default_imu_frame(robot: Robot) -> str:
