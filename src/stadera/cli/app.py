@@ -1,0 +1,42 @@
+"""The commands. A new one is one module with a function, and one line here.
+
+Command modules import what they compute with inside their functions, so that help and errors of usage come at once.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from stadera import __version__
+from stadera.cli.identify import identify
+from stadera.cli.inspect import inspect
+
+app = typer.Typer(
+    name="stadera",
+    help="Weighs legged robots with their own legs.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        print(f"stadera {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _stadera(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+app.command()(identify)
+app.command()(inspect)

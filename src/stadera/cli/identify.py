@@ -1,0 +1,135 @@
+"""`stadera identify`: links, friction and rotor inertia of legs from logs of a robot on a stand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli import parse
+from stadera.cli.terminal import progress, show
+
+if TYPE_CHECKING:
+    from stadera.identify.result import Identification
+    from stadera.robot import Robot
+
+
+class Method(StrEnum):
+    """How the parameters are solved for."""
+
+    CONSISTENT = "consistent"
+    NULL_SPACE = "null-space"
+
+
+def identify(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs to fit; several are merged.")],
+    robot: Annotated[str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.")],
+    legs: Annotated[
+        str | None, typer.Option(metavar="RH,...", help="Legs to identify [default: all]. LF, RF, LH, RH in any case.")
+    ] = None,
+    validate: Annotated[
+        list[Path] | None, typer.Option(metavar="LOG", help="Judge on this log instead of a part of LOG; repeatable.")
+    ] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(metavar="SHARE", help="Share of each LOG to fit [default: 0.5]; 'none' fits all, judges on it."),
+    ] = None,
+    method: Annotated[
+        Method, typer.Option(help="Physically consistent, or CAD in the null space.")
+    ] = Method.CONSISTENT,
+    friction: Annotated[
+        str,
+        typer.Option(metavar="TERMS", help="Joint terms to fit: some of armature,viscous,coulomb,offset; or 'none'."),
+    ] = "armature,viscous,coulomb,offset",
+    cutoff: Annotated[
+        str, typer.Option(metavar="HZ|auto|none", help="Low-pass cut-off; 'auto' takes it from the motion.")
+    ] = "auto",
+    torque_lag: Annotated[
+        str, typer.Option(metavar="SECONDS|auto", help="How much later torques act than stamped; 'auto' finds it.")
+    ] = "auto",
+    up: Annotated[
+        str, typer.Option(metavar="X,Y,Z|auto", help="The vertical in the trunk's axes; 'auto': the IMU's, else level.")
+    ] = "auto",
+    json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
+    export: Annotated[
+        Path | None, typer.Option(metavar="F.urdf", help="Write the model file with the identified values put in.")
+    ] = None,
+) -> None:
+    """Identify legs from logs of a robot on a stand, legs in the air.
+
+    Finds mass, centre of mass and inertia of each link as far as the motion shows them, and each joint's rotor
+    inertia, friction and torque offset; says what could not be told, and how well torques are predicted.
+    """
+    if validate and split is not None:
+        raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
+    choices = {
+        "legs": parse.names(legs),
+        "method": method.value,
+        "cutoff_hz": parse.cutoff(cutoff),
+        "torque_lag": parse.torque_lag(torque_lag),
+        "up": parse.direction(up),
+        "split": 1.0 if validate else parse.split(split or "0.5"),
+    }
+    terms = () if friction.lower() == "none" else parse.names(friction)
+
+    from stadera.identify.legs import identify as identify_legs
+    from stadera.identify.settings import IdentifySettings
+    from stadera.regressors.friction import FrictionModel
+    from stadera.report.tables import identification_tables
+    from stadera.robot import load_robot
+
+    settings = IdentifySettings(friction=FrictionModel(terms or ()), **choices)
+    model = load_robot(robot)
+    _check_outputs(model, json, report, export, inputs=[*logs, *(validate or ())])
+    with progress() as watch:
+        result = identify_legs(model, logs, settings, validate or None, watch)
+    _write(result, json, report, export)
+    show(*identification_tables(result))
+
+
+def _check_outputs(
+    robot: Robot, json: Path | None, report: Path | None, export: Path | None, inputs: Sequence[Path]
+) -> None:
+    """What can be known of the outputs before the work.
+
+    Raises:
+        StaderaError: an output that cannot be written, is named twice, or would replace a log.
+    """
+    from stadera.errors import StaderaError
+    from stadera.files import require_writable
+
+    outputs = [require_writable(path) for path in (json, report, export) if path is not None]
+    taken = {path.resolve(): "an input" for path in inputs}
+    for path in outputs:
+        if path.resolve() in taken:
+            raise StaderaError(f"{path}: would replace {taken[path.resolve()]}")
+        taken[path.resolve()] = "another output"
+    if export is not None:
+        from stadera.robot.export import check_export
+
+        check_export(robot, export)
+
+
+def _write(result: Identification, json: Path | None, report: Path | None, export: Path | None) -> None:
+    """All outputs or none: every one is drafted before the first takes its place."""
+    from stadera.files import written_together
+    from stadera.report.json import identification_json, json_text
+
+    wanted = {"json": json, "report": report, "export": export}
+    paths = {kind: path for kind, path in wanted.items() if path is not None}
+    with written_together(list(paths.values())) as drafts:
+        for kind, draft in zip(paths, drafts, strict=True):
+            if kind == "json":
+                draft.write_text(json_text(identification_json(result)), encoding="utf-8")
+            elif kind == "report":
+                from stadera.report.html import identification_html
+
+                draft.write_text(identification_html(result), encoding="utf-8")
+            else:
+                from stadera.robot.export import export_model
+
+                export_model(result.identified_robot(), draft)

@@ -1,0 +1,74 @@
+"""`stadera inspect`: what is in a robot model or in a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stadera.cli.terminal import progress, show
+
+
+def inspect(
+    target: Annotated[str, typer.Argument(metavar="LOG|ROBOT", help="A log, a robot's name, or a URDF or MJCF.")],
+) -> None:
+    """Show what is in a log or a robot model.
+
+    Of a robot: legs, links with masses, joints with limits, what the loader assumed. Of a log: joints, duration,
+    rate, gaps, ranges, and the robots it fits.
+    """
+    if _is_robot(target):
+        from stadera.report.contents import robot_contents
+        from stadera.robot import load_robot
+
+        show(*robot_contents(load_robot(target)))
+        return
+    from stadera.recording.reader import stream
+    from stadera.recording.summary import summarize
+    from stadera.report.contents import log_contents
+
+    summary = summarize(stream(target))
+    show(*log_contents(summary, _fitting(summary.joints)))
+
+
+def _is_robot(target: str) -> bool:
+    """A name of a robot, or XML; whatever else is there is a log.
+
+    Raises:
+        StaderaError: neither a name nor a file.
+    """
+    from stadera.errors import StaderaError
+    from stadera.robot.catalog import CATALOG
+
+    if target.lower() in CATALOG:
+        return True
+    path = Path(target)
+    if not path.exists():
+        raise StaderaError(f"{target}: neither a file nor a robot's name; robots: {', '.join(CATALOG)}")
+    if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
+        return True
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(64).lstrip().startswith(b"<")
+
+
+def _fitting(joints: tuple[str, ...]) -> list[str]:
+    """Robots known by name, of those installed, of which the log has all joints of one leg or more."""
+    from stadera.errors import StaderaError
+    from stadera.robot import CATALOG, load_robot
+
+    fitting = []
+    with progress() as watch:
+        for k, name in enumerate(CATALOG):
+            if watch:
+                watch("comparing with known robots", k, len(CATALOG))
+            try:
+                robot = load_robot(name)
+            except StaderaError:  # not installed
+                continue
+            legs = [leg.name for leg in robot.legs if set(leg.joints) <= set(joints)]
+            if legs:
+                fitting.append(name if len(legs) == len(robot.legs) else f"{name} ({', '.join(legs)})")
+    return fitting

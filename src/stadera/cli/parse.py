@@ -1,0 +1,71 @@
+"""Option values from their text. What is malformed is bad usage (exit 2); what is unknown is left to the callee."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Literal
+
+import typer
+
+
+def names(value: str | None) -> tuple[str, ...] | None:
+    """A comma-separated list of names; None stays None."""
+    if value is None:
+        return None
+    found = tuple(part.strip() for part in value.split(",") if part.strip())
+    if not found:
+        raise typer.BadParameter("a comma-separated list needs at least one name")
+    return found
+
+
+def cutoff(value: str) -> float | Literal["auto"] | None:
+    """A frequency [Hz], "auto", or "none"."""
+    if value.lower() == "auto":
+        return "auto"
+    if value.lower() == "none":
+        return None
+    wanted = "a frequency in Hz, 'auto' or 'none'"
+    frequency = _number(value, wanted)
+    if frequency <= 0.0:
+        raise typer.BadParameter(f"{value!r} is not {wanted}")
+    return frequency
+
+
+def torque_lag(value: str) -> float | None:
+    """Seconds, or None for "auto"."""
+    if value.lower() == "auto":
+        return None
+    return _number(value, "seconds or 'auto'")
+
+
+def split(value: str) -> float:
+    """The share of the log to fit, above 0 and below 1; 1 for "none"."""
+    if value.lower() == "none":
+        return 1.0
+    share = _number(value, "a share between 0 and 1, or 'none'")
+    if not 0.0 < share < 1.0:
+        raise typer.BadParameter(f"{value!r} is not a share between 0 and 1, or 'none'")
+    return share
+
+
+def direction(value: str) -> tuple[float, float, float] | None:
+    """Three numbers with commas between, not all zero; None for "auto"."""
+    if value.lower() == "auto":
+        return None
+    parts = value.split(",")
+    if len(parts) != 3:
+        raise typer.BadParameter(f"{value!r} is not three numbers x,y,z")
+    x, y, z = (_number(part, "three numbers x,y,z") for part in parts)
+    if not (x or y or z):
+        raise typer.BadParameter("a direction needs a component that is not zero")
+    return x, y, z
+
+
+def _number(value: str, wanted: str) -> float:
+    try:
+        number = float(value)
+    except ValueError:
+        number = float("nan")
+    if not isfinite(number):
+        raise typer.BadParameter(f"{value!r} is not {wanted}")
+    return number

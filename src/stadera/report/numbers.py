@@ -1,0 +1,43 @@
+"""Numbers as text: significant digits, standard deviations, changes in percent."""
+
+from __future__ import annotations
+
+from math import floor, isfinite, log10
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number with that many significant digits, powers of ten written out."""
+    if not isfinite(value):
+        return "none"
+    if value == 0.0:
+        return "0"
+    mantissa, power = f"{value:.{digits - 1}e}".split("e")
+    exponent = int(power)
+    if -4 < exponent < 6:
+        return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
+    return f"{_minus(mantissa)}·10{_superscript(exponent)}"
+
+
+def with_std(value: float, std: float) -> str:
+    """A number and its standard deviation, both to the deviation's second significant digit."""
+    if not (isfinite(std) and std > 0):
+        return number(value)
+    largest = max(abs(value), std)
+    exponent = floor(log10(largest))
+    scale = 10.0**exponent if not -4 < exponent < 6 else 1.0
+    decimals = min(max(1 - floor(log10(std / scale)), 0), 9)
+    text = f"{_minus(f'{value / scale:.{decimals}f}')} ± {std / scale:.{decimals}f}"
+    return text if scale == 1.0 else f"({text})·10{_superscript(exponent)}"
+
+
+def percent(new: float, old: float) -> str:
+    """How much smaller (−) or larger (+) a number became."""
+    return _minus(f"{100.0 * (new / old - 1.0):+.0f} %") if old else "none"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def _superscript(exponent: int) -> str:
+    return str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
