@@ -113,7 +113,23 @@ def test_motion_obeys_pinocchios_equations(hyq: Robot, terrain: Terrain) -> None
         np.testing.assert_allclose(residual(robot, state), 0.0, atol=1e-6 * 9.81 * robot.mass)  # the contact solver's
 
 
-def test_momentum_changes_by_the_forces(hyq: Robot) -> None:
+def test_payloads_in_motion_obey_pinocchios_equations(hyq: Robot) -> None:
+    plant, rigid = Plant(hyq), RigidMass.box(10.0, (0.2, 0.3, 0.1), (0.2, -0.1, 0.2))
+    stand(plant, 0.1, sway=0.1)
+    plant.apply_payload(rigid)
+    stand(plant, 0.2, reset=False, sway=0.1)
+    loaded = replace(hyq, inertias={**hyq.inertias, hyq.trunk: plant.truth()})
+    np.testing.assert_allclose(residual(loaded, plant.state), 0.0, atol=1e-6 * 9.81 * hyq.mass)
+    virtual = VirtualForce(100.0, (-0.3, 0.15, 0.1))
+    plant.apply_payload(virtual)
+    stand(plant, 0.2, reset=False, sway=0.1)
+    force = plant.state.rotation.T @ np.array([0.0, 0.0, -100.0])
+    wrench = np.r_[force, np.cross(virtual.position, force), np.zeros(12)]
+    np.testing.assert_allclose(residual(loaded, plant.state), wrench, atol=1e-6 * 9.81 * hyq.mass)
+
+
+def test_momentum_changes_by_the_forces() -> None:
+    hyq = load_robot("hyq")
     plant = Plant(hyq)
     plant.reset(standing_configuration(hyq))
     model = pinocchio_model(hyq, hyq.tree, floating=True)

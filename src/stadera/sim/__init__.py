@@ -14,6 +14,7 @@ from stadera.sim.leg import Gains, simulate_leg
 from stadera.sim.payload import DroppedBox, Payload, RigidMass, Tray, VirtualForce
 from stadera.sim.perturb import Perturbed, perturbed, perturbed_physical
 from stadera.sim.plant import Plant, SimulationError
+from stadera.sim.record import recording_of, truth_of
 from stadera.sim.sensors import Sample, Sensors, estimator_model, measured, plant_model
 from stadera.sim.state import TrueState
 from stadera.sim.terrain import Terrain
@@ -45,8 +46,10 @@ __all__ = [
     "perturbed",
     "perturbed_physical",
     "plant_model",
+    "recording_of",
     "sensor_errors",
     "simulate_leg",
+    "truth_of",
     "with_foot_position",
     "with_torque_offset",
 ]
