@@ -148,6 +148,12 @@ class Information:
         """‖A θ - b‖² over all rows that went in, in units of their noise, for parameters (n,)."""
         return float(np.sum((self.R @ values - self.z) ** 2) + self.rho_squared)
 
+    def least_squares(self) -> dict[str, float]:
+        """The plain least-squares solution by name, of smallest norm in units of the columns where it is not unique."""
+        scale = self.column_scales()
+        solution = np.linalg.lstsq(self.R / scale, self.z, rcond=1e-10)[0] / scale
+        return dict(zip(self.columns, solution.tolist(), strict=True))
+
     def column_scales(self) -> Array:
         """‖A's column‖ for each parameter, (n,): how much of the data moves with it; 1 where nothing does."""
         norms = np.linalg.norm(self.R, axis=0)

@@ -1,8 +1,8 @@
 """What the data can tell and what they cannot: rank, identifiable combinations, and a verdict for each parameter.
 
-Each parameter is measured in its own prior width, θ_k = θ0_k + w_k x_k, which frees W = R diag(w) of units. W's singular
-values s_k say how firmly the data hold each direction v_k of x: its standard deviation without any prior is 1/s_k, in units of
-what the prior finds plausible. So:
+Each parameter is measured in its own prior width, θ_k = θ0_k + w_k x_k, which frees W = R diag(w) of units. W's
+singular values s_k say how firmly the data hold each direction v_k of x: its standard deviation without any prior is
+1/s_k, in units of what the prior finds plausible. So:
 
 * the rank is the number of directions that the data know better than the prior does, s_k > 1;
 * a parameter is observable when the data alone fix it well inside its prior width (to a tenth), unobservable when even
@@ -139,16 +139,18 @@ def observability(information: Information, prior: Prior) -> Observability:
 
 
 def _echelon(rows: Array, preference: Array) -> tuple[Array, list[int]]:
-    """Gauss-Jordan with full pivoting on entries times `preference` (n,): the reduced rows, the pivot column of each."""
+    """Gauss-Jordan with full pivoting on entries times `preference` (n,): the reduced rows, the pivot column of
+    each.
+    """
     work = rows.copy()
     pivots: list[int] = []
     for k in range(len(work)):
         rest = np.abs(work[k:]) * preference
         rest[:, pivots] = 0.0
-        i, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
+        i, j = divmod(int(np.argmax(rest)), rest.shape[1])
         work[[k, k + i]] = work[[k + i, k]]
         work[k] /= work[k, j]
         others = [r for r in range(len(work)) if r != k]
         work[others] -= np.outer(work[others, j], work[k])
-        pivots.append(int(j))
+        pivots.append(j)
     return work, pivots

@@ -7,8 +7,8 @@ pseudo-inertia J0 = U Uᵀ (U upper triangular), any other J is written::
 
 A change of frame T turns J0 into T J0 Tᵀ and leaves ‖D‖ as it is (D only rotates), so ‖D‖² is an invariant distance:
 the affine-invariant metric on pseudo-inertias at J0 (Lee, Wensing, Park 2019). D's last entry is the mass's
-relative change, for J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be held without losing
-the invariance.
+relative change, for J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be held without
+losing the invariance.
 """
 
 from __future__ import annotations
@@ -41,13 +41,14 @@ class PriorWidth:
 
     Attributes:
         shape: of a link's pseudo-inertia in the invariant metric, per coordinate of D.
-        torque: of friction and offset torques, relative to the weight of the leg times half its length.
-        armature: of rotor inertias, relative to the joint-space inertia of what the joint carries.
+        torque: of friction and offset torques (viscous: at 1 rad/s), relative to a quarter of the robot's weight at
+            the leg's length.
+        armature: of rotor inertias, relative to the leg's mass at half its length.
     """
 
     shape: float = 0.5
-    torque: float = 1.0
-    armature: float = 3.0
+    torque: float = 0.2
+    armature: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("shape", "torque", "armature"):
@@ -152,17 +153,17 @@ def _link_map(inertia: InertialParameters) -> Array:
 
 
 def _joint_scales(robot: Robot, joint: str) -> tuple[float, float]:
-    """A joint's inertia [kg·m²] and gravity torque [N·m] scale: what it carries, stretched out along the leg."""
+    """The inertia [kg·m²] and torque [N·m] that a leg's drives are built for, the same for all joints of a leg.
+
+    Drives are sized by the robot's weight, not by what hangs on the joint: a geared knee's friction and rotor inertia
+    exceed what its shank asks for. Torque: a quarter of the robot's weight at the leg's length; inertia: the leg's mass
+    at half its length.
+    """
     tree = robot.tree
-    index = tree.joints.index(joint)
-    carried = [i for i in range(len(tree.joints)) if index in tree.ancestors(i)]
-    mass = reach = inertia = moment = 0.0
-    for i in carried:
-        body = robot.inertias[tree.links[i + 1]]
-        if i != index:
-            reach += float(np.linalg.norm(tree.translations[i]))
-        arm = reach + float(np.linalg.norm(body.com))
-        mass += body.mass
-        moment += body.mass * arm
-        inertia += body.mass * arm**2
-    return max(inertia, 1e-9 * mass), STANDARD_GRAVITY * max(moment, 1e-6 * mass) * 0.1
+    root = tree.ancestors(tree.joints.index(joint))[0]
+    carried = [i for i in range(len(tree.joints)) if root in tree.ancestors(i)]
+    bodies = [robot.inertias[tree.links[i + 1]] for i in carried]
+    length = sum(float(np.linalg.norm(tree.translations[i])) for i in carried if i != root)
+    length += float(np.linalg.norm(bodies[-1].com))
+    mass = sum(body.mass for body in bodies)
+    return mass * (0.5 * length) ** 2, STANDARD_GRAVITY * 0.25 * robot.mass * length

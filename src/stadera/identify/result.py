@@ -36,7 +36,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class KnownCombination:
-    """One identifiable combination of parameters, as text, with its unit, prior and found value, and standard deviation."""
+    """One identifiable combination of parameters, as text, with its unit, prior and found value, and standard
+    deviation.
+    """
 
     text: str
     prior: float
@@ -96,7 +98,7 @@ class LegIdentification:
     def parameters(self) -> Mapping[str, Quantity]:
         """The ten parameters of each link, and the joint terms, by name."""
         names = self.estimate.columns
-        return dict(zip(names, self._quantities(np.eye(len(names)), [_unit(n) for n in names]), strict=True))
+        return dict(zip(names, self._quantities(np.eye(len(names)), [unit_of(n) for n in names]), strict=True))
 
     @cached_property
     def coms(self) -> Mapping[str, tuple[Quantity, Quantity, Quantity]]:
@@ -175,7 +177,9 @@ class Identification:
             found = leg.estimate.by_name()
             inertias |= {link: leg.estimate.inertia(link) for link in leg.leg.links}
             for joint in leg.leg.joints:
-                terms = {t: found[f"{joint}.{t}"] for t in JointDynamics.__dataclass_fields__ if f"{joint}.{t}" in found}
+                terms = {
+                    t: found[f"{joint}.{t}"] for t in JointDynamics.__dataclass_fields__ if f"{joint}.{t}" in found
+                }
                 dynamics[joint] = replace(dynamics[joint], **terms)
         return replace(self.robot, inertias=inertias, dynamics=dynamics)
 
@@ -188,5 +192,5 @@ _UNITS = dict(zip(ORDER, ("kg", *("kg·m",) * 3, *("kg·m²",) * 6), strict=True
 }
 
 
-def _unit(column: str) -> str:
+def unit_of(column: str) -> str:
     return _UNITS[column.rsplit(".", 1)[1]]

@@ -1,8 +1,8 @@
 """From information to parameters: the paper's null-space solution (eq. 5), and the physically consistent one.
 
-Both keep a mass that is not observable at its CAD value. No leg's mass is observable on a held trunk; a mass that drifts
-there is the method's doing and no finding, and centres of mass, h/m, would drift with it. What a wrong mass should have
-explained shows in the first moments and the inertia instead, which are what the torques depend on.
+Both keep a mass that is not observable at its CAD value. No leg's mass is observable on a held trunk; a mass that
+drifts there is the method's doing and no finding, and centres of mass, h/m, would drift with it. What a wrong mass
+should have explained shows in the first moments and the inertia instead, which are what the torques depend on.
 """
 
 from __future__ import annotations
@@ -68,10 +68,11 @@ class Estimate:
 def null_space_solution(information: Information, prior: Prior) -> Estimate:
     """Least squares where the data speak, the CAD values where they do not: the paper's eq. 5.
 
-    φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. The metric: each parameter in units of its
-    prior width, so that the answer does not depend on units; within the null space masses are brought to CAD first, then
-    the rest as near to CAD as that leaves. Directions that the data know worse than the prior count as null space, which
-    for data without noise is the null space of the regressor. Parameters with no influence on the data stay at CAD exactly.
+    φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. The metric: each parameter in units of
+    its prior width, so that the answer does not depend on units; within the null space masses are brought to CAD
+    first, then the rest as near to CAD as that leaves. Directions that the data know worse than the prior count as
+    null space, which for data without noise is the null space of the regressor. Parameters with no influence on the
+    data stay at CAD exactly.
     """
     data = _on(prior, information)
     seen = observability(data, prior)
@@ -119,9 +120,11 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
 
 
 def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
-    """argmin Σ weight² (v·(x - best))² under the constraints, over the free x: written in y = weight · V(x - best) / scale,
-    in which the objective is round whatever the ratio of data to prior; below 1e-7 of the firmest direction the solver
-    cannot tell weights apart."""
+    """argmin Σ weight² (v·(x - best))² under the constraints, over the free x.
+
+    Written in y = weight · V (x - best) / scale, in which the objective is round whatever the ratio of data to prior;
+    below 1e-7 of the firmest direction the solver cannot tell weights apart.
+    """
     scale = np.maximum(weight / weight.max(), 1e-7)
     y = cp.Variable(len(free))
     x_free = best + Vt.T @ cp.multiply(1.0 / scale, y)

@@ -53,6 +53,12 @@ def suggest_cutoff(recording: Recording, joints: Sequence[str] | None = None) ->
     return float(np.floor(10 * min(max(wanted, LOWEST_HZ), highest)) / 10)
 
 
+def highest_cutoff(recording: Recording) -> float:
+    """The highest cut-off that the recording's sampling rate allows [Hz], rounded down to 0.1 Hz."""
+    rate_hz = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR).rate_hz
+    return float(np.floor(10 * rate_hz / RATES_PER_CUTOFF) / 10)
+
+
 def _highest_motion(block: Block, rate_hz: float) -> float:
     """The frequency below which POWER_SHARE of the fastest joint's velocity power lies [Hz]; 0 where nothing moves."""
     samples = min(len(block.time), round(STRETCH_S * rate_hz))

@@ -2,8 +2,8 @@
 
     τ_joint = I_a q̈ + b q̇ + τ_c tanh(q̇ / v_s) + τ_0
 
-linear in (I_a, b, τ_c, τ_0). The sign of Coulomb friction is smoothed over v_s, so that noise around standstill does not
-flip it from sample to sample.
+linear in (I_a, b, τ_c, τ_0). The sign of Coulomb friction is smoothed over v_s, so that noise around standstill does
+not flip it from sample to sample.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class FrictionModel:
     """
 
     terms: tuple[str, ...] = ()
-    stiction_velocity: float = 0.02
+    stiction_velocity: float = 0.03
 
     def __post_init__(self) -> None:
         for term in self.terms:
@@ -48,7 +48,7 @@ class FrictionModel:
         object.__setattr__(self, "terms", tuple(t for t in FRICTION_TERMS if t in self.terms))
 
     @classmethod
-    def full(cls, stiction_velocity: float = 0.02) -> FrictionModel:
+    def full(cls, stiction_velocity: float = 0.03) -> FrictionModel:
         """All four terms."""
         return cls(FRICTION_TERMS, stiction_velocity)
 

@@ -1,7 +1,8 @@
 """Joint torques (and the wrench on the trunk) as rows in the inertial parameters: the paper's eq. 2, Y(q, q̇, q̈) φ = τ.
 
-By virtual power. Let joint j turn at unit rate and everything else be frozen: link i then has angular velocity s and its
-origin the velocity v, both in link i's axes. The torque of joint j that link i's inertia asks for is the power of its
+By virtual power. Let joint j turn at unit rate and everything else be frozen: link i then has angular velocity s and
+its origin the velocity v, both in link i's axes. The torque of joint j that link i's inertia asks for is the power of
+its
 inertial wrench along that motion::
 
     τ_j = Σ_i  v · f_i + s · n_i
@@ -21,7 +22,7 @@ over samples.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -66,7 +67,7 @@ class JointTorqueRegressor:
     """
 
     tree: Tree
-    friction: FrictionModel = FrictionModel()
+    friction: FrictionModel = field(default_factory=FrictionModel)
     trunk_rows: bool = False
 
     @cached_property
@@ -76,7 +77,9 @@ class JointTorqueRegressor:
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """All parameters: ten a link (with the trunk's when `trunk_rows`), then the friction columns, joint by joint."""
+        """All parameters: ten a link (with the trunk's when `trunk_rows`), then the friction columns, joint by
+        joint.
+        """
         links = self.tree.links if self.trunk_rows else self.tree.links[1:]
         return inertial_columns(links) + tuple(c for joint in self.tree.joints for c in self.friction.columns(joint))
 

@@ -1,0 +1,95 @@
+"""The passes over the training part: what it says of each leg, and how noisy its residuals are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.identify.information import Information
+from stadera.identify.job import Job, LegTask
+from stadera.identify.log import Part
+from stadera.identify.residuals import PlainFits, residual_noise, rows_of
+
+_PENDING = 8  # informations kept before they are merged
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """What the training part says of one leg.
+
+    Attributes:
+        by_joint: information of each joint's rows, in N·m, on the regressor's columns.
+        noise: by joint, standard deviation of the torque residual [N·m].
+        correlation: by joint, how many samples one independent sample is worth.
+        friction_only: the joint terms fitted with the rigid bodies at CAD.
+    """
+
+    by_joint: tuple[Information, ...]
+    noise: Mapping[str, float]
+    correlation: Mapping[str, float]
+    friction_only: Mapping[str, float]
+
+    def whitened(self, fixed: Mapping[str, float]) -> Information:
+        """All joints' rows in units of their effective noise, for the parameters that are not fixed (eq. 6)."""
+        total = Information.empty(self.by_joint[0].columns)
+        for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True):
+            total = total.merge(information.scaled_noise(std * np.sqrt(self.correlation[joint])))
+        return total.fix(fixed)
+
+
+def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
+    """Sums up the training part, one result for each of the job's legs.
+
+    Raises:
+        IdentificationError: no sample moves.
+    """
+    by_joint = _summed_up(job, training)
+    if not training.samples:
+        raise IdentificationError(
+            f"{training.source}: no sample moves: all joint velocities stay below "
+            f"{job.preprocessing.drop_below:g} rad/s"
+        )
+    fits = [_plain_fits(task, found) for task, found in zip(job.tasks, by_joint, strict=True)]
+    regressors = [task.regressor for task in job.tasks]
+    noise = residual_noise(job.step("measuring the noise"), training, regressors, fits, job.trunk)
+    out = []
+    for task, found, fit, (std, correlation) in zip(job.tasks, by_joint, fits, noise, strict=True):
+        terms = {c: v for c, v in fit.friction_only.items() if c not in task.rigid}
+        out.append(Gathered(found, std, correlation, terms))
+    return tuple(out)
+
+
+def _summed_up(job: Job, training: Part) -> list[tuple[Information, ...]]:
+    """For each leg, the information of each of its joints."""
+    pending: list[list[list[Information]]] = [[[] for _ in task.leg.joints] for task in job.tasks]
+    step = job.step("summing up the torques")
+    for done, chunk in enumerate(training):
+        for task, lists in zip(job.tasks, pending, strict=True):
+            for waiting, rows in zip(lists, rows_of(task.regressor, chunk, job.trunk), strict=True):
+                waiting.append(Information.of([rows], task.regressor.columns))
+                if len(waiting) >= _PENDING:
+                    waiting[:] = [_merged(waiting)]
+        step(done + 1, 0)
+    return [tuple(_merged(waiting) for waiting in lists) for lists in pending]
+
+
+def _plain_fits(task: LegTask, by_joint: Sequence[Information]) -> PlainFits:
+    """Before any noise is known: each joint's best fit, and the fit of the joint terms with the links at CAD."""
+    best, friction_only = [], dict(task.believed)
+    for information in by_joint:
+        best.append(dict(task.fixed) | information.fix(task.fixed).least_squares())
+        terms = information.fix(task.rigid | dict(task.fixed))
+        # terms of the other joints have no influence on this one
+        heard = np.linalg.norm(terms.R, axis=0) > 0
+        friction_only |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}
+    return PlainFits(tuple(best), friction_only)
+
+
+def _merged(parts: Sequence[Information]) -> Information:
+    total = parts[0]
+    for other in parts[1:]:
+        total = total.merge(other)
+    return total

@@ -1,0 +1,156 @@
+"""What is decided before the passes over the logs: cut-off, vertical, torque lag, what is fixed and what believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+from stadera.identify.lag import TorqueLag, estimate_lag
+from stadera.identify.log import Log, Part, Stretch, head, name_of, time_span
+from stadera.identify.prior import Prior, robot_prior
+from stadera.identify.settings import IdentifySettings
+from stadera.identify.vertical import Vertical, vertical_of
+from stadera.recording.cutoff import highest_cutoff, suggest_cutoff
+from stadera.recording.join import take
+from stadera.recording.preprocess import preprocess_stream
+from stadera.recording.recording import Recording
+from stadera.recording.settings import Preprocessing
+from stadera.regressors import FrictionModel, JointTorqueRegressor, TrunkMotion
+from stadera.robot.model import Leg, Robot
+
+Progress = Callable[[str, int, int], None]
+"""Told a step's name, how much of it is done, and how much there is (0: not known)."""
+
+LOWEST_CUTOFF = 15.0
+"""Hz; no lower cut-off is chosen by itself: Coulomb friction's steps, smeared out, would pass for something else."""
+LAG_CUTOFF = 25.0
+"""Hz; for the torque lag, which shows best in fast changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class LegTask:
+    """One leg to identify.
+
+    Attributes:
+        leg: its names.
+        regressor: rows of its torques, with all joint terms.
+        believed: the model's value of every parameter.
+        fixed: those that are not to be identified, at the model's values.
+        prior: the belief in those that are.
+    """
+
+    leg: Leg
+    regressor: JointTorqueRegressor
+    believed: Mapping[str, float]
+    fixed: Mapping[str, float]
+    prior: Prior
+
+    @classmethod
+    def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:
+        """A leg of a robot, with what the settings leave to be identified."""
+        regressor = JointTorqueRegressor(
+            robot.leg_tree(leg.name), FrictionModel.full(settings.friction.stiction_velocity)
+        )
+        everything = robot_prior(robot, regressor.columns, settings.width)
+        believed = dict(zip(regressor.columns, everything.values.tolist(), strict=True))
+        chosen = {f"{joint}.{term}" for joint in leg.joints for term in settings.friction.terms}
+        terms = {c for c in regressor.columns if c.rsplit(".", 1)[0] in leg.joints}
+        fixed = {c: believed[c] for c in regressor.columns if c in terms - chosen}
+        identified = tuple(c for c in regressor.columns if c not in fixed)
+        return cls(leg, regressor, believed, fixed, robot_prior(robot, identified, settings.width))
+
+    @cached_property
+    def rigid(self) -> dict[str, float]:
+        """The links' parameters at the model's values."""
+        return {c: v for c, v in self.believed.items() if c.rsplit(".", 1)[0] in self.leg.links}
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Everything that is fixed before the passes over the logs begin."""
+
+    robot: Robot
+    tasks: tuple[LegTask, ...]
+    settings: IdentifySettings
+    preprocessing: Preprocessing
+    vertical: Vertical
+    notes: tuple[str, ...]
+    progress: Progress
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints of all legs, in the order of the processed signals."""
+        return tuple(joint for task in self.tasks for joint in task.leg.joints)
+
+    @property
+    def trunk(self) -> TrunkMotion:
+        """The held trunk."""
+        return TrunkMotion.held(self.vertical.up)
+
+    def step(self, name: str) -> Callable[[int, int], None]:
+        """The progress of one step."""
+        return partial(self.progress, name)
+
+
+def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progress: Progress) -> Job:
+    """Decides cut-off, vertical and torque lag from the beginning of each log.
+
+    Raises:
+        RecordingError: logs that lack a joint or its torque, or are too short.
+        UnknownNameError: no such leg or joint.
+    """
+    names = dict.fromkeys(settings.legs or (leg.name for leg in robot.legs))
+    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in names)
+    joints = tuple(joint for task in tasks for joint in task.leg.joints)
+    beginnings = [head(log, joints) for log in logs]
+    cutoff = _cutoff(beginnings, joints, settings)
+    vertical = vertical_of(beginnings[0], robot, settings.up)
+    notes: tuple[str, ...] = ()
+    lag = settings.torque_lag
+    if lag is None:
+        progress("estimating the torque lag", 0, 1)
+        training = [take(r, slice(0, max(2, round(settings.split * len(r))))) for r in beginnings]
+        estimate = _lag(training, tasks, vertical, filtered=cutoff is not None)
+        progress("estimating the torque lag", 1, 1)
+        lag = estimate.value
+        if lag:
+            notes = (
+                f"torque lag estimated at {1e3 * lag:.1f} ms; it lowers the residuals' variance by "
+                f"{100 * (1 - estimate.variance_ratio):.0f} %",
+            )
+    return Job(robot, tasks, settings, Preprocessing(cutoff, effort_delay=lag), vertical, notes, progress)
+
+
+def _cutoff(beginnings: Sequence[Recording], joints: Sequence[str], settings: IdentifySettings) -> float | None:
+    if settings.cutoff_hz != "auto":
+        return settings.cutoff_hz
+    suggested = [c for c in (suggest_cutoff(r, joints) for r in beginnings) if c is not None]
+    if not suggested:
+        return None  # accelerations are recorded: there is nothing to filter
+    return min(max(*suggested, LOWEST_CUTOFF), *(highest_cutoff(r) for r in beginnings))
+
+
+def _lag(recordings: Sequence[Recording], tasks: Sequence[LegTask], vertical: Vertical, *, filtered: bool) -> TorqueLag:
+    cutoff = min(LAG_CUTOFF, *(highest_cutoff(r) for r in recordings)) if filtered else None
+    joints = tuple(joint for task in tasks for joint in task.leg.joints)
+    settings = Preprocessing(cutoff, drop_below=0.0)
+    stretches = [p for r in recordings for p in preprocess_stream([r], settings, joints) if len(p)]
+    return estimate_lag(stretches, [task.regressor for task in tasks], vertical.up)
+
+
+def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) -> tuple[Part, Part | None, str | None]:
+    """The training part, the validation part, and in words what the latter is."""
+    make = partial(Part, joints=job.joints, settings=job.preprocessing)
+    if validation is not None:
+        names = ", ".join(dict.fromkeys(name_of(log) for log in validation))
+        return make([Stretch(log) for log in logs]), make([Stretch(log) for log in validation]), names
+    if job.settings.split == 1.0:
+        return make([Stretch(log) for log in logs]), None, None
+    first, rest = [], []
+    for log in logs:
+        start, stop = time_span(log, job.joints)
+        middle = start + job.settings.split * (stop - start)
+        first.append(Stretch(log, stop=middle))
+        rest.append(Stretch(log, start=middle))
+    return make(first), make(rest), f"the last {100 * (1 - job.settings.split):.0f} % of the log"

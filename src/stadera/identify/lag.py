@@ -1,0 +1,98 @@
+"""How much later than its stamp a recorded torque acted.
+
+A command reaches the motor late, a sensor reports late; a few milliseconds turn into friction and rotor inertia that
+are not there, for torque then looks like a function of the velocity before. The lag is the one, common to all joints,
+with which the model explains the torques best:
+
+    minimise over δ   Σ_joints N log ρ_j²(δ),     ρ_j²(δ) = min_θ ‖Y θ - τ_j(t - δ)‖²
+
+the log-likelihood of Gaussian residuals with each joint's own variance. Y is factored once for all lags: they are so
+many right-hand sides of one least-squares problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg import qr
+
+from stadera.recording.preprocess import Processed
+from stadera.regressors import JointMotion, JointTorqueRegressor, TrunkMotion
+
+Array = NDArray[np.float64]
+
+EARLIEST, LATEST, STEP = -0.010, 0.040, 0.0025  # s
+NOTICEABLE = 0.01
+"""Relative fall of the residual's variance below which a lag is not worth believing."""
+
+
+@dataclass(frozen=True)
+class TorqueLag:
+    """The lag [s], and how far it lowers the residuals: their variance with it over that without it."""
+
+    value: float
+    variance_ratio: float
+
+
+def estimate_lag(
+    processed: Sequence[Processed], regressors: Sequence[JointTorqueRegressor], trunk_up: Array
+) -> TorqueLag:
+    """The lag of the efforts in stretches that were preprocessed without any.
+
+    Args:
+        processed: stretches without gaps inside; samples at rest kept.
+        regressors: one for each leg, over joints that the stretches have.
+        trunk_up: the vertical in trunk axes, (3,).
+    """
+    lags = np.arange(EARLIEST, LATEST + STEP / 2, STEP)
+    cost = np.zeros(len(lags))
+    at_zero = int(np.argmin(np.abs(lags)))
+    for regressor in regressors:
+        blocks: dict[str, list[Array]] = {}
+        names = regressor.tree.joints
+        for stretch in processed:
+            inner = (stretch.time >= stretch.time[0] + LATEST) & (stretch.time <= stretch.time[-1] + EARLIEST)
+            index = [stretch.joints.index(name) for name in names]
+            joints = JointMotion(
+                *(getattr(stretch, c)[inner][:, index] for c in ("position", "velocity", "acceleration"))
+            )
+            assert stretch.effort is not None
+            effort = CubicSpline(stretch.time, stretch.effort[:, index])
+            delayed = np.stack([effort(stretch.time[inner] - lag) for lag in lags], axis=-1)
+            rows = regressor.rows(joints, delayed[:, :, at_zero], TrunkMotion.held(trunk_up))
+            for k, (name, row) in enumerate(zip(names, rows, strict=True)):
+                blocks.setdefault(name, []).append(np.column_stack((row.matrix, delayed[:, k])))
+        for parts in blocks.values():
+            cost += _log_residuals(np.concatenate(parts), len(lags))
+    best, depth = _vertex(lags, cost)
+    samples = sum(len(stretch) for stretch in processed) * sum(len(r.tree.joints) for r in regressors)
+    ratio = float(np.exp((depth - cost[at_zero]) / max(samples, 1)))
+    return TorqueLag(best, ratio) if ratio < 1.0 - NOTICEABLE else TorqueLag(0.0, 1.0)
+
+
+def _log_residuals(block: Array, lags: int) -> Array:
+    """N log of the mean squared residual for each of the last `lags` columns, regressed on the columns before them."""
+    n = block.shape[1] - lags
+    scale = np.linalg.norm(block, axis=0)
+    block = block / np.where(scale > 0, scale, 1.0)
+    Q, R, _ = qr(block[:, :n], mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    Q = Q[:, : int(np.sum(diagonal > 1e-10 * diagonal[0]))]
+    residual = np.sum(block[:, n:] ** 2, axis=0) - np.sum((Q.T @ block[:, n:]) ** 2, axis=0)
+    floor = 1e-13  # of the torque's square: below it, rounding
+    return np.asarray(len(block) * np.log(np.maximum(residual, floor) * scale[n:] ** 2 / len(block)))
+
+
+def _vertex(lags: Array, cost: Array) -> tuple[float, float]:
+    """Where the parabola through the smallest cost and its neighbours is lowest, and how low."""
+    k = int(np.argmin(cost))
+    if not 0 < k < len(lags) - 1:
+        return float(lags[k]), float(cost[k])
+    before, here, after = cost[k - 1 : k + 2]
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    return float(lags[k] + shift * (lags[1] - lags[0])), float(here - 0.25 * (before - after) * shift)

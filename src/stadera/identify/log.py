@@ -1,0 +1,119 @@
+"""A log as the pipeline reads it: in several passes, in parts, preprocessed, with memory flat in its length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.recording.join import take
+from stadera.recording.preprocess import Processed, preprocess_stream
+from stadera.recording.reader import stream
+from stadera.recording.recording import Recording
+from stadera.recording.settings import Preprocessing
+
+Log = Recording | str | Path
+"""A recording in memory, or the path of one that is streamed anew at each pass."""
+
+KEEP_SAMPLES = 500_000
+"""Processed samples up to which a part is kept in memory between passes."""
+
+
+def chunks(log: Log, joints: Sequence[str]) -> Iterator[Recording]:
+    """The log's samples in order, with positions and efforts of these joints there."""
+    if isinstance(log, Recording):
+        log.channel("effort", tuple(joints))
+        return iter([log])
+    return stream(log, joints=joints, require=("effort",))
+
+
+def head(log: Log, joints: Sequence[str]) -> Recording:
+    """The log's beginning (all of it when in memory).
+
+    Raises:
+        RecordingError: an empty log.
+    """
+    for chunk in chunks(log, joints):
+        return chunk
+    raise RecordingError(f"{log}: too few samples: none")
+
+
+def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:
+    """First and last stamp [s]."""
+    first, last = np.inf, -np.inf
+    for chunk in chunks(log, joints):
+        first, last = min(first, float(chunk.time[0])), float(chunk.time[-1])
+    return first, last
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A log between two times [s]: `start` included, `stop` not."""
+
+    log: Log
+    start: float = -np.inf
+    stop: float = np.inf
+
+    def recordings(self, joints: Sequence[str]) -> Iterator[Recording]:
+        """Its samples, chunk by chunk."""
+        for chunk in chunks(self.log, joints):
+            first, last = np.searchsorted(chunk.time, (self.start, self.stop))
+            if first < last:
+                yield chunk if last - first == len(chunk) else take(chunk, slice(int(first), int(last)))
+            if last < len(chunk):
+                return
+
+
+def name_of(log: Log) -> str:
+    """What messages call a log."""
+    return log.source if isinstance(log, Recording) else str(log)
+
+
+class Part:
+    """Some stretches of logs (the training part, the validation part), preprocessed alike, for several passes.
+
+    A part of up to `KEEP_SAMPLES` samples is kept after the first pass; a longer one is read and processed again.
+    """
+
+    def __init__(self, stretches: Sequence[Stretch], joints: Sequence[str], settings: Preprocessing) -> None:
+        self.stretches, self.joints, self.settings = tuple(stretches), tuple(joints), settings
+        self._kept: list[Processed] | None = None
+        self.notes: tuple[str, ...] = ()
+        self.samples = 0
+
+    @property
+    def source(self) -> str:
+        """What messages call it."""
+        return ", ".join(dict.fromkeys(name_of(stretch.log) for stretch in self.stretches))
+
+    def __iter__(self) -> Iterator[Processed]:
+        if self._kept is not None:
+            yield from self._kept
+            return
+        kept: list[Processed] | None = []
+        samples = 0
+        notes: dict[str, None] = {}
+        for chunk in chain.from_iterable(self._process(stretch) for stretch in self.stretches):
+            samples += len(chunk)
+            notes |= dict.fromkeys(chunk.notes)
+            if kept is not None:
+                kept = [*kept, chunk] if samples <= KEEP_SAMPLES else None
+            yield chunk
+        self._kept, self.samples, self.notes = kept, samples, tuple(notes)
+
+    def _process(self, stretch: Stretch) -> Iterable[Processed]:
+        for processed in preprocess_stream(stretch.recordings(self.joints), self.settings, self.joints):
+            if len(processed) or processed.notes:
+                yield replace(processed, effort=_present(processed))
+
+
+def _present(processed: Processed) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    if processed.effort is None:
+        raise RecordingError(
+            f"{processed.source}: no joint effort is recorded; torques are what legs are identified by"
+        )
+    return processed.effort

@@ -1,0 +1,70 @@
+"""Four legs are driven alike: what the other legs say of a joint's drive is the prior for this leg's.
+
+The four knees of a robot carry the same motor and gearbox, so their rotor inertia and friction are nearly equal; a
+slow motion tells them apart badly for each leg by itself. For a leg's joint term the prior's centre is the mean of the
+same term on the other legs, each weighted by how well it is known there::
+
+    μ = Σ w_l θ_l / Σ w_l,    w_l = 1 / (var_l + (r μ)²),    width² = (r μ)² + 1 / Σ w_l
+
+with r the spread between drives of one make. A leg's own data do not enter its own prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import IdentificationError
+from stadera.identify.prior import Prior
+from stadera.identify.solutions import Estimate
+from stadera.robot.model import Leg
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How much drives of one make differ, one standard deviation, relative to their mean.
+
+    Rotor inertia and viscous friction are the drive's design; Coulomb friction also depends on wear and preload.
+    """
+
+    armature: float = 0.1
+    viscous: float = 0.1
+    coulomb: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("armature", "viscous", "coulomb"):
+            if not getattr(self, name) > 0:
+                raise IdentificationError(f"spread of {name!r} must be positive, got {getattr(self, name)}")
+
+
+def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: Spread) -> Prior:
+    """A leg's prior with the centre and width of its drives' terms taken from the other legs.
+
+    Terms that the prior does not hold stay out; without other legs it is the prior itself.
+    """
+    values, root = prior.values.copy(), prior.root.copy()
+    for position, joint in enumerate(leg.joints):
+        for term in ("armature", "viscous", "coulomb"):
+            name = f"{joint}.{term}"
+            if name not in prior.columns or not others:
+                continue
+            found, variance = [], []
+            for other, estimate in others:
+                k = estimate.columns.index(f"{other.joints[position]}.{term}")
+                found.append(estimate.values[k])
+                variance.append(estimate.covariance[k, k])
+            k = prior.columns.index(name)
+            values[k], root[k, k] = _mean(np.array(found), np.array(variance), getattr(spread, term), root[k, k])
+    return replace(prior, values=values, root=root)
+
+
+def _mean(
+    found: NDArray[np.float64], variance: NDArray[np.float64], relative: float, widest: float
+) -> tuple[float, float]:
+    between = (relative * float(np.median(np.abs(found)))) ** 2
+    weights = 1.0 / (variance + between + 1e-12 * widest**2)
+    mean = float(weights @ found / weights.sum())
+    return max(mean, 0.0), min(float(np.sqrt(between + 1.0 / weights.sum())), widest)

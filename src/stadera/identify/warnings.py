@@ -1,0 +1,99 @@
+"""What a careful reader of a result would want to be told, in one sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from stadera.identify.observability import Verdict
+from stadera.identify.residuals import LegScore
+from stadera.identify.result import LegIdentification
+from stadera.identify.vertical import Vertical
+
+
+def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore]) -> LegIdentification:
+    """The result with its warnings put in."""
+    warnings = (
+        *_excitation(result),
+        *_joint_terms(result),
+        *_data(result, scores["training"]),
+        *_prediction(result, scores.get("validation")),
+    )
+    return replace(result, warnings=warnings)
+
+
+def log_warnings(vertical: Vertical, legs: tuple[LegIdentification, ...], samples: int) -> tuple[str, ...]:
+    """What concerns the whole log."""
+    warnings = []
+    if not vertical.held:
+        warnings.append(
+            "the IMU shows a turning trunk: the trunk is assumed to be held, the results are not to be trusted"
+        )
+    if all(leg.estimate.observability.rank == 0 for leg in legs):
+        warnings.append("the motion excites nothing: every value is the model's own")
+    if samples < 200:
+        warnings.append(f"only {samples} moving samples")
+    return tuple(warnings)
+
+
+def _excitation(result: LegIdentification) -> list[str]:
+    rank, possible = result.estimate.observability.rank, result.structural_rank
+    if rank >= possible:
+        return []
+    return [
+        f"poor excitation: the data determine {rank} of the {possible} combinations that a richer motion would; "
+        f"the others rest on the model's values"
+    ]
+
+
+def _joint_terms(result: LegIdentification) -> list[str]:
+    out = []
+    unconstrained = result.null_space.by_name()
+    for joint in result.leg.joints:
+        for term in ("armature", "viscous", "coulomb"):
+            value = unconstrained.get(f"{joint}.{term}", 0.0)
+            found = result.parameters.get(f"{joint}.{term}")
+            if found is None or found.verdict is Verdict.UNOBSERVABLE or value >= 0:
+                continue
+            word = {"armature": "rotor inertia"}.get(term, f"{term} friction")
+            if result.estimate.method == "null-space":
+                out.append(f"{joint}: {word} came out negative ({value:.3g} {found.unit}), which no joint has")
+            else:
+                out.append(
+                    f"{joint}: without the physical constraint {word} would come out negative "
+                    f"({value:.3g} {found.unit}); look for a torque lag or an unmodelled effect"
+                )
+    if not result.estimate.is_physical:
+        out.append("the solution is not physically consistent: do not hand it to a controller or a simulator")
+    return out
+
+
+def _data(result: LegIdentification, score: LegScore) -> list[str]:
+    out = []
+    for joint in result.leg.joints:
+        share = score.outliers[joint] / max(score.samples, 1)
+        if share > 1e-3:
+            out.append(
+                f"{joint}: {100 * share:.1f} % of the samples lie beyond six standard deviations of the residual"
+            )
+        if score.saturated[joint]:
+            out.append(
+                f"{joint}: {score.saturated[joint]} samples at the torque limit; "
+                f"a saturated torque is not a measured one"
+            )
+    return out
+
+
+def _prediction(result: LegIdentification, score: LegScore | None) -> list[str]:
+    if score is None or not score.samples:
+        return []
+    rmse = score.rmse
+    worse = [j for j in result.leg.joints if rmse["identified"][j] > rmse["prior_friction"][j] * (1 + 1e-9)]
+    return [
+        f"{joint}: on the validation part the identified model is no better than CAD with friction "
+        f"({rmse['identified'][joint]:.3g} against {rmse['prior_friction'][joint]:.3g} N·m)"
+        for joint in worse
+        if rmse["identified"][joint] > 1e-6 * np.sqrt(np.mean(np.square(list(rmse["prior"].values()))) + 1e-30)
+    ]
