@@ -4,8 +4,8 @@ from __future__ import annotations
 
 TERMS: dict[str, str] = {
     "CAD": "The values of the robot's model file: what was believed before.",
-    "prior": "What was believed before, and how firmly. For links, CAD. For rotor inertia and friction, the model file's "
-    "values, drawn towards those of the other legs' same joints where several legs are identified together.",
+    "prior": "What was believed before, and how firmly. For links, CAD. For rotor inertia and friction, the model "
+    "file's values, drawn towards those of the other legs' same joints where several legs are identified together.",
     "CAD + friction": "The model file's links, with rotor inertia, friction and torque offset of each joint fitted to "
     "the same data. The fair opponent: what the links' parameters bring on top of friction is the difference to it.",
     "identified": "Links and joints fitted together.",
@@ -18,8 +18,8 @@ TERMS: dict[str, str] = {
     "observable": "The data alone fix the value to within a tenth of what CAD leaves open.",
     "partial": "Data fix it only in combination with others. Predictions need the combination only; the value by "
     "itself leans on CAD.",
-    "unobservable": "No torque of this motion changes with it beyond noise. It stays as CAD has it, or moves along with "
-    "what was measured, as the prior and physical consistency have it (the number in brackets, which the export holds).",
+    "unobservable": "No torque of this motion changes with it beyond noise. It stays as CAD has it, or moves along "
+    "with what was measured, as prior and physical consistency have it (the number in brackets; the export holds it).",
     "com": "Centre of mass in the link's frame. It is the first moment over the mass; where the mass is not measured "
     "it holds for CAD's mass, and its standard deviation leaves the mass's out.",
     "Ixx ... Izz": "Inertia about the origin of the link's frame, in the link's axes (not about the centre of mass).",
