@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stadera.identify.information import Information
+from stadera.identify.observability import Verdict
 from stadera.identify.prior import robot_prior
 from stadera.identify.result import MODELS, Identification, KnownCombination, LegIdentification, TorqueTrace
 from stadera.identify.solutions import consistent_solution, null_space_solution
@@ -50,7 +51,9 @@ def _leg_identification(robot, name, rng, samples=1500):
         for part, rows in (("training", slice(0, half)), ("validation", slice(half, samples)))
     )
     first = f"{leg.links[2]}.mcx"
-    combination = KnownCombination(f"{first} - 0.35·{leg.links[2]}.m", cad[first], truth[first], 0.003, "kg·m")
+    combination = KnownCombination(
+        f"{first} - 0.35·{leg.links[2]}.m", cad[first], truth[first], 0.003, "kg·m", Verdict.OBSERVABLE
+    )
     return LegIdentification(
         leg=leg,
         estimate=estimate,

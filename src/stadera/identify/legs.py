@@ -145,4 +145,5 @@ def _known(combination: Combination, estimate: Estimate) -> KnownCombination:
         value=float(gradient @ estimate.values),
         std=float(np.sqrt(gradient @ estimate.covariance @ gradient)),
         unit=unit_of(combination.terms[0][0]),
+        verdict=estimate.observability.verdicts(gradient)[0],
     )

@@ -37,7 +37,7 @@ class Quantity:
 @dataclass(frozen=True)
 class KnownCombination:
     """One identifiable combination of parameters, as text, with its unit, prior and found value, and standard
-    deviation.
+    deviation. The verdict is on this log: a richer motion may tell what this one did not.
     """
 
     text: str
@@ -45,6 +45,7 @@ class KnownCombination:
     value: float
     std: float
     unit: str
+    verdict: Verdict
 
 
 @dataclass(frozen=True, eq=False)

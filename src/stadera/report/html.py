@@ -216,38 +216,44 @@ def _quantity_row(name: str, quantity: Quantity, prior: str = "CAD") -> Html:
     seen = element("span", text(mark.symbol), css="seen", title=mark.word, role="img", **{"aria-label": mark.word})
     return row(
         Html(f"{seen} {text(name)} {element('span', text(quantity.unit), css='unit')}"),
-        text(number(quantity.prior)),
+        text(number(quantity.prior, 3)),
         element("td", text(shown(quantity, prior)), css="held" if is_held(quantity) else "value"),
         css=mark.word,
     )
 
 
 def _joints(leg: LegIdentification) -> Iterator[Html]:
-    rows = []
+    terms: dict[str, list[Html]] = {}
     for name, quantity in leg.parameters.items():
         owner, term = name.rsplit(".", 1)
         if owner in leg.leg.joints:
-            rows.append(_quantity_row(f"{owner} {term}", quantity, "prior"))
-    if rows:
+            terms.setdefault(owner, []).append(_quantity_row(term, quantity, "prior"))
+    if terms:
         head = [text(title) for title in ("parameter", "prior", "identified ± std")]
+        cards = (
+            element("div", element("h4", text(joint)), table(head, rows, css="quantities"), css="link")
+            for joint, rows in terms.items()
+        )
         yield element("h3", text("Joints: rotor inertia, friction, torque offset"))
-        yield table(head, rows, css="quantities")
+        yield element("div", *cards, css="links")
 
 
 def _combinations(leg: LegIdentification) -> Iterator[Html]:
     if not leg.combinations:
         return
     rows = [
-        row(
-            Html(element("code", text(c.text)) + " " + element("span", text(c.unit), css="unit")),
-            text(number(c.prior)),
-            element("td", text(with_std(c.value, c.std)), css="value"),
-        )
-        for c in leg.combinations
+        _quantity_row(c.text, Quantity(c.prior, c.value, c.std, c.verdict, c.unit), "prior") for c in leg.combinations
     ]
     head = [text(title) for title in ("combination", "prior", "identified ± std")]
     yield element("h3", text("What this kind of motion can tell: identifiable combinations"))
-    yield element("p", text("These, and no single parameter in them, are what torque depends on."), css="lead")
+    yield element(
+        "p",
+        text(
+            "Torque depends on these, and on no single parameter in them. Rich motion would tell all; the marks say "
+            "which ones this log told."
+        ),
+        css="lead",
+    )
     yield table(head, rows, css="quantities combinations")
 
 

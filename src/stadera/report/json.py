@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stadera.files import write_text
+from stadera.identify.observability import Verdict
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
 from stadera.inertia import ORDER
 from stadera.report.quantities import is_held
@@ -111,7 +112,8 @@ def _combination(combination: KnownCombination) -> dict[str, Any]:
         "unit": combination.unit,
         "prior": combination.prior,
         "value": combination.value,
-        "std": combination.std,
+        "std": None if combination.verdict is Verdict.UNOBSERVABLE else combination.std,
+        "observability": str(combination.verdict),
     }
 
 
