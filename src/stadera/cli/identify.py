@@ -66,15 +66,9 @@ def identify(
     """
     if validate and split is not None:
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
-    choices = {
-        "legs": parse.names(legs),
-        "method": method.value,
-        "cutoff_hz": parse.cutoff(cutoff),
-        "torque_lag": parse.torque_lag(torque_lag),
-        "up": parse.direction(up),
-        "split": 1.0 if validate else parse.split(split or "0.5"),
-    }
-    terms = () if friction.lower() == "none" else parse.names(friction)
+    chosen_legs, chosen_terms = parse.names(legs), parse.terms(friction)
+    cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
+    share = 1.0 if validate else parse.split(split or "0.5")
 
     from stadera.identify.legs import identify as identify_legs
     from stadera.identify.settings import IdentifySettings
@@ -82,7 +76,9 @@ def identify(
     from stadera.report.tables import identification_tables
     from stadera.robot import load_robot
 
-    settings = IdentifySettings(friction=FrictionModel(terms or ()), **choices)
+    settings = IdentifySettings(
+        chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
+    )
     model = load_robot(robot)
     _check_outputs(model, json, report, export, inputs=[*logs, *(validate or ())])
     with progress() as watch:

@@ -18,6 +18,11 @@ def names(value: str | None) -> tuple[str, ...] | None:
     return found
 
 
+def terms(value: str) -> tuple[str, ...]:
+    """A comma-separated list of names, or "none" for no names."""
+    return () if value.lower() == "none" else names(value) or ()
+
+
 def cutoff(value: str) -> float | Literal["auto"] | None:
     """A frequency [Hz], "auto", or "none"."""
     if value.lower() == "auto":

@@ -10,7 +10,7 @@ from stadera.inertia import ORDER
 from stadera.report.findings import findings, is_alarming, judged_part, overall_rmse, torque_rms
 from stadera.report.glossary import TERMS
 from stadera.report.markup import Html, element, items, row, table, text
-from stadera.report.numbers import number, percent, with_std
+from stadera.report.numbers import number, percent
 from stadera.report.page import figure_html, page_html
 from stadera.report.plots import error_figure, rmse_figure, spread_figure, torque_figure
 from stadera.report.quantities import MARKS, MODEL_NAMES, is_held, shown
@@ -181,7 +181,13 @@ def _leg(leg: LegIdentification, result: Identification) -> Html:
         *_joints(leg),
         *_combinations(leg),
         *(
-            element("div", element("h3", text(title)), element("p", text(note), css="lead"), figure_html(plot, title))
+            element(
+                "div",
+                element("h3", text(title)),
+                element("p", text(note), css="lead"),
+                figure_html(plot, title),
+                css="block",
+            )
             for title, plot, note in plots
             if plot.data
         ),

@@ -1,0 +1,66 @@
+"""The JSON of an identification."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from stadera.errors import StaderaError
+from stadera.inertia import ORDER
+from stadera.report.json import identification_json, json_text, write_json
+
+
+def test_values_are_the_estimates(result):
+    found = identification_json(result)
+    (leg,) = result.legs
+    by_name = leg.estimate.by_name()
+    for link in leg.leg.links:
+        entry = found["links"][link]
+        assert entry["mass"]["value"] == by_name[f"{link}.m"]
+        assert [entry["inertia"][n.removeprefix("I")]["value"] for n in ORDER[4:]] == [
+            by_name[f"{link}.{n}"] for n in ORDER[4:]
+        ]
+        moments = [by_name[f"{link}.mc{axis}"] for axis in "xyz"]
+        assert [q["value"] * by_name[f"{link}.m"] for q in entry["com"]] == pytest.approx(moments)
+    for joint in leg.leg.joints:
+        for term, entry in found["joints"][joint].items():
+            assert entry["value"] == by_name[f"{joint}.{term}"]
+    assert found["rank"] == leg.estimate.observability.rank
+    assert found["parameters"] == len(leg.estimate.columns)
+    assert found["rmse"]["validation"]["identified"] == leg.rmse["validation"]["identified"]
+
+
+def test_what_is_not_measured_has_no_std(result):
+    found = identification_json(result)
+    quantities = [
+        q for link in found["links"].values() for q in (link["mass"], *link["com"], *link["inertia"].values())
+    ]
+    assert any(q["observability"] == "unobservable" for q in quantities)
+    assert any(q["observability"] == "observable" for q in quantities)
+    for quantity in quantities:
+        if quantity["observability"] == "unobservable":
+            assert quantity["std"] is None
+        if quantity["observability"] == "observable":
+            assert quantity["std"] > 0
+    assert all(link["mass"]["std"] is None for link in found["links"].values())
+
+
+def test_it_is_strict_json(result, tmp_path):
+    found = identification_json(result)
+    path = write_json(tmp_path / "o.json", found)
+    assert json.loads(path.read_text()) == found
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        json_text(identification_json(replace(result, torque_lag=float("nan"))))
+
+
+def test_a_failed_write_leaves_what_was_there(tmp_path):
+    path = tmp_path / "o.json"
+    write_json(path, {"a": 1})
+    with pytest.raises(TypeError):
+        write_json(path, {"a": object()})
+    assert json.loads(path.read_text()) == {"a": 1}
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(StaderaError, match="no such folder"):
+        write_json(tmp_path / "no" / "o.json", {})

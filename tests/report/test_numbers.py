@@ -1,0 +1,51 @@
+"""Numbers as text."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stadera.report.numbers import number, percent, with_std
+
+_EXPONENTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+
+
+def _read(text: str) -> float:
+    mantissa, _, power = text.partition("·10")
+    return float(Decimal(mantissa.translate(_EXPONENTS)).scaleb(int(power.translate(_EXPONENTS) or 0)))
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(0.0, 4, "0"), (2.93, 4, "2.930"), (-0.0426, 3, "−0.0426"), (1e-4, 3, "1.00·10⁻⁴"), (9.9999e-5, 3, "1.00·10⁻⁴")],
+)
+def test_number(value, digits, text):
+    assert number(value, digits) == text
+
+
+@given(st.floats(1e-12, 1e9) | st.floats(-1e9, -1e-12), st.integers(2, 6))
+def test_number_keeps_its_digits(value, digits):
+    assert _read(number(value, digits)) == pytest.approx(value, rel=0.51 * 10.0 ** (1 - digits))
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (0.071234, 0.00032, "0.07123 ± 0.00032"),
+        (-1.5, 0.11, "−1.50 ± 0.11"),
+        (123.0, 20.0, "123 ± 20"),
+        (-3.64e-5, 6.1e-5, "(−3.6 ± 6.1)·10⁻⁵"),
+        (1.0, 0.0, "1.000"),
+    ],
+)
+def test_with_std(value, std, text):
+    assert with_std(value, std) == text
+
+
+def test_percent():
+    assert percent(0.8, 1.0) == "−20 %"
+    assert percent(1.1, 1.0) == "+10 %"
+    assert percent(1.0, 0.0) == "none"
