@@ -33,7 +33,7 @@ def test_bad_usage_is_exit_2(run, arguments):
 
 
 def test_help_loads_nothing_heavy():
-    heavy = ("cvxpy", "plotly", "pinocchio", "mujoco", "scipy", "pyarrow", "rich")
+    heavy = ("cvxpy", "plotly", "pinocchio", "mujoco", "scipy", "pyarrow", "rich", "numpy")
     code = (
         "import sys\n"
         "from stadera.cli import main\n"
