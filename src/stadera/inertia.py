@@ -202,21 +202,19 @@ class InertialParameters:
         return isinstance(other, InertialParameters) and bool(np.array_equal(self.vector, other.vector))
 
     def __hash__(self) -> int:
-        return hash(self.vector.tobytes())
+        return hash((self.vector + 0.0).tobytes())  # -0.0 equals 0.0
 
     # -- physics ----------------------------------------------------------------------------------------------
     def is_physical(self, tolerance: float = 1e-9) -> bool:
         """Whether some non-negative mass density has these moments (J positive semidefinite).
 
         Args:
-            tolerance: how far below zero the smallest eigenvalue may lie, relative to the largest of the
-                pseudo-inertia brought to unit diagonal, which makes it free of units.
+            tolerance: how far below zero the smallest eigenvalue may lie, once units of mass and length are chosen such
+                that the mass and the trace of the second moment are one.
         """
         J = self.pseudo_inertia
-        diagonal = np.diag(J)
-        if (diagonal < 0).any():
-            return False
-        scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        second, mass = abs(float(np.trace(J[:3, :3]))), abs(self.mass)
+        scale = np.sqrt([second or 1.0] * 3 + [mass or 1.0])
         return bool(np.linalg.eigvalsh(J / np.outer(scale, scale)).min() >= -tolerance)
 
     def log_cholesky(self) -> Array:

@@ -24,7 +24,8 @@ class Rows:
         std: noise of the target, one number or (rows,), in the target's unit; positive.
 
     Raises:
-        IdentificationError: shapes that do not fit, values that are not finite, a std that is not positive.
+        IdentificationError: shapes that do not fit, a std that is not positive and finite. Whether matrix and target are
+            finite is found out where they are summed up.
     """
 
     columns: tuple[str, ...]
@@ -38,8 +39,11 @@ class Rows:
             raise IdentificationError(
                 f"rows need a matrix of shape {(rows, len(self.columns))}, got {self.matrix.shape}"
             )
-        if np.any(np.asarray(self.std) <= 0) or not np.isfinite(self.std).all():
-            raise IdentificationError("the standard deviation of rows must be positive and finite")
+        std = np.asarray(self.std)
+        if std.shape not in ((), (rows,)) or not ((std > 0) & (std < np.inf)).all():
+            raise IdentificationError(
+                f"the standard deviation of rows must be one number or {rows}, positive and finite"
+            )
 
     def __len__(self) -> int:
         return len(self.target)
