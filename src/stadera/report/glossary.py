@@ -11,6 +11,8 @@ TERMS: dict[str, str] = {
     "identified": "Links and joints fitted together.",
     "RMSE": "Root of the mean squared difference between measured and predicted torque. Over all joints: the root of "
     "the mean of the joints' squares.",
+    "torque RMS": "Root mean square of the measured torque over the samples that are drawn: what an error is to be "
+    "compared with.",
     "validation": "Motion that the fit has not seen. Errors on the training data say how well a model bends, not how "
     "well it predicts.",
     "± std": "One standard deviation, from the torque noise seen in the residuals and the prior. It covers noise, not "

@@ -177,6 +177,11 @@ def _leg(leg: LegIdentification, result: Identification) -> Html:
         element("p", text(lead), css="lead"),
         _legend(),
         element("h3", text("Links")),
+        element(
+            "p",
+            text("In the link's frame and axes; inertia about the frame's origin, not the centre of mass."),
+            css="lead",
+        ),
         element("div", *(_link_card(leg, link) for link in leg.leg.links), css="links"),
         *_joints(leg),
         *_combinations(leg),
@@ -255,7 +260,7 @@ def _combinations(leg: LegIdentification) -> Iterator[Html]:
     yield element(
         "p",
         text(
-            "Torque depends on these, and on no single parameter in them. Rich motion would tell all; the marks say "
+            "Torque depends on the parameters through these alone. Rich motion would tell all of them; the marks say "
             "which ones this log told."
         ),
         css="lead",
