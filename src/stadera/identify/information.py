@@ -14,10 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
+from threadpoolctl import ThreadpoolController
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.regressors.rows import Rows
@@ -53,9 +55,10 @@ class Information:
     def of(cls, rows: Iterable[Rows], columns: tuple[str, ...]) -> Information:
         """Everything a stream of rows says; memory does not grow with its length."""
         compressor = _Compressor(columns)
-        for r in rows:
-            compressor.add(r)
-        return compressor.information()
+        with _blas().limit(limits=1, user_api="blas"):
+            for r in rows:
+                compressor.add(r)
+            return compressor.information()
 
     def __post_init__(self) -> None:
         n = len(self.columns)
@@ -175,40 +178,55 @@ def _tail(triangle: Array) -> float:
 
 
 class _Compressor:
-    """Sums up a stream of rows, one triangle for each set of columns that comes along, merged once at the end."""
+    """Sums up a stream of rows: one triangle for each set of columns that comes along, all merged once at the end.
 
-    _PENDING = 16
+    A block of rows is taken into its triangle by the QR of a triangle on top of a rectangle, on blocks that stay in the
+    processor's cache. BLAS gets one thread: the factors are small, and two would wait for each other.
+    """
+
+    _ROWS = 4096
+    _PANEL = 8
 
     def __init__(self, columns: tuple[str, ...]) -> None:
         self.columns = columns
         self.count = 0
-        self.pending: dict[tuple[str, ...], list[Array]] = {}
+        self.triangles: dict[tuple[str, ...], Array] = {}
 
     def add(self, rows: Rows) -> None:
         n = len(rows.columns)
-        block = np.empty((len(rows), n + 1), order="F")
-        np.divide(rows.matrix, np.asarray(rows.std)[..., None], out=block[:, :n])
-        np.divide(rows.target, rows.std, out=block[:, n])
-        factor, _, _, _ = lapack.dgeqrf(block, overwrite_a=True)
-        if not np.isfinite(factor[: n + 1]).all():
-            raise IdentificationError("rows hold values that are not finite")
-        waiting = self.pending.setdefault(rows.columns, [])
-        waiting.append(np.triu(factor[: n + 1]))
+        triangle = self.triangles.get(rows.columns)
+        if triangle is None:
+            triangle = np.zeros((n + 1, n + 1), order="F")
+        weight = 1.0 / np.broadcast_to(np.asarray(rows.std), len(rows))
+        for start in range(0, len(rows), self._ROWS):
+            part = slice(start, start + self._ROWS)
+            block = np.empty((len(weight[part]), n + 1), order="F")
+            np.multiply(rows.matrix[part], weight[part, None], out=block[:, :n])
+            np.multiply(rows.target[part], weight[part], out=block[:, n])
+            triangle, *_ = lapack.dtpqrt(
+                0, min(self._PANEL, n + 1), triangle, block, overwrite_a=True, overwrite_b=True
+            )
+        self.triangles[rows.columns] = triangle
         self.count += len(rows)
-        if len(waiting) >= self._PENDING:
-            self.pending[rows.columns] = [triangularize(np.vstack(waiting))]
 
     def information(self) -> Information:
         n = len(self.columns)
         position = {name: k for k, name in enumerate(self.columns)}
         blocks = [np.zeros((1, n + 1))]
-        for columns, triangles in self.pending.items():
+        for columns, triangle in self.triangles.items():
             for name in columns:
                 if name not in position:
                     raise UnknownNameError("parameter", name, self.columns)
-            stacked = np.vstack(triangles)
-            spread = np.zeros((len(stacked), n + 1))
-            spread[:, [*(position[c] for c in columns), n]] = stacked
+            spread = np.zeros((len(triangle), n + 1))
+            spread[:, [*(position[c] for c in columns), n]] = np.triu(triangle)
             blocks.append(spread)
-        triangle = triangularize(np.vstack(blocks))
+        stacked = np.vstack(blocks)
+        if not np.isfinite(stacked).all():
+            raise IdentificationError("rows hold values that are not finite")
+        triangle = triangularize(stacked)
         return Information(self.columns, triangle[:n, :n], triangle[:n, n], _tail(triangle), float(self.count))
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()

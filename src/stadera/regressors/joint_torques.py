@@ -30,15 +30,21 @@ from numpy.typing import NDArray
 
 from stadera.errors import IdentificationError
 from stadera.inertia import ORDER
-from stadera.regressors.friction import FrictionModel
-from stadera.regressors.motion import (
-    JointMotion,
-    JointRotation,
-    TrunkMotion,
-    component_major,
+from stadera.regressors.components import (
+    ZERO,
+    Component,
+    Vector,
+    add,
     cross,
     dot,
+    minus,
+    plus,
+    scale,
+    times,
+    vector,
 )
+from stadera.regressors.friction import FrictionModel
+from stadera.regressors.motion import JointMotion, JointRotation, TrunkMotion
 from stadera.regressors.rows import Rows
 from stadera.robot.model import Tree
 
@@ -46,6 +52,8 @@ Array = NDArray[np.float64]
 
 TRUNK_ROWS: tuple[str, ...] = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 """Names of the six trunk rows: force [N] and moment about the trunk's origin [N·m], trunk axes."""
+
+_Patterns = tuple[tuple[tuple[str, ...], tuple[tuple[int, tuple[int, ...]], ...]], ...]
 
 
 def inertial_columns(links: tuple[str, ...]) -> tuple[str, ...]:
@@ -62,8 +70,8 @@ class JointTorqueRegressor:
         friction: which joint-side columns to add, see `FrictionModel`.
         trunk_rows: also make the six rows of the wrench that the outside does to the trunk, `force.*`, `moment.*`.
 
-    Columns are only those that can differ from zero for this tree (a knee's torque does not depend on the hip's mass);
-    which ones is found once, from random motion.
+    Columns are only those that can differ from zero for this tree (a knee's torque does not depend on the hip's mass),
+    on a trunk that does not turn or on one that does; which ones is found once, from random motion.
     """
 
     tree: Tree
@@ -118,8 +126,10 @@ class JointTorqueRegressor:
             raise IdentificationError(
                 f"motion has {joints.position.shape[1]} joints, the tree {len(self.tree.joints)}: {self.tree.joints}"
             )
-        links = list(_walk(self.tree, joints, trunk or TrunkMotion.held(), self.trunk_rows))
-        for k, (columns, picks) in enumerate(self._patterns):
+        trunk = trunk or TrunkMotion.held()
+        links = list(_walk(self.tree, joints, trunk, self.trunk_rows))
+        turns = self.trunk_rows or trunk.turns
+        for k, (columns, picks) in enumerate(self._patterns_turning if turns else self._patterns_held):
             joint = k - (len(TRUNK_ROWS) if self.trunk_rows else 0)
             extra = self.friction.columns(self.tree.joints[joint]) if joint >= 0 else ()
             block = np.empty((len(columns) + len(extra), len(joints)))
@@ -132,14 +142,19 @@ class JointTorqueRegressor:
             yield k, columns + extra, block.T
 
     @cached_property
-    def _patterns(self) -> tuple[tuple[tuple[str, ...], tuple[tuple[int, tuple[int, ...]], ...]], ...]:
-        """For each output: names of its inertial columns that can be non-zero, and which they are, link by link."""
+    def _patterns_held(self) -> _Patterns:
+        return self._patterns(TrunkMotion.held((0.3, -0.5, 1.0)))
+
+    @cached_property
+    def _patterns_turning(self) -> _Patterns:
+        return self._patterns(TrunkMotion(*np.random.default_rng(1).uniform(-3.0, 3.0, (3, 64, 3))))
+
+    def _patterns(self, trunk: TrunkMotion) -> _Patterns:
+        """For each output: names of its inertial columns that can be non-zero on a trunk that moves in this manner, and
+        which they are, link by link.
+        """
         rng = np.random.default_rng(0)
-        n = len(self.tree.joints)
-        motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, 64, n)))
-        trunk = (
-            TrunkMotion(*rng.uniform(-3.0, 3.0, (3, 64, 3))) if self.trunk_rows else TrunkMotion.held((0.3, -0.5, 1))
-        )
+        motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, 64, len(self.tree.joints))))
         links = list(_walk(self.tree, motion, trunk, self.trunk_rows))
         patterns = []
         for k in range(len(self.outputs)):
@@ -158,26 +173,26 @@ class JointTorqueRegressor:
 
 @dataclass(frozen=True, eq=False)
 class _LinkMotion:
-    """Motion of one link: ω, α, a (3, samples), and for each output its unit motion (s, v) of this link."""
+    """Motion of one link: ω, α, a, and for each output its unit motion (s, v) of this link."""
 
     name: str
-    omega: Array
-    alpha: Array
-    a: Array
-    unit_motions: dict[int, tuple[Array, Array]]
+    omega: Vector
+    alpha: Vector
+    a: Vector
+    unit_motions: dict[int, tuple[Vector, Vector]]
 
     @cached_property
-    def _omega_squared(self) -> Array:
+    def _omega_squared(self) -> Component:
         return dot(self.omega, self.omega)
 
     def coefficients(self, output: int, wanted: tuple[int, ...], out: Array) -> None:
         """The wanted ones of the ten coefficients of an output's row, written into out (len(wanted), samples)."""
         s, v = self.unit_motions[output]
         omega, alpha, a = self.omega, self.alpha, self.a
-        moment = cross(a, s)
-        if v.any():
-            moment = moment + cross(v, alpha) + dot(omega, v) * omega - self._omega_squared * v
         u = cross(s, omega)
+        moment = add(cross(a, s), cross(v, alpha))
+        along, minus_squared = dot(omega, v), minus(0.0, self._omega_squared)
+        moment = add(moment, scale(along, omega), scale(minus_squared, v))
         for row, c in zip(out, wanted, strict=True):
             if c == 0:
                 row[:] = dot(v, a)
@@ -185,50 +200,50 @@ class _LinkMotion:
                 row[:] = moment[c - 1]
             else:
                 i, j = _TENSOR[c - 4]
-                if i == j:
-                    row[:] = s[i] * alpha[i] + u[i] * omega[i]
-                else:
-                    row[:] = s[i] * alpha[j] + s[j] * alpha[i] + u[i] * omega[j] + u[j] * omega[i]
+                value = plus(times(s[i], alpha[j]), times(u[i], omega[j]))
+                if i != j:
+                    value = plus(value, plus(times(s[j], alpha[i]), times(u[j], omega[i])))
+                row[:] = value
 
 
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_UNIT: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def _walk(tree: Tree, joints: JointMotion, trunk: TrunkMotion, trunk_rows: bool) -> Iterator[_LinkMotion]:
     """The links' motions in tree order; the trunk itself only with `trunk_rows`. See `stadera.regressors.motion`."""
-    unit: dict[int, tuple[Array, Array]] = {}
+    unit: dict[int, tuple[Vector, Vector]] = {}
     if trunk_rows:
-        zero, basis = np.zeros((3, 1)), np.eye(3)
-        unit = {k: (zero, basis[:, k : k + 1]) for k in range(3)} | {
-            3 + k: (basis[:, k : k + 1], zero) for k in range(3)
-        }
+        unit = {k: (ZERO, e) for k, e in enumerate(_UNIT)} | {3 + k: (e, ZERO) for k, e in enumerate(_UNIT)}
     base = _LinkMotion(
         tree.links[0],
-        component_major(trunk.angular_velocity),
-        component_major(trunk.angular_acceleration),
-        component_major(trunk.specific_force),
+        vector(trunk.angular_velocity),
+        vector(trunk.angular_acceleration),
+        vector(trunk.specific_force),
         unit,
     )
     if trunk_rows:
         yield base
     done = [base]
-    for i, name in enumerate(tree.joints):
-        parent = done[tree.parents[i]]
-        turn = JointRotation.of(tree, i, np.ascontiguousarray(joints.position[:, i]))
-        t = tree.translations[i][:, None]
-        axis = tree.axes[i][:, None]
-        velocity, acceleration = joints.velocity[:, i], joints.acceleration[:, i]
-        carried = turn(parent.omega)
-        at_joint = parent.a + cross(parent.alpha, t) + cross(parent.omega, cross(parent.omega, t))
-        moved = {k: (turn(s), turn(v + cross(s, t))) for k, (s, v) in parent.unit_motions.items()}
-        moved[i + len(unit)] = (axis, np.zeros((3, 1)))
-        link = _LinkMotion(
-            tree.links[i + 1],
-            omega=carried + axis * velocity,
-            alpha=turn(parent.alpha) + cross(carried, axis) * velocity + axis * acceleration,
-            a=turn(at_joint),
-            unit_motions=moved,
-        )
+    for i in range(len(tree.joints)):
+        link = _next(tree, i, done[tree.parents[i]], joints, i + len(unit))
         done.append(link)
         yield link
-        del name
+
+
+def _next(tree: Tree, i: int, parent: _LinkMotion, joints: JointMotion, output: int) -> _LinkMotion:
+    """The motion of the link that joint i moves, which is the row number `output`."""
+    turn = JointRotation.of(tree, i, np.ascontiguousarray(joints.position[:, i]))
+    t, axis = vector(tree.translations[i]), vector(tree.axes[i])
+    spin = scale(np.ascontiguousarray(joints.velocity[:, i]), axis)
+    carried = turn(parent.omega)
+    at_joint = add(parent.a, cross(parent.alpha, t), cross(parent.omega, cross(parent.omega, t)))
+    moved = {k: (turn(s), turn(add(v, cross(s, t)))) for k, (s, v) in parent.unit_motions.items()}
+    moved[output] = (axis, ZERO)
+    return _LinkMotion(
+        tree.links[i + 1],
+        omega=add(carried, spin),
+        alpha=add(turn(parent.alpha), cross(carried, spin), scale(joints.acceleration[:, i], axis)),
+        a=turn(at_joint),
+        unit_motions=moved,
+    )

@@ -1,8 +1,5 @@
 """Motion of a tree of rigid bodies over time: what every dynamics row is made from.
 
-All arrays inside are component-major, (3, samples), so that each component is one contiguous run; an array of shape
-(3, 1) is a vector that does not change over time.
-
 Recursion from a link p to its child i, joint at `t` in p, R the child's rotation in p, s the joint axis::
 
     ω_i = Rᵀ ω_p + s q̇
@@ -22,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import IdentificationError
+from stadera.regressors.components import Vector, minus, plus, times, transform
 from stadera.robot.model import Tree
 
 Array = NDArray[np.float64]
@@ -53,6 +51,11 @@ class TrunkMotion:
             raise IdentificationError(f"the vertical needs three numbers, not all zero; got {up!r}")
         return cls(gravity * direction / norm, np.zeros(3), np.zeros(3))
 
+    @property
+    def turns(self) -> bool:
+        """Whether the trunk rotates at all."""
+        return bool(self.angular_velocity.any() or self.angular_acceleration.any())
+
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
@@ -75,16 +78,6 @@ class JointMotion:
         return JointMotion(self.position[samples], self.velocity[samples], self.acceleration[samples])
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Cross product along the first axis, (3, samples) or (3, 1) each."""
-    return np.stack((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
-
-
-def dot(a: Array, b: Array) -> Array:
-    """Scalar product along the first axis."""
-    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
 @dataclass(frozen=True, eq=False)
 class JointRotation:
     """Takes vectors from a parent link's axes to its child's, Rᵀ v, for all samples at once."""
@@ -102,14 +95,15 @@ class JointRotation:
         into = align.T @ tree.rotations[joint].T
         return cls(into, None if is_z else align, np.cos(angle), np.sin(angle))
 
-    def __call__(self, vector: Array) -> Array:
-        """Rᵀ v for v of shape (3, samples) or (3, 1)."""
-        x, y, z = self.into_spin @ vector
-        turned = np.empty((3, len(self.cos)))
-        np.add(self.cos * x, self.sin * y, out=turned[0])
-        np.subtract(self.cos * y, self.sin * x, out=turned[1])
-        turned[2] = z
-        return turned if self.out_of_spin is None else self.out_of_spin @ turned
+    def __call__(self, v: Vector) -> Vector:
+        """Rᵀ v."""
+        x, y, z = transform(self.into_spin, v)
+        turned = (
+            plus(times(self.cos, x), times(self.sin, y)),
+            minus(times(self.cos, y), times(self.sin, x)),
+            z,
+        )
+        return turned if self.out_of_spin is None else transform(self.out_of_spin, turned)
 
 
 def _z_onto(axis: Array) -> Array:
@@ -123,8 +117,3 @@ def _z_onto(axis: Array) -> Array:
         first = np.array([-z, 0.0, x])  # from e_y
     first /= np.linalg.norm(first)
     return np.column_stack((first, np.cross(axis, first), axis))
-
-
-def component_major(values: Array) -> Array:
-    """(samples, 3) or (3,) as (3, samples) or (3, 1)."""
-    return np.ascontiguousarray(values.T) if values.ndim == 2 else values[:, None]

@@ -24,8 +24,8 @@ class Rows:
         std: noise of the target, one number or (rows,), in the target's unit; positive.
 
     Raises:
-        IdentificationError: shapes that do not fit, a std that is not positive and finite. Whether matrix and target are
-            finite is found out where they are summed up.
+        IdentificationError: shapes that do not fit, a std that is not positive and finite. Whether matrix and target
+            are finite is found out where they are summed up.
     """
 
     columns: tuple[str, ...]
