@@ -1,4 +1,4 @@
-"""What a leg may do while it is excited: position, velocity and torque within limits, by a stated margin."""
+"""What a leg may do while it is excited: position, velocity and torque within limits, clear of all else."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import IdentificationError
+from stadera.identify.clearance import Clearance, ClearanceMap
 from stadera.inertia import ORDER
 from stadera.regressors import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.robot.model import Robot
@@ -35,7 +36,7 @@ class Margins:
     reach: float = 1.0
     velocity: float = 0.7
     effort: float = 0.7
-    distance: float = 0.02
+    distance: float = 0.01
 
     def __post_init__(self) -> None:
         if not (self.position >= 0 and self.distance >= 0 and self.reach > 0):
@@ -54,6 +55,7 @@ class LegBounds:
         lower, upper: (3,) [rad]; the rest pose is always within.
         velocity: (3,) [rad/s], infinite where the model states none.
         effort: (3,) [N·m], likewise.
+        clearance: from trunk, other legs, itself and the ground.
     """
 
     robot: Robot
@@ -63,9 +65,17 @@ class LegBounds:
     upper: Array
     velocity: Array
     effort: Array
+    clearance: Clearance
 
     @classmethod
-    def of(cls, robot: Robot, leg: str, rest: ArrayLike | None = None, margins: Margins | None = None) -> LegBounds:
+    def of(
+        cls,
+        robot: Robot,
+        leg: str,
+        rest: ArrayLike | None = None,
+        margins: Margins | None = None,
+        ground: float | None = None,
+    ) -> LegBounds:
         """The bounds of a robot's leg.
 
         Args:
@@ -73,10 +83,11 @@ class LegBounds:
             leg: LF, RF, LH or RH.
             rest: (3,) [rad]; None for the leg's nominal stance.
             margins: None for the defaults.
+            ground: height of a level ground in the trunk frame [m], None for a leg over a void.
 
         Raises:
             UnknownNameError: no such leg.
-            IdentificationError: a rest pose outside the joints' limits.
+            IdentificationError: a rest pose outside the joints' limits, or too near the ground.
             ModelError: no rest pose is given and the robot has no nominal stance.
         """
         margins = margins or Margins()
@@ -100,6 +111,7 @@ class LegBounds:
             np.maximum(pose, np.minimum(upper, pose + margins.reach)),
             margins.velocity * np.array([limit.velocity for limit in limits]),
             margins.effort * np.array([limit.effort for limit in limits]),
+            Clearance.of(robot, leg, pose, margins.distance, ground),
         )
 
     @property
@@ -136,6 +148,11 @@ class LegBounds:
         """What the prior model says it takes to hold the poses (samples, 3), (samples, 3) [N·m]."""
         still = np.zeros_like(position)
         return self.torque(JointMotion(position, still, still))
+
+    @cached_property
+    def clearance_map(self) -> ClearanceMap:
+        """The clearance tabulated over the position bounds."""
+        return ClearanceMap.of(self.clearance, self.lower, self.upper)
 
     def excess(self, motion: JointMotion) -> float:
         """How far the motion is out of bounds: ≤ 0 within; in shares of the range, of the velocity and effort bound."""

@@ -25,12 +25,14 @@ FREQUENCIES = (0.3, 0.9)
 """The paper's band [Hz]."""
 
 _AMPLITUDE_SHARES = np.array([0.25, 0.20, 0.40]) / np.deg2rad([95.0, 120.0, 120.0])
+_LARGEST_SHARE = 0.25  # of the reach, so that there is room to shift origins
 _ORIGINS = 6
 _SHORTEST_SEGMENT = 10.0  # s, so that one origin sees a few periods of the slowest sinusoid
 _FADE = 2.0  # s
 _CANDIDATES = 9  # origins tried along each joint
+_CHOICE = 8  # candidates for every origin wanted, at least, where few are clear
 _CHECK_RATE = 100.0  # Hz
-_DRAW_IN = 0.97
+_DRAW_IN = 0.99
 _SHORTEST = 2.0  # s
 _ROUNDING = 1e-9
 
@@ -61,14 +63,14 @@ def paper_draw(
     count = int(np.clip(duration // _SHORTEST_SEGMENT, 1, _ORIGINS))
     fade = min(_FADE, duration / (2 * count + 1))
     shape = (count, 3, 1)
-    largest = np.minimum(_AMPLITUDE_SHARES * bounds.ranges, 0.4 * (bounds.upper - bounds.lower))
+    largest = np.minimum(_AMPLITUDE_SHARES * bounds.ranges, _LARGEST_SHARE * (bounds.upper - bounds.lower))
     frequencies = rng.uniform(*FREQUENCIES, shape)
     phases = rng.uniform(0.0, np.pi, shape)
     amplitudes = rng.uniform(0.0, 1.0, shape) * largest[:, None]
     origins = gravity_shifting_poses(bounds, largest, count)
     starts = np.linspace(0.0, duration - fade, count + 1)
     draw = Sinusoids(bounds.joints, bounds.rest, origins, amplitudes, frequencies, phases, starts, fade)
-    return fitted(draw, bounds)
+    return draw.drawn_in(fitting_factor(draw, bounds))
 
 
 def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int) -> Array:
@@ -82,6 +84,8 @@ def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int) -> Array:
     if not held.any():
         raise IdentificationError(f"leg {bounds.leg}: no pose in reach can be held within the torque bounds")
     poses, torque = poses[held], torque[held]
+    clear = _most_clear(poses, room, bounds, _CHOICE * count)
+    poses, torque = poses[clear], torque[clear]
     spread = np.where(np.ptp(torque, axis=0) > 0, torque.std(axis=0), 1.0)
     torque = torque / spread
     nearest = np.linalg.norm(torque - bounds.gravity_torque(bounds.rest[None]) / spread, axis=1)
@@ -92,18 +96,33 @@ def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int) -> Array:
     return np.asarray(poses[chosen])
 
 
-def fitted(motion: Sinusoids, bounds: LegBounds) -> Sinusoids:
-    """The motion, drawn in towards the rest pose as far as the bounds ask for.
+def _most_clear(poses: Array, room: Array, bounds: LegBounds, least: int) -> NDArray[np.bool_]:
+    """Which poses are clear with `room` about them; if those are fewer than `least`, the nearest to it."""
+    about = np.stack(np.meshgrid(*([(-1.0, 0.0, 1.0)] * 3), indexing="ij"), axis=-1).reshape(-1, 3) * room
+    slack = bounds.clearance_map.slack((poses[:, None] + about).reshape(-1, 3)).reshape(len(poses), -1).min(axis=1)
+    return np.asarray(slack >= min(0.0, np.sort(slack)[-min(least, len(slack))]))
+
+
+def fitting_factor(motion: Sinusoids, bounds: LegBounds) -> float:
+    """How far the motion must be drawn in towards the rest pose to be within the bounds; 1 if it is.
 
     Raises:
         IdentificationError: not even the rest pose is within the bounds.
     """
     factor = 1.0
-    while (over := bounds.excess(motion.drawn_in(factor).sample(_CHECK_RATE).motion)) > _ROUNDING:
+    while not _fits(motion.drawn_in(factor), bounds):
         factor *= _DRAW_IN
         if factor < 0.01:
-            raise IdentificationError(f"leg {bounds.leg}: the rest pose itself is out of bounds by {over:.3g} of them")
-    return motion.drawn_in(factor) if factor < 1.0 else motion
+            raise IdentificationError(f"leg {bounds.leg}: the rest pose itself is out of bounds")
+    return factor
+
+
+def _fits(motion: Sinusoids, bounds: LegBounds) -> bool:
+    """Cheapest tests first."""
+    samples = motion.sample(_CHECK_RATE).motion
+    if bounds.excess(samples) > _ROUNDING:
+        return False
+    return bool(bounds.clearance.slack(samples.position[::2]).min() >= -_ROUNDING)
 
 
 def check_duration(duration: float) -> None:

@@ -122,7 +122,8 @@ class Sinusoids:
         for s in range(len(self.origins)):
             part = slice(*np.searchsorted(t, (self.starts[s], self.starts[s + 1] + self.fade)))
             c, dc, ddc = self._curve(s, t[part])
-            w, dw, ddw = self._window(s, t[part])
+            faded = window(t[part], self.starts[s], self.starts[s + 1], self.fade)
+            w, dw, ddw = (values[:, None] for values in faded)
             q[part] += w * c
             dq[part] += dw * c + w * dc
             ddq[part] += ddw * c + 2.0 * dw * dc + w * ddc
@@ -158,14 +159,11 @@ class Sinusoids:
             ddc -= omega**2 * swing
         return c, dc, ddc
 
-    def _window(self, s: int, t: Array) -> tuple[Array, Array, Array]:
-        """w_s with its two derivatives, (samples, 1) each."""
-        rise = _blend((t - self.starts[s]) / self.fade)
-        fall = _blend((t - self.starts[s + 1]) / self.fade)
-        w, dw, ddw = (
-            (up - down)[:, None] / self.fade**order for order, (up, down) in enumerate(zip(rise, fall, strict=True))
-        )
-        return w, dw, ddw
+
+def window(t: Array, start: float, end: float, fade: float) -> tuple[Array, Array, Array]:
+    """w with its two derivatives, (samples,) each: it rises over `fade` from `start` and falls over `fade` from `end`."""
+    rise, fall = _blend((t - start) / fade), _blend((t - end) / fade)
+    return rise[0] - fall[0], (rise[1] - fall[1]) / fade, (rise[2] - fall[2]) / fade**2
 
 
 def _blend(x: Array) -> tuple[Array, Array, Array]:
