@@ -1,0 +1,44 @@
+# make demo   sets up everything needed and runs the main job on the built-in robot
+# make test   sets up everything needed and runs the tests and checks
+# Both need git, make and Python 3.11 or newer with pip; PYTHON=python3.12 chooses another interpreter.
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+# LOCKED is what every run installs: versions and hashes, from requirements.lock
+RUNTIME := $(VENV)/.runtime
+DEVELOPMENT := $(VENV)/.development
+
+.PHONY: demo test check lock docs clean
+
+demo: $(RUNTIME)
+	mkdir -p out
+	$(BIN)/stadera reproduce table1 --report out/table1.html
+
+test: $(DEVELOPMENT)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto
+
+$(RUNTIME): requirements/runtime.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/runtime.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+$(DEVELOPMENT): requirements/development.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/development.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@ $(RUNTIME)
+
+# writes the lock files anew; needs uv (pip install uv)
+LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --custom-compile-command "make lock"
+lock:
+	mkdir -p requirements
+	$(LOCK) pyproject.toml requirements/build.in -o requirements/runtime.lock
+	$(LOCK) pyproject.toml requirements/build.in --extra models --extra dev --extra bench -c requirements/runtime.lock -o requirements/development.lock
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
