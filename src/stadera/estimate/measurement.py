@@ -58,8 +58,8 @@ class Measurement:
     def up(self) -> Array:
         """Unit vector of the vertical in trunk axes, (3,): by the orientation, else along the specific force."""
         if self.rotation is not None:
-            return self.rotation[2]
-        return self.specific_force / np.linalg.norm(self.specific_force)
+            return np.asarray(self.rotation[2])
+        return np.asarray(self.specific_force / np.linalg.norm(self.specific_force))
 
     @classmethod
     def from_sample(cls, sample: Sample, mount: ImuMount, stance: NDArray[np.bool_] | None = None) -> Measurement:

@@ -55,15 +55,22 @@ def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
 
     `foot velocity = J @ joint velocity` for a trunk that stands still; the last axis is HAA, HFE, KFE.
     """
+    axes, origins = joint_axes(robot, q)
+    return point_jacobians(axes, origins, foot_positions(robot, q))
+
+
+def joint_axes(robot: Robot, q: ArrayLike) -> tuple[Array, Array]:
+    """The legs' joints in the trunk frame: axes (N, 4, 3, 3) and origins [m] (N, 4, 3, 3), joints in the last axis."""
     rotations, translations = forward_kinematics(robot.tree, q)
-    feet = _feet(robot, rotations, translations)
-    jacobians = np.empty((len(feet), len(robot.legs), 3, 3))
-    for k, leg in enumerate(robot.legs):
-        for column, name in enumerate(leg.joints):
-            i = robot.tree.joints.index(name)
-            axis = rotations[:, i + 1] @ robot.tree.axes[i]
-            jacobians[:, k, :, column] = np.cross(axis, feet[:, k] - translations[:, i + 1])
-    return jacobians
+    index = np.array([[robot.tree.joints.index(name) for name in leg.joints] for leg in robot.legs])
+    axes = (rotations[:, 1:] @ robot.tree.axes[:, :, None])[..., 0]
+    return np.swapaxes(axes[:, index], -1, -2), np.swapaxes(translations[:, 1:][:, index], -1, -2)
+
+
+def point_jacobians(axes: ArrayLike, origins: ArrayLike, points: ArrayLike) -> Array:
+    """Jacobians [m/rad] (N, 4, 3, 3) of points (N, 4, 3) [m] that move with the legs' last links; see `joint_axes`."""
+    arms = np.asarray(points)[..., None] - np.asarray(origins)
+    return np.cross(np.asarray(axes), arms, axis=-2)
 
 
 def _feet(robot: Robot, rotations: Array, translations: Array) -> Array:

@@ -1,0 +1,33 @@
+"""The legs' kinematics and dynamics at a measurement, worked out once for all who ask."""
+
+from __future__ import annotations
+
+from stadera.estimate.measurement import Measurement
+from stadera.robot.dynamics import LegDynamics, LegState
+from stadera.robot.model import Robot
+
+
+class MeasuredLegs:
+    """States of the legs by measurement; the last one is kept, so that controller and estimators share the work.
+
+    Attributes:
+        robot: whose legs are believed in.
+        columns: (4, 3), where each leg's joints are in the tree's order.
+        mass: [kg], of all leg links.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._dynamics = LegDynamics(robot)
+        self.columns = self._dynamics.columns
+        self.mass = self._dynamics.leg_mass
+        self._last: Measurement | None = None
+        self._state: LegState | None = None
+
+    def at(self, measurement: Measurement) -> LegState:
+        """The state at this measurement; its `feet` are forward kinematics, whatever the measurement says of them."""
+        if self._state is None or measurement is not self._last:
+            m = measurement
+            self._state = self._dynamics.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.specific_force)
+            self._last = m
+        return self._state

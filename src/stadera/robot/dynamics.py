@@ -1,0 +1,100 @@
+"""Kinematics and dynamics of the legs for one instant, fast enough for a 1 kHz loop (Pinocchio underneath).
+
+Everything is in the trunk frame. A trunk that moves with angular velocity ω and specific force a obeys the equations of
+one at rest in gravity-free space accelerated by a, so the bias torque
+
+    h(q, q̇, ω, a) = what the actuators would have to do, the feet free and the joints not accelerating, friction aside
+
+needs neither orientation nor gravity.
+
+A point r that moves with a leg's last link moves, per joint j of that leg, by a_j x (r - o_j) = v_j + a_j x r, where
+v_j is the velocity of the link's point at the trunk's origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from stadera.inertia import skew
+from stadera.robot.model import Array, Robot
+from stadera.robot.pinocchio import pinocchio_model
+
+_PERMUTATION = np.stack([-skew(axis) for axis in np.eye(3)]).reshape(3, 9)  # a x r = -[r]x a
+
+
+@dataclass(frozen=True, eq=False)
+class LegState:
+    """The legs at one instant, trunk frame; legs in the robot's order, joints HAA, HFE, KFE.
+
+    Attributes:
+        feet: (4, 3) [m], centres of the feet.
+        axes: (4, 3, 3), `axes[leg, :, joint]` is the joint's axis.
+        at_origin: (4, 3, 3) [m/rad], Jacobians of the last links' points at the trunk's origin.
+        bias: (4, 3) [N·m], h.
+        moment: (3,) [kg·m], first moment of all leg links.
+    """
+
+    feet: Array
+    axes: Array
+    at_origin: Array
+    bias: Array
+    moment: Array
+
+    def jacobians(self, points: Array) -> Array:
+        """Jacobians (4, 3, 3) [m/rad] of points (4, 3) [m] that move with the legs' last links."""
+        across = (points @ _PERMUTATION).reshape(4, 3, 3)  # -[r]x for each leg
+        return np.asarray(self.at_origin + across @ self.axes)
+
+
+class LegDynamics:
+    """Works out `LegState`s of one robot; keeps buffers, so one instance belongs to one thread."""
+
+    def __init__(self, robot: Robot) -> None:
+        model = pinocchio_model(robot)
+        model.gravity = pin.Motion.Zero()
+        frames = []
+        for leg in robot.legs:
+            place = pin.SE3(np.eye(3), np.array(leg.foot_position))
+            frame = pin.Frame(f"{leg.name} sole", model.getJointId(leg.joints[2]), place, pin.FrameType.OP_FRAME)
+            frames.append(model.addFrame(frame))
+        self.robot = robot
+        self.columns = np.array([[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs])
+        trunk = robot.inertias[robot.trunk]
+        self.leg_mass = robot.mass - trunk.mass
+        self._trunk_moment, self._mass = np.array(trunk.first_moment), robot.mass
+        self._model, self._data = model, model.createData()
+        data = self._data
+        # views into Pinocchio's memory, filled anew by every evaluation
+        self._feet = [data.oMf[frame].translation for frame in frames]
+        self._jacobian, self._torque, self._com = data.J, data.tau, data.com[0]
+        self._q, self._v, self._a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+        self._q[6] = 1.0
+        self._in_v = 6 + self.columns
+
+    def at(self, position: Array, velocity: Array, angular_velocity: Array, specific_force: Array) -> LegState:
+        """The legs' state.
+
+        Args:
+            position, velocity: (n,) [rad, rad/s], of the joints in the tree's order.
+            angular_velocity: (3,) [rad/s], of the trunk, and
+            specific_force: (3,) [m/s²], of the trunk's origin, both in trunk axes.
+        """
+        model, data = self._model, self._data
+        self._q[7:] = position
+        self._v[3:6], self._v[6:] = angular_velocity, velocity
+        self._a[:3] = specific_force  # the trunk's own velocity is zero, so spatial and classical acceleration agree
+        pin.rnea(model, data, self._q, self._v, self._a)
+        pin.computeJointJacobians(model, data, self._q)
+        pin.updateFramePlacements(model, data)
+        pin.centerOfMass(model, data, False)
+        columns = self._jacobian[:, self._in_v].transpose(1, 0, 2)
+        return LegState(
+            feet=np.array(self._feet),
+            axes=columns[:, 3:],
+            at_origin=columns[:, :3],
+            bias=self._torque[self._in_v],
+            moment=self._mass * self._com - self._trunk_moment,
+        )
