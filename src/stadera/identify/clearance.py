@@ -90,7 +90,7 @@ class Clearance:
         return cls(tree, moving, still, pairs, ground, margin, notes)
 
     def distance(self, position: Array) -> Array:
-        """Least distance to anything for poses (samples, 3) [rad], (samples,) [m]; a lower bound of it from 0.1 m on."""
+        """Least distance to anything at poses (samples, 3) [rad], (samples,) [m]; from 0.1 m on a lower bound of it."""
         return self._least(position, kept=False)
 
     def slack(self, position: Array) -> Array:
@@ -113,7 +113,7 @@ class Clearance:
         return least
 
     def pair_distances(self, position: Array) -> Iterator[Array]:
-        """Distance of each pair for poses (samples, 3), (samples,) [m]; from 0.1 m on a lower bound of it."""
+        """Distance of each pair at poses (samples, 3) [rad], (samples,) [m]; from 0.1 m on a lower bound of it."""
         rotations, centres = self._poses(position)
         solids = [_solid(shape) for shape in self.moving], [_solid(shape) for shape in self.still]
         fixed = [coal.Transform3s(shape.rotation, shape.translation) for shape in self.still]

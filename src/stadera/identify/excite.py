@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -49,9 +49,9 @@ class ExciteSettings:
     seed: int = 0
     random: bool = False
     draws: int = 5
-    margins: Margins = Margins()
+    margins: Margins = field(default_factory=Margins)
     stand_height: float | None = None
-    search: FourierSearch = FourierSearch()
+    search: FourierSearch = field(default_factory=FourierSearch)
 
     def __post_init__(self) -> None:
         check_duration(self.duration)

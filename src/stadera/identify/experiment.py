@@ -5,14 +5,14 @@ lowers the entropy of the belief, whatever the torques turn out to be, by::
 
     gain = ½ log det(1 + Sᵀ Rᵀ R S) = Σ_k ½ log(1 + s_k²)        [nat], s_k the singular values of R S
 
-It is what the log tells of the parameters (their mutual information), and the criterion of D-optimality with a prior: it
-does not depend on units or frames, directions no motion can excite add nothing instead of minus infinity, and it rewards a
-direction by the factor its standard deviation shrinks, not by how wide it was, as sums of variances would.
+It is what the log tells of the parameters (their mutual information), and the criterion of D-optimality with a prior:
+it does not depend on units or frames, directions that no motion can excite add nothing instead of minus infinity, and a
+direction counts by the factor its standard deviation shrinks, not by how wide it was, as in sums of variances.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -48,7 +48,7 @@ class Experiment:
     bounds: LegBounds
     noise: Array
     rate: float = 1000.0
-    friction: FrictionModel = FrictionModel.full()
+    friction: FrictionModel = field(default_factory=FrictionModel.full)
 
     def __post_init__(self) -> None:
         noise = np.asarray(self.noise, dtype=float)

@@ -3,8 +3,8 @@
     c_j(t) = o_j + Σ_k a_jk sin(2π k f t) + b_jk cos(2π k f t),    k = 1..K        (Swevers et al. 1997)
     q(t) = q_0 + w(t) (c(t) - q_0)
 
-with q_0 the rest pose and w the window of `sinusoids`. Everything is linear in (o - q_0, a, b), the fades included, so many
-motions are evaluated at once by one matrix product for each derivative.
+with q_0 the rest pose and w the window of `sinusoids`. All of it is linear in (o - q_0, a, b), the fades included, so
+that many motions are evaluated at once by one matrix product for each derivative.
 """
 
 from __future__ import annotations

@@ -3,13 +3,14 @@
     maximise    ½ log det(1 + Sᵀ Y(q, q̇, q̈)ᵀ Σ⁻¹ Y S)                   the information gain, see `experiment`
     subject to  position, velocity, predicted torque and clearance within the leg's bounds
 
-over the coefficients of a Fourier series (see `fourier`), at samples of both fades and of one period that stands for all
-between. The series' band is the paper's, for the paper's reason: what is faster shakes structures that no one models. Bounds
-enter as the square of what every sample exceeds them by, lightly first and then so heavily that less than about a
-hundredth is left; quasi-Newton (L-BFGS) does the rest, on forward differences that are all evaluated as one batch.
+over the coefficients of a Fourier series (see `fourier`), at samples of both fades and of one period that stands for
+all between. The series' band is the paper's, for the paper's reason: what is faster shakes structures that no one
+models. Bounds enter as the square of what every sample exceeds them by, lightly first and then so heavily that less
+than about a hundredth is left; quasi-Newton (L-BFGS) does the rest, on forward differences that are all evaluated as
+one batch.
 
-Clearance is read off a table over joint space, which is interpolated and may promise too much: along the best motion it is
-corrected by exact distances, and the search goes on, until the two agree. What is still out of bounds on a dense
+Clearance is read off a table over joint space, which is interpolated and may promise too much: along the best motion it
+is corrected by exact distances, and the search goes on, until the two agree. What is still out of bounds on a dense
 grid is drawn in towards the rest pose.
 """
 

@@ -161,7 +161,7 @@ class Sinusoids:
 
 
 def window(t: Array, start: float, end: float, fade: float) -> tuple[Array, Array, Array]:
-    """w with its two derivatives, (samples,) each: it rises over `fade` from `start` and falls over `fade` from `end`."""
+    """w with its two derivatives, (samples,) each; it rises over `fade` from `start`, falls over `fade` from `end`."""
     rise, fall = _blend((t - start) / fade), _blend((t - end) / fade)
     return rise[0] - fall[0], (rise[1] - fall[1]) / fade, (rise[2] - fall[2]) / fade**2
 
