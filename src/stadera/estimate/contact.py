@@ -58,8 +58,8 @@ class ContactForces:
     def wrench(self) -> Array:
         """(..., 6): total force [N] and moment about the trunk's origin [N·m] of the feet in stance."""
         force = self.force * self.stance[..., None]
-        moment = np.cross(self.contact, force).sum(axis=-2)
-        return np.concatenate([np.nan_to_num(force).sum(axis=-2), np.nan_to_num(moment)], axis=-1)
+        moment = (_skews(self.contact) @ force[..., None])[..., 0]
+        return np.concatenate([force, moment], axis=-1).sum(axis=-2)
 
     @cached_property
     def torque_to_force(self) -> Array:

@@ -1,0 +1,67 @@
+"""The trunk's mass and centre of mass as the controller reckons with them: guarded, and never jumping.
+
+A new belief is a target. Mass m and first moment h = m c follow it as a first-order low-pass::
+
+    ṁ = (m* - m) / T,     ḣ = (h* - h) / T
+
+Torques are continuous in m and h, so a step of the belief changes them by at most the share dt / T of its whole effect in
+one control period. The centre of mass h / m is a weighted mean (weights: masses) of past and new ones, so it stays in
+any box that holds them all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import ModelError
+from stadera.estimate.trunk import TrunkBounds, TrunkModel
+
+Array = NDArray[np.float64]
+
+
+class SmoothBelief:
+    """A low-passed, guarded `TrunkModel`.
+
+    Args:
+        start: what is believed first.
+        bounds: what may be believed at all.
+        time_constant: T [s].
+
+    Attributes:
+        mass: [kg], and
+        moment: (3,) [kg·m], in use now.
+        rejected: why the last belief handed in was not taken, one sentence; empty if it was.
+
+    Raises:
+        ImplausibleError: the start lies outside the bounds.
+        ModelError: a time constant that is not positive.
+    """
+
+    def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:
+        if not (np.isfinite(time_constant) and time_constant > 0):
+            raise ModelError(f"the belief's time constant must be positive, got {time_constant} s")
+        bounds.check(start)
+        self.bounds, self.time_constant = bounds, time_constant
+        self.rejected = ""
+        self.mass, self.moment = start.mass, start.mass * start.com_trunk
+        self._target_mass, self._target_moment = self.mass, self.moment
+
+    @property
+    def model(self) -> TrunkModel:
+        """What is in use now."""
+        return TrunkModel(self.mass, self.moment / self.mass)
+
+    def accept(self, model: TrunkModel) -> bool:
+        """Makes it the target if it is plausible; else keeps the last one and says why in `rejected`."""
+        self.rejected = self.bounds.complaint(model) or ""
+        if self.rejected:
+            return False
+        self._target_mass, self._target_moment = model.mass, model.mass * model.com_trunk
+        return True
+
+    def advance(self, dt: float) -> None:
+        """Lets time pass, dt [s]."""
+        share = dt / (self.time_constant + dt)
+        self.mass += share * (self._target_mass - self.mass)
+        self.moment = self.moment + share * (self._target_moment - self.moment)

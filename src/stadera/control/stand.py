@@ -1,0 +1,66 @@
+"""The test-bed's loop: plant, sensors, controller and whoever wants to watch, one control period after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from stadera.control.trunk import TrunkController
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.protocol import Estimator, Status
+from stadera.robot.imu import ImuMount
+from stadera.sim.plant import Plant
+from stadera.sim.sensors import Sensors
+
+Watcher = Callable[["TestBed"], None]
+
+
+class TestBed:
+    """A plant that stands under its controller, with an estimator beside it.
+
+    Controller and estimator see measurements alone. With `feed_back` the controller takes over what the estimator
+    believes, whenever that did not refuse the measurement.
+
+    Args:
+        plant, sensors, controller: made for each other; the plant has been reset.
+        estimator: fed with every measurement before the controller; None for none.
+        feed_back: hand its estimates to the controller.
+
+    Attributes:
+        measurement: the last one.
+    """
+
+    __test__ = False  # not a test case, whatever a test runner makes of its name
+
+    def __init__(
+        self,
+        plant: Plant,
+        sensors: Sensors,
+        controller: TrunkController,
+        estimator: Estimator | None = None,
+        *,
+        feed_back: bool = False,
+    ) -> None:
+        self.plant, self.sensors, self.controller = plant, sensors, controller
+        self.estimator, self.feed_back = estimator, feed_back
+        self._mount = ImuMount.of(controller.robot)
+        self.measurement: Measurement | None = None
+
+    def step(self) -> None:
+        """One period: measure, estimate, control, simulate."""
+        controller = self.controller
+        measurement = Measurement.from_sample(self.sensors.read(self.plant), self._mount, controller.stance)
+        self.measurement = measurement
+        if self.estimator is not None:
+            self.estimator.update(measurement)
+            if self.feed_back:
+                estimate = self.estimator.estimate()
+                if estimate.status in (Status.MOVING, Status.CONVERGED):
+                    controller.believe(estimate.trunk)
+        self.plant.step(controller.update(measurement))
+
+    def run(self, seconds: float, watch: Watcher | None = None) -> None:
+        """Steps until that much time [s] has passed; `watch` is called after every step."""
+        for _ in range(round(seconds / self.plant.timestep)):
+            self.step()
+            if watch is not None:
+                watch(self)

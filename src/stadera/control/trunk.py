@@ -1,0 +1,216 @@
+"""The trunk controller of the paper ([13], section III.B): virtual springs, gravity compensation, contact forces, torques.
+
+All in the odometry frame (world axes, see `stadera.control.odometry`). With c the whole robot's centre of mass as it is
+BELIEVED, in trunk axes, m its believed mass, b, R the trunk's pose and b_d, R_d the reference, the ground is asked for
+
+    F = K (b_d + R_d c - b - R c) + D (velocity error of that point) + m g e_z
+    Γ = R [K_a log(Rᵀ R_d) + D_a (angular velocity error)]           about the believed centre of mass
+
+so the spring holds the point of the trunk that is believed to be the centre of mass, and a change of belief asks for no
+motion. The feet share F and Γ (`stadera.control.distribution`), and the legs' torques are τ = h - J_cᵀ f.
+
+What a wrong belief does (the paper's eq. 12). At rest τ = h - Jᵀ f makes the ground's forces the ones asked for, so
+they carry the true weight, Σ f = m g e_z, and their moment about the TRUE centre of mass c vanishes. Their moment
+about the believed one, ĉ, is Γ, hence with δ = c - ĉ (trunk axes, whole robot)
+
+    Γ = (R δ) x m g e_z,       i.e.      K_a log(Rᵀ R_d) = δ x m g Rᵀ e_z
+
+exactly. Upright reference, small roll φ and pitch θ: log(Rᵀ R_d) = (-φ, -θ, ·), so K_x φ = -m g δ_y and K_y θ = m g δ_x:
+
+    c_x - ĉ_x =  K_y θ / (m g),      c_y - ĉ_y = -K_x φ / (m g)
+
+A true centre of mass ahead of the believed one lowers the nose (θ > 0 turns z towards x). With e_o = (-φ, -θ) this is the
+paper's M = [[0, -1], [1, 0]] K / (m g); the update that goes with it moves ĉ_x by +α θ and ĉ_y by -α φ. Of the trunk
+alone, δ_trunk = δ (m / m_trunk).
+"""
+
+from __future__ import annotations
+
+from math import atan2, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.control.belief import SmoothBelief
+from stadera.control.distribution import ContactLimits, ForceDistribution
+from stadera.control.gains import TrunkGains
+from stadera.control.odometry import LegOdometry
+from stadera.control.reference import Move, TrunkPose
+from stadera.errors import ModelError
+from stadera.estimate.contact import ground_normal
+from stadera.estimate.legs import MeasuredLegs
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.trunk import TrunkBounds, TrunkModel
+from stadera.robot.dynamics import LegState
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+GRAVITY = 9.81
+"""[m/s²]."""
+
+_LEAST_NORMAL = 0.02  # share of the robot's weight on every foot in stance
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class TrunkController:
+    """Holds the trunk on its legs. Sees measurements alone; one `update` a control period.
+
+    Args:
+        robot: the legs and the trunk that it believes in.
+        gains: None for those scaled from the robot.
+        belief: of the trunk at the start; None for the robot's own.
+        limits: of the contacts; None for friction 0.6 and 2 % of the robot's weight at least on every foot.
+        legs: shared with estimators that look at the same measurements; None for its own.
+        belief_time: time constant [s] with which a new belief comes into use.
+
+    Attributes:
+        belief: see `SmoothBelief`.
+        stance: (4,) bool, the legs that are to carry; assign a new array to change it.
+        forces: (4, 3) [N], asked of the ground at the last update, odometry frame.
+        saturated: (n,) bool, joints whose torque was cut to its limit at the last update.
+
+    Raises:
+        ImplausibleError: the belief lies outside `TrunkBounds.of(robot)`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        gains: TrunkGains | None = None,
+        belief: TrunkModel | None = None,
+        limits: ContactLimits | None = None,
+        legs: MeasuredLegs | None = None,
+        belief_time: float = 0.05,
+    ) -> None:
+        self.robot, self.legs = robot, legs or MeasuredLegs(robot)
+        self.gains = gains or TrunkGains.of(robot)
+        self.belief = SmoothBelief(belief or TrunkModel.prior(robot), TrunkBounds.of(robot), belief_time)
+        self.odometry = LegOdometry()
+        self.stance: Bools = np.ones(4, dtype=bool)
+        self.forces = np.zeros((4, 3))
+        self.saturated = np.zeros(len(robot.tree.joints), dtype=bool)
+        self._limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
+        self._radii = np.array([[leg.foot_radius] for leg in robot.legs])
+        self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
+        self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
+        self._sharing: ForceDistribution | None = None
+        self._move: Move | None = None
+        self._normal, self._ground_stance = _UP, np.zeros(4, dtype=bool)
+        self._time = np.nan
+
+    # -- asked for ------------------------------------------------------------------------------------------------
+    def believe(self, trunk: TrunkModel) -> bool:
+        """Takes a new belief of the trunk, smoothly; False, and the old one kept, where it is not plausible."""
+        return self.belief.accept(trunk)
+
+    @property
+    def reference(self) -> TrunkPose:
+        """Where the trunk is to be, at the end of a move that is under way.
+
+        Raises:
+            ModelError: before the first update, when it is not known yet.
+        """
+        if self._move is None:
+            raise ModelError("the controller's reference is where the trunk is at its first update; there was none yet")
+        return self._move.goal
+
+    def move(self, goal: TrunkPose, duration: float) -> None:
+        """Moves the reference to a pose within a duration [s], from where it is now, as if that were at rest.
+
+        Raises:
+            ModelError: before the first update, or a duration that is not positive.
+        """
+        if self._move is None:
+            raise ModelError("a move needs a first update, which says where the trunk is")
+        now = self._move.at(self._time)
+        self._move = Move(TrunkPose(now.position, now.rotation), goal, self._time, duration)
+
+    # -- each period ----------------------------------------------------------------------------------------------
+    def update(self, measurement: Measurement) -> Array:
+        """Joint torques (n,) [N·m] for one measurement.
+
+        The first update takes the trunk's pose for the reference.
+
+        Raises:
+            ModelError: no orientation in the measurement, or time that does not increase.
+        """
+        rotation = measurement.rotation
+        if rotation is None:
+            raise ModelError("the trunk controller needs the trunk's orientation")
+        state = self.legs.at(measurement)
+        feet = state.feet if measurement.foot_position is None else measurement.foot_position
+        self._locate(measurement, state, feet, rotation)
+        contacts = feet - self._radii * (self._normal @ rotation)
+        com, force, moment = self._wrench(measurement, state, rotation)
+        self.forces = self._shared(rotation, contacts - com, force, moment)
+        jacobians = state.jacobians(contacts)
+        torque = np.empty(len(self._offset))
+        torque[self.legs.columns] = state.bias - ((self.forces @ rotation)[:, None, :] @ jacobians)[:, 0]
+        torque += self._offset
+        self.saturated = np.abs(torque) > self._effort
+        return np.clip(torque, -self._effort, self._effort) if self.saturated.any() else torque
+
+    def _locate(self, m: Measurement, state: LegState, feet: Array, rotation: Array) -> None:
+        """Time, pose and ground."""
+        qd = m.joint_velocity[self.legs.columns]
+        moving = (state.jacobians(feet) @ qd[:, :, None])[:, :, 0]
+        self.odometry.update(feet, moving, m.angular_velocity, rotation, self.stance)
+        if self._move is None:
+            here = TrunkPose(self.odometry.position, rotation)
+            self._move = Move(here, here, m.time, 1.0)
+        else:
+            dt = m.time - self._time
+            if not dt > 0:
+                raise ModelError(f"the controller's time must increase, got {m.time} s after {self._time} s")
+            self.belief.advance(dt)
+        self._time = m.time
+        if self._sharing is None or not np.array_equal(self.stance, self._ground_stance):
+            self._new_ground(feet @ rotation.T)
+
+    def _new_ground(self, feet: Array) -> None:
+        """The plane under the feet in stance, feet (4, 3) [m] in world axes."""
+        self._normal, self._ground_stance = ground_normal(feet, self.stance, _UP), self.stance.copy()
+        if self._sharing is None:
+            self._sharing = ForceDistribution(self._limits, float(np.linalg.norm(feet[0, :2] - feet[3, :2])) / 2.0)
+        self._sharing.set_ground(self._normal)
+        self._sharing.set_load(self.stance)
+
+    def _wrench(self, m: Measurement, state: LegState, rotation: Array) -> tuple[Array, Array, Array]:
+        """The believed centre of mass in trunk axes, and the wrench about it in the odometry frame."""
+        assert self._move is not None
+        belief, gains, here = self.belief, self.gains, self.odometry
+        goal = self._move.at(self._time)
+        mass = belief.mass + self.legs.mass
+        com = (belief.moment + state.moment) / mass
+        omega = m.angular_velocity
+        force = gains.stiffness * (goal.position - here.position + (goal.rotation - rotation) @ com)
+        point_error = goal.rotation @ _cross(goal.angular_velocity, com) - rotation @ _cross(omega, com)
+        force += gains.damping * (goal.velocity - here.velocity + point_error)
+        force[2] += mass * GRAVITY
+        to_goal = rotation.T @ goal.rotation
+        moment = gains.angular_stiffness * _log(to_goal)
+        moment += gains.angular_damping * (to_goal @ goal.angular_velocity - omega)
+        return com, force, rotation @ moment
+
+    def _shared(self, rotation: Array, levers: Array, force: Array, moment: Array) -> Array:
+        assert self._sharing is not None
+        return self._sharing.solve(levers @ rotation.T, force, moment)
+
+
+def _log(rotation: Array) -> Array:
+    """The rotation vector (3,) of a rotation matrix by less than half a turn."""
+    r = rotation.tolist()
+    x, y, z = r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]
+    sine = 0.5 * sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (r[0][0] + r[1][1] + r[2][2] - 1.0)
+    scale = 0.5 if sine < 1e-9 else 0.5 * atan2(sine, cosine) / sine
+    return np.array([scale * x, scale * y, scale * z])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    ax, ay, az = a.tolist()
+    bx, by, bz = b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
