@@ -10,8 +10,10 @@ from typing import Annotated
 import typer
 
 from stadera import __version__
+from stadera.cli.excite import excite
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
+from stadera.cli.reproduce import reproduce
 
 app = typer.Typer(
     name="stadera",
@@ -40,3 +42,5 @@ def _stadera(
 
 app.command()(identify)
 app.command()(inspect)
+app.command()(excite)
+app.command()(reproduce)

@@ -69,8 +69,8 @@ def spread_figure(leg: LegIdentification, part: str) -> go.Figure:
         for model, values in errors.items():
             share = 100.0 * np.histogram(values, edges)[0] / len(values)
             figure.add_scatter(
-                x=_short(0.5 * (edges[1:] + edges[:-1])),
-                y=_short(share),
+                x=short(0.5 * (edges[1:] + edges[:-1])),
+                y=short(share),
                 line={"shape": "hvh", "color": COLOURS[model], "width": 1.6},
                 fill="tozeroy",
                 fillcolor=_faint(COLOURS[model]),
@@ -82,7 +82,7 @@ def spread_figure(leg: LegIdentification, part: str) -> go.Figure:
             )
         figure.update_yaxes(title_text="samples [%]", row=k + 1, col=1)
     figure.update_xaxes(title_text="error, measured − predicted [N·m]", row=3, col=1)
-    return _styled(figure, _AROUND_PX + 3 * 150)
+    return styled(figure, _AROUND_PX + 3 * 150)
 
 
 def rmse_figure(legs: Sequence[LegIdentification], part: str) -> go.Figure:
@@ -102,7 +102,7 @@ def rmse_figure(legs: Sequence[LegIdentification], part: str) -> go.Figure:
     figure.update_layout(barmode="group", bargap=0.3, bargroupgap=0.05)
     figure.update_yaxes(autorange="reversed", automargin=True)
     figure.update_xaxes(title_text=f"torque RMSE on {part} [N·m]", rangemode="tozero")
-    return _styled(figure, _AROUND_PX + 36 * len(joints))
+    return styled(figure, _AROUND_PX + 36 * len(joints))
 
 
 def plotted_traces(traces: Sequence[TorqueTrace]) -> list[TorqueTrace]:
@@ -130,12 +130,12 @@ def _add_line(
     width: float,
     hidden: bool = False,
 ) -> None:
-    drawn = [_thinned(t.time, v[:, joint]) for t, v in zip(traces, values, strict=True) if v is not None]
+    drawn = [thinned(t.time, v[:, joint]) for t, v in zip(traces, values, strict=True) if v is not None]
     if not drawn:
         return
     figure.add_scatter(
-        x=_short(np.concatenate([x for x, _ in drawn])),
-        y=_short(np.concatenate([y for _, y in drawn])),
+        x=short(np.concatenate([x for x, _ in drawn])),
+        y=short(np.concatenate([y for _, y in drawn])),
         mode="lines",
         line={"color": COLOURS[name], "width": width},
         name=MODEL_NAMES.get(name, name),
@@ -156,10 +156,11 @@ def _over_time(figure: go.Figure, traces: Sequence[TorqueTrace]) -> go.Figure:
             )
     figure.update_xaxes(title_text="time [s]", row=3, col=1)
     figure.update_layout(hovermode="x unified")
-    return _styled(figure, _AROUND_PX + 3 * _ROW_PX)
+    return styled(figure, _AROUND_PX + 3 * _ROW_PX)
 
 
-def _styled(figure: go.Figure, height: int) -> go.Figure:
+def styled(figure: go.Figure, height: int) -> go.Figure:
+    """The figure with the look that all plots of a page share."""
     axis: dict[str, Any] = {"gridcolor": _GRID, "zerolinecolor": "#cbd2db", "linecolor": "#cbd2db", "title_standoff": 6}
     figure.update_xaxes(**axis)
     figure.update_yaxes(**axis)
@@ -176,7 +177,7 @@ def _styled(figure: go.Figure, height: int) -> go.Figure:
     return figure
 
 
-def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
+def thinned(time: Array, values: Array) -> tuple[Array, Array]:
     """At most _MOST_SAMPLES of them, with a NaN, which draws as a break, where time jumps."""
     every = max(1, -(-len(time) // _MOST_SAMPLES))
     time, values = time[::every], values[::every]
@@ -186,7 +187,7 @@ def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
     return np.insert(time, [*jumps, end], time[[*(jumps - 1), end - 1]]), np.insert(values, [*jumps, end], np.nan)
 
 
-def _short(values: Array) -> Array:
+def short(values: Array) -> Array:
     """In single precision: a plot needs no more, and the page is half as large."""
     return values.astype(np.float32)  # type: ignore[return-value]
 

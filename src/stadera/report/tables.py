@@ -15,7 +15,7 @@ from stadera.report.findings import findings, judged_part, overall_rmse
 from stadera.report.numbers import number, percent
 from stadera.report.quantities import MARKS, MODEL_NAMES, shown
 
-_STYLES = {"green": "green", "gray": "bright_black", "red": "red"}
+STYLES = {"green": "green", "gray": "bright_black", "red": "red"}
 _LEVEL_STYLES = {"bad": "bold red", "warning": "yellow", "note": "dim"}
 _LEVEL_WORDS = {"bad": "problem", "warning": "warning", "note": "note"}
 
@@ -94,7 +94,7 @@ def legend() -> Text:
     """What the symbols and colours mean."""
     text = Text()
     for mark in MARKS.values():
-        text.append(f"{mark.symbol} {mark.word}  ", style=_STYLES[mark.colour])
+        text.append(f"{mark.symbol} {mark.word}  ", style=STYLES[mark.colour])
     return text.append("(in square brackets: what was believed before)", style="dim")
 
 
@@ -130,7 +130,7 @@ def _link_rows(leg: LegIdentification) -> Iterator[tuple[str, list[Quantity]]]:
 
 def _cell(quantity: Quantity) -> Text:
     mark = MARKS[quantity.verdict]
-    text = Text(f"{mark.symbol} {shown(quantity, 'prior')}", style=_STYLES[mark.colour])
+    text = Text(f"{mark.symbol} {shown(quantity, 'prior')}", style=STYLES[mark.colour])
     return text.append(f" [{number(quantity.prior, 3)}]", style="dim")
 
 

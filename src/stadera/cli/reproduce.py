@@ -1,0 +1,65 @@
+"""`stadera reproduce`: the paper's tables and figures, done again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli.terminal import progress, show
+
+if TYPE_CHECKING:
+    from stadera.experiments.result import ExperimentResult, Skipped
+
+
+def reproduce(
+    name: Annotated[str, typer.Argument(metavar="table1|fig4|fig5|all", help="Which table or figure.")],
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of every random draw.")] = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="A short, coarse version, for a first look.")] = False,
+    data: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Of real logs [default: $STADERA_DATA, else ../shared/data]."),
+    ] = None,
+    json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the figures as JSON.")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
+) -> None:
+    """Reproduce tables and figures of the paper, and hold them against their bounds.
+
+    A bound that is not met is said, on the terminal, in the report and in the JSON; it is a measurement and no error.
+    """
+    from stadera.experiments import ReproduceSettings, experiments_named, run_experiments
+    from stadera.files import require_writable
+    from stadera.report.experiments import experiment_renderables
+
+    experiments = experiments_named(name)
+    for path in (json, report):
+        if path is not None:
+            require_writable(path)
+    results = []
+    with progress() as watch:
+        for result in run_experiments(experiments, ReproduceSettings(seed, quick, data), watch or (lambda *_: None)):
+            results.append(result)
+    _write(results, json, report)
+    for result in results:
+        show(*experiment_renderables(result))
+    if report is not None:
+        show(f"report: {report}")
+
+
+def _write(results: list[ExperimentResult | Skipped], json: Path | None, report: Path | None) -> None:
+    """Both outputs or none."""
+    from stadera.experiments.result import ExperimentResult
+    from stadera.files import written_together
+    from stadera.report.experiments_html import experiments_html
+    from stadera.report.json import json_text
+
+    with written_together([path for path in (json, report) if path is not None]) as drafts:
+        waiting = iter(drafts)
+        if json is not None:
+            records = [
+                r.to_dict() for result in results if isinstance(result, ExperimentResult) for r in result.records
+            ]
+            next(waiting).write_text(json_text(records), encoding="utf-8")
+        if report is not None:
+            next(waiting).write_text(experiments_html(results), encoding="utf-8")

@@ -1,0 +1,58 @@
+"""Fig. 4: torques of a second motion in simulation, as predicted by the identified leg and by CAD."""
+
+from __future__ import annotations
+
+from stadera.experiments.leg_runs import LEG, LegRuns
+from stadera.experiments.result import Experiment, ExperimentResult, Progress, ReproduceSettings, Steps
+from stadera.experiments.torques import rmse_records, rmse_table, torque_figure
+
+NAME = "fig4"
+
+_MODELS = ("prior", "identified")
+_LEAD = (
+    "The leg of Table I is identified on one motion and judged on another: measured torques beside those that the "
+    "identified parameters and CAD predict. Once without noise, as in the paper, once with sensor errors on both."
+)
+
+
+def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """Identifies on one motion, predicts another."""
+    runs, step = LegRuns.of(settings), Steps(NAME, progress)
+    step("simulating the leg on two motions")
+    first, second = (runs.recorded(runs.paper_truth, m) for m in (runs.motion, runs.second_motion))
+    step("identifying without noise")
+    exact = runs.identified_exact(first, "null-space", second)
+    step("simulating a physically possible leg")
+    first, second = (runs.recorded(runs.physical_truth, m) for m in (runs.motion, runs.second_motion))
+    step("identifying with sensor errors")
+    noisy = runs.identified_sensed(runs.sensed(first, 0), runs.sensed(second, 1))
+    step.finished()
+    note = "On the second motion, which was not used to identify."
+    friction = ("prior", "prior_friction", "identified")
+    return ExperimentResult(
+        name=NAME,
+        title="Fig. 4: torques on a second motion, in simulation",
+        lead=_LEAD,
+        records=(
+            *rmse_records(NAME, {"sensor errors": "none"}, exact.legs[0], "prior", _MODELS),
+            *rmse_records(NAME, {"sensor errors": "standard"}, noisy.legs[0], "prior_friction"),
+        ),
+        tables=(
+            rmse_table(exact, "Torque RMSE, no noise", note, _MODELS),
+            rmse_table(
+                noisy, "Torque RMSE, sensor errors", f"{note} Friction: the sensors' constant offsets.", friction
+            ),
+        ),
+        figures=(
+            torque_figure(exact.legs[0], "Without noise, as in the paper", note, _MODELS),
+            torque_figure(noisy.legs[0], "With sensor errors", note, _MODELS),
+        ),
+        facts={
+            "Robot": f"{runs.cad.name}, leg {LEG}, trunk held",
+            "Motions": f"two random draws, {runs.size} each",
+            "Seed": str(settings.seed),
+        },
+    )
+
+
+EXPERIMENT = Experiment(NAME, "Fig. 4, torques on a second motion", run)

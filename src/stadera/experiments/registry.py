@@ -1,0 +1,51 @@
+"""The experiments by name, in the paper's order. A new one is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+from stadera.errors import MissingExtraError, UnknownNameError
+from stadera.experiments import fig4, fig5, table1
+from stadera.experiments.real_logs import MissingDataError
+from stadera.experiments.result import Experiment, ExperimentResult, Progress, ReproduceSettings, Skipped
+
+ALL = "all"
+
+_EXPERIMENTS = (
+    table1.EXPERIMENT,
+    fig4.EXPERIMENT,
+    fig5.EXPERIMENT,
+)
+
+EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
+
+
+def experiments_named(name: str) -> tuple[Experiment, ...]:
+    """The experiment of that name, or all.
+
+    Raises:
+        UnknownNameError: no such experiment.
+    """
+    if name.lower() == ALL:
+        return _EXPERIMENTS
+    if name.lower() not in EXPERIMENTS:
+        raise UnknownNameError("experiment", name, (*EXPERIMENTS, ALL))
+    return (EXPERIMENTS[name.lower()],)
+
+
+def run_experiments(
+    experiments: Sequence[Experiment], settings: ReproduceSettings, progress: Progress
+) -> Iterator[ExperimentResult | Skipped]:
+    """Runs them in turn. Of several, one whose logs or robot models are not on this machine is skipped.
+
+    Raises:
+        StaderaError: an experiment could not be run.
+    """
+    for experiment in experiments:
+        try:
+            yield experiment.run(settings, progress)
+        except (MissingDataError, MissingExtraError) as error:
+            if len(experiments) == 1:
+                raise
+            yield Skipped(experiment.name, str(error))
