@@ -1,0 +1,93 @@
+"""`stadera excite`: a motion of one leg that tells the most, as a table a controller can play."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli.terminal import progress, show
+
+if TYPE_CHECKING:
+    from stadera.identify.excite import Excitation
+
+
+def excite(
+    robot: Annotated[str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.")],
+    leg: Annotated[str, typer.Option(metavar="RH", help="LF, RF, LH or RH in any case.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the motion as a table, .csv or .parquet.")
+    ] = None,
+    duration: Annotated[float, typer.Option(metavar="S", help="From rest to rest [s].")] = 180.0,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the table, and of the log to come [Hz].")] = 500.0,
+    seed: Annotated[int, typer.Option(metavar="N", help="The same seed gives the same motion.")] = 0,
+    random: Annotated[
+        bool, typer.Option("--random", help="The paper's random sinusoids instead of the optimum.")
+    ] = False,
+    leg_only: Annotated[
+        bool, typer.Option("--leg-only", help="A table of this leg's joints alone, without the others standing still.")
+    ] = False,
+    stand_height: Annotated[
+        float | None, typer.Option(metavar="M", help="Trunk's origin over a level ground to stay clear of [m].")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write what was found as JSON.")] = None,
+) -> None:
+    """Design a motion of one leg in the air, trunk on a stand, that tells the most about its parameters.
+
+    Optimised within the joints' position, velocity and torque limits, clear of trunk, other legs and ground as far
+    as the model's shapes tell; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
+    """
+    from stadera.identify.excite import ExciteSettings
+    from stadera.identify.excite import excite as design
+    from stadera.report.excitation_summary import excitation_tables
+    from stadera.robot import load_robot
+
+    settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
+    _check_outputs(out, report, json)
+    with progress() as watch:
+        result = design(load_robot(robot), leg, settings, watch)
+    _write(result, out, report, json, leg_only)
+    show(*excitation_tables(result))
+
+
+def _check_outputs(out: Path | None, report: Path | None, json: Path | None) -> None:
+    """What can be known of the outputs before the work.
+
+    Raises:
+        StaderaError: an output that cannot be written, or a table of an unknown kind.
+    """
+    from stadera.errors import RecordingError
+    from stadera.files import require_writable
+    from stadera.recording.writer import SUFFIXES
+
+    for path in (out, report, json):
+        if path is not None:
+            require_writable(path)
+    if out is not None and out.suffix.lower() not in SUFFIXES:
+        raise RecordingError(f"{out}: a table is written as one of {', '.join(SUFFIXES)}")
+
+
+def _write(result: Excitation, out: Path | None, report: Path | None, json: Path | None, leg_only: bool) -> None:
+    """All outputs or none."""
+    from stadera.files import written_together
+    from stadera.identify.excite import motion_table
+    from stadera.recording import write_table
+    from stadera.report.json import json_text
+
+    wanted = {"out": out, "report": report, "json": json}
+    paths = {kind: path for kind, path in wanted.items() if path is not None}
+    with written_together(list(paths.values())) as drafts:
+        for kind, draft in zip(paths, drafts, strict=True):
+            if kind == "out":
+                reference = result.chosen.motion.sample(result.settings.rate)
+                write_table(motion_table(result.experiment.bounds.robot, reference, whole=not leg_only), draft)
+            elif kind == "report":
+                from stadera.report.excitation import excitation_html
+
+                draft.write_text(excitation_html(result), encoding="utf-8")
+            else:
+                from stadera.report.excitation_summary import excitation_json
+
+                draft.write_text(json_text(excitation_json(result)), encoding="utf-8")
