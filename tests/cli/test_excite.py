@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from stadera.identify import excite as module
+from stadera.identify.optimise import FourierSearch
 from stadera.recording import read
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
@@ -47,23 +50,21 @@ def test_leg_only_and_seed(run: Run, tmp_path: Path) -> None:
     assert np.abs(a.position - c.position).max() > 0.01
 
 
+@pytest.fixture
+def quick_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search of a second instead of ten; all else as it is."""
+    design = module.excite
+    quick = FourierSearch(harmonics=3, samples=16, starts=1, iterations=15)
+    monkeypatch.setattr(
+        module, "excite", lambda robot, leg, settings, watch: design(robot, leg, replace(settings, search=quick), watch)
+    )
+
+
+@pytest.mark.usefixtures("quick_search")
 def test_json_and_report_of_the_optimum(run: Run, tmp_path: Path) -> None:
     page, values = tmp_path / "page.html", tmp_path / "values.json"
-    finished = run(
-        "excite",
-        "--robot",
-        "hyq",
-        "--leg",
-        "RH",
-        "--duration",
-        "12",
-        "--rate",
-        "50",
-        "--report",
-        page,
-        "--json",
-        values,
-    )
+    wanted = ("--duration", "12", "--rate", "50", "--report", page, "--json", values)
+    finished = run("excite", "--robot", "hyq", "--leg", "RH", *wanted)
     assert finished.code == 0
     assert "nat of information" in finished.out
     found = json.loads(values.read_text())
