@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stadera.experiments.leg_runs import LEG, LegRuns
+from stadera.experiments.leg_runs import LEG, LegRuns, one_after_another
 from stadera.experiments.result import Experiment, ExperimentResult, Progress, ReproduceSettings, Steps
 from stadera.experiments.torques import rmse_records, rmse_table, torque_figure
 
@@ -11,7 +11,8 @@ NAME = "fig4"
 _MODELS = ("prior", "identified")
 _LEAD = (
     "The leg of Table I is identified on one motion and judged on another: measured torques beside those that the "
-    "identified parameters and CAD predict. Once without noise, as in the paper, once with sensor errors on both."
+    "identified parameters and CAD predict. Once without noise, as in the paper, once with sensor errors, both motions "
+    "in one log."
 )
 
 
@@ -25,7 +26,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     step("simulating a physically possible leg")
     first, second = (runs.recorded(runs.physical_truth, m) for m in (runs.motion, runs.second_motion))
     step("identifying with sensor errors")
-    noisy = runs.identified_sensed(runs.sensed(first, 0), runs.sensed(second, 1))
+    noisy = runs.identified_sensed(runs.sensed(one_after_another(first, second)), split=0.5)
     step.finished()
     note = "On the second motion, which was not used to identify."
     friction = ("prior", "prior_friction", "identified")

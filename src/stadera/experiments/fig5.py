@@ -24,7 +24,6 @@ NAME = "fig5"
 
 _LOGS = {"go2": "go2_legs_in_air.csv", "aliengo": "aliengo_legs_in_air.csv"}
 _LEG = "RF"  # the paper's
-_MODELS = MODELS[::-1]
 _LEAD = (
     "Logs of real robots on a stand, legs swinging in the air. The legs are identified on the first half of each log "
     "and judged on the second: torques as measured, as the identified legs predict them, as CAD does, and as CAD does "
@@ -58,11 +57,11 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         lead=_LEAD,
         records=tuple(record for robot, result in results.items() for record in _records(robot, result)),
         tables=tuple(
-            rmse_table(result, f"{robot}: torque RMSE", f"On {result.validated_on}, not used to identify.", _MODELS)
+            rmse_table(result, f"{robot}: torque RMSE", f"On {result.validated_on}, not used to identify.", MODELS)
             for robot, result in results.items()
         ),
         figures=tuple(
-            torque_figure(leg, f"{robot}, leg {_LEG}", "The held-out half of the log, its first minute.", _MODELS)
+            torque_figure(leg, f"{robot}, leg {_LEG}", "The held-out half of the log, its first minute.", MODELS)
             for robot, leg in legs.items()
         ),
         notes=_NOTES,

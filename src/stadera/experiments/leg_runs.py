@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.sinusoids import Sinusoids
 from stadera.recording import Recording
+from stadera.recording.join import concatenate
 from stadera.regressors import FrictionModel
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
@@ -89,9 +90,9 @@ class LegRuns:
         """What happens, without any error: position, velocity, acceleration and torque. Gains come from CAD."""
         return simulate_leg(truth, LEG, motion.sample(self.size.rate), gains=Gains.scaled(self.cad, LEG))
 
-    def sensed(self, recording: Recording, draw: int = 0) -> Recording:
+    def sensed(self, recording: Recording) -> Recording:
         """What joint sensors with the standard errors make of it; no acceleration."""
-        return measured(recording, self.cad, STANDARD, self.seed + 1000 * draw)
+        return measured(recording, self.cad, STANDARD, self.seed)
 
     def identified_exact(self, log: Recording, method: str, validation: Recording | None = None) -> Identification:
         """From an exact log: no filter, no lag, links alone (the URDF's viscous friction is taken as known)."""
@@ -106,12 +107,12 @@ class LegRuns:
         )
         return identify(self.cad, [log], settings, None if validation is None else [validation])
 
-    def identified_sensed(self, log: Recording, validation: Recording | None = None) -> Identification:
+    def identified_sensed(self, log: Recording, split: float = 1.0) -> Identification:
         """From a log with sensor errors: filtered, physically consistent, each torque sensor's offset unknown."""
         settings = IdentifySettings(
-            legs=(LEG,), friction=FrictionModel(("offset",)), torque_lag=0.0, split=1.0, width=self.width
+            legs=(LEG,), friction=FrictionModel(("offset",)), torque_lag=0.0, split=split, width=self.width
         )
-        return identify(self.cad, [log], settings, None if validation is None else [validation])
+        return identify(self.cad, [log], settings)
 
     @cached_property
     def width(self) -> PriorWidth:
@@ -122,7 +123,13 @@ class LegRuns:
         """
         usual = PriorWidth()
         thinnest = min(_thinnest(self.cad, link) for link in self.cad.leg(LEG).links)
-        return PriorWidth(max(usual.shape, COM_STD / thinnest), usual.torque, usual.armature)
+        return replace(usual, shape=max(usual.shape, COM_STD / thinnest))
+
+
+def one_after_another(first: Recording, second: Recording) -> Recording:
+    """Both in one log; the second begins a sample after the end of the first."""
+    later = first.time[-1] + (first.time[1] - first.time[0]) - second.time[0]
+    return concatenate([first, replace(second, time=second.time + later)])
 
 
 def _thinnest(robot: Robot, link: str) -> float:

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import null_space
 from scipy.stats import chi2
 
 from stadera.identify.job import LegTask
@@ -160,7 +159,8 @@ def fixed_given(seen: Observability, given: list[str]) -> frozenset[str]:
     """
     free = seen.directions[seen.rank :].T
     held = [seen.columns.index(name) for name in given]
-    moves = free @ null_space(free[held], rcond=_UNMOVED)
+    _, moved, directions = np.linalg.svd(free[held])
+    moves = free @ directions[np.count_nonzero(moved > _UNMOVED) :].T
     still = np.linalg.norm(moves, axis=1) < _UNMOVED
     return frozenset(name for name, s in zip(seen.columns, still, strict=True) if s and name not in given)
 

@@ -18,7 +18,7 @@ def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[s
     """Three panels of torques, then the errors of the first joint, as the paper's Figs. 4 and 5.
 
     Args:
-        models: which are drawn, the worst first.
+        models: which are drawn, the later over the earlier.
     """
     trace = validation_trace(leg)
     panels = []

@@ -26,10 +26,10 @@ def judged_records(result: ExperimentResult) -> tuple[Record, ...]:
 
 
 def record_table(records: Sequence[Record], title: str = "Measured, and what it was held against") -> TableData:
-    """Records, those of one case under one heading."""
+    """Records, those of one case, whatever the joint, under one heading."""
     groups: dict[str, list[tuple[Cell, ...]]] = {}
     for record in records:
-        case = ", ".join(f"{name}: {value}" for name, value in record.case.items())
+        case = ", ".join(f"{name}: {value}" for name, value in record.case.items() if name != "joint")
         groups.setdefault(case, []).append(_row(record))
     head = ("metric", "unit", "measured", "bound", "", "paper")
     return TableData(title, head, tuple((case, tuple(rows)) for case, rows in groups.items()))
@@ -38,7 +38,7 @@ def record_table(records: Sequence[Record], title: str = "Measured, and what it 
 def _row(record: Record) -> tuple[Cell, ...]:
     sign = {"at most": "≤", "at least": "≥"}[record.bound_is]
     return (
-        Cell(record.metric),
+        Cell(f"{record.case['joint']}: {record.metric}" if "joint" in record.case else record.metric),
         Cell("" if record.unit == "1" else record.unit),
         Cell(_figure(record.value), strong=True),
         Cell("" if record.bound is None else f"{sign} {_figure(record.bound)}"),

@@ -1,0 +1,115 @@
+"""`stadera reproduce`: what it writes and prints."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stadera.experiments import Experiment, ExperimentResult, Record, registry
+from stadera.experiments.real_logs import MissingDataError
+from stadera.experiments.result import Cell, FigureData, Line, Panel, TableData
+from stadera.identify.observability import Verdict
+
+KEYS = {"experiment", "case", "metric", "unit", "value", "paper", "bound", "met"}
+
+
+def _result(value: float) -> ExperimentResult:
+    table = TableData(
+        "Masses <kg>", ("", "mass [kg]"), (("upper leg", ((Cell("identified"), Cell("2.63", Verdict.PARTIAL)),)),)
+    )
+    line = Line("measured", "measured", np.linspace(0.0, 1.0, 50), np.linspace(0.0, 2.0, 50))
+    return ExperimentResult(
+        "mini",
+        "A small experiment",
+        "What was done.",
+        (Record("mini", {"leg": "RH"}, "error", "m", value, paper=2.0, bound=1.0), Record("mini", {}, "rank", "1", 17)),
+        (table,),
+        (FigureData("Torques", (Panel("hip", "time [s]", "torque [N·m]", (line,)),)),),
+    )
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Puts these experiments in place of the paper's."""
+
+    def _small(*experiments: Experiment) -> None:
+        monkeypatch.setattr(registry, "_EXPERIMENTS", experiments)
+        monkeypatch.setattr(registry, "EXPERIMENTS", {e.name: e for e in experiments})
+
+    return _small
+
+
+def test_quick_table_1_from_end_to_end(run: Callable[..., Any], tmp_path: Path) -> None:
+    done = run("reproduce", "table1", "--quick", "--json", tmp_path / "t.json", "--report", tmp_path / "t.html")
+    assert done.code == 0
+    for words in ("hip assembly", "upper leg", "lower leg", "simulated", "identified", "CAD", "rank, of 30", "t.html"):
+        assert words in done.out
+    records = json.loads((tmp_path / "t.json").read_text())
+    assert all(set(record) >= KEYS for record in records)
+    assert {r["experiment"] for r in records} == {"table1"}
+    page = (tmp_path / "t.html").read_text()
+    assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", page)  # nothing is loaded
+    assert page.count('class="plot"') == 2
+
+
+@pytest.mark.parametrize(("value", "met", "words"), [(0.5, True, "all 1 bounds met"), (1.5, False, "NOT met")])
+def test_missed_bound_is_said_and_is_no_failure(
+    run: Callable[..., Any], small: Callable[..., None], tmp_path: Path, value: float, met: bool, words: str
+) -> None:
+    small(Experiment("mini", "A small one", lambda *_: _result(value)))
+    done = run("reproduce", "mini", "--json", tmp_path / "m.json", "--report", tmp_path / "m.html")
+    assert done.code == 0
+    assert words in done.out
+    first, second = json.loads((tmp_path / "m.json").read_text())
+    assert (first["met"], first["value"], first["bound"], first["paper"]) == (met, value, 1.0, 2.0)
+    assert (second["met"], second["bound"], second["paper"]) == (None, None, None)
+    page = (tmp_path / "m.html").read_text()
+    assert words in page
+    assert "Masses &lt;kg&gt;" in page
+
+
+def test_all_goes_on_where_data_are_missing_and_says_so(
+    run: Callable[..., Any], small: Callable[..., None], tmp_path: Path
+) -> None:
+    def lacking(*_: object) -> ExperimentResult:
+        raise MissingDataError("no real logs: nowhere does not exist")
+
+    small(Experiment("lacking", "Lacks its logs", lacking), Experiment("mini", "A small one", lambda *_: _result(0.5)))
+    done = run("reproduce", "all", "--json", tmp_path / "m.json", "--report", tmp_path / "m.html")
+    assert done.code == 0
+    assert "lacking skipped: no real logs" in done.out
+    assert len(json.loads((tmp_path / "m.json").read_text())) == 2
+    assert "lacking: no real logs" in (tmp_path / "m.html").read_text()
+    alone = run("reproduce", "lacking", "--json", tmp_path / "n.json")
+    assert alone.code == 1
+    assert alone.err == "stadera: error: no real logs: nowhere does not exist\n"
+    assert not (tmp_path / "n.json").exists()
+
+
+def test_unknown_experiment_names_the_valid_ones(run: Callable[..., Any]) -> None:
+    done = run("reproduce", "tabel1")
+    assert done.code == 1
+    assert done.err.startswith("stadera: error: unknown experiment 'tabel1'; valid: table1, fig4, fig5")
+    assert "did you mean 'table1'?" in done.err
+
+
+def test_output_that_cannot_be_written_is_known_before_the_work(
+    run: Callable[..., Any], small: Callable[..., None], tmp_path: Path
+) -> None:
+    def never(*_: object) -> ExperimentResult:
+        raise AssertionError("ran")
+
+    small(Experiment("mini", "A small one", never))
+    done = run("reproduce", "mini", "--json", tmp_path / "nowhere" / "m.json")
+    assert done.code == 1
+    assert "no such folder" in done.err
+
+
+def test_negative_seed_is_bad_usage(run: Callable[..., Any]) -> None:
+    assert run("reproduce", "table1", "--seed", "-1").code == 2
