@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.errors import IdentificationError
 from stadera.identify.information import Information
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
@@ -33,25 +32,18 @@ class Gathered:
     friction_only: Mapping[str, float]
 
     def whitened(self, fixed: Mapping[str, float]) -> Information:
-        """All joints' rows in units of their effective noise, for the parameters that are not fixed (eq. 6)."""
+        """All joints' rows in units of their noise, for the parameters that are not fixed (eq. 6); each sample weighs
+        what it is worth among its like.
+        """
         total = Information.empty(self.by_joint[0].columns)
         for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True):
-            total = total.merge(information.scaled_noise(std * np.sqrt(self.correlation[joint])))
+            total = total.merge(information.scaled_noise(std).forget(1.0 / self.correlation[joint]))
         return total.fix(fixed)
 
 
 def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
-    """Sums up the training part, one result for each of the job's legs.
-
-    Raises:
-        IdentificationError: no sample moves.
-    """
+    """Sums up the training part, one result for each of the job's legs."""
     by_joint = _summed_up(job, training)
-    if not training.samples:
-        raise IdentificationError(
-            f"{training.source}: no sample moves: all joint velocities stay below "
-            f"{job.preprocessing.drop_below:g} rad/s"
-        )
     fits = [_plain_fits(task, found) for task, found in zip(job.tasks, by_joint, strict=True)]
     regressors = [task.regressor for task in job.tasks]
     noise = residual_noise(job.step("measuring the noise"), training, regressors, fits, job.trunk)

@@ -166,6 +166,8 @@ class Information:
 def triangularize(matrix: Array) -> Array:
     """The triangular factor of a matrix (rows, n), as a full (n, n) block; zero rows fill up a short matrix."""
     rows, n = matrix.shape
+    if not matrix.any():
+        return np.zeros((n, n))
     factor, _, _, _ = lapack.dgeqrf(np.asfortranarray(matrix), overwrite_a=False)
     triangle = np.zeros((n, n))
     top = min(rows, n)

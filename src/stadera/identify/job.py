@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 from stadera.identify.lag import TorqueLag, estimate_lag
@@ -88,6 +88,10 @@ class Job:
         """The held trunk."""
         return TrunkMotion.held(self.vertical.up)
 
+    def with_samples_at_rest(self) -> Job:
+        """The same, keeping samples at which nothing moves: all there is in a log without motion."""
+        return replace(self, preprocessing=replace(self.preprocessing, drop_below=0.0))
+
     def step(self, name: str) -> Callable[[int, int], None]:
         """The progress of one step."""
         return partial(self.progress, name)
@@ -100,8 +104,8 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         RecordingError: logs that lack a joint or its torque, or are too short.
         UnknownNameError: no such leg or joint.
     """
-    names = dict.fromkeys(settings.legs or (leg.name for leg in robot.legs))
-    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in names)
+    legs = dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs))
+    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in legs)
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     beginnings = [head(log, joints) for log in logs]
     cutoff = _cutoff(beginnings, joints, settings)

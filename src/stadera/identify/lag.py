@@ -67,7 +67,9 @@ def estimate_lag(
             for k, (name, row) in enumerate(zip(names, rows, strict=True)):
                 blocks.setdefault(name, []).append(np.column_stack((row.matrix, delayed[:, k])))
         for parts in blocks.values():
-            cost += _log_residuals(np.concatenate(parts), len(lags))
+            block = np.concatenate(parts)
+            if len(block) > 2 * block.shape[1]:
+                cost += _log_residuals(block, len(lags))
     best, depth = _vertex(lags, cost)
     samples = sum(len(stretch) for stretch in processed) * sum(len(r.tree.joints) for r in regressors)
     ratio = float(np.exp((depth - cost[at_zero]) / max(samples, 1)))
@@ -84,7 +86,8 @@ def _log_residuals(block: Array, lags: int) -> Array:
     Q = Q[:, : int(np.sum(diagonal > 1e-10 * diagonal[0]))]
     residual = np.sum(block[:, n:] ** 2, axis=0) - np.sum((Q.T @ block[:, n:]) ** 2, axis=0)
     floor = 1e-13  # of the torque's square: below it, rounding
-    return np.asarray(len(block) * np.log(np.maximum(residual, floor) * scale[n:] ** 2 / len(block)))
+    squared = np.maximum(scale[n:] ** 2, np.finfo(float).tiny) / len(block)
+    return np.asarray(len(block) * np.log(np.maximum(residual, floor) * squared))
 
 
 def _vertex(lags: Array, cost: Array) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from stadera.identify.result import Identification, KnownCombination, LegIdentif
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
 from stadera.identify.warnings import leg_warnings, log_warnings
-from stadera.regressors import JointMotion
+from stadera.regressors import JointMotion, TrunkMotion
 from stadera.robot.model import Robot
 
 __all__ = ["IdentifySettings", "identify"]
@@ -50,12 +50,18 @@ def identify(
     Raises:
         RecordingError: logs that lack a joint or its torque, or are too short.
         UnknownNameError: no such leg or joint.
-        IdentificationError: no logs, or a log in which nothing moves.
+        IdentificationError: no logs.
     """
     if not logs:
         raise IdentificationError("identification needs at least one log")
     job = prepare(robot, logs, settings or IdentifySettings(), progress or (lambda *_: None))
     training, held_back, validated_on = parts_of(job, logs, validation)
+    warnings: tuple[str, ...] = ()
+    if not training.moves:
+        slowest = job.preprocessing.drop_below
+        warnings = (f"no sample moves (all joint velocities stay below {slowest:g} rad/s): samples at rest are used",)
+        job = job.with_samples_at_rest()
+        training, held_back, validated_on = parts_of(job, logs, validation)
     gathered = gather(job, training)
     estimates = _solve(job, gathered)
     models = [_models(job, t, g, e) for t, g, (e, _) in zip(job.tasks, gathered, estimates, strict=True)]
@@ -63,7 +69,7 @@ def identify(
     if held_back is not None:
         scores["validation"] = scored(job.step("validating"), held_back, models, job.trunk)
     legs = tuple(
-        _leg_result(task, gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
+        _leg_result(job, task, gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
         for k, task in enumerate(job.tasks)
     )
     return Identification(
@@ -73,8 +79,8 @@ def identify(
         legs=legs,
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on,
-        notes=(*training.notes, job.vertical.note, *job.notes),
-        warnings=log_warnings(job.vertical, legs, training.samples),
+        notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job)),
+        warnings=warnings + log_warnings(job.vertical, legs, training.samples),
     )
 
 
@@ -94,6 +100,14 @@ def _solve(job: Job, gathered: Sequence[Gathered]) -> list[tuple[Estimate, Estim
     return out
 
 
+def _pooling_note(job: Job) -> tuple[str, ...]:
+    if job.settings.spread is None or len(job.tasks) < 2:
+        return ()
+    return (
+        "the drives of the legs are taken to be alike: each joint's rotor inertia and friction lean on the other legs'",
+    )
+
+
 def _models(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegModels:
     return LegModels(
         regressor=task.regressor,
@@ -108,11 +122,12 @@ def _models(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegM
 
 
 def _leg_result(
-    task: LegTask, data: Gathered, estimate: Estimate, null_space: Estimate, scores: Mapping[str, LegScore]
+    job: Job, task: LegTask, data: Gathered, estimate: Estimate, null_space: Estimate, scores: Mapping[str, LegScore]
 ) -> LegIdentification:
-    structure = structural_observability(task)
+    structure = structural_observability(task, job.trunk)
     result = LegIdentification(
         leg=task.leg,
+        model=task.believed,
         estimate=estimate,
         null_space=null_space,
         friction_only=data.friction_only,
@@ -126,12 +141,12 @@ def _leg_result(
     return leg_warnings(result, scores)
 
 
-def structural_observability(task: LegTask, samples: int = 1000) -> Observability:
-    """What rich motion without noise would tell of a leg: the algebraic rank and identifiable combinations."""
+def structural_observability(task: LegTask, trunk: TrunkMotion, samples: int = 1000) -> Observability:
+    """What rich motion without noise would tell of a leg on a held trunk: algebraic rank, identifiable combinations."""
     n = len(task.leg.joints)
     rng = np.random.default_rng(0)
     motion = JointMotion(*(s * rng.uniform(-1, 1, (samples, n)) for s in (1.5, 5.0, 30.0)))
-    rows = task.regressor.rows(motion, np.zeros((samples, n)), std=1e-9)
+    rows = task.regressor.rows(motion, np.zeros((samples, n)), trunk, std=1e-9)
     return observability(Information.of(rows, task.regressor.columns).fix(task.fixed), task.prior)
 
 

@@ -90,6 +90,11 @@ class Part:
         """What messages call it."""
         return ", ".join(dict.fromkeys(name_of(stretch.log) for stretch in self.stretches))
 
+    @property
+    def moves(self) -> bool:
+        """Whether any sample is left after those at rest were dropped."""
+        return any(len(chunk) for chunk in self)
+
     def __iter__(self) -> Iterator[Processed]:
         if self._kept is not None:
             yield from self._kept

@@ -4,9 +4,10 @@ The four knees of a robot carry the same motor and gearbox, so their rotor inert
 slow motion tells them apart badly for each leg by itself. For a leg's joint term the prior's centre is the mean of the
 same term on the other legs, each weighted by how well it is known there::
 
-    μ = Σ w_l θ_l / Σ w_l,    w_l = 1 / (var_l + (r μ)²),    width² = (r μ)² + 1 / Σ w_l
+    μ = Σ w_l θ_l / Σ w_l,    w_l = 1 / (var_l + (r θ̃)²),    width² = (r θ̃)² + 1 / Σ w_l
 
-with r the spread between drives of one make. A leg's own data do not enter its own prior.
+with r the spread between drives of one make and θ̃ the median of |θ_l|; never wider than the prior was. A leg's own
+data do not enter its own prior.
 """
 
 from __future__ import annotations

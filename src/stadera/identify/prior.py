@@ -40,18 +40,20 @@ class PriorWidth:
     """How far from the model's values the truth may lie, one standard deviation, relative.
 
     Attributes:
-        shape: of a link's pseudo-inertia in the invariant metric, per coordinate of D.
+        shape: of a link's pseudo-inertia in the invariant metric, per coordinate of D but the mass's.
+        mass: of a link's mass.
         torque: of friction and offset torques (viscous: at 1 rad/s), relative to a quarter of the robot's weight at
             the leg's length.
         armature: of rotor inertias, relative to the leg's mass at half its length.
     """
 
     shape: float = 0.5
+    mass: float = 0.1
     torque: float = 0.2
     armature: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("shape", "torque", "armature"):
+        for name in ("shape", "mass", "torque", "armature"):
             if not getattr(self, name) > 0:
                 raise IdentificationError(f"prior width {name!r} must be positive, got {getattr(self, name)}")
 
@@ -113,8 +115,10 @@ def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None
                 raise IdentificationError(f"the prior needs all ten parameters of link {owner!r}, in order")
             body = positive_definite(robot.inertias[owner])
             values[at : at + 10] = body.vector
-            root[at : at + 10, at : at + 10] = _link_map(body) * width.shape
-            coordinates[owner] = _SYMMETRIC_BASIS * width.shape
+            widths = np.full(10, width.shape)
+            widths[_MASS_COORDINATE] = width.mass
+            root[at : at + 10, at : at + 10] = _link_map(body) * widths
+            coordinates[owner] = _SYMMETRIC_BASIS * widths[:, None, None]
             links.append(owner)
             at += 10
         elif owner in robot.dynamics and term in JointDynamics.__dataclass_fields__:

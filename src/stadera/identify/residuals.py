@@ -126,7 +126,7 @@ class LegScore:
         samples: how many.
         squares: by model, the sum of squared errors of each joint [N²·m²].
         outliers, saturated: by joint, samples beyond six standard deviations, and at the torque limit.
-        at_rest: samples dropped because nothing moved.
+        kept: time, measured and predicted torques of the first minute, chunk by chunk.
     """
 
     joints: tuple[str, ...]
@@ -149,11 +149,13 @@ class LegScore:
         time = np.concatenate([t for t, _, _ in self.kept])
         measured = np.concatenate([m for _, m, _ in self.kept])
         models = {k: np.concatenate([p[k] for _, _, p in self.kept]) for k in self.squares}
-        every = -(-len(time) // TRACE_SAMPLES)
+        every = max(1, -(-len(time) // TRACE_SAMPLES))
         return TorqueTrace(part, time[::every], measured[::every], {k: v[::every] for k, v in models.items()})
 
     def add(self, chunk: Processed, models: LegModels, trunk: TrunkMotion) -> None:
         """Holds the models against one more chunk."""
+        if not len(chunk):
+            return
         rows = list(rows_of(models.regressor, chunk, trunk))
         measured = np.column_stack([r.target for r in rows])
         guesses = {
@@ -169,9 +171,9 @@ class LegScore:
             at_limit = int(np.sum(np.abs(measured[:, k]) >= 0.98 * models.limits[joint]))
             self.outliers[joint] = self.outliers.get(joint, 0) + beyond
             self.saturated[joint] = self.saturated.get(joint, 0) + at_limit
-        begun = self.kept[0][0][0] if self.kept else (chunk.time[0] if len(chunk) else 0.0)
+        begun = self.kept[0][0][0] if self.kept else chunk.time[0]
         early = chunk.time < begun + TRACE_S
-        if early.any() or not self.kept:
+        if early.any():
             self.kept.append((chunk.time[early], measured[early], {k: v[early] for k, v in guesses.items()}))
 
 

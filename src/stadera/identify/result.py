@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 
 from stadera.identify.observability import Verdict
 from stadera.identify.solutions import Estimate
-from stadera.inertia import ORDER
+from stadera.inertia import ORDER, InertialParameters
 from stadera.robot.model import JointDynamics, Leg, Robot
 
 Array = NDArray[np.float64]
 
 MODELS: tuple[str, ...] = ("prior", "prior_friction", "identified")
-"""Models that are compared: CAD rigid bodies alone, CAD with friction fitted, and the identified one."""
+"""Models that are compared: the robot's own, the same with its joint terms fitted, and the identified one."""
 
 
 @dataclass(frozen=True)
 class Quantity:
     """One number: what was believed, what was found, how sure, and whether the data could tell.
 
-    `std` is None where the data say nothing; then `value` is the prior's.
+    `std` is None where nothing was measured: where the data say nothing, and for masses that were held at the prior.
     """
 
     prior: float
@@ -71,6 +71,7 @@ class LegIdentification:
 
     Attributes:
         leg: its names.
+        model: the robot model's own value of every parameter, by name.
         estimate: the solution that was asked for.
         null_space: the paper's eq. 5 on the same data, for comparison.
         friction_only: joint terms fitted with the rigid bodies at CAD, by parameter name.
@@ -84,6 +85,7 @@ class LegIdentification:
     """
 
     leg: Leg
+    model: Mapping[str, float]
     estimate: Estimate
     null_space: Estimate
     friction_only: Mapping[str, float]
@@ -98,8 +100,11 @@ class LegIdentification:
     @cached_property
     def parameters(self) -> Mapping[str, Quantity]:
         """The ten parameters of each link, and the joint terms, by name."""
-        names = self.estimate.columns
-        return dict(zip(names, self._quantities(np.eye(len(names)), [unit_of(n) for n in names]), strict=True))
+        names, values = self.estimate.columns, self.estimate.values
+        priors = np.array([self.model[name] for name in names])
+        found = self._quantities(np.eye(len(names)), [unit_of(n) for n in names], values, priors)
+        held = {name: replace(q, std=None) for name, q in zip(names, found, strict=True) if name in self.estimate.held}
+        return dict(zip(names, found, strict=True)) | held
 
     @cached_property
     def coms(self) -> Mapping[str, tuple[Quantity, Quantity, Quantity]]:
@@ -114,16 +119,12 @@ class LegIdentification:
         gradients = np.zeros((3, len(estimate.columns)))
         gradients[:, mass_at] = -body.com / body.mass
         gradients[range(3), range(mass_at + 1, mass_at + 4)] = 1.0 / body.mass
-        prior = estimate.prior.values[mass_at : mass_at + 4]
-        x, y, z = self._quantities(gradients, ["m"] * 3, body.com, prior[1:] / prior[0])
+        prior = InertialParameters(np.array([self.model[f"{link}.{name}"] for name in ORDER]))
+        x, y, z = self._quantities(gradients, ["m"] * 3, body.com, prior.com)
         return x, y, z
 
-    def _quantities(
-        self, gradients: Array, units: list[str], values: Array | None = None, priors: Array | None = None
-    ) -> list[Quantity]:
+    def _quantities(self, gradients: Array, units: list[str], values: Array, priors: Array) -> list[Quantity]:
         estimate = self.estimate
-        values = estimate.values if values is None else values
-        priors = estimate.prior.values if priors is None else priors
         stds = np.sqrt(np.einsum("ki,ij,kj->k", gradients, estimate.covariance, gradients))
         verdicts = estimate.observability.verdicts(gradients)
         return [

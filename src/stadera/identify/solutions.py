@@ -7,9 +7,9 @@ should have explained shows in the first moments and the inertia instead, which 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,12 +31,14 @@ class Estimate:
     Attributes:
         columns: names, n of them.
         values: (n,), in the parameters' own units.
-        covariance: (n, n), data and prior together: where the data say nothing, the prior's width.
+        covariance: (n, n) of the error, data and prior together: where the data say nothing, the prior's width; so
+            too for a mass that was held at CAD, which is held for want of knowledge.
         prior: what was believed before.
         observability: what the data could tell.
         residual: root of the mean squared residual of the rows in units of their noise: 1 where noise and model are
             right.
         method: "null-space" or "consistent".
+        held: the masses that were held at CAD, for want of knowledge.
     """
 
     columns: tuple[str, ...]
@@ -46,6 +48,7 @@ class Estimate:
     observability: Observability
     residual: float
     method: str
+    held: tuple[str, ...] = ()
 
     def by_name(self) -> dict[str, float]:
         """Values by parameter name."""
@@ -84,7 +87,9 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
     x -= null_space @ (np.linalg.pinv(null_space[masses], rcond=1e-6) @ x[masses])
     scaled = directions.T * prior.scales[:, None]
     covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
-    return _estimate(data, prior, seen, prior.values + prior.scales * x, covariance, "null-space")
+    verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
+    held = [link for link in prior.links if verdicts[f"{link}.m"] is not Verdict.OBSERVABLE]
+    return _estimate(data, prior, seen, prior.values + prior.scales * x, covariance, "null-space", held)
 
 
 def consistent_solution(information: Information, prior: Prior, margin: float = 1e-3) -> Estimate:
@@ -95,7 +100,8 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
                 masses that are not observable at CAD
 
     the maximum a-posteriori estimate under the prior's Gaussian, invariant to the choice of frames and units. In the
-    prior's coordinates the matrix inequality is 1 + D_i ⪰ margin, equally well scaled for any robot.
+    prior's coordinates the matrix inequality is 1 + D_i ⪰ margin, equally well scaled for any robot. The covariance is
+    that of the estimate without the constraints.
 
     Raises:
         IdentificationError: the solver found no answer.
@@ -103,7 +109,8 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
     data = _on(prior, information)
     seen = observability(data, prior)
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
-    held = [k for link, k in prior.mass_coordinates.items() if verdicts[f"{link}.m"] is not Verdict.OBSERVABLE]
+    links = [link for link in prior.links if verdicts[f"{link}.m"] is not Verdict.OBSERVABLE]
+    held = [prior.mass_coordinates[link] for link in links]
     free = [k for k in range(len(prior.columns)) if k not in held]
     root = prior.root[:, free]
     U, s, Vt = np.linalg.svd(data.R @ root, full_matrices=False)
@@ -114,9 +121,14 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
     x[free] = best
     if not _is_consistent(x, prior, margin):
         x[free] = _constrained(best, Vt, weight, free, prior, margin)
-    scaled = root @ Vt.T
-    covariance = (scaled / weight**2) @ scaled.T
-    return _estimate(data, prior, seen, prior.values + prior.root @ x, covariance, "consistent")
+    values = prior.values + prior.root @ x
+    signed = _signed(prior)
+    values[signed] = np.maximum(values[signed], 0.0)  # the solver's tolerance
+    scaled, ahead = root @ Vt.T, prior.root[:, held]
+    # a held mass that is off by its prior width is off by that itself, and moves the others by what it fakes
+    moved = ahead - (scaled / weight**2) @ (s[:, None] * (U.T @ (data.R @ ahead)))
+    covariance = (scaled / weight**2) @ scaled.T + moved @ moved.T
+    return _estimate(data, prior, seen, values, covariance, "consistent", links)
 
 
 def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
@@ -125,6 +137,8 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
     Written in y = weight · V (x - best) / scale, in which the objective is round whatever the ratio of data to prior;
     below 1e-7 of the firmest direction the solver cannot tell weights apart.
     """
+    import cvxpy as cp  # takes a second, and most solutions need none of it
+
     scale = np.maximum(weight / weight.max(), 1e-7)
     y = cp.Variable(len(free))
     x_free = best + Vt.T @ cp.multiply(1.0 / scale, y)
@@ -168,8 +182,15 @@ def _on(prior: Prior, information: Information) -> Information:
 
 
 def _estimate(
-    data: Information, prior: Prior, seen: Observability, values: Array, covariance: Array, method: str
+    data: Information,
+    prior: Prior,
+    seen: Observability,
+    values: Array,
+    covariance: Array,
+    method: str,
+    held: Sequence[str],
 ) -> Estimate:
     freedom = max(data.count - seen.rank, 1.0)
     residual = float(np.sqrt(data.residual_squared(values) / freedom))
-    return Estimate(prior.columns, values, covariance, prior, seen, residual, method)
+    masses = tuple(f"{link}.m" for link in held)
+    return Estimate(prior.columns, values, covariance, prior, seen, residual, method, masses)
