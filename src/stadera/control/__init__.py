@@ -6,10 +6,11 @@ from stadera.control.gains import Response, TrunkGains
 from stadera.control.odometry import LegOdometry
 from stadera.control.reference import Move, TrunkPose
 from stadera.control.stand import TestBed
-from stadera.control.trunk import TrunkController
+from stadera.control.trunk import ControlError, TrunkController
 
 __all__ = [
     "ContactLimits",
+    "ControlError",
     "ForceDistribution",
     "LegOdometry",
     "Move",

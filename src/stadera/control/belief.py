@@ -4,9 +4,9 @@ A new belief is a target. Mass m and first moment h = m c follow it as a first-o
 
     ṁ = (m* - m) / T,     ḣ = (h* - h) / T
 
-Torques are continuous in m and h, so a step of the belief changes them by at most the share dt / T of its whole effect in
-one control period. The centre of mass h / m is a weighted mean (weights: masses) of past and new ones, so it stays in
-any box that holds them all.
+Torques are continuous in m and h, so a step of the belief changes them by at most the share dt / T of its whole effect
+in one control period. The centre of mass h / m is a weighted mean (weights: masses) of past and new ones, so it stays
+in any box that holds them all.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from stadera.errors import ModelError
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
 
 Array = NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-12  # kg, kg·m
 
 
 class SmoothBelief:
@@ -46,6 +48,7 @@ class SmoothBelief:
         self.rejected = ""
         self.mass, self.moment = start.mass, start.mass * start.com_trunk
         self._target_mass, self._target_moment = self.mass, self.moment
+        self._settled = True
 
     @property
     def model(self) -> TrunkModel:
@@ -58,10 +61,15 @@ class SmoothBelief:
         if self.rejected:
             return False
         self._target_mass, self._target_moment = model.mass, model.mass * model.com_trunk
+        self._settled = False
         return True
 
     def advance(self, dt: float) -> None:
         """Lets time pass, dt [s]."""
+        if self._settled:
+            return
         share = dt / (self.time_constant + dt)
         self.mass += share * (self._target_mass - self.mass)
-        self.moment = self.moment + share * (self._target_moment - self.moment)
+        left = self._target_moment - self.moment
+        self.moment = self.moment + share * left
+        self._settled = abs(self._target_mass - self.mass) + float(np.abs(left).max()) < _NEGLIGIBLE

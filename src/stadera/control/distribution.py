@@ -8,6 +8,9 @@ moments count like forces. ε and β are small: they choose among the forces tha
 towards what was before; the wrench gives way by no more than about their size, relative, unless the constraints demand
 it.
 The pyramid lies inside the friction cone. Everything is in one frame's axes, any one.
+
+The programme is strictly convex: where the minimiser of the objective alone keeps the constraints, it is the solution,
+and the solver is not asked.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import proxsuite
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dposv
 
 from stadera.errors import ModelError
 from stadera.inertia import skew
@@ -73,12 +77,13 @@ class ForceDistribution:
         self._wrench[:3] = np.tile(np.eye(3), 4)
         self._diagonal = np.diag(np.full(12, small + smooth))
         self._upper, self._lower = np.full(4 * _ROWS, 0.0), np.full(4 * _ROWS, -_INFINITE)
-        self._before = np.zeros(12)
+        self._before, self._target = np.zeros(12), np.zeros(6)
         self._qp = proxsuite.proxqp.dense.QP(12, 0, 4 * _ROWS)
         self._qp.settings.eps_abs = 1e-7
         self._qp.settings.eps_rel = 0.0
         self._qp.settings.initial_guess = proxsuite.proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
+        self._sides, self._bounds = np.zeros((0, 12)), np.zeros(0)
         self.set_ground(np.array([0.0, 0.0, 1.0]))
         self.set_load(np.ones(4))
 
@@ -91,7 +96,7 @@ class ForceDistribution:
         second = np.cross(normal, first)
         rows = np.array([normal] + [sign * t - slope * normal for t in (first, second) for sign in (1.0, -1.0)])
         self._constraints = np.kron(np.eye(4), rows)
-        self._new_bounds = True
+        self._new_bounds = self._new_sides = True
 
     def set_load(self, share: ArrayLike) -> None:
         """How much of its normal force each foot may carry, (4,) from 1 down to 0 for a foot in the air.
@@ -105,16 +110,32 @@ class ForceDistribution:
         most = np.where(load < 1.0, load * cap, self.limits.most_normal)
         self._upper[::_ROWS] = np.minimum(most, _INFINITE)
         self._lower[::_ROWS] = np.minimum(self.limits.least_normal, most)
-        self._new_bounds = True
+        self._new_bounds = self._new_sides = True
 
     def solve(self, levers: Array, force: Array, moment: Array) -> Array:
         """Forces (4, 3) [N] on the feet at levers (4, 3) [m] that make a wrench of force and moment, (3,) each."""
         wrench = self._wrench
         wrench[3:] = (levers @ self._skew).reshape(12, 3).T
-        target = np.concatenate([force, moment / self.length])
+        target = self._target
+        target[:3], target[3:] = force, moment / self.length
         hessian = wrench.T @ wrench
         hessian += self._diagonal
         gradient = -(target @ wrench) - self._smooth * self._before
+        _, best, failed = dposv(hessian, -gradient)
+        if failed or not self._keeps(best):
+            return self._constrained(hessian, gradient)
+        return self._found(best)
+
+    def _keeps(self, forces: Array) -> bool:
+        """Whether forces (12,) keep the constraints."""
+        if self._new_sides:
+            lower, upper = self._lower > -_INFINITE, self._upper < _INFINITE
+            self._sides = np.concatenate([self._constraints[upper], -self._constraints[lower]])
+            self._bounds = np.concatenate([self._upper[upper], -self._lower[lower]])
+            self._new_sides = False
+        return bool((self._sides @ forces - self._bounds).max() <= 0.0)
+
+    def _constrained(self, hessian: Array, gradient: Array) -> Array:
         qp = self._qp
         if not self._started:
             qp.init(hessian, gradient, None, None, self._constraints, self._lower, self._upper)
@@ -125,8 +146,11 @@ class ForceDistribution:
             qp.update(H=hessian, g=gradient)
         self._new_bounds = False
         qp.solve()
-        self.solved = qp.results.info.status == proxsuite.proxqp.PROXQP_SOLVED
-        if self.solved:
-            self._before = np.array(qp.results.x)
-            self.forces = self._before.reshape(4, 3)
+        if qp.results.info.status != proxsuite.proxqp.PROXQP_SOLVED:
+            self.solved = False
+            return self.forces
+        return self._found(np.array(qp.results.x))
+
+    def _found(self, forces: Array) -> Array:
+        self.solved, self._before, self.forces = True, forces, forces.reshape(4, 3)
         return self.forces

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,11 @@ class TrunkPose:
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
 
+    @cached_property
+    def at_rest(self) -> bool:
+        """Whether it is not moving."""
+        return not (self.velocity.any() or self.angular_velocity.any())
+
     def moved(self, shift: Array, turn: Array) -> TrunkPose:
         """At rest, shifted by (3,) [m] in the odometry frame and turned by the rotation vector (3,) [rad] in its own
         axes.
@@ -45,7 +51,7 @@ class Move:
         begin: [s]. duration: [s], positive.
 
     Raises:
-        ModelError: a duration that is not positive.
+        ModelError: a duration that is not positive, a goal that is not at rest.
     """
 
     start: TrunkPose
@@ -56,6 +62,8 @@ class Move:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise ModelError(f"a move's duration must be positive, got {self.duration} s")
+        if not self.goal.at_rest:
+            raise ModelError("a move's goal must be a pose at rest")
         turn = Rotation.from_matrix(self.start.rotation.T @ self.goal.rotation).as_rotvec()
         object.__setattr__(self, "_turn", turn)
 
@@ -63,7 +71,7 @@ class Move:
         """Where to be at a time [s]."""
         x = (time - self.begin) / self.duration
         if x >= 1.0:
-            return TrunkPose(self.goal.position, self.goal.rotation)
+            return self.goal
         x = max(x, 0.0)
         s = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
         rate = 30.0 * x * x * (1.0 - x) ** 2 / self.duration

@@ -1,4 +1,4 @@
-"""The trunk controller of the paper ([13], section III.B): virtual springs, gravity compensation, contact forces, torques.
+"""The trunk controller of the paper ([13], section III.B): virtual springs, gravity compensation, contact forces.
 
 All in the odometry frame (world axes, see `stadera.control.odometry`). With c the whole robot's centre of mass as it is
 BELIEVED, in trunk axes, m its believed mass, b, R the trunk's pose and b_d, R_d the reference, the ground is asked for
@@ -15,18 +15,19 @@ about the believed one, ĉ, is Γ, hence with δ = c - ĉ (trunk axes, whole rob
 
     Γ = (R δ) x m g e_z,       i.e.      K_a log(Rᵀ R_d) = δ x m g Rᵀ e_z
 
-exactly. Upright reference, small roll φ and pitch θ: log(Rᵀ R_d) = (-φ, -θ, ·), so K_x φ = -m g δ_y and K_y θ = m g δ_x:
+exactly. For an upright reference, small roll φ and pitch θ: log(Rᵀ R_d) = (-φ, -θ, ·), so K_x φ = -m g δ_y and
+K_y θ = m g δ_x::
 
     c_x - ĉ_x =  K_y θ / (m g),      c_y - ĉ_y = -K_x φ / (m g)
 
-A true centre of mass ahead of the believed one lowers the nose (θ > 0 turns z towards x). With e_o = (-φ, -θ) this is the
-paper's M = [[0, -1], [1, 0]] K / (m g); the update that goes with it moves ĉ_x by +α θ and ĉ_y by -α φ. Of the trunk
-alone, δ_trunk = δ (m / m_trunk).
+A true centre of mass ahead of the believed one lowers the nose (θ > 0 turns z towards x). With e_o = (-φ, -θ) this is
+the paper's M = [[0, -1], [1, 0]] K / (m g); the update that goes with it moves ĉ_x by +α θ and ĉ_y by -α φ. Of the
+trunk alone, δ_trunk = δ (m / m_trunk).
 """
 
 from __future__ import annotations
 
-from math import atan2, sqrt
+from math import atan2, isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +37,14 @@ from stadera.control.distribution import ContactLimits, ForceDistribution
 from stadera.control.gains import TrunkGains
 from stadera.control.odometry import LegOdometry
 from stadera.control.reference import Move, TrunkPose
-from stadera.errors import ModelError
+from stadera.errors import StaderaError
 from stadera.estimate.contact import ground_normal
 from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
-from stadera.robot.dynamics import LegState
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -52,6 +54,10 @@ GRAVITY = 9.81
 
 _LEAST_NORMAL = 0.02  # share of the robot's weight on every foot in stance
 _UP = np.array([0.0, 0.0, 1.0])
+
+
+class ControlError(StaderaError):
+    """The controller was asked for something it cannot do, or given nothing it can control with."""
 
 
 class TrunkController:
@@ -92,14 +98,15 @@ class TrunkController:
         self.stance: Bools = np.ones(4, dtype=bool)
         self.forces = np.zeros((4, 3))
         self.saturated = np.zeros(len(robot.tree.joints), dtype=bool)
-        self._limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
+        limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
-        self._sharing: ForceDistribution | None = None
-        self._move: Move | None = None
-        self._normal, self._ground_stance = _UP, np.zeros(4, dtype=bool)
-        self._time = np.nan
+        self._tree_order = np.argsort(self.legs.columns.ravel())
+        self._sharing = ForceDistribution(limits, _span(robot))
+        self._move = Move(TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0)
+        self._below, self._ground_stance = np.zeros((4, 3)), np.zeros(4, dtype=bool)
+        self._time, self._started = np.nan, False
 
     # -- asked for ------------------------------------------------------------------------------------------------
     def believe(self, trunk: TrunkModel) -> bool:
@@ -111,20 +118,23 @@ class TrunkController:
         """Where the trunk is to be, at the end of a move that is under way.
 
         Raises:
-            ModelError: before the first update, when it is not known yet.
+            ControlError: before the first update, when it is not known yet.
         """
-        if self._move is None:
-            raise ModelError("the controller's reference is where the trunk is at its first update; there was none yet")
+        if not self._started:
+            raise ControlError(
+                "the controller's reference is where the trunk is at its first update; there was none yet"
+            )
         return self._move.goal
 
     def move(self, goal: TrunkPose, duration: float) -> None:
         """Moves the reference to a pose within a duration [s], from where it is now, as if that were at rest.
 
         Raises:
-            ModelError: before the first update, or a duration that is not positive.
+            ControlError: before the first update.
+            ModelError: a duration that is not positive.
         """
-        if self._move is None:
-            raise ModelError("a move needs a first update, which says where the trunk is")
+        if not self._started:
+            raise ControlError("a move needs a first update, which says where the trunk is")
         now = self._move.at(self._time)
         self._move = Move(TrunkPose(now.position, now.rotation), goal, self._time, duration)
 
@@ -135,69 +145,69 @@ class TrunkController:
         The first update takes the trunk's pose for the reference.
 
         Raises:
-            ModelError: no orientation in the measurement, or time that does not increase.
+            ControlError: no orientation in the measurement, time that does not increase, values that are not finite.
         """
-        rotation = measurement.rotation
+        m, rotation = measurement, measurement.rotation
         if rotation is None:
-            raise ModelError("the trunk controller needs the trunk's orientation")
-        state = self.legs.at(measurement)
-        feet = state.feet if measurement.foot_position is None else measurement.foot_position
-        self._locate(measurement, state, feet, rotation)
-        contacts = feet - self._radii * (self._normal @ rotation)
-        com, force, moment = self._wrench(measurement, state, rotation)
-        self.forces = self._shared(rotation, contacts - com, force, moment)
+            raise ControlError("the trunk controller needs the trunk's orientation")
+        state, columns = self.legs.at(m), self.legs.columns
+        levers = (state.feet if m.foot_position is None else m.foot_position) @ rotation.T
+        self._advance(m.time, levers, rotation)
+        contacts = (levers - self._below) @ rotation
         jacobians = state.jacobians(contacts)
-        torque = np.empty(len(self._offset))
-        torque[self.legs.columns] = state.bias - ((self.forces @ rotation)[:, None, :] @ jacobians)[:, 0]
-        torque += self._offset
-        self.saturated = np.abs(torque) > self._effort
-        return np.clip(torque, -self._effort, self._effort) if self.saturated.any() else torque
-
-    def _locate(self, m: Measurement, state: LegState, feet: Array, rotation: Array) -> None:
-        """Time, pose and ground."""
-        qd = m.joint_velocity[self.legs.columns]
-        moving = (state.jacobians(feet) @ qd[:, :, None])[:, :, 0]
-        self.odometry.update(feet, moving, m.angular_velocity, rotation, self.stance)
-        if self._move is None:
-            here = TrunkPose(self.odometry.position, rotation)
-            self._move = Move(here, here, m.time, 1.0)
-        else:
-            dt = m.time - self._time
-            if not dt > 0:
-                raise ModelError(f"the controller's time must increase, got {m.time} s after {self._time} s")
-            self.belief.advance(dt)
-        self._time = m.time
-        if self._sharing is None or not np.array_equal(self.stance, self._ground_stance):
-            self._new_ground(feet @ rotation.T)
-
-    def _new_ground(self, feet: Array) -> None:
-        """The plane under the feet in stance, feet (4, 3) [m] in world axes."""
-        self._normal, self._ground_stance = ground_normal(feet, self.stance, _UP), self.stance.copy()
-        if self._sharing is None:
-            self._sharing = ForceDistribution(self._limits, float(np.linalg.norm(feet[0, :2] - feet[3, :2])) / 2.0)
-        self._sharing.set_ground(self._normal)
-        self._sharing.set_load(self.stance)
-
-    def _wrench(self, m: Measurement, state: LegState, rotation: Array) -> tuple[Array, Array, Array]:
-        """The believed centre of mass in trunk axes, and the wrench about it in the odometry frame."""
-        assert self._move is not None
-        belief, gains, here = self.belief, self.gains, self.odometry
-        goal = self._move.at(self._time)
-        mass = belief.mass + self.legs.mass
-        com = (belief.moment + state.moment) / mass
-        omega = m.angular_velocity
-        force = gains.stiffness * (goal.position - here.position + (goal.rotation - rotation) @ com)
-        point_error = goal.rotation @ _cross(goal.angular_velocity, com) - rotation @ _cross(omega, com)
-        force += gains.damping * (goal.velocity - here.velocity + point_error)
+        moving = (jacobians @ m.joint_velocity[columns][:, :, None])[:, :, 0]
+        mass = self.belief.mass + self.legs.mass
+        com = (self.belief.moment + state.moment) / mass
+        arms = contacts - com
+        velocity = self.odometry.velocity(arms, moving, m.angular_velocity)
+        force, moment = self._springs(rotation, com, velocity, m.angular_velocity)
         force[2] += mass * GRAVITY
-        to_goal = rotation.T @ goal.rotation
-        moment = gains.angular_stiffness * _log(to_goal)
-        moment += gains.angular_damping * (to_goal @ goal.angular_velocity - omega)
-        return com, force, rotation @ moment
+        self.forces = self._sharing.solve(arms @ rotation.T, force, moment)
+        against = ((self.forces @ rotation)[:, None, :] @ jacobians)[:, 0]
+        return self._within_limits((state.bias - against).ravel()[self._tree_order] + self._offset)
 
-    def _shared(self, rotation: Array, levers: Array, force: Array, moment: Array) -> Array:
-        assert self._sharing is not None
-        return self._sharing.solve(levers @ rotation.T, force, moment)
+    def _within_limits(self, torque: Array) -> Array:
+        if not isfinite(torque @ torque):
+            raise ControlError(
+                f"no torques at {self._time:.6f} s: a value measured is not finite, or a leg is singular"
+            )
+        self.saturated = np.abs(torque) > self._effort
+        return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
+
+    def _advance(self, time: float, levers: Array, rotation: Array) -> None:
+        """Time, belief, pose and ground; levers (4, 3) [m] are the feet from the trunk's origin in world axes."""
+        self.odometry.locate(levers, self.stance)
+        if not self._started:
+            here = TrunkPose(self.odometry.position, rotation)
+            self._move, self._started = Move(here, here, time, 1.0), True
+        elif not time > self._time:
+            raise ControlError(f"the controller's time must increase, got {time} s after {self._time} s")
+        else:
+            self.belief.advance(time - self._time)
+        self._time = time
+        if self.stance is not self._ground_stance:
+            normal = ground_normal(levers, self.stance, _UP)
+            self._ground_stance, self._below = self.stance, self._radii * normal
+            self._sharing.set_ground(normal)
+            self._sharing.set_load(self.stance)
+
+    def _springs(self, rotation: Array, com: Array, velocity: Array, omega: Array) -> tuple[Array, Array]:
+        """Force and moment [N, N·m] of springs and dampers, odometry frame; com, its velocity and ω in trunk axes."""
+        gains, goal = self.gains, self._move.at(self._time)
+        to_goal = rotation.T @ goal.rotation
+        far = goal.position - self.odometry.position + (goal.rotation - rotation) @ com
+        slow = rotation @ -velocity
+        if not goal.at_rest:
+            slow += goal.velocity + goal.rotation @ _cross(goal.angular_velocity, com)
+            omega = omega - to_goal @ goal.angular_velocity
+        moment = gains.angular_stiffness * _log(to_goal) - gains.angular_damping * omega
+        return gains.stiffness * far + gains.damping * slow, rotation @ moment
+
+
+def _span(robot: Robot) -> float:
+    """Half the diagonal between the feet of the nominal stance [m]."""
+    feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+    return 0.5 * float(np.linalg.norm(feet[0] - feet[3]))
 
 
 def _log(rotation: Array) -> Array:

@@ -39,7 +39,7 @@ class ContactForces:
         contact: (..., 4, 3) [m], where it acts: on the foot's sphere, towards the ground.
         stance: (..., 4) bool, the feet that carry.
         normal: (..., 3), unit normal of the ground through the feet in stance.
-        inverse: (..., 4, 3, 3) [1/m], B.
+        jacobian: (..., 4, 3, 3) [m/rad], J of the contacts.
         axes: (..., 4, 3, 3), the joints' axes as columns.
         noise: what `covariance` reckons with.
         feet_move_forces: the Jacobians are of the measured feet, so that an error of theirs moves the forces as well.
@@ -49,31 +49,41 @@ class ContactForces:
     contact: Array
     stance: Bools
     normal: Array
-    inverse: Array
+    jacobian: Array
     axes: Array
     noise: ForceNoise
     feet_move_forces: bool = True
 
     @cached_property
+    def total_force(self) -> Array:
+        """(..., 3) [N], of the feet in stance."""
+        return np.asarray(np.where(self.stance[..., None], self.force, 0.0).sum(axis=-2))
+
+    @cached_property
+    def moment(self) -> Array:
+        """(..., 3) [N·m], about the trunk's origin, of the feet in stance."""
+        force = np.where(self.stance[..., None], self.force, 0.0)
+        return np.asarray((_skews(self.contact) @ force[..., None])[..., 0].sum(axis=-2))
+
+    @property
     def wrench(self) -> Array:
-        """(..., 6): total force [N] and moment about the trunk's origin [N·m] of the feet in stance."""
-        force = self.force * self.stance[..., None]
-        moment = (_skews(self.contact) @ force[..., None])[..., 0]
-        return np.concatenate([force, moment], axis=-1).sum(axis=-2)
+        """(..., 6): `total_force` and `moment`."""
+        return np.concatenate([self.total_force, self.moment], axis=-1)
 
     @cached_property
     def torque_to_force(self) -> Array:
-        """(..., 4, 3, 3): change of each foot's force with its leg's torques, -B."""
-        return -self.inverse
+        """(..., 4, 3, 3) [1/m]: change of each foot's force with its leg's torques, -B; zero for a singular leg."""
+        singular = np.asarray(np.isnan(self.force).any(axis=-1))[..., None, None]
+        transposed = np.where(singular, np.eye(3), np.swapaxes(self.jacobian, -1, -2))
+        return np.where(singular, 0.0, -np.linalg.inv(transposed))
 
     @cached_property
     def foot_to_force(self) -> Array:
         """(..., 4, 3, 3): change of each foot's force with an error of its position [N/m], -B G."""
         if not self.feet_move_forces:
-            return np.zeros_like(self.inverse)
-        # rows f x a_j
-        rows = np.cross(self.force[..., None, :], np.swapaxes(self.axes, -1, -2))
-        return -self.inverse @ rows
+            return np.zeros_like(self.jacobian)
+        rows = np.cross(np.nan_to_num(self.force)[..., None, :], np.swapaxes(self.axes, -1, -2))  # f x a_j
+        return np.asarray(self.torque_to_force @ rows)
 
     def force_covariance(self, source: Source) -> Array:
         """Covariance of each foot's force from one source of error, (..., 4, 3, 3) [N²].
@@ -92,7 +102,7 @@ class ContactForces:
         to_force = self._to_force(source)
         to_moment = _skews(self.contact) @ to_force
         if source == "foot":
-            to_moment = to_moment - _skews(self.force)
+            to_moment = to_moment - _skews(np.nan_to_num(self.force))
         to_wrench = np.concatenate([to_force, to_moment], axis=-2) * self.stance[..., None, None]
         return np.asarray(_squared(to_wrench, self._variances(source)).sum(axis=-3))
 

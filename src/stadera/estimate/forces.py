@@ -14,6 +14,7 @@ carry.
 
 from __future__ import annotations
 
+from math import nan, sqrt
 from typing import Literal
 
 import numpy as np
@@ -36,7 +37,7 @@ Bools = NDArray[np.bool_]
 JacobianOf = Literal["feet", "encoders"]
 
 _CARRIES = 0.03  # share of the robot's weight that a foot in stance has along the normal
-_LEAST_LEVER = 0.01  # share of the leg's length: a smaller singular value of J_c means that a direction is not felt
+_LEAST_VOLUME = 0.002  # of det J_c, as a share of the cubed length of the leg: below it a direction is not felt
 _GRAVITY = 9.81  # m/s²
 _STICTION_VELOCITY = 0.1  # rad/s, over which friction's sign is smoothed, well above the noise of a joint's velocity
 
@@ -69,11 +70,12 @@ class ContactForceEstimator:
         self.jacobian = jacobian
         self._radii = _radii(robot)
         self._least = _CARRIES * robot.mass * _GRAVITY
-        self._limit = _largest_inverse(robot)
+        self._flat = _least_determinant(robot)
         joints = [robot.dynamics[joint] for joint in robot.tree.joints]
         self._viscous = np.array([d.viscous for d in joints])
         self._coulomb = np.array([d.coulomb for d in joints])
         self._offset = np.array([d.offset for d in joints])
+        self._has_coulomb = bool(self._coulomb.any())
         self._everyone = np.ones(4, dtype=bool)
 
     def at(self, measurement: Measurement) -> ContactForces:
@@ -81,7 +83,7 @@ class ContactForceEstimator:
         state, columns = self.legs.at(measurement), self.legs.columns
         velocity = measurement.joint_velocity
         joint_side = self._viscous * velocity + self._offset - measurement.effort
-        if self._coulomb.any():
+        if self._has_coulomb:
             joint_side += self._coulomb * np.tanh(velocity / _STICTION_VELOCITY)
         torque = state.bias + joint_side[columns]
         feet = state.feet if measurement.foot_position is None else measurement.foot_position
@@ -90,16 +92,16 @@ class ContactForceEstimator:
         def solved(stance: Bools) -> tuple[Array, Array, Array, Array]:
             normal = _normal(feet, stance, measurement)
             below = self._radii * normal
-            points = (state.feet if self.jacobian == "encoders" else feet) - below
-            inverse = _inverted(state.jacobians(points), self._limit)
-            force = (inverse @ torque[:, :, None])[:, :, 0]
-            return normal, feet - below, inverse, force
+            contact = feet - below
+            jacobian = state.jacobians(contact if self.jacobian == "feet" else state.feet - below)
+            return normal, contact, jacobian, _solved_each(jacobian, torque, self._flat)
 
-        normal, contact, inverse, force = solved(stance)
+        normal, contact, jacobian, force = solved(stance)
         loaded = stance & (force @ normal > self._least)
-        if not (loaded == stance).all():
-            normal, contact, inverse, force = solved(loaded)
-        return ContactForces(force, contact, loaded, normal, inverse, state.axes, self.noise, self.jacobian == "feet")
+        if loaded.tolist() != stance.tolist():
+            normal, contact, jacobian, force = solved(loaded)
+        moves = self.jacobian == "feet"
+        return ContactForces(force, contact, loaded, normal, jacobian, state.axes, self.noise, moves)
 
 
 def contact_forces(
@@ -137,55 +139,71 @@ def contact_forces(
     up = specific / np.linalg.norm(specific, axis=-1, keepdims=True)
     axes, origins = joint_axes(robot, joints.position)
 
+    flat = _least_determinant(robot)
+
     def solved(stance: Bools) -> tuple[Array, Array, Array, Array]:
         normal = ground_normal(centres, stance, up)
         contact = centres - _radii(robot) * normal[:, None, :]
-        inverse = _inverted(point_jacobians(axes, origins, contact), _largest_inverse(robot))
-        return normal, contact, inverse, (inverse @ torque[..., None])[..., 0]
+        jacobian = point_jacobians(axes, origins, contact)
+        singular = (np.abs(np.linalg.det(jacobian)) < flat)[..., None, None]
+        transposed = np.where(singular, np.nan, np.swapaxes(jacobian, -1, -2))
+        forces: Array = np.linalg.solve(transposed, torque[..., None])[..., 0]
+        return normal, contact, jacobian, forces
 
     normal, _, _, force = solved(allowed)
     loaded = allowed & ((force * normal[:, None, :]).sum(axis=-1) > _CARRIES * robot.mass * _GRAVITY)
-    normal, contact, inverse, force = solved(loaded)
-    return ContactForces(force, contact, loaded, normal, inverse, axes, noise or ForceNoise.of(robot))
+    normal, contact, jacobian, force = solved(loaded)
+    return ContactForces(force, contact, loaded, normal, jacobian, axes, noise or ForceNoise.of(robot))
 
 
 def _normal(feet: Array, stance: Bools, measurement: Measurement) -> Array:
-    if not stance.all():
+    """`ground_normal` of one sample; written out for the four feet of a stand, for speed."""
+    if False in stance.tolist():
         return ground_normal(feet, stance, measurement.up)
-    ax, ay, az = (feet[1] - feet[2]).tolist()
-    bx, by, bz = (feet[0] - feet[3]).tolist()
-    normal = np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-    size = float(np.sqrt(normal @ normal))
+    lf, rf, lh, rh = feet.tolist()
+    ax, ay, az = rf[0] - lh[0], rf[1] - lh[1], rf[2] - lh[2]
+    bx, by, bz = lf[0] - rh[0], lf[1] - rh[1], lf[2] - rh[2]
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    size = sqrt(x * x + y * y + z * z)
+    up = measurement.up
     if size == 0.0:
-        return measurement.up
-    return np.asarray(normal / (size if normal @ measurement.up >= 0 else -size))
+        return up
+    ux, uy, uz = up.tolist()
+    size = size if x * ux + y * uy + z * uz >= 0.0 else -size
+    return np.array([x / size, y / size, z / size])
 
 
-def _inverted(jacobians: Array, limit: float) -> Array:
-    """J^-T; NaN where a leg is too near to singular."""
-    try:
-        inverse = np.linalg.inv(np.swapaxes(jacobians, -1, -2))
-    except np.linalg.LinAlgError:
-        inverse = np.linalg.pinv(np.swapaxes(jacobians, -1, -2), rcond=1e-15)
-        singular = np.linalg.matrix_rank(jacobians) < 3
-        inverse[singular] = np.nan
-    if np.abs(inverse).max() > limit:
-        inverse[np.abs(inverse).max(axis=(-2, -1)) > limit] = np.nan
-    return np.asarray(inverse, dtype=np.float64)
+def _solved_each(jacobian: Array, torque: Array, flat: float) -> Array:
+    """J^-T t for each leg, (4, 3), by Cramer's rule: J's columns j_k give Σ t_k (j_k+1 x j_k+2) / det J; NaN where J is
+    too near to singular. Written out, for the overhead of a general solver is ten times the work.
+    """
+    forces = []
+    for leg, (t0, t1, t2) in zip(jacobian.tolist(), torque.tolist(), strict=True):
+        (a, b, c), (d, e, f), (g, h, i) = leg
+        x0, y0, z0 = e * i - h * f, h * c - b * i, b * f - e * c  # j_1 x j_2
+        determinant = a * x0 + d * y0 + g * z0
+        if abs(determinant) < flat:
+            forces.append((nan, nan, nan))
+            continue
+        x = t0 * x0 + t1 * (f * g - i * d) + t2 * (d * h - g * e)
+        y = t0 * y0 + t1 * (i * a - c * g) + t2 * (g * b - a * h)
+        z = t0 * z0 + t1 * (c * d - f * a) + t2 * (a * e - d * b)
+        forces.append((x / determinant, y / determinant, z / determinant))
+    return np.array(forces)
 
 
 def _radii(robot: Robot) -> Array:
     return np.array([[leg.foot_radius] for leg in robot.legs])
 
 
-def _largest_inverse(robot: Robot) -> float:
-    """Largest entry [1/m] of a J^-T that is not taken as singular."""
+def _least_determinant(robot: Robot) -> float:
+    """The determinant [m³] below which a leg's Jacobian counts as singular."""
     spans = [robot.tree.translations[robot.tree.joints.index(leg.joints[2])] for leg in robot.legs]
     length = min(
         float(np.linalg.norm(span) + np.linalg.norm(leg.foot_position))
         for span, leg in zip(spans, robot.legs, strict=True)
     )
-    return 1.0 / (_LEAST_LEVER * length)
+    return _LEAST_VOLUME * length**3
 
 
 def _parameters(robot: Robot) -> dict[str, float]:

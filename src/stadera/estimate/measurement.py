@@ -68,13 +68,13 @@ class Measurement:
         Raises:
             RecordingError: a value that is not finite.
         """
-        turn, arm = mount.rotation, mount.translation
-        omega = turn @ sample.angular_velocity
-        force = turn @ sample.specific_force
-        force -= _cross(omega, _cross(omega, arm))
+        turn = mount.rotation
+        omega, force = turn @ sample.angular_velocity, turn @ sample.specific_force
         q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
-        if not isfinite(q @ q + qd @ qd + effort @ effort + force @ force + omega @ omega + orientation @ orientation):
+        # products carry a value that is not finite on to the sum
+        if not isfinite(q @ qd + effort @ effort + force @ omega + orientation @ orientation):
             raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
+        force -= _centripetal(omega, mount.translation)
         rotation = rotation_matrix(orientation) @ turn.T
         return cls(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance)
 
@@ -126,7 +126,6 @@ def rotation_matrix(quaternion: Array) -> Array:
     )
 
 
-def _cross(a: Array, b: Array) -> Array:
-    ax, ay, az = a.tolist()
-    bx, by, bz = b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+def _centripetal(omega: Array, arm: Array) -> Array:
+    """ω x (ω x r) = ω (ω·r) - r (ω·ω)."""
+    return np.asarray((omega @ arm) * omega - (omega @ omega) * arm)
