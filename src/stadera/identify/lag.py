@@ -87,7 +87,7 @@ def _log_residuals(block: Array, lags: int) -> Array:
     residual = np.sum(block[:, n:] ** 2, axis=0) - np.sum((Q.T @ block[:, n:]) ** 2, axis=0)
     floor = 1e-13  # of the torque's square: below it, rounding
     squared = np.maximum(scale[n:] ** 2, np.finfo(float).tiny) / len(block)
-    return np.asarray(len(block) * np.log(np.maximum(residual, floor) * squared))
+    return np.asarray(len(block) * (np.log(np.maximum(residual, floor)) + np.log(squared)))
 
 
 def _vertex(lags: Array, cost: Array) -> tuple[float, float]:

@@ -125,7 +125,7 @@ class LegIdentification:
 
     def _quantities(self, gradients: Array, units: list[str], values: Array, priors: Array) -> list[Quantity]:
         estimate = self.estimate
-        stds = np.sqrt(np.einsum("ki,ij,kj->k", gradients, estimate.covariance, gradients))
+        stds = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradients, estimate.covariance, gradients), 0.0))
         verdicts = estimate.observability.verdicts(gradients)
         return [
             Quantity(float(p), float(v), None if q is Verdict.UNOBSERVABLE else float(s), q, unit)

@@ -22,6 +22,8 @@ from stadera.inertia import InertialParameters
 Array = NDArray[np.float64]
 
 _NON_NEGATIVE = ("armature", "viscous", "coulomb")
+_CERTAIN = 1e4
+"""Prior widths over standard deviation: a direction known better than this is certain beside the prior."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +87,7 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
     null_space = directions[rank:].T
     masses = [prior.columns.index(f"{link}.m") for link in prior.links]
     x -= null_space @ (np.linalg.pinv(null_space[masses], rcond=1e-6) @ x[masses])
+    x[[verdict is Verdict.UNOBSERVABLE for verdict in seen.verdicts()]] = 0.0  # but for rounding they are
     scaled = directions.T * prior.scales[:, None]
     covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
@@ -134,13 +137,31 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
 def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
     """argmin Σ weight² (v·(x - best))² under the constraints, over the free x.
 
+    Directions that are certain beside the prior stay where the data have them, and the solver is spared a range of
+    weights that its tolerance cannot resolve; only where no consistent body is there do they move too.
+    """
+    loose = weight <= _CERTAIN
+    for moving in [loose] if loose.all() else [loose, np.ones_like(loose)]:
+        found = _nearest_consistent(best, Vt[moving], weight[moving], free, prior, margin)
+        if isinstance(found, np.ndarray):
+            return found
+    raise IdentificationError(f"the physically consistent problem could not be solved: {found}")
+
+
+def _nearest_consistent(
+    best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float
+) -> Array | str:
+    """The same over some directions, the rows of Vt; or why there is no answer.
+
     Written in y = weight · V (x - best) / scale, in which the objective is round whatever the ratio of data to prior;
     below 1e-7 of the firmest direction the solver cannot tell weights apart.
     """
     import cvxpy as cp  # takes a second, and most solutions need none of it
 
+    if not len(weight):
+        return "no direction is free to move"
     scale = np.maximum(weight / weight.max(), 1e-7)
-    y = cp.Variable(len(free))
+    y = cp.Variable(len(weight))
     x_free = best + Vt.T @ cp.multiply(1.0 / scale, y)
     spread = np.zeros((len(prior.columns), len(free)))
     spread[free, range(len(free))] = 1.0
@@ -158,9 +179,9 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
     try:
         problem.solve(solver=cp.CLARABEL)
     except cp.error.SolverError as error:
-        raise IdentificationError(f"the physically consistent problem could not be solved: {error}") from error
+        return str(error)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or x_free.value is None:
-        raise IdentificationError(f"the physically consistent problem could not be solved: {problem.status}")
+        return str(problem.status)
     return np.asarray(x_free.value)
 
 
