@@ -65,6 +65,15 @@ def test_consistent_solution_recovers_a_possible_leg(possible: Recovery) -> None
     assert possible.worst(possible.combinations) < 1e-6
 
 
+def test_consistent_solution_of_an_impossible_leg_is_possible_and_predicts_worse(runs: LegRuns) -> None:
+    """No real body has the simulated moments; then even what noiseless data fix has to give way."""
+    log = runs.recorded(runs.paper_truth, runs.motion)
+    found = Recovery.of(runs.identified_exact(log, "consistent"), runs.paper_truth)
+    assert not all(runs.paper_truth.inertias[link].is_physical() for link in found.leg.leg.links)
+    assert found.leg.estimate.is_physical
+    assert found.worst(found.combinations) > 1e-3
+
+
 def test_error_squared_is_one_on_average_where_the_covariance_is_right(runs: LegRuns) -> None:
     """Monte Carlo over estimates drawn from the covariance that they state."""
     log = runs.sensed(runs.recorded(runs.physical_truth, runs.motion))

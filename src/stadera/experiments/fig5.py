@@ -50,7 +50,8 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         step(f"identifying {robot}")
         results[robot] = identify(load_robot(robot), [log])
     step.finished()
-    legs = {robot: next(leg for leg in r.legs if leg.leg.name == _LEG) for robot, r in results.items()}
+    legs = [(robot, leg) for robot, result in results.items() for leg in result.legs]
+    legs.sort(key=lambda pair: pair[1].leg.name != _LEG)  # the paper's leg of each robot, then the others
     return ExperimentResult(
         name=NAME,
         title="Fig. 5: torques of real legs",
@@ -61,8 +62,10 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
             for robot, result in results.items()
         ),
         figures=tuple(
-            torque_figure(leg, f"{robot}, leg {_LEG}", "The held-out half of the log, its first minute.", MODELS)
-            for robot, leg in legs.items()
+            torque_figure(
+                leg, f"{robot}, leg {leg.leg.name}", "The held-out half of the log, its first minute.", MODELS
+            )
+            for robot, leg in legs
         ),
         notes=_NOTES,
         facts={"Logs": ", ".join(path.name for path in logs.values()), "Identified on": "the first half of each"},

@@ -38,9 +38,9 @@ def combination_table(found: Recovery, title: str) -> TableData:
     rows = tuple(
         (
             Cell(c.name),
-            Cell(f"{c.truth:.4f}"),
-            Cell(f"{c.value:.4f} ± {c.std:.4f}", c.verdict, strong=True),
-            Cell(f"{c.prior:.4f}"),
+            Cell(_figure(c.truth)),
+            Cell(f"{_figure(c.value)} ± {c.std:.4f}", c.verdict, strong=c.verdict is Verdict.OBSERVABLE),
+            Cell(_figure(c.prior)),
             Cell(f"{c.deviations:+.1f} σ"),
         )
         for c in found.combinations

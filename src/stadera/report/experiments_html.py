@@ -61,10 +61,11 @@ def _experiment(result: ExperimentResult, done: list[ExperimentResult]) -> Html:
         top = [element("h2", text(result.title)), element("p", text(result.lead), css="lead"), _facts(result)]
     records = judged_records(result)
     tables = [*result.tables, *([record_table(records)] if records else [])]
+    coloured = next((table for table in tables if table.has_verdicts), None)
     return element(
         "section",
         *top,
-        *(_table(table) for table in tables),
+        *(_table(table, legend=table is coloured) for table in tables),
         *(_figure(figure) for figure in result.figures),
         *((element("h3", text("How to read this")), items(result.notes)) if result.notes else ()),
         id=result.name,
@@ -76,13 +77,13 @@ def _facts(result: ExperimentResult) -> Html:
     return element("dl", *listed, css="facts")
 
 
-def _table(data: TableData) -> Html:
+def _table(data: TableData, legend: bool) -> Html:
     head = element("thead", element("tr", *(element("th", text(title), scope="col") for title in data.head)))
     body = element("tbody", *_rows(data))
     whole = element("table", head, body, css="experiment")
     below = [element("p", text(data.note), css="lead")] if data.note else []
-    legend = [_legend()] if data.has_verdicts else []
-    return element("div", element("h3", text(data.title)), *legend, element("div", whole, css="scroll"), *below)
+    above = [_legend()] if legend else []
+    return element("div", element("h3", text(data.title)), *above, element("div", whole, css="scroll"), *below)
 
 
 def _rows(data: TableData) -> Iterator[Html]:
