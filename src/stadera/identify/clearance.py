@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import coal
@@ -108,28 +109,17 @@ class Clearance:
 
     def _least(self, position: Array, kept: bool) -> Array:
         least = self.height(position) - (self.margin if kept else 0.0)
-        for pair, distance in zip(self.pairs, self.pair_distances(position), strict=True):
-            least = np.minimum(least, distance - (pair.allowed if kept else 0.0))
+        measure = _Measure(self, *self._poses(position))
+        for pair in self.pairs:
+            allowed = pair.allowed if kept else 0.0
+            # what cannot become the least need not be known exactly
+            least = np.minimum(least, measure(pair, np.minimum(least + allowed, _FAR)) - allowed)
         return least
 
     def pair_distances(self, position: Array) -> Iterator[Array]:
         """Distance of each pair at poses (samples, 3) [rad], (samples,) [m]; from 0.1 m on a lower bound of it."""
-        rotations, centres = self._poses(position)
-        solids = [_solid(shape) for shape in self.moving], [_solid(shape) for shape in self.still]
-        fixed = [coal.Transform3s(shape.rotation, shape.translation) for shape in self.still]
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        for pair in self.pairs:
-            k, m = pair.first, pair.second
-            other = (self.still if pair.still else self.moving)[m]
-            apart = centres[:, k] - (other.translation if pair.still else centres[:, m])
-            out = np.linalg.norm(apart, axis=1) - _enclosing(self.moving[k]) - _enclosing(other)
-            measure = coal.ComputeDistance(solids[0][k], solids[int(pair.still)][m])
-            for i in np.flatnonzero(out < _FAR):
-                pose = coal.Transform3s(rotations[i, k], centres[i, k])
-                where = fixed[m] if pair.still else coal.Transform3s(rotations[i, m], centres[i, m])
-                result.clear()
-                out[i] = measure(pose, where, request, result)
-            yield out
+        measure = _Measure(self, *self._poses(position))
+        return (measure(pair, np.full(len(position), _FAR)) for pair in self.pairs)
 
     def _poses(self, position: Array) -> tuple[Array, Array]:
         """Rotations (samples, shapes, 3, 3) and centres (samples, shapes, 3) of the moving shapes, trunk frame."""
@@ -139,6 +129,40 @@ class Clearance:
         offsets = np.array([shape.translation for shape in self.moving])
         centres = translations[:, links] + (rotations[:, links] @ offsets[:, :, None])[..., 0]
         return rotations[:, links] @ own, centres
+
+
+@dataclass(frozen=True, eq=False)
+class _Measure:
+    """Distances of pairs of shapes, for poses of the moving ones in the trunk frame (see `Clearance._poses`)."""
+
+    shapes: Clearance
+    rotations: Array
+    centres: Array
+
+    @cached_property
+    def _solids(self) -> tuple[list[Any], list[Any]]:
+        return [_solid(shape) for shape in self.shapes.moving], [_solid(shape) for shape in self.shapes.still]
+
+    @cached_property
+    def _fixed(self) -> list[Any]:
+        return [coal.Transform3s(shape.rotation, shape.translation) for shape in self.shapes.still]
+
+    def __call__(self, pair: _Pair, within: Array) -> Array:
+        """The pair's distance, (samples,) [m]: exact where it may be below `within` (samples,), else a lower bound."""
+        k, m = pair.first, pair.second
+        other = (self.shapes.still if pair.still else self.shapes.moving)[m]
+        apart = self.centres[:, k] - (other.translation if pair.still else self.centres[:, m])
+        out = np.sqrt(np.einsum("ni,ni->n", apart, apart)) - _enclosing(self.shapes.moving[k]) - _enclosing(other)
+        near = np.flatnonzero(out < within)
+        if len(near):
+            measure = coal.ComputeDistance(self._solids[0][k], self._solids[int(pair.still)][m])
+            request, result = coal.DistanceRequest(), coal.DistanceResult()
+            for i in near:
+                pose = coal.Transform3s(self.rotations[i, k], self.centres[i, k])
+                where = self._fixed[m] if pair.still else coal.Transform3s(self.rotations[i, m], self.centres[i, m])
+                result.clear()
+                out[i] = measure(pose, where, request, result)
+        return np.asarray(out)
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,7 +122,7 @@ def _fits(motion: Sinusoids, bounds: LegBounds) -> bool:
     samples = motion.sample(_CHECK_RATE).motion
     if bounds.excess(samples) > _ROUNDING:
         return False
-    return bool(bounds.clearance.slack(samples.position[::2]).min() >= -_ROUNDING)
+    return all(bounds.clearance.slack(samples.position[::every]).min() >= -_ROUNDING for every in (20, 2))
 
 
 def check_duration(duration: float) -> None:
