@@ -1,0 +1,267 @@
+"""Approach (b): the centre of mass from the trunk's orientation error (the paper's section III.B, eq. 12-15).
+
+The trunk controller asks the ground for forces whose moment about the BELIEVED centre of mass ĉ is that of its virtual
+springs, K e with e = log(Rᵀ R_d) (trunk axes; R the trunk's rotation, R_d its reference), besides m g u through ĉ that
+compensates gravity (u: the vertical). At rest the forces carry the true weight and their moment about the TRUE centre
+of mass c vanishes; about ĉ it is then (c - ĉ) x m g u, so for δ = c - ĉ of the whole robot
+
+    K e = δ x m g u        =>        E δ = u x (K e) / (m g),      E = 1 - u uᵀ
+
+exactly, for any reference. Upright, roll φ and pitch θ small, e = (-φ, -θ, ·) and
+
+    δ_x = +K_y θ / (m g),      δ_y = -K_x φ / (m g)
+
+which is the paper's M = [[0, -1], [1, 0]] K / (m g) on e_o = (-φ, -θ) (eq. 12; its I K_p is K).
+A centre of mass ahead of the belief lowers the nose, θ > 0, so ĉ_x must grow with +θ: eq. 14's α is M β, and as it is
+printed, with α a positive scalar on (-φ, -θ), it would run away in x.
+
+Phase one steps ĉ by β E δ. At its end e = 0: the trunk upright, the true centre of mass is above or below ĉ. Phase two
+tilts the reference, R_d e_z ≠ e_z, and what error is left is the height's alone, δ = (0, 0, δ_z):
+
+    δ_z = e_z · (u x K e) / (m g (1 - u_z²))                                                              (eq. 15)
+
+The loop of posture and estimate must be stable. The posture answers like G(s) = ω² / (s² + 2 ζ ω s + ω²), the belief
+comes into use with a lag T (its low-pass, half a period, and the mean over a period), the update integrates at
+κ = β / T_s ≈ 3 / t_a. Routh's criterion on s (T s + 1) (s² + 2 ζ ω s + ω²) + κ ω² gives
+
+    κ < κ_max = [(1 + 2 ζ ω T) (2 ζ ω + ω² T) - ω² T] / (1 + 2 ζ ω T)²,     for T = 0:  κ < 2 ζ ω
+
+A settling time is taken only if κ is at most a quarter of that (a gain margin of 12 dB).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stadera.errors import IdentificationError, ModelError
+from stadera.estimate.contact import ContactForces
+from stadera.estimate.convergence import positive, settling_time, step_size
+from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.protocol import unobserved
+from stadera.estimate.recursive import RecursiveCom
+from stadera.estimate.stillness import GRAVITY, StillnessLimits
+from stadera.estimate.trunk import TrunkModel
+from stadera.inertia import skew
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+_GAIN_MARGIN = 4.0
+_LEAST_TILT = np.deg2rad(3.0)
+_ROTATION_ERROR = 1e-6
+
+
+class Phase(StrEnum):
+    """What is being looked for: the components in the world's plane, or the height."""
+
+    PLANE = "plane"
+    HEIGHT = "height"
+
+
+@dataclass(frozen=True, eq=False)
+class PostureLaw:
+    """What approach (b) must know of the trunk controller.
+
+    Attributes:
+        stiffness: (3,) [N·m/rad], K about the trunk's axes.
+        reference: (3, 3), R_d, of the trunk in the world.
+        frequency: ω [rad/s], and
+        damping: ζ, of the trunk's answer in roll and pitch.
+        lag: with which a new belief comes into use [s].
+        feeds_back: the controller takes over this estimate; else its belief stays what the estimator starts from.
+
+    Raises:
+        ModelError: a wrong shape, values that are not positive, a reference that is not a rotation.
+    """
+
+    stiffness: Array
+    reference: Array
+    frequency: float = 16.0
+    damping: float = 0.8
+    lag: float = 0.05
+    feeds_back: bool = True
+
+    def __post_init__(self) -> None:
+        stiffness = np.array(self.stiffness, dtype=float)
+        if stiffness.shape != (3,) or not (np.isfinite(stiffness).all() and (stiffness > 0).all()):
+            raise ModelError(f"a posture's stiffness needs three positive numbers, got {self.stiffness}")
+        object.__setattr__(self, "stiffness", stiffness)
+        object.__setattr__(self, "reference", _rotation(self.reference))
+        for name in ("frequency", "damping"):
+            positive(f"posture's {name}", getattr(self, name))
+        if not (np.isfinite(self.lag) and self.lag >= 0):
+            raise ModelError(f"a posture's lag must not be negative, got {self.lag} s")
+
+    def fastest_settling(self, period: float) -> float:
+        """The least settling time [s] that leaves a gain margin of 12 dB, updating every `period` [s]."""
+        if not self.feeds_back:
+            return 0.0
+        lag = self.lag + period  # half a period held, half a period from averaging
+        spring, damper = self.frequency**2, 2.0 * self.damping * self.frequency
+        a3 = 1.0 + damper * lag
+        most = (a3 * (damper + spring * lag) - spring * lag) / a3**2
+        return 3.0 * _GAIN_MARGIN / most
+
+
+class OrientationCom(RecursiveCom):
+    """Steps towards the centre of mass that makes the trunk's orientation error vanish.
+
+    Args:
+        robot: whose legs are believed in.
+        posture: what holds the trunk.
+        start: what is believed first, by the controller too; None for the robot's own trunk.
+        forces: source of contact forces, for mass and stance; None for one of its own.
+        limits: of standing still; None for `SLOW`.
+        settling: time [s] after which 5 % of an error is left.
+        period: T_s [s] of the updates; the orientation error is averaged in between.
+        orientation_std: constant error of the measured orientation [rad].
+        height_std: see `RecursiveCom`.
+
+    Attributes:
+        phase: see `Phase`.
+
+    Raises:
+        ImplausibleError: an implausible start.
+        ModelError: a time or a length that is not positive, a settling time that leaves the loop too little margin.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        posture: PostureLaw,
+        start: TrunkModel | None = None,
+        forces: ContactForceEstimator | None = None,
+        limits: StillnessLimits | None = None,
+        settling: float = settling_time(),
+        period: float = 0.02,
+        orientation_std: float = np.deg2rad(0.2),
+        height_std: float = 0.05,
+    ) -> None:
+        super().__init__(robot, start, forces, limits, settling, height_std)
+        self.period, self.phase = positive("period", period), Phase.PLANE
+        if settling < (least := posture.fastest_settling(period)):
+            raise ModelError(f"a settling time of {settling} s is too short for this posture: at least {least:.2f} s")
+        self.posture, self._reference = posture, posture.reference
+        self._orientation_std = orientation_std
+        self._step = step_size(settling, period)
+        self._plane_covariance = unobserved()
+        self._clear()
+
+    @property
+    def reference(self) -> Array:
+        """(3, 3), the reference orientation that the trunk is held to, world."""
+        return self._reference
+
+    def look_for_height(self, reference: Array) -> None:
+        """Begins phase two; from now on the controller holds the trunk to this reference (3, 3), world.
+
+        Raises:
+            IdentificationError: the plane's components have not been found yet, or it is tilted by less than 3°.
+            ModelError: not a rotation.
+        """
+        rotation = _rotation(reference)
+        if self.phase is Phase.PLANE and not self._settled.reached:
+            raise IdentificationError("the height is looked for once the components in the plane have converged")
+        if (tilt := float(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))) < _LEAST_TILT:
+            raise IdentificationError(
+                f"the height needs a tilted trunk: {np.rad2deg(tilt):.1f}° is less than {np.rad2deg(_LEAST_TILT):.0f}°"
+            )
+        self.phase, self._reference = Phase.HEIGHT, rotation
+        self._plane_covariance = np.array(self._covariance())
+        self._known = None
+        self._settled.restart()
+        self._clear()
+
+    def look_in_plane(self, reference: Array) -> None:
+        """Begins phase one anew, the trunk held to this reference (3, 3), world.
+
+        Raises:
+            ModelError: not a rotation.
+        """
+        self.phase, self._reference = Phase.PLANE, _rotation(reference)
+        self._known = None
+        self._settled.restart()
+        self._clear()
+
+    def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
+        if measurement.rotation is None:
+            self._refuse("no orientation: this method weighs by the trunk's orientation error")
+            return
+        if np.isnan(self._due):
+            self._due = measurement.time + self.period
+        self._errors += _log(measurement.rotation.T @ self._reference)
+        self._count += 1
+        if measurement.time < self._due - 1e-9:
+            return
+        error, up = self._errors / self._count, measurement.up
+        self._clear()
+        self._due = measurement.time + self.period
+        self._correct(measurement, forces, error, up)
+
+    def _correct(self, measurement: Measurement, forces: ContactForces, error: Array, up: Array) -> None:
+        """One step by the mean orientation error (3,) [rad] of a period."""
+        leg_moment = self.forces.legs.at(measurement).moment
+        com = self._robot_com(leg_moment)
+        mass, weighed = self._weighed(forces, up, self._step)
+        weight = GRAVITY * (mass + self._leg_mass)
+        felt = np.cross(up, self.posture.stiffness * error) / weight  # E δ of what the controller believes
+        if not self.posture.feeds_back:
+            believed = (self._start.mass * self._start.com_trunk + leg_moment) / (self._start.mass + self._leg_mass)
+            felt += (believed - com) - up * float(up @ (believed - com))
+        if self.phase is Phase.HEIGHT:
+            felt = np.array([0.0, 0.0, felt[2] / (1.0 - up[2] ** 2)])
+        innovation = felt * (1.0 + self._leg_mass / self._trunk.mass)
+        self._settled.take(innovation, self._step)
+        self._last = forces, up, com
+        com_trunk = self._trunk.com_trunk + self._step * innovation
+        self._adopt(measurement.time, mass, com_trunk, weighed and self._settled.reached)
+
+    def _interrupted(self) -> None:
+        self._settled.restart()
+        self._clear()
+
+    def _clear(self) -> None:
+        self._errors, self._count = np.zeros(3), 0
+        self._due: float = np.nan
+
+    # -- how sure -------------------------------------------------------------------------------------------------
+    def _averaging(self) -> float:
+        return self._step / (2.0 - self._step)
+
+    def _other_covariance(self, up: Array) -> Array:
+        """An orientation that is off by ε turns into a moment K ε of the springs."""
+        slope = skew(up) * self.posture.stiffness / (self._trunk.mass * GRAVITY)
+        return np.asarray(self._orientation_std**2 * slope @ slope.T)
+
+    def _worked_out(self, forces: ContactForces, up: Array, com: Array) -> Array:
+        if self.phase is Phase.PLANE:
+            return super()._worked_out(forces, up, com)
+        covariance = np.array(self._plane_covariance)
+        wrench = forces.wrench_covariance("constant") + forces.wrench_covariance("foot")
+        slope = self._from_wrench(up, com)[1:]
+        felt = slope @ (wrench + self._averaging() * forces.wrench_covariance("white")) @ slope.T
+        felt += self._other_covariance(up)
+        # the height takes the blame for what is left in the plane
+        blame = up[2] * up[:2]
+        variance = (felt[2, 2] + blame @ covariance[1:3, 1:3] @ blame) / (1.0 - up[2] ** 2) ** 2
+        covariance[3, :] = covariance[:, 3] = 0.0
+        covariance[3, 3] = variance
+        return covariance
+
+
+def _rotation(matrix: Array) -> Array:
+    rotation = np.array(matrix, dtype=float)
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_ERROR):
+        raise ModelError("a posture's reference must be a rotation matrix (3, 3)")
+    return rotation
+
+
+def _log(rotation: Array) -> Array:
+    """The rotation vector (3,) [rad] of a rotation matrix."""
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

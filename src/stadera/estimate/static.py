@@ -1,0 +1,139 @@
+"""What the estimators of statics share: who may be learnt from, keeping the last good estimate, saying why not."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from math import isfinite, isnan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.estimate.contact import ContactForces
+from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.protocol import Status, TrunkEstimate
+from stadera.estimate.stillness import StillnessGate, StillnessLimits
+from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+_CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
+
+
+class StaticEstimator(ABC):
+    """An `Estimator` that learns from measurements at rest and from no others.
+
+    Args:
+        robot: whose legs are believed in.
+        start: what is believed first; None for the robot's own trunk.
+        forces: source of contact forces; None for one of its own.
+        limits: of standing still; None for the estimator's own.
+
+    Raises:
+        ImplausibleError: the start lies outside `TrunkBounds.of(robot)`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        start: TrunkModel | None = None,
+        forces: ContactForceEstimator | None = None,
+        limits: StillnessLimits | None = None,
+    ) -> None:
+        self.robot, self.forces = robot, forces or ContactForceEstimator(robot)
+        self.bounds = TrunkBounds.of(robot)
+        self.gate = StillnessGate(self.forces.legs, limits)
+        self._trunk = self._start = self.bounds.check(start or TrunkModel.prior(robot))
+        self._status, self._reason = Status.WAITING, ""
+        self._learnt, self._seen = np.nan, -np.inf
+
+    def update(self, measurement: Measurement) -> None:
+        """Learns from a measurement at rest; refuses any other and keeps what it has."""
+        if reason := self._complaint(measurement):
+            self._refuse(reason)
+            return
+        forces = self.forces.at(measurement)
+        reason = self._stretched(forces, measurement) or self.gate.complaint(measurement, forces)
+        if reason:
+            self._refuse(reason)
+            self._interrupted()
+            return
+        if self._status is Status.REFUSED:
+            self._status, self._reason = Status.WAITING if isnan(self._learnt) else Status.MOVING, ""
+        self._learn(measurement, forces)
+
+    def estimate(self) -> TrunkEstimate:
+        """What it believes now; after a refusal the last good estimate, and why."""
+        return TrunkEstimate(self._learnt, self._trunk, self._covariance(), self._status, self._reason)
+
+    # -- for the laws -----------------------------------------------------------------------------------------
+    @abstractmethod
+    def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
+        """Takes in a measurement at rest."""
+
+    @abstractmethod
+    def _covariance(self) -> Array:
+        """(4, 4) of mass and centre of mass."""
+
+    def _interrupted(self) -> None:  # noqa: B027 (most have nothing to do)
+        """Something other than rest came between."""
+
+    def _refuse(self, reason: str) -> None:
+        self._status, self._reason = Status.REFUSED, reason
+
+    def _adopt(self, time: float, mass: float, com: Array, converged: bool) -> bool:
+        """Makes mass [kg] and centre of mass (3,) [m] the estimate, unless it has run away."""
+        try:
+            trunk = TrunkModel(mass, com, self._start.inertia_com)
+        except ImplausibleError as error:
+            self._refuse(f"the estimate runs away: {error}")
+            return False
+        if complaint := self.bounds.complaint(trunk):
+            self._refuse(f"the estimate runs away: {complaint}")
+            return False
+        self._trunk, self._learnt = trunk, time
+        self._status, self._reason = Status.CONVERGED if converged else Status.MOVING, ""
+        return True
+
+    # -- what cannot be a measurement at rest -----------------------------------------------------------------
+    def _complaint(self, m: Measurement) -> str:
+        if not isfinite(_total(m)):
+            return f"not finite: {self._first_not_finite(m)}"
+        if not m.time > self._seen:
+            return f"time must increase, got {m.time:.6f} s after {self._seen:.6f} s"
+        self._seen = m.time
+        return ""
+
+    def _stretched(self, forces: ContactForces, m: Measurement) -> str:
+        if isfinite(forces.force.sum()):
+            return ""
+        lost = np.isnan(forces.force).any(axis=1)
+        if m.stance is not None:
+            lost &= m.stance
+        if not lost.any():
+            return ""
+        return f"leg {self.robot.legs[int(np.argmax(lost))].name} is so stretched that its foot's force is not felt"
+
+    def _first_not_finite(self, m: Measurement) -> str:
+        if not isfinite(m.time):
+            return "time"
+        for name in _CHANNELS:
+            values = getattr(m, name)
+            if not np.isfinite(values).all():
+                if len(values) != len(self.robot.tree.joints):
+                    return name.replace("_", " ")
+                joint = self.robot.tree.joints[int(np.argmin(np.isfinite(values)))]
+                return f"{name.replace('_', ' ')} of joint {joint!r}"
+        return "foot position" if m.rotation is None or np.isfinite(m.rotation).all() else "orientation"
+
+
+def _total(m: Measurement) -> float:
+    """Not finite if anything in the measurement is not."""
+    total = m.time + m.joint_position.sum() + m.joint_velocity.sum() + m.effort.sum()
+    total += m.angular_velocity.sum() + m.specific_force.sum()
+    if m.rotation is not None:
+        total += m.rotation.sum()
+    if m.foot_position is not None:
+        total += m.foot_position.sum()
+    return float(total)
