@@ -10,7 +10,7 @@ import numpy as np
 from stadera.identify.information import Information
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
-from stadera.identify.residuals import PlainFits, residual_noise, rows_of
+from stadera.identify.residuals import residual_noise, rows_of
 
 _PENDING = 8  # informations kept before they are merged
 
@@ -44,14 +44,13 @@ class Gathered:
 def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
     """Sums up the training part, one result for each of the job's legs."""
     by_joint = _summed_up(job, training)
-    fits = [_plain_fits(task, found) for task, found in zip(job.tasks, by_joint, strict=True)]
+    best = [_best_fits(task, found) for task, found in zip(job.tasks, by_joint, strict=True)]
     regressors = [task.regressor for task in job.tasks]
-    noise = residual_noise(job.step("measuring the noise"), training, regressors, fits, job.trunk)
-    out = []
-    for task, found, fit, (std, correlation) in zip(job.tasks, by_joint, fits, noise, strict=True):
-        terms = {c: v for c, v in fit.friction_only.items() if c not in task.rigid}
-        out.append(Gathered(found, std, correlation, terms))
-    return tuple(out)
+    noise = residual_noise(job.step("measuring the noise"), training, regressors, best, job.trunk)
+    return tuple(
+        Gathered(found, std, correlation, _joint_terms(task, found))
+        for task, found, (std, correlation) in zip(job.tasks, by_joint, noise, strict=True)
+    )
 
 
 def _summed_up(job: Job, training: Part) -> list[tuple[Information, ...]]:
@@ -68,16 +67,20 @@ def _summed_up(job: Job, training: Part) -> list[tuple[Information, ...]]:
     return [tuple(_merged(waiting) for waiting in lists) for lists in pending]
 
 
-def _plain_fits(task: LegTask, by_joint: Sequence[Information]) -> PlainFits:
-    """Before any noise is known: each joint's best fit, and the fit of the joint terms with the links at CAD."""
-    best, friction_only = [], dict(task.believed)
+def _best_fits(task: LegTask, by_joint: Sequence[Information]) -> list[dict[str, float]]:
+    """Each joint's own best fit, before any noise is known."""
+    return [dict(task.fixed) | found.fix(task.fixed).least_squares() for found in by_joint]
+
+
+def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, float]:
+    """The joint terms that fit best with the links at CAD."""
+    fitted: dict[str, float] = {}
     for information in by_joint:
-        best.append(dict(task.fixed) | information.fix(task.fixed).least_squares())
         terms = information.fix(task.rigid | dict(task.fixed))
         # terms of the other joints have no influence on this one
         heard = np.linalg.norm(terms.R, axis=0) > 0
-        friction_only |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}
-    return PlainFits(tuple(best), friction_only)
+        fitted |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}
+    return fitted
 
 
 def _merged(parts: Sequence[Information]) -> Information:

@@ -158,7 +158,7 @@ def _known(combination: Combination, estimate: Estimate) -> KnownCombination:
         text=str(combination),
         prior=float(gradient @ estimate.prior.values),
         value=float(gradient @ estimate.values),
-        std=float(np.sqrt(max(gradient @ estimate.covariance @ gradient, 0.0))),
+        std=float(np.sqrt(np.maximum(gradient @ estimate.covariance @ gradient, 0.0))),
         unit=unit_of(combination.terms[0][0]),
         verdict=estimate.observability.verdicts(gradient)[0],
     )

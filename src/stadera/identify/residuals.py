@@ -33,44 +33,36 @@ def predicted(rows: Rows, parameters: Mapping[str, float]) -> Array:
     return rows.predict(np.array([parameters[c] for c in rows.columns]))
 
 
-@dataclass(frozen=True, eq=False)
-class PlainFits:
-    """Parameters by name: each joint's own best fit, and all joints' terms with the links at CAD."""
-
-    best: tuple[Mapping[str, float], ...]
-    friction_only: Mapping[str, float]
-
-
 def residual_noise(
     step: Callable[[int, int], None],
     training: Iterable[Processed],
     regressors: Sequence[JointTorqueRegressor],
-    fits: Sequence[PlainFits],
+    fits: Sequence[Sequence[Mapping[str, float]]],
     trunk: TrunkMotion,
 ) -> list[tuple[dict[str, float], dict[str, float]]]:
     """By leg: each joint's residual standard deviation [N·m], and how many samples one independent sample is worth.
 
-    The deviation is the best fit's: what no parameters explain. The correlation is the larger of that fit's and the
-    CAD-with-friction fit's, from the variance of the means of batches of length B, τ = B var(mean) / var(sample): a fit
-    that also took up slow disturbances would look whiter than the joint is.
+    Both of the residuals that each joint's own best fit leaves, which is what no parameters explain. The correlation is
+    from the variance of the means of batches of length B: τ = B var(mean) / var(sample).
+
+    Args:
+        fits: by leg and joint, the best fit's parameters by name.
     """
-    spreads = [[(_Spread(), _Spread()) for _ in r.tree.joints] for r in regressors]
+    spreads = [[_Spread() for _ in r.tree.joints] for r in regressors]
     largest = [np.zeros(len(r.tree.joints)) for r in regressors]
     for done, chunk in enumerate(training):
         batch = max(1, round(BATCH_S * chunk.report.rate_hz))
-        for leg, (regressor, fit) in enumerate(zip(regressors, fits, strict=True)):
+        for leg, regressor in enumerate(regressors):
             for k, rows in enumerate(rows_of(regressor, chunk, trunk)):
-                spreads[leg][k][0].add(rows.target - predicted(rows, fit.best[k]), batch)
-                spreads[leg][k][1].add(rows.target - predicted(rows, fit.friction_only), batch)
+                spreads[leg][k].add(rows.target - predicted(rows, fits[leg][k]), batch)
                 largest[leg][k] = max(largest[leg][k], np.abs(rows.target).max(initial=0.0))
         step(done + 1, 0)
     out = []
-    for regressor, pairs, top in zip(regressors, spreads, largest, strict=True):
+    for regressor, found, top in zip(regressors, spreads, largest, strict=True):
         floors = 1e-9 * np.maximum(top, 1e-9)  # rounding, for data without noise
         names = regressor.tree.joints
-        std = {j: max(best.std, f) for j, (best, _), f in zip(names, pairs, floors.tolist(), strict=True)}
-        worth = {j: max(p.correlation for p in pair) for j, pair in zip(names, pairs, strict=True)}
-        out.append((std, worth))
+        std = {j: max(spread.std, f) for j, spread, f in zip(names, found, floors.tolist(), strict=True)}
+        out.append((std, {j: spread.correlation for j, spread in zip(names, found, strict=True)}))
     return out
 
 
