@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 
 _SKEW = np.stack([skew(axis) for axis in np.eye(3)]).reshape(3, 9)
 _INFINITE = 1e20
+_MOST_ITERATIONS = 200  # of which a warm start needs a few
 _ROWS = 5  # of constraints a foot
 
 
@@ -81,6 +82,7 @@ class ForceDistribution:
         self._qp = proxsuite.proxqp.dense.QP(12, 0, 4 * _ROWS)
         self._qp.settings.eps_abs = 1e-7
         self._qp.settings.eps_rel = 0.0
+        self._qp.settings.max_iter = _MOST_ITERATIONS
         self._qp.settings.initial_guess = proxsuite.proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._started = False
         self._sides, self._bounds = np.zeros((0, 12)), np.zeros(0)

@@ -162,9 +162,14 @@ class TrunkController:
         velocity = self.odometry.velocity(arms, moving, m.angular_velocity)
         force, moment = self._springs(rotation, com, velocity, m.angular_velocity)
         force[2] += mass * GRAVITY
+        self._require_finite(force + moment)
         self.forces = self._sharing.solve(arms @ rotation.T, force, moment)
         against = ((self.forces @ rotation)[:, None, :] @ jacobians)[:, 0]
         return self._within_limits((state.bias - against).ravel()[self._tree_order] + self._offset)
+
+    def _require_finite(self, values: Array) -> None:
+        if not isfinite(values @ values):
+            raise ControlError(f"no torques at {self._time:.6f} s: a value that was measured is not finite")
 
     def _within_limits(self, torque: Array) -> Array:
         if not isfinite(torque @ torque):

@@ -37,7 +37,7 @@ Bools = NDArray[np.bool_]
 JacobianOf = Literal["feet", "encoders"]
 
 _CARRIES = 0.03  # share of the robot's weight that a foot in stance has along the normal
-_LEAST_VOLUME = 0.002  # of det J_c, as a share of the cubed length of the leg: below it a direction is not felt
+_LEAST_VOLUME = 0.01  # of det J_c, as a share of the cubed length of the leg: below it a direction is not felt
 _GRAVITY = 9.81  # m/s²
 _STICTION_VELOCITY = 0.1  # rad/s, over which friction's sign is smoothed, well above the noise of a joint's velocity
 
@@ -147,7 +147,7 @@ def contact_forces(
         jacobian = point_jacobians(axes, origins, contact)
         singular = (np.abs(np.linalg.det(jacobian)) < flat)[..., None, None]
         transposed = np.where(singular, np.nan, np.swapaxes(jacobian, -1, -2))
-        forces: Array = np.linalg.solve(transposed, torque[..., None])[..., 0]
+        forces = np.asarray(np.linalg.solve(transposed, torque[..., None])[..., 0], dtype=np.float64)
         return normal, contact, jacobian, forces
 
     normal, _, _, force = solved(allowed)

@@ -68,12 +68,13 @@ class Measurement:
         Raises:
             RecordingError: a value that is not finite.
         """
-        turn = mount.rotation
-        omega, force = turn @ sample.angular_velocity, turn @ sample.specific_force
         q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
+        gyro, accelerometer = sample.angular_velocity, sample.specific_force
         # products carry a value that is not finite on to the sum
-        if not isfinite(q @ qd + effort @ effort + force @ omega + orientation @ orientation):
+        if not isfinite(q @ qd + effort @ effort + gyro @ accelerometer + orientation @ orientation):
             raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
+        turn = mount.rotation
+        omega, force = turn @ gyro, turn @ accelerometer
         force -= _centripetal(omega, mount.translation)
         rotation = rotation_matrix(orientation) @ turn.T
         return cls(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance)

@@ -150,6 +150,7 @@ class OrientationCom(RecursiveCom):
         self.posture, self._reference = posture, posture.reference
         self._orientation_std = orientation_std
         self._step = step_size(settling, period)
+        self._due: float = np.nan
         self._plane_covariance = unobserved()
         self._clear()
 
@@ -228,7 +229,7 @@ class OrientationCom(RecursiveCom):
 
     def _clear(self) -> None:
         self._errors, self._count = np.zeros(3), 0
-        self._due: float = np.nan
+        self._due = np.nan
 
     # -- how sure -------------------------------------------------------------------------------------------------
     def _averaging(self) -> float:

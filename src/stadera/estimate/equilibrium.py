@@ -1,0 +1,168 @@
+"""The six equations of a robot at rest, as rows in what is to be found and in what may be wrong.
+
+With F = Σ f_i and μ = Σ p_i x f_i of the feet that carry (trunk axes, about the trunk's origin), g the downward pull's
+size, u the vertical, m and h = m c of the trunk with its payload, m_l and h_l of the legs
+
+    F - (m + m_l) g u = 0,        μ - (h + h_l) x g u = 0                            (the paper's eq. 9, with its forces)
+
+are linear in m and h. Wrong may be, constant over a run: the joints' torques by offsets t (measured minus true), the
+feet's positions by d (trunk frame), the vertical by a small rotation ε, u_measured = u + ε x u. The equations are put up
+at values t₀, d₀, ε₀ taken off the measurement, and made linear there:
+
+    dF = -∂F/∂τ dt - ∂F/∂p dd,    dμ likewise,    du = u x dε      (torques enter exactly linearly, feet nearly)
+
+A leg held in the air adds its three joints' own equations, h_j - τ_j = 0, in which nothing but the offsets is unknown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import ModelError
+from stadera.estimate.contact import ContactForces
+from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.noise import ForceNoise
+from stadera.estimate.stillness import GRAVITY
+from stadera.inertia import skew
+from stadera.regressors.rows import Rows
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+TRUNK: tuple[str, ...] = ("m", "mcx", "mcy", "mcz")
+"""Names of the trunk's four parameters [kg, kg·m]."""
+
+ERRORS = 27
+"""How many constant errors there are: 12 torques, 12 of feet, 3 of the vertical."""
+
+_REPEATABLE = 1e-4  # share of the robot's weight (times 1 m): what a pose at rest leaves unexplained
+
+
+def error_names(robot: Robot) -> tuple[str, ...]:
+    """Names of the constant errors: torque offsets leg by leg, feet leg by leg, the vertical."""
+    torques = [f"{joint}.torque" for leg in robot.legs for joint in leg.joints]
+    feet = [f"{leg.name}.foot.{axis}" for leg in robot.legs for axis in "xyz"]
+    return (*torques, *feet, *(f"vertical.{axis}" for axis in "xyz"))
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantErrors:
+    """How large the constant errors may be, as a Gaussian of mean zero.
+
+    Attributes:
+        covariance: (27, 27), of torques [N·m], feet [m], vertical [rad], in the order of `error_names`.
+
+    Raises:
+        ModelError: a wrong shape, or not a covariance of positive variances.
+    """
+
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        C = np.array(self.covariance, dtype=float)
+        if C.shape != (ERRORS, ERRORS) or not np.isfinite(C).all() or np.linalg.eigvalsh(C).min() <= 0:
+            raise ModelError(f"constant errors need a positive definite covariance {(ERRORS, ERRORS)}")
+        object.__setattr__(self, "covariance", C)
+
+    @classmethod
+    def of(cls, noise: ForceNoise, orientation: float = np.deg2rad(0.2), common_torque: float = 0.0) -> ConstantErrors:
+        """Independent errors, save for a part of the torques that is common to all joints.
+
+        Args:
+            noise: of torques and feet.
+            orientation: of each component of ε [rad].
+            common_torque: standard deviation of an offset that is the same in every joint [N·m].
+        """
+        std = np.concatenate([noise.torque_constant.ravel(), np.full(12, noise.foot_position), np.full(3, orientation)])
+        C = np.diag(np.maximum(std, 1e-9) ** 2)
+        C[:12, :12] += common_torque**2
+        return cls(C)
+
+    @property
+    def rows_root(self) -> Array:
+        """W with Wᵀ W the inverse of the covariance: the prior `W n = 0` of unit noise."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)))
+
+
+def wrench_slope(forces: ContactForces) -> Array:
+    """(6, 24): change of (F, μ) with the legs' torques [N·m] and the feet's positions [m]."""
+    stance = forces.stance[:, None, None]
+    skews = np.array([skew(p) for p in forces.contact])
+    held = np.array([skew(f) for f in np.nan_to_num(forces.force)])
+    by_torque, by_foot = forces.torque_to_force, forces.foot_to_force
+    torque = np.where(stance, np.concatenate([by_torque, skews @ by_torque], axis=1), 0.0)
+    foot = np.where(stance, np.concatenate([by_foot, skews @ by_foot - held], axis=1), 0.0)
+    return np.concatenate([*torque, *foot], axis=1)
+
+
+def equilibrium_rows(
+    forces_of: ContactForceEstimator, measurement: Measurement, count: float, errors: Array, names: tuple[str, ...]
+) -> Rows:
+    """Whitened rows of one pose, in `TRUNK` and the constant errors.
+
+    Args:
+        forces_of: whose legs are believed in, and whose noise weights the rows.
+        measurement: the pose's mean.
+        count: of samples that it is the mean of.
+        errors: (27,), values that the equations are made linear at.
+        names: of the errors.
+    """
+    m, up = _without(measurement, errors, forces_of)
+    forces, state = forces_of.at(m), forces_of.legs.at(m)
+    swing = [] if m.stance is None else np.flatnonzero(~m.stance).tolist()
+    slope = wrench_slope(forces)
+    matrix = np.zeros((6 + 3 * len(swing), 4 + ERRORS))
+    matrix[:3, 0] = -GRAVITY * up
+    matrix[3:6, 1:4] = GRAVITY * skew(up)
+    matrix[:6, 4:28] = -slope
+    trunk = _estimated_trunk(forces, state.moment, forces_of.legs.mass, up)
+    matrix[:3, 28:] = -(trunk[0] + forces_of.legs.mass) * GRAVITY * skew(up)
+    matrix[3:6, 28:] = -GRAVITY * skew(trunk[1:] + state.moment) @ skew(up)
+    legs_only = np.concatenate([forces_of.legs.mass * up, np.cross(state.moment, up)]) * GRAVITY
+    value = np.zeros(len(matrix))
+    value[:6] = forces.wrench - legs_only
+    white = (forces.noise.torque_white**2 / count).ravel()
+    covariance = np.zeros((len(matrix), len(matrix)))
+    covariance[:6, :6] = (slope[:, :12] * white) @ slope[:, :12].T
+    for k, leg in enumerate(swing):
+        at, own = slice(6 + 3 * k, 9 + 3 * k), slice(3 * leg, 3 * leg + 3)
+        value[at] = forces.jacobian[leg].T @ forces.force[leg]
+        matrix[at, 4:16][:, own] = np.eye(3)
+        covariance[at, at] = np.diag(white[own])
+    covariance += np.eye(len(matrix)) * (_REPEATABLE * forces_of.robot.mass * GRAVITY) ** 2
+    root = np.linalg.cholesky(covariance)
+    target = matrix[:, 4:] @ errors - value
+    return Rows((*TRUNK, *names), np.linalg.solve(root, matrix), np.linalg.solve(root, target))
+
+
+def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) -> tuple[Measurement, Array]:
+    """The measurement with these errors taken off, as one at rest, and its vertical."""
+    torque, foot, turn = np.zeros(len(m.effort)), errors[12:24].reshape(4, 3), errors[24:]
+    torque[forces_of.legs.columns] = errors[:12].reshape(4, 3)
+    up = m.up - np.cross(turn, m.up)
+    up /= np.linalg.norm(up)
+    feet = m.foot_position
+    if foot.any():
+        feet = (forces_of.legs.at(m).feet if feet is None else feet) - foot
+    still = np.zeros_like(m.joint_velocity)
+    corrected = replace(
+        m,
+        joint_velocity=still,
+        angular_velocity=np.zeros(3),
+        specific_force=GRAVITY * up,
+        rotation=None,
+        effort=m.effort - torque,
+        foot_position=feet,
+    )
+    return corrected, up
+
+
+def _estimated_trunk(forces: ContactForces, leg_moment: Array, leg_mass: float, up: Array) -> Array:
+    """Mass and first moment (4,) of the trunk from this pose alone, nothing along the vertical: for slopes."""
+    mass = float(up @ forces.total_force) / GRAVITY
+    moment = np.cross(up, forces.moment) / GRAVITY
+    return np.array([mass - leg_mass, *(moment - leg_moment)])

@@ -1,0 +1,82 @@
+"""Samples at rest gathered into poses: the mean of all samples that are alike, so that memory is flat and noise small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import ModelError
+from stadera.estimate.measurement import Measurement
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Alike:
+    """How far a sample may be from a pose's mean and still belong to it.
+
+    Attributes:
+        joint: of any joint [rad].
+        tilt: of the vertical [rad].
+    """
+
+    joint: float = 0.02
+    tilt: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not (self.joint > 0 and self.tilt > 0):
+            raise ModelError(f"samples of a pose need positive tolerances, got {self.joint} rad, {self.tilt} rad")
+
+
+class PoseMean:
+    """The running mean of alike samples.
+
+    Args:
+        first: the first sample.
+        stance: (4,), the feet that carry.
+
+    Attributes:
+        count: of samples.
+    """
+
+    def __init__(self, first: Measurement, stance: Bools) -> None:
+        self._first, self._stance = first, stance.copy()
+        self._q, self._effort = first.joint_position.copy(), first.effort.copy()
+        self._up = first.up.copy()
+        self._feet = None if first.foot_position is None else first.foot_position.copy()
+        self.count = 1
+
+    def takes(self, m: Measurement, stance: Bools, alike: Alike) -> bool:
+        """Adds a sample if it is alike and on the same feet; else leaves it alone."""
+        if stance.tolist() != self._stance.tolist() or (m.foot_position is None) != (self._feet is None):
+            return False
+        if float(np.abs(m.joint_position - self._q).max()) > alike.joint:
+            return False
+        up = m.up
+        if float(np.abs(up - self._up).max()) > alike.tilt:
+            return False
+        self.count += 1
+        share = 1.0 / self.count
+        self._q += share * (m.joint_position - self._q)
+        self._effort += share * (m.effort - self._effort)
+        self._up += share * (up - self._up)
+        if self._feet is not None and m.foot_position is not None:
+            self._feet += share * (m.foot_position - self._feet)
+        return True
+
+    @property
+    def measurement(self) -> Measurement:
+        """The mean, as a measurement at rest."""
+        return replace(
+            self._first,
+            joint_position=self._q.copy(),
+            joint_velocity=np.zeros_like(self._q),
+            effort=self._effort.copy(),
+            angular_velocity=np.zeros(3),
+            specific_force=self._up / np.linalg.norm(self._up),
+            rotation=None,
+            foot_position=None if self._feet is None else self._feet.copy(),
+        )

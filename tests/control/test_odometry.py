@@ -1,0 +1,86 @@
+"""Leg odometry from feet that stand still in the world."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.control import LegOdometry
+from stadera.robot import load_robot
+from stadera.robot.kinematics import foot_jacobians, foot_positions
+from stadera.robot.stance import standing_configuration
+
+ALL = np.ones(4, dtype=bool)
+FEET = np.array([[0.4, 0.2, -0.6], [0.4, -0.2, -0.6], [-0.4, 0.2, -0.6], [-0.4, -0.2, -0.6]])
+
+
+def levers(position: np.ndarray, grounded: np.ndarray) -> np.ndarray:
+    """Feet from the trunk's origin, world axes, of feet that stand at `grounded`."""
+    return grounded - position
+
+
+def test_follows_the_trunk() -> None:
+    odometry, rng = LegOdometry(), np.random.default_rng(0)
+    odometry.locate(FEET, ALL)
+    np.testing.assert_array_equal(odometry.position, 0.0)
+    for _ in range(20):
+        position = rng.normal(0.0, 0.05, 3)
+        odometry.locate(levers(position, FEET), ALL)
+        np.testing.assert_allclose(odometry.position, position, atol=1e-12)
+    assert not odometry.slipped.any()
+
+
+def test_goes_on_over_steps() -> None:
+    odometry, grounded, position = LegOdometry(), FEET.copy(), np.zeros(3)
+    odometry.locate(FEET, ALL)
+    for foot in (0, 3, 1, 2):
+        three = np.arange(4) != foot
+        for _ in range(5):
+            position = position + np.array([0.004, 0.001, 0.0])
+            odometry.locate(levers(position, grounded), three)
+            np.testing.assert_allclose(odometry.position, position, atol=1e-12)
+        grounded[foot] += [0.05, 0.01, 0.02]
+        four = np.ones(4, dtype=bool)
+        odometry.locate(levers(position, grounded), four)
+        np.testing.assert_allclose(odometry.position, position, atol=1e-12)
+        np.testing.assert_allclose(odometry.anchors, grounded, atol=1e-12)
+
+
+def test_a_foot_that_slips_is_named_and_anchored_anew() -> None:
+    odometry, grounded = LegOdometry(), FEET.copy()
+    odometry.locate(FEET, ALL)
+    grounded[2] += [0.03, 0.0, 0.0]
+    odometry.locate(grounded, ALL)
+    np.testing.assert_array_equal(odometry.slipped, [False, False, True, False])
+    odometry.locate(grounded, ALL)
+    assert not odometry.slipped.any()
+
+
+def test_in_the_air_it_stays() -> None:
+    odometry = LegOdometry()
+    odometry.locate(FEET, ALL)
+    odometry.locate(FEET - [0.01, 0.0, 0.0], ALL)
+    odometry.locate(FEET + 5.0, np.zeros(4, dtype=bool))
+    np.testing.assert_allclose(odometry.position, [0.01, 0.0, 0.0], atol=1e-12)
+
+
+def test_velocity_by_finite_differences() -> None:
+    """A trunk that moves over fixed feet: joints by inverse kinematics of small steps, v by differences."""
+    robot = load_robot("hyq")
+    rng = np.random.default_rng(1)
+    R = Rotation.from_rotvec([0.1, -0.2, 0.3])
+    q = standing_configuration(robot)
+    feet, J = foot_positions(robot, q[None])[0], foot_jacobians(robot, q[None])[0]
+    linear, omega, point = *rng.normal(0.0, 1.0, (2, 3)), rng.normal(0.0, 0.2, 3)  # trunk axes
+    columns = [[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs]
+    # a foot at rest: 0 = v + ω x p + J q̇
+    rates = np.array([np.linalg.solve(J[k], -linear - np.cross(omega, feet[k])) for k in range(4)])
+    odometry, dt = LegOdometry(), 1e-6
+    odometry.locate(feet @ R.as_matrix().T, ALL)
+    found = odometry.velocity(feet - point, (J @ rates[:, :, None])[:, :, 0], omega)
+    np.testing.assert_allclose(found, linear + np.cross(omega, point), atol=1e-12)
+    later = q.copy()
+    later[columns] += dt * rates
+    turned = R * Rotation.from_rotvec(dt * omega)
+    odometry.locate(foot_positions(robot, later[None])[0] @ turned.as_matrix().T, ALL)
+    np.testing.assert_allclose(odometry.position / dt, R.as_matrix() @ linear, atol=1e-5)
