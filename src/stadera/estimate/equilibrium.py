@@ -3,11 +3,11 @@
 With F = Σ f_i and μ = Σ p_i x f_i of the feet that carry (trunk axes, about the trunk's origin), g the downward pull's
 size, u the vertical, m and h = m c of the trunk with its payload, m_l and h_l of the legs
 
-    F - (m + m_l) g u = 0,        μ - (h + h_l) x g u = 0                            (the paper's eq. 9, with its forces)
+    F - (m + m_l) g u = 0,        μ - (h + h_l) x g u = 0                      (the paper's eq. 9, with its forces)
 
 are linear in m and h. Wrong may be, constant over a run: the joints' torques by offsets t (measured minus true), the
-feet's positions by d (trunk frame), the vertical by a small rotation ε, u_measured = u + ε x u. The equations are put up
-at values t₀, d₀, ε₀ taken off the measurement, and made linear there:
+feet's positions by d (trunk frame), the vertical by a small rotation ε, u_measured = u + ε x u. The equations are put
+up at values t₀, d₀, ε₀ taken off the measurement, and made linear there:
 
     dF = -∂F/∂τ dt - ∂F/∂p dd,    dμ likewise,    du = u x dε      (torques enter exactly linearly, feet nearly)
 

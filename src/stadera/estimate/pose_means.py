@@ -1,4 +1,4 @@
-"""Samples at rest gathered into poses: the mean of all samples that are alike, so that memory is flat and noise small."""
+"""Samples at rest gathered into poses: the mean of all samples that are alike, flat in memory."""
 
 from __future__ import annotations
 

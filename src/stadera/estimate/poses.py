@@ -91,6 +91,7 @@ class PosesCom(StaticEstimator):
         self._linear_at = np.zeros(ERRORS)
         self._known = unobserved()
         self._solved, self._latest, self._count = -np.inf, np.nan, 0
+        self._runaway = ""
 
     @property
     def poses(self) -> int:
@@ -111,11 +112,10 @@ class PosesCom(StaticEstimator):
         if self._open is None or not self._open.takes(measurement, forces.stance, self.alike):
             self._close()
             self._open, self._count = PoseMean(measurement, forces.stance), self._count + 1
-        if self._latest - self._solved >= _STALE or len(self._closed) > self._KEPT:
+        if self._latest - self._solved >= _STALE:
             self._solve()
-
-    def _interrupted(self) -> None:
-        """A pose goes on if the robot comes back to it."""
+        elif self._runaway:
+            self._refuse(self._runaway)
 
     def _close(self) -> None:
         if self._open is not None:
@@ -145,6 +145,7 @@ class PosesCom(StaticEstimator):
         if self._adopt(self._latest, float(value[0]), value[1:], not len(hidden)):
             self._known = np.array(solution.covariance)
             self._known[hidden, :] = self._known[:, hidden] = np.nan
+        self._runaway = self._reason
 
     def _covariance(self) -> Array:
         return self._known
@@ -180,7 +181,7 @@ def sought(information: Information, errors: ConstantErrors) -> TrunkSolution:
     return _solution(theta[:4], (root @ root.T)[:4, :4], theta[4:])
 
 
-def conditioned(value: Array, covariance: Array, fixed: Array, at: Array) -> Array:
+def conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: Array) -> Array:
     """What the other components are when some are known to be `at`."""
     if not len(fixed):
         return value
