@@ -1,4 +1,4 @@
-"""The ten parameters: their order and geometry by Pinocchio's account, their physics by eigenvalues and point masses."""
+"""The ten parameters: order and geometry by Pinocchio's account, physics by eigenvalues and point masses."""
 
 from __future__ import annotations
 

@@ -7,8 +7,8 @@ pseudo-inertia J0 = U Uᵀ (U upper triangular), any other J is written::
 
 A change of frame T turns J0 into T J0 Tᵀ and leaves ‖D‖ as it is (D only rotates), so ‖D‖² is an invariant distance:
 the affine-invariant metric on pseudo-inertias at J0 (Lee, Wensing, Park 2019). D's last entry is the mass's
-relative change, for J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be held without
-losing the invariance.
+relative change, for J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be held, or
+believed more firmly than the rest of D, without losing the invariance.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ _SYMMETRIC_BASIS = np.zeros((10, 4, 4))
 for _k, (_i, _j) in enumerate(_UPPER):
     _SYMMETRIC_BASIS[_k, _i, _j] = _SYMMETRIC_BASIS[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
 _MASS_COORDINATE = _UPPER.index((3, 3))
+_THINNEST = 1e-3  # m
 _FROM_PSEUDO = np.linalg.pinv(PSEUDO_BASIS.reshape(10, 16).T)  # (10, 16): parameters of a flattened pseudo-inertia
 
 
@@ -136,11 +137,11 @@ def positive_definite(inertia: InertialParameters, floor: float = 1e-4) -> Inert
 
     A point mass or a flat plate has a singular pseudo-inertia and a model file may hold an impossible one; a metric
     needs a regular one. The eigenvalues of the second moment about the centre of mass are raised to `floor` of the
-    largest.
+    largest, and to a radius of gyration of a millimetre.
     """
     second = inertia.shifted(-inertia.com).pseudo_inertia[:3, :3]
     lam, V = np.linalg.eigh(second)
-    lifted = np.maximum(lam, floor * max(lam.max(), 1e-12 * inertia.mass))
+    lifted = np.maximum(lam, max(floor * lam.max(), _THINNEST**2 * inertia.mass))
     if np.array_equal(lifted, lam):
         return inertia
     about_com = np.zeros((4, 4))
