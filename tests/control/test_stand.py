@@ -8,11 +8,11 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 from control.testbed import ROBOTS, bed, load_of, moved, robot_named
-from stadera.control import TrunkGains, TrunkPose
+from stadera.control import TestBed, TrunkGains, TrunkPose
 from stadera.control.gains import composite
-from stadera.estimate import ContactForceEstimator, TrunkModel
+from stadera.estimate import ContactForceEstimator, MassEstimator, TrunkModel
 from stadera.robot.stance import standing_configuration
-from stadera.sim import STANDARD, Terrain, VirtualForce
+from stadera.sim import STANDARD, SimulationError, Terrain, VirtualForce
 
 STAND_CASES = [(0.0, 0.0), (10.0, 0.06), (15.0, 0.12)]
 WRONG_SHARES = [(0.4, -0.3), (-0.3, 0.4)]
@@ -149,3 +149,25 @@ def test_gains_scale_with_the_robot() -> None:
         whole = composite(robot, standing_configuration(robot))
         np.testing.assert_allclose(gains.stiffness / whole.mass, 12.0**2)
         np.testing.assert_allclose(gains.angular_stiffness / np.diag(whole.inertia_com), 16.0**2)
+
+
+def test_an_estimator_is_fed_and_heard() -> None:
+    robot = robot_named("hyq")
+    prior = TrunkModel.prior(robot)
+    test = bed(
+        robot,
+        payload=load_of(robot, 0.06),
+        belief=lambda _: prior,
+        estimator=lambda controller: MassEstimator(
+            robot, forces=ContactForceEstimator(robot, legs=controller.legs), time_constant=0.1
+        ),
+        feed_back=True,
+        every=4,
+    )
+    test.run(1.5)
+    assert test.controller.belief.mass == pytest.approx(test.plant.truth().mass, rel=2e-3)
+    start = test.plant.state
+    test.run(0.2)
+    assert moved(start, test.plant.state)[0] < 1e-3
+    with pytest.raises(SimulationError, match="at least one"):
+        TestBed(test.plant, test.sensors, test.controller, every=0)

@@ -10,8 +10,8 @@ import pytest
 
 from control.testbed import ROBOTS, bed, load_of, robot_named
 from stadera.control import ControlError, Response, SmoothBelief, TrunkController, TrunkPose
-from stadera.errors import ModelError
-from stadera.estimate import ImplausibleError, Measurement, TrunkBounds, TrunkModel
+from stadera.errors import ModelError, UnknownNameError
+from stadera.estimate import ImplausibleError, MeasuredLegs, Measurement, TrunkBounds, TrunkModel, ground_normal
 from stadera.inertia import skew
 from stadera.robot import Robot
 from stadera.robot.kinematics import foot_positions
@@ -152,3 +152,21 @@ def test_stance_changes_while_standing() -> None:
 def test_responses_are_checked() -> None:
     with pytest.raises(ModelError, match="frequency"):
         Response(0.0)
+
+
+def test_wrong_foot_positions_move_the_torques_as_their_jacobian_says() -> None:
+    """τ = h - Jᵀ f: by the encoders the torques follow the forces through the true Jacobian, else through the wrong."""
+    robot = robot_named("hyq")
+    measurement = at_rest(robot, np.eye(3))
+    feet = foot_positions(robot, measurement.joint_position[None])[0]
+    wrong = feet + np.random.default_rng(0).normal(0.0, 0.02, (4, 3))
+    bias = MeasuredLegs(robot).at(measurement)
+    for kind, centres in (("feet", wrong), ("encoders", feet)):
+        controller = TrunkController(robot, jacobian=kind)  # type: ignore[arg-type]
+        torque = controller.update(replace(measurement, foot_position=wrong))
+        normal = ground_normal(wrong, np.ones(4, dtype=bool), np.array([0.0, 0.0, 1.0]))
+        jacobians = bias.jacobians(centres - 0.02175 * normal)
+        expected = bias.bias - np.einsum("kij,ki->kj", jacobians, controller.forces)
+        np.testing.assert_allclose(torque[controller.legs.columns], expected, atol=1e-9)
+    with pytest.raises(UnknownNameError, match="feet, encoders"):
+        TrunkController(robot, jacobian="knees")  # type: ignore[arg-type]

@@ -42,6 +42,7 @@ def bed(
     estimator: Callable[[TrunkController], Estimator] | None = None,
     feed_back: bool = False,
     belief_time: float = 0.05,
+    every: int = 1,
 ) -> TestBed:
     """A plant with a controller that starts from `belief` of the true trunk."""
     plant = Plant(plant_model(robot, errors), terrain)
@@ -50,7 +51,7 @@ def bed(
         plant.apply_payload(payload)
     controller = TrunkController(robot, belief=belief(TrunkModel.of(plant.truth())), belief_time=belief_time)
     beside = None if estimator is None else estimator(controller)
-    return TestBed(plant, Sensors(errors, 7, robot), controller, beside, feed_back=feed_back)
+    return TestBed(plant, Sensors(errors, 7, robot), controller, beside, feed_back=feed_back, every=every)
 
 
 def moved(before: TrueState, after: TrueState) -> tuple[float, float]:

@@ -122,10 +122,10 @@ class ForceDistribution:
         target[:3], target[3:] = force, moment / self.length
         hessian = wrench.T @ wrench
         hessian += self._diagonal
-        gradient = -(target @ wrench) - self._smooth * self._before
-        _, best, failed = dposv(hessian, -gradient)
+        wanted = target @ wrench + self._smooth * self._before  # minus the gradient at zero
+        _, best, failed = dposv(hessian, wanted)
         if failed or not self._keeps(best):
-            return self._constrained(hessian, gradient)
+            return self._constrained(hessian, -wanted)
         return self._found(best)
 
     def _keeps(self, forces: Array) -> bool:

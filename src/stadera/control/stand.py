@@ -8,7 +8,7 @@ from stadera.control.trunk import TrunkController
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.protocol import Estimator, Status
 from stadera.robot.imu import ImuMount
-from stadera.sim.plant import Plant
+from stadera.sim.plant import Plant, SimulationError
 from stadera.sim.sensors import Sensors
 
 Watcher = Callable[["TestBed"], None]
@@ -22,11 +22,15 @@ class TestBed:
 
     Args:
         plant, sensors, controller: made for each other; the plant has been reset.
-        estimator: fed with every measurement before the controller; None for none.
+        estimator: fed with measurements before the controller; None for none.
         feed_back: hand its estimates to the controller.
+        every: feed the estimator in one period out of so many.
 
     Attributes:
         measurement: the last one.
+
+    Raises:
+        SimulationError: `every` is less than one.
     """
 
     __test__ = False  # not a test case, whatever a test runner makes of its name
@@ -39,9 +43,13 @@ class TestBed:
         estimator: Estimator | None = None,
         *,
         feed_back: bool = False,
+        every: int = 1,
     ) -> None:
+        if every < 1:
+            raise SimulationError(f"an estimator is fed every so many periods, at least one; got {every}")
         self.plant, self.sensors, self.controller = plant, sensors, controller
         self.estimator, self.feed_back = estimator, feed_back
+        self._every, self._periods = every, 0
         self._mount = ImuMount.of(controller.robot)
         self.measurement: Measurement | None = None
 
@@ -50,7 +58,9 @@ class TestBed:
         controller = self.controller
         measurement = Measurement.from_sample(self.sensors.read(self.plant), self._mount, controller.stance)
         self.measurement = measurement
-        if self.estimator is not None:
+        due = self._periods % self._every == 0
+        self._periods += 1
+        if self.estimator is not None and due:
             self.estimator.update(measurement)
             if self.feed_back:
                 estimate = self.estimator.estimate()

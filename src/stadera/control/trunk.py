@@ -37,8 +37,9 @@ from stadera.control.distribution import ContactLimits, ForceDistribution
 from stadera.control.gains import TrunkGains
 from stadera.control.odometry import LegOdometry
 from stadera.control.reference import Move, TrunkPose
-from stadera.errors import StaderaError
+from stadera.errors import StaderaError, UnknownNameError
 from stadera.estimate.contact import ground_normal
+from stadera.estimate.forces import JacobianOf
 from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
@@ -70,6 +71,8 @@ class TrunkController:
         limits: of the contacts; None for friction 0.6 and 2 % of the robot's weight at least on every foot.
         legs: shared with estimators that look at the same measurements; None for its own.
         belief_time: time constant [s] with which a new belief comes into use.
+        jacobian: for the torques, of the feet where the measurement says they are, or where the encoders say; the same
+            unless the measurement brings positions of its own.
 
     Attributes:
         belief: see `SmoothBelief`.
@@ -79,6 +82,7 @@ class TrunkController:
 
     Raises:
         ImplausibleError: the belief lies outside `TrunkBounds.of(robot)`.
+        UnknownNameError: another kind of Jacobian.
     """
 
     def __init__(
@@ -90,7 +94,11 @@ class TrunkController:
         limits: ContactLimits | None = None,
         legs: MeasuredLegs | None = None,
         belief_time: float = 0.05,
+        jacobian: JacobianOf = "feet",
     ) -> None:
+        if jacobian not in ("feet", "encoders"):
+            raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
+        self._by_encoders = jacobian == "encoders"
         self.robot, self.legs = robot, legs or MeasuredLegs(robot)
         self.gains = gains or TrunkGains.of(robot)
         self.belief = SmoothBelief(belief or TrunkModel.prior(robot), TrunkBounds.of(robot), belief_time)
@@ -154,7 +162,7 @@ class TrunkController:
         levers = (state.feet if m.foot_position is None else m.foot_position) @ rotation.T
         self._advance(m.time, levers, rotation)
         contacts = (levers - self._below) @ rotation
-        jacobians = state.jacobians(contacts)
+        jacobians = state.jacobians(state.feet - self._below @ rotation if self._by_encoders else contacts)
         moving = (jacobians @ m.joint_velocity[columns][:, :, None])[:, :, 0]
         mass = self.belief.mass + self.legs.mass
         com = (self.belief.moment + state.moment) / mass

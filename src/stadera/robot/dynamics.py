@@ -69,7 +69,7 @@ class LegDynamics:
         data = self._data
         # views into Pinocchio's memory, filled anew by every evaluation
         self._feet = [data.oMf[frame].translation for frame in frames]
-        self._jacobian, self._torque, self._com = data.J, data.tau, data.com[0]
+        self._motions, self._torque, self._com = data.J.T, data.tau, data.com[0]
         self._q, self._v, self._a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
         self._q[6] = 1.0
         self._in_v = 6 + self.columns
@@ -90,11 +90,11 @@ class LegDynamics:
         pin.computeJointJacobians(model, data, self._q)
         pin.updateFramePlacements(model, data)
         pin.centerOfMass(model, data, False)
-        columns = self._jacobian[:, self._in_v].transpose(1, 0, 2)
+        motions = self._motions[self._in_v]  # (leg, joint, linear and angular velocity a unit of rate)
         return LegState(
             feet=np.array(self._feet),
-            axes=columns[:, 3:],
-            at_origin=columns[:, :3],
+            axes=motions[:, :, 3:].swapaxes(1, 2),
+            at_origin=motions[:, :, :3].swapaxes(1, 2),
             bias=self._torque[self._in_v],
             moment=self._mass * self._com - self._trunk_moment,
         )
