@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,10 @@ import numpy as np
 from stadera.identify.information import Information
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
-from stadera.identify.residuals import residual_noise, rows_of
+from stadera.identify.residuals import residual_noise
+from stadera.identify.smoothed import smoothed_rows
+from stadera.identify.solutions import Estimate
+from stadera.regressors import Rows
 
 _PENDING = 8  # informations kept before they are merged
 
@@ -42,34 +45,51 @@ class Gathered:
 
 
 def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
-    """Sums up the training part, one result for each of the job's legs."""
-    by_joint = _summed_up(job, training)
-    best = [_best_fits(task, found) for task, found in zip(job.tasks, by_joint, strict=True)]
-    regressors = [task.regressor for task in job.tasks]
-    noise = residual_noise(job.step("measuring the noise"), training, regressors, best, job.trunk)
-    return tuple(
-        Gathered(found, std, correlation, _joint_terms(task, found))
-        for task, found, (std, correlation) in zip(job.tasks, by_joint, noise, strict=True)
-    )
+    """Sums up the training part, one result for each of the job's legs; the noise is what each joint's own best fit
+    leaves.
+    """
+    out = []
+    for done, task in enumerate(job.tasks):
+        by_joint = _summed_up(_rows(job, task, training), task)
+        free = [found.fix(task.fixed) for found in by_joint]
+        best = [dict(task.fixed) | found.least_squares() for found in free]
+        ranks = [found.rank() for found in free]
+        noise = residual_noise(_rows(job, task, training), task.leg.joints, best, ranks)
+        out.append(Gathered(by_joint, *noise, _joint_terms(task, by_joint)))
+        job.progress("summing up the torques", done + 1, len(job.tasks))
+    return tuple(out)
 
 
-def _summed_up(job: Job, training: Part) -> list[tuple[Information, ...]]:
-    """For each leg, the information of each of its joints."""
-    pending: list[list[list[Information]]] = [[[] for _ in task.leg.joints] for task in job.tasks]
-    step = job.step("summing up the torques")
-    for done, chunk in enumerate(training):
-        for task, lists in zip(job.tasks, pending, strict=True):
-            for waiting, rows in zip(lists, rows_of(task.regressor, chunk, job.trunk), strict=True):
-                waiting.append(Information.of([rows], task.regressor.columns))
-                if len(waiting) >= _PENDING:
-                    waiting[:] = [_merged(waiting)]
-        step(done + 1, 0)
-    return [tuple(_merged(waiting) for waiting in lists) for lists in pending]
+def with_noise_of(
+    job: Job, training: Part, gathered: Sequence[Gathered], estimates: Sequence[Estimate]
+) -> tuple[Gathered, ...]:
+    """The same sums, the noise being what these estimates leave: besides the sensors' noise all that no real leg with
+    these joint terms explains.
+    """
+    out = []
+    for done, (task, data, estimate) in enumerate(zip(job.tasks, gathered, estimates, strict=True)):
+        parameters = dict(task.fixed) | estimate.by_name()
+        joints = task.leg.joints
+        noise = residual_noise(_rows(job, task, training), joints, [parameters] * len(joints), [0] * len(joints))
+        out.append(Gathered(data.by_joint, *noise, data.friction_only))
+        job.progress("measuring the noise", done + 1, len(job.tasks))
+    return tuple(out)
 
 
-def _best_fits(task: LegTask, by_joint: Sequence[Information]) -> list[dict[str, float]]:
-    """Each joint's own best fit, before any noise is known."""
-    return [dict(task.fixed) | found.fix(task.fixed).least_squares() for found in by_joint]
+def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]:
+    return smoothed_rows(task.regressor, training, job.trunk, job.rows_cutoff, job.drop_below)
+
+
+def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask) -> tuple[Information, ...]:
+    """The information of each of a leg's joints."""
+    columns = task.regressor.columns
+    pending: list[list[Information]] = [[Information.empty(columns)] for _ in task.leg.joints]
+    for every in chunks:
+        for waiting, rows in zip(pending, every, strict=True):
+            waiting.append(Information.of([rows], columns))
+            if len(waiting) >= _PENDING:
+                waiting[:] = [_merged(waiting)]
+    return tuple(_merged(waiting) for waiting in pending)
 
 
 def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, float]:

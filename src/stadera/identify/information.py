@@ -151,6 +151,10 @@ class Information:
         """‖A θ - b‖² over all rows that went in, in units of their noise, for parameters (n,)."""
         return float(np.sum((self.R @ values - self.z) ** 2) + self.rho_squared)
 
+    def rank(self) -> int:
+        """How many directions the rows know at all, to rounding."""
+        return int(np.linalg.matrix_rank(self.R / self.column_scales(), tol=1e-10))
+
     def least_squares(self) -> dict[str, float]:
         """The plain least-squares solution by name, of smallest norm in units of the columns where it is not unique."""
         scale = self.column_scales()

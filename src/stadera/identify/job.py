@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 from stadera.identify.lag import TorqueLag, estimate_lag
-from stadera.identify.log import Log, Part, Stretch, head, name_of, time_span
+from stadera.identify.log import Log, Part, Stretch, head, joints_with_effort, name_of, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.vertical import Vertical, vertical_of
@@ -23,7 +23,9 @@ Progress = Callable[[str, int, int], None]
 """Told a step's name, how much of it is done, and how much there is (0: not known)."""
 
 LOWEST_CUTOFF = 15.0
-"""Hz; no lower cut-off is chosen by itself: Coulomb friction's steps, smeared out, would pass for something else."""
+"""Hz; no lower one is chosen for signals: Coulomb friction's steps, smeared out, would pass for something else."""
+DROP_BELOW = 0.01
+"""rad/s, the paper's: slower than this a joint's friction is not determined by its velocity."""
 LAG_CUTOFF = 25.0
 """Hz; for the torque lag, which shows best in fast changes."""
 
@@ -68,12 +70,28 @@ class LegTask:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Everything that is fixed before the passes over the logs begin."""
+    """Everything that is fixed before the passes over the logs begin.
+
+    Attributes:
+        robot: the prior model.
+        tasks: one for each leg, those asked for first; the others are there for what they say of the drives.
+        wanted: how many were asked for.
+        settings: as asked for.
+        preprocessing: of the signals; keeps samples at rest.
+        rows_cutoff: of the rows made of them [Hz]; None where nothing is filtered.
+        drop_below: rows with all joints of a leg slower than this are left out [rad/s].
+        vertical: of the held trunk.
+        notes: what was found out, one sentence each.
+        progress: see `Progress`.
+    """
 
     robot: Robot
     tasks: tuple[LegTask, ...]
+    wanted: int
     settings: IdentifySettings
     preprocessing: Preprocessing
+    rows_cutoff: float | None
+    drop_below: float
     vertical: Vertical
     notes: tuple[str, ...]
     progress: Progress
@@ -89,8 +107,8 @@ class Job:
         return TrunkMotion.held(self.vertical.up)
 
     def with_samples_at_rest(self) -> Job:
-        """The same, keeping samples at which nothing moves: all there is in a log without motion."""
-        return replace(self, preprocessing=replace(self.preprocessing, drop_below=0.0))
+        """The same, keeping rows at which nothing moves: all there is in a log without motion."""
+        return replace(self, drop_below=0.0)
 
     def step(self, name: str) -> Callable[[int, int], None]:
         """The progress of one step."""
@@ -104,11 +122,12 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         RecordingError: logs that lack a joint or its torque, or are too short.
         UnknownNameError: no such leg or joint.
     """
-    legs = dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs))
-    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in legs)
+    wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))
+    supporting = () if settings.spread is None else _also_recorded(robot, logs, wanted)
+    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in (*wanted, *supporting))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     beginnings = [head(log, joints) for log in logs]
-    cutoff = _cutoff(beginnings, joints, settings)
+    cutoff, rows_cutoff = _cutoffs(beginnings, joints, settings)
     vertical = vertical_of(beginnings[0], robot, settings.up)
     notes: tuple[str, ...] = ()
     lag = settings.torque_lag
@@ -123,16 +142,30 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
                 f"torque lag estimated at {1e3 * lag:.1f} ms; it lowers the residuals' variance by "
                 f"{100 * (1 - estimate.variance_ratio):.0f} %",
             )
-    return Job(robot, tasks, settings, Preprocessing(cutoff, effort_delay=lag), vertical, notes, progress)
+    if rows_cutoff is not None:
+        notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
+    preprocessing = Preprocessing(cutoff, drop_below=0.0, effort_delay=lag)
+    return Job(robot, tasks, len(wanted), settings, preprocessing, rows_cutoff, DROP_BELOW, vertical, notes, progress)
 
 
-def _cutoff(beginnings: Sequence[Recording], joints: Sequence[str], settings: IdentifySettings) -> float | None:
-    if settings.cutoff_hz != "auto":
-        return settings.cutoff_hz
+def _also_recorded(robot: Robot, logs: Sequence[Log], wanted: Sequence[str]) -> tuple[str, ...]:
+    """The legs beside those wanted whose joints are in all logs, torques included."""
+    recorded = set.intersection(*(joints_with_effort(log) for log in logs))
+    return tuple(leg.name for leg in robot.legs if leg.name not in wanted and recorded.issuperset(leg.joints))
+
+
+def _cutoffs(
+    beginnings: Sequence[Recording], joints: Sequence[str], settings: IdentifySettings
+) -> tuple[float | None, float | None]:
+    """The cut-offs of signals and of rows [Hz]."""
+    if settings.cutoff_hz is None:
+        return None, None
     suggested = [c for c in (suggest_cutoff(r, joints) for r in beginnings) if c is not None]
+    if settings.cutoff_hz != "auto":
+        return settings.cutoff_hz, min((settings.cutoff_hz, *suggested))
     if not suggested:
-        return None  # accelerations are recorded: there is nothing to filter
-    return min(max(*suggested, LOWEST_CUTOFF), *(highest_cutoff(r) for r in beginnings))
+        return None, None  # accelerations are recorded: there is nothing to filter
+    return min(max(*suggested, LOWEST_CUTOFF), *(highest_cutoff(r) for r in beginnings)), max(suggested)
 
 
 def _lag(recordings: Sequence[Recording], tasks: Sequence[LegTask], vertical: Vertical, *, filtered: bool) -> TorqueLag:

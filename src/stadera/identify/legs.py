@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from stadera.errors import IdentificationError
-from stadera.identify.gather import Gathered, gather
+from stadera.identify.gather import Gathered, gather, with_noise_of
 from stadera.identify.information import Information
 from stadera.identify.job import Job, LegTask, Progress, parts_of, prepare
 from stadera.identify.log import Log, name_of
@@ -57,20 +57,21 @@ def identify(
     job = prepare(robot, logs, settings or IdentifySettings(), progress or (lambda *_: None))
     training, held_back, validated_on = parts_of(job, logs, validation)
     warnings: tuple[str, ...] = ()
-    if not training.moves:
-        slowest = job.preprocessing.drop_below
+    if not training.moves(job.drop_below):
+        slowest = job.drop_below
         warnings = (f"no sample moves (all joint velocities stay below {slowest:g} rad/s): samples at rest are used",)
         job = job.with_samples_at_rest()
-        training, held_back, validated_on = parts_of(job, logs, validation)
     gathered = gather(job, training)
+    gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     estimates = _solve(job, gathered)
-    models = [_models(job, t, g, e) for t, g, (e, _) in zip(job.tasks, gathered, estimates, strict=True)]
-    scores = {"training": scored(job.step("scoring"), training, models, job.trunk)}
+    wanted = range(job.wanted)
+    models = [_models(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]
+    scores = {"training": scored(job.step("scoring"), training, models, job.trunk, job.drop_below)}
     if held_back is not None:
-        scores["validation"] = scored(job.step("validating"), held_back, models, job.trunk)
+        scores["validation"] = scored(job.step("validating"), held_back, models, job.trunk, job.drop_below)
     legs = tuple(
-        _leg_result(job, task, gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
-        for k, task in enumerate(job.tasks)
+        _leg_result(job, job.tasks[k], gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
+        for k in wanted
     )
     return Identification(
         robot=robot,
@@ -80,7 +81,7 @@ def identify(
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on,
         notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job)),
-        warnings=warnings + log_warnings(job.vertical, legs, training.samples),
+        warnings=warnings + log_warnings(job.vertical, legs, scores["training"][0].samples),
     )
 
 
@@ -116,7 +117,6 @@ def _models(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegM
             "prior_friction": dict(task.believed) | dict(data.friction_only),
             "identified": dict(task.fixed) | estimate.by_name(),
         },
-        noise=data.noise,
         limits={joint: job.robot.limits[joint].effort for joint in task.leg.joints},
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -42,6 +42,12 @@ def head(log: Log, joints: Sequence[str]) -> Recording:
     raise RecordingError(f"{log}: too few samples: none")
 
 
+def joints_with_effort(log: Log) -> set[str]:
+    """The joints that are recorded, if their efforts are."""
+    recording = log if isinstance(log, Recording) else next(stream(log, rows=2), None)
+    return set() if recording is None or recording.effort is None else set(recording.joints)
+
+
 def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:
     """First and last stamp [s]."""
     first, last = np.inf, -np.inf
@@ -50,7 +56,7 @@ def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:
     return first, last
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stretch:
     """A log between two times [s]: `start` included, `stop` not."""
 
@@ -76,14 +82,13 @@ def name_of(log: Log) -> str:
 class Part:
     """Some stretches of logs (the training part, the validation part), preprocessed alike, for several passes.
 
-    A part of up to `KEEP_SAMPLES` samples is kept after the first pass; a longer one is read and processed again.
+    Stretches of up to `KEEP_SAMPLES` samples are kept after the first pass; longer ones are read and processed again.
     """
 
     def __init__(self, stretches: Sequence[Stretch], joints: Sequence[str], settings: Preprocessing) -> None:
         self.stretches, self.joints, self.settings = tuple(stretches), tuple(joints), settings
-        self._kept: list[Processed] | None = None
-        self.notes: tuple[str, ...] = ()
-        self.samples = 0
+        self._kept: dict[Stretch, tuple[Processed, ...]] = {}
+        self._notes: dict[Stretch, tuple[str, ...]] = {}
 
     @property
     def source(self) -> str:
@@ -91,29 +96,41 @@ class Part:
         return ", ".join(dict.fromkeys(name_of(stretch.log) for stretch in self.stretches))
 
     @property
-    def moves(self) -> bool:
-        """Whether any sample is left after those at rest were dropped."""
-        return any(len(chunk) for chunk in self)
+    def notes(self) -> tuple[str, ...]:
+        """What was done to the logs, after a pass."""
+        return tuple(dict.fromkeys(note for notes in self._notes.values() for note in notes))
+
+    def moves(self, slowest: float) -> bool:
+        """Whether any joint is ever as fast as that [rad/s]."""
+        return any(bool((np.abs(chunk.velocity) >= slowest).any()) for chunk in self)
 
     def __iter__(self) -> Iterator[Processed]:
-        if self._kept is not None:
-            yield from self._kept
+        """All chunks of all stretches."""
+        return chain.from_iterable(self.streams())
+
+    def streams(self) -> Iterator[Iterator[Processed]]:
+        """For each stretch its chunks."""
+        return (self._stream(stretch) for stretch in self.stretches)
+
+    def _stream(self, stretch: Stretch) -> Iterator[Processed]:
+        if stretch in self._kept:
+            yield from self._kept[stretch]
             return
         kept: list[Processed] | None = []
         samples = 0
         notes: dict[str, None] = {}
-        for chunk in chain.from_iterable(self._process(stretch) for stretch in self.stretches):
-            samples += len(chunk)
-            notes |= dict.fromkeys(chunk.notes)
+        for chunk in preprocess_stream(stretch.recordings(self.joints), self.settings, self.joints):
+            if not len(chunk) and not chunk.notes:
+                continue
+            whole = replace(chunk, effort=_present(chunk))
+            samples += len(whole)
+            notes |= dict.fromkeys(whole.notes)
             if kept is not None:
-                kept = [*kept, chunk] if samples <= KEEP_SAMPLES else None
-            yield chunk
-        self._kept, self.samples, self.notes = kept, samples, tuple(notes)
-
-    def _process(self, stretch: Stretch) -> Iterable[Processed]:
-        for processed in preprocess_stream(stretch.recordings(self.joints), self.settings, self.joints):
-            if len(processed) or processed.notes:
-                yield replace(processed, effort=_present(processed))
+                kept = [*kept, whole] if samples <= KEEP_SAMPLES else None
+            yield whole
+        self._notes[stretch] = tuple(notes)
+        if kept is not None:
+            self._kept[stretch] = tuple(kept)
 
 
 def _present(processed: Processed) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

@@ -14,10 +14,11 @@ from stadera.regressors import JointMotion, JointTorqueRegressor, Rows, TrunkMot
 
 Array = NDArray[np.float64]
 
-BATCH_S = 1.0
-"""Length of the batches whose means tell how correlated residuals are [s]."""
 TRACE_S, TRACE_SAMPLES = 60.0, 3000
-OUTLIER = 6.0  # standard deviations
+CORRELATED_ROWS = 50_000
+"""Rows from a log's beginning that tell how correlated residuals are."""
+OUTLIER = 6.0  # times the root mean square
+SATURATED = 0.98  # of the torque limit
 
 
 def rows_of(regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
@@ -28,84 +29,70 @@ def rows_of(regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotio
     return regressor.rows(motion, chunk.effort[:, index], trunk)
 
 
+def speed(regressor: JointTorqueRegressor, chunk: Processed) -> Array:
+    """The speed of the regressor's fastest joint [rad/s], (samples,)."""
+    index = [chunk.joints.index(joint) for joint in regressor.tree.joints]
+    return np.asarray(np.abs(chunk.velocity[:, index]).max(axis=1))
+
+
 def predicted(rows: Rows, parameters: Mapping[str, float]) -> Array:
     """The torque that parameters give, (samples,)."""
     return rows.predict(np.array([parameters[c] for c in rows.columns]))
 
 
 def residual_noise(
-    step: Callable[[int, int], None],
-    training: Iterable[Processed],
-    regressors: Sequence[JointTorqueRegressor],
-    fits: Sequence[Sequence[Mapping[str, float]]],
-    trunk: TrunkMotion,
-) -> list[tuple[dict[str, float], dict[str, float]]]:
-    """By leg: each joint's residual standard deviation [N·m], and how many samples one independent sample is worth.
-
-    Both of the residuals that each joint's own best fit leaves, which is what no parameters explain. The correlation is
-    from the variance of the means of batches of length B: τ = B var(mean) / var(sample).
+    chunks: Iterable[tuple[Rows, ...]], joints: Sequence[str], fits: Sequence[Mapping[str, float]], ranks: Sequence[int]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Standard deviation of each joint's residuals [N·m], and how many rows one independent row is worth.
 
     Args:
-        fits: by leg and joint, the best fit's parameters by name.
+        chunks: rows of the joints.
+        fits: for each joint the parameters whose residuals are meant, by name.
+        ranks: for each joint how many directions these parameters were fitted in on the same rows: their share of the
+            noise is missing from the residuals.
     """
-    spreads = [[_Spread() for _ in r.tree.joints] for r in regressors]
-    largest = [np.zeros(len(r.tree.joints)) for r in regressors]
-    for done, chunk in enumerate(training):
-        batch = max(1, round(BATCH_S * chunk.report.rate_hz))
-        for leg, regressor in enumerate(regressors):
-            for k, rows in enumerate(rows_of(regressor, chunk, trunk)):
-                spreads[leg][k].add(rows.target - predicted(rows, fits[leg][k]), batch)
-                largest[leg][k] = max(largest[leg][k], np.abs(rows.target).max(initial=0.0))
-        step(done + 1, 0)
-    out = []
-    for regressor, found, top in zip(regressors, spreads, largest, strict=True):
-        floors = 1e-9 * np.maximum(top, 1e-9)  # rounding, for data without noise
-        names = regressor.tree.joints
-        std = {j: max(spread.std, f) for j, spread, f in zip(names, found, floors.tolist(), strict=True)}
-        out.append((std, {j: spread.correlation for j, spread in zip(names, found, strict=True)}))
-    return out
+    kept: list[list[Array]] = [[] for _ in joints]
+    count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))
+    for every in chunks:
+        for k, rows in enumerate(every):
+            residual = rows.target - predicted(rows, fits[k])
+            squares[k] += residual @ residual
+            largest[k] = max(largest[k], np.abs(rows.target).max(initial=0.0))
+            if count < CORRELATED_ROWS:
+                kept[k].append(residual)
+        count += len(every[0])
+    std, worth = {}, {}
+    for k, joint in enumerate(joints):
+        floor = 1e-9 * max(largest[k], 1e-9)  # rounding, for data without noise
+        std[joint] = max(float(np.sqrt(squares[k] / max(count - ranks[k], 1))), floor)
+        worth[joint] = correlation_length(np.concatenate(kept[k]) if kept[k] else np.zeros(0))
+    return std, worth
 
 
-@dataclass
-class _Spread:
-    """Variance of samples, and of the means of consecutive batches."""
+def correlation_length(values: Array) -> float:
+    """How many samples of a series one independent sample is worth: τ = 1 + 2 Σ_k ρ_k.
 
-    count: int = 0
-    total: float = 0.0
-    squares: float = 0.0
-    batch: int = 1
-    means: list[float] = field(default_factory=list)
-
-    def add(self, values: Array, batch: int) -> None:
-        self.count += len(values)
-        self.total += float(values.sum())
-        self.squares += float(values @ values)
-        self.batch = batch
-        whole = len(values) // batch * batch
-        self.means.extend(values[:whole].reshape(-1, batch).mean(axis=1).tolist())
-
-    @property
-    def variance(self) -> float:
-        return max(self.squares / self.count - (self.total / self.count) ** 2, 0.0) if self.count else 0.0
-
-    @property
-    def std(self) -> float:
-        return float(np.sqrt(self.squares / self.count)) if self.count else 0.0
-
-    @property
-    def correlation(self) -> float:
-        if len(self.means) < 4 or self.variance == 0.0:
-            return 1.0
-        return max(1.0, self.batch * float(np.var(self.means)) / self.variance)
+    The autocorrelations ρ_k are summed in pairs while the pairs stay positive (Geyer 1992), for the tail of an
+    estimated autocorrelation is noise that adds up to nothing meaningful.
+    """
+    n = len(values)
+    centred = values - values.mean() if n else values
+    if n < 8 or not centred.any():
+        return 1.0
+    spectrum = np.fft.rfft(centred, 2 * n)
+    covariance = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
+    pairs = (covariance[: n // 2 * 2] / covariance[0]).reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs <= 0)
+    stop = int(negative[0]) if len(negative) else len(pairs)
+    return max(1.0, float(2.0 * pairs[:stop].sum() - 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class LegModels:
-    """The models of one leg that are held against data: parameters by model, noise and torque limit by joint."""
+    """The models of one leg that are held against data: parameters by model, and the torque limit by joint [N·m]."""
 
     regressor: JointTorqueRegressor
     parameters: Mapping[str, Mapping[str, float]]
-    noise: Mapping[str, float]
     limits: Mapping[str, float]
 
 
@@ -115,16 +102,15 @@ class LegScore:
 
     Attributes:
         joints: names.
-        samples: how many.
-        squares: by model, the sum of squared errors of each joint [N²·m²].
-        outliers, saturated: by joint, samples beyond six standard deviations, and at the torque limit.
-        kept: time, measured and predicted torques of the first minute, chunk by chunk.
+        samples: how many that moved.
+        squares: by model, their sum of squared errors of each joint [N²·m²].
+        saturated: by joint, samples at the torque limit.
+        kept: time, measured and predicted torques of the first minute, chunk by chunk, those at rest among them.
     """
 
     joints: tuple[str, ...]
     samples: int = 0
     squares: dict[str, Array] = field(default_factory=dict)
-    outliers: dict[str, int] = field(default_factory=dict)
     saturated: dict[str, int] = field(default_factory=dict)
     kept: list[tuple[Array, Array, dict[str, Array]]] = field(default_factory=list)
 
@@ -136,6 +122,13 @@ class LegScore:
             for model, s in self.squares.items()
         }
 
+    @property
+    def outliers(self) -> dict[str, float]:
+        """By joint, the share of the first minute's samples that are off by more than six times the RMSE."""
+        trace, rmse = self.trace(""), self.rmse["identified"]
+        error = np.abs(trace.measured - trace.predicted["identified"])
+        return {joint: float(np.mean(error[:, k] > OUTLIER * rmse[joint])) for k, joint in enumerate(self.joints)}
+
     def trace(self, part: str) -> TorqueTrace:
         """The first minute, thinned out."""
         time = np.concatenate([t for t, _, _ in self.kept])
@@ -144,7 +137,7 @@ class LegScore:
         every = max(1, -(-len(time) // TRACE_SAMPLES))
         return TorqueTrace(part, time[::every], measured[::every], {k: v[::every] for k, v in models.items()})
 
-    def add(self, chunk: Processed, models: LegModels, trunk: TrunkMotion) -> None:
+    def add(self, chunk: Processed, models: LegModels, trunk: TrunkMotion, drop_below: float) -> None:
         """Holds the models against one more chunk."""
         if not len(chunk):
             return
@@ -154,14 +147,12 @@ class LegScore:
             name: np.column_stack([predicted(r, parameters) for r in rows])
             for name, parameters in models.parameters.items()
         }
-        self.samples += len(chunk)
+        moving = speed(models.regressor, chunk) >= drop_below
+        self.samples += int(np.count_nonzero(moving))
         for name, guess in guesses.items():
-            self.squares[name] = self.squares.get(name, 0.0) + np.sum((measured - guess) ** 2, axis=0)
-        error = np.abs(measured - guesses["identified"])
+            self.squares[name] = self.squares.get(name, 0.0) + np.sum((measured - guess)[moving] ** 2, axis=0)
         for k, joint in enumerate(self.joints):
-            beyond = int(np.sum(error[:, k] > OUTLIER * models.noise[joint]))
-            at_limit = int(np.sum(np.abs(measured[:, k]) >= 0.98 * models.limits[joint]))
-            self.outliers[joint] = self.outliers.get(joint, 0) + beyond
+            at_limit = int(np.sum(np.abs(measured[:, k]) >= SATURATED * models.limits[joint]))
             self.saturated[joint] = self.saturated.get(joint, 0) + at_limit
         begun = self.kept[0][0][0] if self.kept else chunk.time[0]
         early = chunk.time < begun + TRACE_S
@@ -170,12 +161,16 @@ class LegScore:
 
 
 def scored(
-    step: Callable[[int, int], None], part: Iterable[Processed], models: Sequence[LegModels], trunk: TrunkMotion
+    step: Callable[[int, int], None],
+    part: Iterable[Processed],
+    models: Sequence[LegModels],
+    trunk: TrunkMotion,
+    drop_below: float,
 ) -> list[LegScore]:
-    """Holds each leg's models against a part."""
+    """Holds each leg's models against a part; samples with all the leg's joints slower than that do not count."""
     scores = [LegScore(m.regressor.tree.joints) for m in models]
     for done, chunk in enumerate(part):
         for score, leg_models in zip(scores, models, strict=True):
-            score.add(chunk, leg_models, trunk)
+            score.add(chunk, leg_models, trunk, drop_below)
         step(done + 1, 0)
     return scores

@@ -72,12 +72,11 @@ def _joint_terms(result: LegIdentification) -> list[str]:
 
 def _data(result: LegIdentification, score: LegScore) -> list[str]:
     out = []
+    outliers = score.outliers
     for joint in result.leg.joints:
-        share = score.outliers[joint] / max(score.samples, 1)
+        share = outliers[joint]
         if share > 1e-3:
-            out.append(
-                f"{joint}: {100 * share:.1f} % of the samples lie beyond six standard deviations of the residual"
-            )
+            out.append(f"{joint}: {100 * share:.1f} % of the samples are off by more than six times the RMSE")
         if score.saturated[joint]:
             out.append(
                 f"{joint}: {score.saturated[joint]} samples at the torque limit; "

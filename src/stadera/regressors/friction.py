@@ -37,7 +37,7 @@ class FrictionModel:
     """
 
     terms: tuple[str, ...] = ()
-    stiction_velocity: float = 0.03
+    stiction_velocity: float = 0.01
 
     def __post_init__(self) -> None:
         for term in self.terms:
@@ -48,7 +48,7 @@ class FrictionModel:
         object.__setattr__(self, "terms", tuple(t for t in FRICTION_TERMS if t in self.terms))
 
     @classmethod
-    def full(cls, stiction_velocity: float = 0.03) -> FrictionModel:
+    def full(cls, stiction_velocity: float = 0.01) -> FrictionModel:
         """All four terms."""
         return cls(FRICTION_TERMS, stiction_velocity)
 
