@@ -16,6 +16,7 @@ from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.sim import perturbed_physical, simulate_leg
 
 DRIVE = JointDynamics(armature=0.03, viscous=0.6, coulomb=1.2, offset=-0.5)
+SMOOTH = JointDynamics(armature=0.03, viscous=0.6)
 
 
 @cache
@@ -90,7 +91,7 @@ def run(drive: JointDynamics = DRIVE, seed: int = 0, duration: float = 20.0, rat
 
 
 @cache
-def exact_run(drive: JointDynamics = JointDynamics(armature=0.03, viscous=0.6), seed: int = 0) -> Recording:
+def exact_run(drive: JointDynamics = SMOOTH, seed: int = 0) -> Recording:
     """The same with exact velocities and accelerations, and joints whose friction is linear."""
     robot = replace(other_hyq(), dynamics=dict.fromkeys(hyq().tree.joints, drive))
     return replace(simulate_leg(robot, "RH", swing(10.0, seed).sample(250.0)), source=f"exact{seed}")

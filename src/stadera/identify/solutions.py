@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 _CERTAIN = 1e4
 """Prior widths over standard deviation: a direction known better than this is certain beside the prior."""
+_HEAVIEST = 1e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,16 +154,15 @@ def _nearest_consistent(
 ) -> Array | str:
     """The same over some directions, the rows of Vt; or why there is no answer.
 
-    Written in y = weight · V (x - best) / scale, in which the objective is round whatever the ratio of data to prior;
-    below 1e-7 of the firmest direction the solver cannot tell weights apart.
+    Written in y = weight · V (x - best): the objective is round whatever the ratio of data to prior, and the solver's
+    tolerance is one in χ², where the prior's own directions count as ones. Weights above `_HEAVIEST` it cannot resolve.
     """
     import cvxpy as cp  # takes a second, and most solutions need none of it
 
     if not len(weight):
         return "no direction is free to move"
-    scale = np.maximum(weight / weight.max(), 1e-7)
     y = cp.Variable(len(weight))
-    x_free = best + Vt.T @ cp.multiply(1.0 / scale, y)
+    x_free = best + Vt.T @ cp.multiply(1.0 / np.minimum(weight, _HEAVIEST), y)
     spread = np.zeros((len(prior.columns), len(free)))
     spread[free, range(len(free))] = 1.0
     x = spread @ x_free
@@ -182,7 +182,12 @@ def _nearest_consistent(
         return str(error)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or x_free.value is None:
         return str(problem.status)
-    return np.asarray(x_free.value)
+    found = np.asarray(x_free.value)
+    if len(weight) == len(best) and np.linalg.norm(weight * (Vt @ (found - best))) > np.linalg.norm(
+        weight * (Vt @ best)
+    ):
+        return "the solver's answer is worse than the model it started from"  # which is consistent: x = 0
+    return found
 
 
 def _is_consistent(x: Array, prior: Prior, margin: float) -> bool:
