@@ -123,10 +123,12 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         UnknownNameError: no such leg or joint.
     """
     wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))
+    beginnings = [head(log, [joint for name in wanted for joint in robot.leg(name).joints]) for log in logs]
     supporting = () if settings.spread is None else _also_recorded(robot, logs, wanted)
     tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in (*wanted, *supporting))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
-    beginnings = [head(log, joints) for log in logs]
+    if supporting:
+        beginnings = [head(log, joints) for log in logs]
     cutoff, rows_cutoff = _cutoffs(beginnings, joints, settings)
     vertical = vertical_of(beginnings[0], robot, settings.up)
     notes: tuple[str, ...] = ()

@@ -43,8 +43,11 @@ def head(log: Log, joints: Sequence[str]) -> Recording:
 
 
 def joints_with_effort(log: Log) -> set[str]:
-    """The joints that are recorded, if their efforts are."""
-    recording = log if isinstance(log, Recording) else next(stream(log, rows=2), None)
+    """The joints that are recorded with their efforts; none where the log as a whole cannot be read."""
+    try:
+        recording = log if isinstance(log, Recording) else next(stream(log, rows=2), None)
+    except RecordingError:
+        return set()
     return set() if recording is None or recording.effort is None else set(recording.joints)
 
 
