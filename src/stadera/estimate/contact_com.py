@@ -81,9 +81,6 @@ class ContactCom(RecursiveCom):
         self._before = np.nan
         self._settled.restart()
 
-    def _other_covariance(self, up: Array) -> Array:
-        return np.zeros((3, 3))
-
     def _averaging(self) -> float:
         return self._step / (2.0 - self._step)
 

@@ -100,7 +100,12 @@ def wrench_slope(forces: ContactForces) -> Array:
 
 
 def equilibrium_rows(
-    forces_of: ContactForceEstimator, measurement: Measurement, count: float, errors: Array, names: tuple[str, ...]
+    forces_of: ContactForceEstimator,
+    measurement: Measurement,
+    count: float,
+    errors: Array,
+    names: tuple[str, ...],
+    foot_variance: float = 0.0,
 ) -> Rows:
     """Whitened rows of one pose, in `TRUNK` and the constant errors.
 
@@ -110,6 +115,7 @@ def equilibrium_rows(
         count: of samples that it is the mean of.
         errors: (27,), values that the equations are made linear at.
         names: of the errors.
+        foot_variance: of each component of the feet's mean positions, where these are measured by themselves [m²].
     """
     m, up = _without(measurement, errors, forces_of)
     forces, state = forces_of.at(m), forces_of.legs.at(m)
@@ -127,7 +133,7 @@ def equilibrium_rows(
     value[:6] = forces.wrench - legs_only
     white = (forces.noise.torque_white**2 / count).ravel()
     covariance = np.zeros((len(matrix), len(matrix)))
-    covariance[:6, :6] = (slope[:, :12] * white) @ slope[:, :12].T
+    covariance[:6, :6] = (slope[:, :12] * white) @ slope[:, :12].T + foot_variance * slope[:, 12:] @ slope[:, 12:].T
     for k, leg in enumerate(swing):
         at, own = slice(6 + 3 * k, 9 + 3 * k), slice(3 * leg, 3 * leg + 3)
         value[at] = forces.jacobian[leg].T @ forces.force[leg]

@@ -41,9 +41,9 @@ from scipy.spatial.transform import Rotation
 from stadera.errors import IdentificationError, ModelError
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.convergence import positive, settling_time, step_size
+from stadera.estimate.equilibrium import ERRORS
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
-from stadera.estimate.protocol import unobserved
 from stadera.estimate.recursive import RecursiveCom
 from stadera.estimate.stillness import GRAVITY, StillnessLimits
 from stadera.estimate.trunk import TrunkModel
@@ -143,15 +143,14 @@ class OrientationCom(RecursiveCom):
         orientation_std: float = np.deg2rad(0.2),
         height_std: float = 0.05,
     ) -> None:
-        super().__init__(robot, start, forces, limits, settling, height_std)
+        super().__init__(robot, start, forces, limits, settling, height_std, orientation_std)
         self.period, self.phase = positive("period", period), Phase.PLANE
         if settling < (least := posture.fastest_settling(period)):
             raise ModelError(f"a settling time of {settling} s is too short for this posture: at least {least:.2f} s")
         self.posture, self._reference = posture, posture.reference
-        self._orientation_std = orientation_std
         self._step = step_size(settling, period)
         self._due: float = np.nan
-        self._plane_covariance = unobserved()
+        self._in_plane = np.zeros((4, ERRORS))
         self._clear()
 
     @property
@@ -174,7 +173,8 @@ class OrientationCom(RecursiveCom):
                 f"the height needs a tilted trunk: {np.rad2deg(tilt):.1f}° is less than {np.rad2deg(_LEAST_TILT):.0f}°"
             )
         self.phase, self._reference = Phase.HEIGHT, rotation
-        self._plane_covariance = np.array(self._covariance())
+        if self._last is not None:
+            self._in_plane = self._felt(*self._last)
         self._known = None
         self._settled.restart()
         self._clear()
@@ -196,11 +196,11 @@ class OrientationCom(RecursiveCom):
             return
         if np.isnan(self._due):
             self._due = measurement.time + self.period
-        self._errors += _log(measurement.rotation.T @ self._reference)
+        self._turned += _log(measurement.rotation.T @ self._reference)
         self._count += 1
         if measurement.time < self._due - 1e-9:
             return
-        error, up = self._errors / self._count, measurement.up
+        error, up = self._turned / self._count, measurement.up
         self._clear()
         self._due = measurement.time + self.period
         self._correct(measurement, forces, error, up)
@@ -228,32 +228,38 @@ class OrientationCom(RecursiveCom):
         self._clear()
 
     def _clear(self) -> None:
-        self._errors, self._count = np.zeros(3), 0
+        self._turned, self._count = np.zeros(3), 0
         self._due = np.nan
 
     # -- how sure -------------------------------------------------------------------------------------------------
     def _averaging(self) -> float:
         return self._step / (2.0 - self._step)
 
-    def _other_covariance(self, up: Array) -> Array:
-        """An orientation that is off by ε turns into a moment K ε of the springs."""
-        slope = skew(up) * self.posture.stiffness / (self._trunk.mass * GRAVITY)
-        return np.asarray(self._orientation_std**2 * slope @ slope.T)
+    def _felt(self, forces: ContactForces, up: Array, com: Array) -> Array:
+        """(4, 27): constant errors as this pose feels them; an orientation off by ε turns e by -ε."""
+        felt = super()._sensitivity(forces, up, com)
+        felt[1:, 24:] = -skew(up) * self.posture.stiffness / (self._trunk.mass * GRAVITY)
+        return felt
+
+    def _sensitivity(self, forces: ContactForces, up: Array, com: Array) -> Array:
+        """In phase two, the plane's are those of phase one, and the height takes the blame for them:
+
+        0 = e_z · E (0, 0, δ_z) + e_z · E (δ_x, δ_y, 0) + felt_z,  with (δ_x, δ_y) off by what was felt in phase one.
+        """
+        felt = self._felt(forces, up, com)
+        if self.phase is Phase.PLANE:
+            return felt
+        height = (up[2] * up[:2] @ self._in_plane[1:3] + felt[3]) / (1.0 - up[2] ** 2)
+        return np.vstack([self._in_plane[:3], height])
 
     def _worked_out(self, forces: ContactForces, up: Array, com: Array) -> Array:
         if self.phase is Phase.PLANE:
             return super()._worked_out(forces, up, com)
-        covariance = np.array(self._plane_covariance)
-        wrench = forces.wrench_covariance("constant") + forces.wrench_covariance("foot")
-        slope = self._from_wrench(up, com)[1:]
-        felt = slope @ (wrench + self._averaging() * forces.wrench_covariance("white")) @ slope.T
-        felt += self._other_covariance(up)
-        # the height takes the blame for what is left in the plane
-        blame = up[2] * up[:2]
-        variance = (felt[2, 2] + blame @ covariance[1:3, 1:3] @ blame) / (1.0 - up[2] ** 2) ** 2
-        covariance[3, :] = covariance[:, 3] = 0.0
-        covariance[3, 3] = variance
-        return covariance
+        sensitivity = self._sensitivity(forces, up, com)
+        covariance = sensitivity @ self._errors.covariance @ sensitivity.T + self._white(forces, up, com)
+        if 1.0 - up[2] ** 2 < 0.5 * np.sin(_LEAST_TILT) ** 2:  # on its way to the tilt
+            covariance[3, :] = covariance[:, 3] = np.nan
+        return np.asarray(covariance)
 
 
 def _rotation(matrix: Array) -> Array:

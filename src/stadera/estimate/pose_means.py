@@ -47,6 +47,7 @@ class PoseMean:
         self._q, self._effort = first.joint_position.copy(), first.effort.copy()
         self._up = first.up.copy()
         self._feet = None if first.foot_position is None else first.foot_position.copy()
+        self._foot_squares = 0.0
         self.count = 1
 
     def takes(self, m: Measurement, stance: Bools, alike: Alike) -> bool:
@@ -64,8 +65,15 @@ class PoseMean:
         self._effort += share * (m.effort - self._effort)
         self._up += share * (up - self._up)
         if self._feet is not None and m.foot_position is not None:
-            self._feet += share * (m.foot_position - self._feet)
+            away = m.foot_position - self._feet
+            self._feet += share * away
+            self._foot_squares += (1.0 - share) * float((away * away).sum())
         return True
+
+    @property
+    def foot_variance(self) -> float:
+        """Of each component of the feet's mean positions [m²], by their scatter; 0 where they are not measured."""
+        return self._foot_squares / (12 * max(self.count - 1, 1) * self.count)
 
     @property
     def measurement(self) -> Measurement:

@@ -33,6 +33,9 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
+SETTLED = StillnessLimits(quiet=0.5)
+"""Still for so long that what is left of a trunk's sway does not matter."""
+
 _STALE = 0.1  # s of new samples, after which the estimate is worked out anew
 _OBSERVED = 0.2  # share of the plausible range's standard deviation under which a component counts as observed
 
@@ -60,7 +63,7 @@ class PosesCom(StaticEstimator):
         robot: whose legs are believed in.
         start: what components that no pose shows keep; None for the robot's own trunk.
         forces: source of contact forces; None for one of its own.
-        limits: of standing still; None for the strict ones.
+        limits: of standing still; None for `SETTLED`.
         errors: what may be wrong all the time; None for the forces' own noise and 0.2° of the vertical.
         alike: which samples make one pose.
 
@@ -79,7 +82,7 @@ class PosesCom(StaticEstimator):
         errors: ConstantErrors | None = None,
         alike: Alike | None = None,
     ) -> None:
-        super().__init__(robot, start, forces, limits)
+        super().__init__(robot, start, forces, limits or SETTLED)
         self.errors = errors or ConstantErrors.of(self.forces.noise)
         self.alike = alike or Alike()
         self._names = error_names(robot)
@@ -125,7 +128,9 @@ class PosesCom(StaticEstimator):
             self._folded = self._folded.add(self._rows(self._closed.pop(0)))
 
     def _rows(self, pose: PoseMean) -> Rows:
-        return equilibrium_rows(self.forces, pose.measurement, pose.count, self._linear_at, self._names)
+        return equilibrium_rows(
+            self.forces, pose.measurement, pose.count, self._linear_at, self._names, pose.foot_variance
+        )
 
     def _gathered(self) -> Information:
         poses = [*self._closed, self._open] if self._open is not None else self._closed

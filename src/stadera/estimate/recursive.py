@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.convergence import TOLERANCE, Settled, positive
+from stadera.estimate.equilibrium import ConstantErrors, wrench_slope
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.protocol import unobserved
 from stadera.estimate.static import StaticEstimator
@@ -45,6 +46,7 @@ class RecursiveCom(StaticEstimator):
         settling: time [s] after which 5 % of an error is left.
         height_std: how far off the centre of mass may be along the vertical, where it is not felt [m]; on a slope it
             counts into the other components' covariance.
+        orientation_std: constant error of the measured orientation [rad].
         The rest as for `StaticEstimator`.
 
     Raises:
@@ -59,10 +61,12 @@ class RecursiveCom(StaticEstimator):
         limits: StillnessLimits | None,
         settling: float,
         height_std: float,
+        orientation_std: float = np.deg2rad(0.2),
     ) -> None:
         super().__init__(robot, start, forces, limits or SLOW)
         self.settling = positive("settling time", settling)
         self.height_std = positive("height_std", height_std)
+        self._errors = ConstantErrors.of(self.forces.noise, orientation_std)
         self._settled = Settled(TOLERANCE)
         self._known: Array | None = None
         self._known_at = -np.inf
@@ -85,10 +89,6 @@ class RecursiveCom(StaticEstimator):
         return robot_mass + step * change - self._leg_mass, abs(change) < _MASS_SETTLED * robot_mass
 
     @abstractmethod
-    def _other_covariance(self, up: Array) -> Array:
-        """(3, 3) [m²] of the trunk's centre of mass, from what is not wrong with a wrench."""
-
-    @abstractmethod
     def _averaging(self) -> float:
         """Share of the white noise's variance that is left."""
 
@@ -100,14 +100,21 @@ class RecursiveCom(StaticEstimator):
         return self._known
 
     def _worked_out(self, forces: ContactForces, up: Array, com: Array) -> Array:
-        wrench = self._averaging() * forces.wrench_covariance("white")
-        wrench += forces.wrench_covariance("constant") + forces.wrench_covariance("foot")
-        to_com = self._from_wrench(up, com)
-        covariance = to_com @ wrench @ to_com.T
-        covariance[1:, 1:] += self._other_covariance(up) + self.height_std**2 * np.outer(up, up)
+        sensitivity = self._sensitivity(forces, up, com)
+        covariance = sensitivity @ self._errors.covariance @ sensitivity.T + self._white(forces, up, com)
+        covariance[1:, 1:] += self.height_std**2 * np.outer(up, up)
         hidden = np.flatnonzero(np.abs(up) > _HIDDEN) + 1
         covariance[hidden, :] = covariance[:, hidden] = np.nan
         return np.asarray(covariance)
+
+    def _sensitivity(self, forces: ContactForces, up: Array, com: Array) -> Array:
+        """(4, 27): how far mass and centre of mass end up off, by constant errors of torques, feet and the vertical."""
+        return np.hstack([self._from_wrench(up, com) @ wrench_slope(forces), np.zeros((4, 3))])
+
+    def _white(self, forces: ContactForces, up: Array, com: Array) -> Array:
+        """(4, 4), what the steps leave of the torques' white noise."""
+        slope = self._from_wrench(up, com)
+        return np.asarray(self._averaging() * slope @ forces.wrench_covariance("white") @ slope.T)
 
     def _from_wrench(self, up: Array, com: Array) -> Array:
         """(4, 6): change of mass and of the trunk's centre of mass with the wrench; com (3,) is the robot's."""
