@@ -8,11 +8,15 @@ with which the model explains the torques best:
 
 the log-likelihood of Gaussian residuals with each joint's own variance. Y is factored once for all lags: they are so
 many right-hand sides of one least-squares problem.
+
+A joint's samples about its standstills are left out: while it sticks, friction takes any value up to Coulomb's, and the
+torque changes sign where the velocity does not, which looks like a lag. Of several minima that reached downhill from no
+lag counts: over long shifts one joint term passes for another.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +32,10 @@ Array = NDArray[np.float64]
 EARLIEST, LATEST, STEP = -0.010, 0.040, 0.0025  # s
 NOTICEABLE = 0.01
 """Relative fall of the residual's variance below which a lag is not worth believing."""
+RESOLUTION = 5e-4
+"""s; what friction's deviations from its model pass for, and so no lag."""
+SLIDING = 0.1
+"""rad/s; a joint faster than this slides."""
 
 
 @dataclass(frozen=True)
@@ -51,29 +59,43 @@ def estimate_lag(
     lags = np.arange(EARLIEST, LATEST + STEP / 2, STEP)
     cost = np.zeros(len(lags))
     at_zero = int(np.argmin(np.abs(lags)))
+    samples = 0
     for regressor in regressors:
-        blocks: dict[str, list[Array]] = {}
-        names = regressor.tree.joints
-        for stretch in processed:
-            inner = (stretch.time >= stretch.time[0] + LATEST) & (stretch.time <= stretch.time[-1] + EARLIEST)
-            index = [stretch.joints.index(name) for name in names]
-            joints = JointMotion(
-                *(getattr(stretch, c)[inner][:, index] for c in ("position", "velocity", "acceleration"))
-            )
-            assert stretch.effort is not None
-            effort = CubicSpline(stretch.time, stretch.effort[:, index])
-            delayed = np.stack([effort(stretch.time[inner] - lag) for lag in lags], axis=-1)
-            rows = regressor.rows(joints, delayed[:, :, at_zero], TrunkMotion.held(trunk_up))
-            for k, (name, row) in enumerate(zip(names, rows, strict=True)):
-                blocks.setdefault(name, []).append(np.column_stack((row.matrix, delayed[:, k])))
-        for parts in blocks.values():
-            block = np.concatenate(parts)
+        blocks: list[list[Array]] = [[] for _ in regressor.tree.joints]
+        for stretch in (s for s in processed if s.time[-1] - s.time[0] > LATEST - EARLIEST):
+            for parts, block in zip(blocks, _delayed(stretch, regressor, lags, trunk_up), strict=True):
+                parts.append(block)
+        for parts in blocks:
+            block = np.concatenate(parts) if parts else np.zeros((0, 0))
             if len(block) > 2 * block.shape[1]:
                 cost += _log_residuals(block, len(lags))
-    best, depth = _vertex(lags, cost)
-    samples = sum(len(stretch) for stretch in processed) * sum(len(r.tree.joints) for r in regressors)
-    ratio = float(np.exp((depth - cost[at_zero]) / max(samples, 1)))
-    return TorqueLag(best, ratio) if ratio < 1.0 - NOTICEABLE else TorqueLag(0.0, 1.0)
+                samples += len(block)
+    best, ratio = _vertex(lags, np.exp((cost - cost[at_zero]) / max(samples, 1)), at_zero)
+    believed = ratio < 1.0 - NOTICEABLE and abs(best) > RESOLUTION
+    return TorqueLag(best, ratio) if believed else TorqueLag(0.0, 1.0)
+
+
+def _delayed(stretch: Processed, regressor: JointTorqueRegressor, lags: Array, up: Array) -> Iterator[Array]:
+    """For each joint, where it slides: its columns and its efforts at all lags, (samples, columns + lags)."""
+    names = regressor.tree.joints
+    index = [stretch.joints.index(name) for name in names]
+    inner = (stretch.time >= stretch.time[0] + LATEST) & (stretch.time <= stretch.time[-1] + EARLIEST)
+    joints = JointMotion(*(getattr(stretch, c)[inner][:, index] for c in ("position", "velocity", "acceleration")))
+    assert stretch.effort is not None
+    effort = CubicSpline(stretch.time, stretch.effort[:, index])
+    delayed = np.stack([effort(stretch.time[inner] - lag) for lag in lags], axis=-1)
+    rows = regressor.rows(joints, delayed[:, :, 0], TrunkMotion.held(up))
+    for k, row in enumerate(rows):
+        slides = _slides_throughout(stretch.time[inner], joints.velocity[:, k])
+        yield np.column_stack((row.matrix, delayed[:, k]))[slides]
+
+
+def _slides_throughout(time: Array, velocity: Array) -> NDArray[np.bool_]:
+    """Whether a joint slides at every instant whose torque some lag takes for that of this sample."""
+    slow = np.concatenate(([0], np.cumsum(np.abs(velocity) < SLIDING)))
+    first = np.searchsorted(time, time - LATEST)
+    last = np.searchsorted(time, time - EARLIEST, side="right")
+    return np.asarray(slow[last] == slow[first])
 
 
 def _log_residuals(block: Array, lags: int) -> Array:
@@ -90,12 +112,18 @@ def _log_residuals(block: Array, lags: int) -> Array:
     return np.asarray(len(block) * (np.log(np.maximum(residual, floor)) + np.log(squared)))
 
 
-def _vertex(lags: Array, cost: Array) -> tuple[float, float]:
-    """Where the parabola through the smallest cost and its neighbours is lowest, and how low."""
-    k = int(np.argmin(cost))
+def _vertex(lags: Array, variance: Array, start: int) -> tuple[float, float]:
+    """Downhill from `start` to the nearest minimum of the residuals' variance; where the parabola through it and its
+    neighbours is lowest, and how low.
+    """
+    k = start
+    while k > 0 and variance[k - 1] < variance[k]:
+        k -= 1
+    while k < len(lags) - 1 and variance[k + 1] < variance[k]:
+        k += 1
     if not 0 < k < len(lags) - 1:
-        return float(lags[k]), float(cost[k])
-    before, here, after = cost[k - 1 : k + 2]
+        return float(lags[k]), float(variance[k])
+    before, here, after = variance[k - 1 : k + 2]
     bend = before - 2 * here + after
     shift = 0.5 * (before - after) / bend if bend > 0 else 0.0
-    return float(lags[k] + shift * (lags[1] - lags[0])), float(here - 0.25 * (before - after) * shift)
+    return float(lags[k] + shift * (lags[1] - lags[0])), max(float(here - 0.25 * (before - after) * shift), 0.0)
