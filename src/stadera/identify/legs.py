@@ -73,6 +73,8 @@ def identify(
         _leg_result(job, job.tasks[k], gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
         for k in wanted
     )
+    if not any("validation" in leg.rmse for leg in legs):
+        validated_on = None
     return Identification(
         robot=robot,
         source=", ".join(dict.fromkeys(name_of(log) for log in logs)),
@@ -81,7 +83,7 @@ def identify(
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on,
         notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job)),
-        warnings=warnings + log_warnings(job.vertical, legs, scores["training"][0].samples),
+        warnings=warnings + log_warnings(job.vertical, legs, max(score.samples for score in scores["training"])),
     )
 
 
@@ -135,7 +137,7 @@ def _leg_result(
         structural_rank=structure.rank,
         noise=data.noise,
         correlation=data.correlation,
-        rmse={part: score.rmse for part, score in scores.items()},
+        rmse={part: score.rmse for part, score in scores.items() if score.samples},
         traces=tuple(score.trace(part) for part, score in scores.items()),
     )
     return leg_warnings(result, scores)

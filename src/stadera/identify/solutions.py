@@ -25,6 +25,7 @@ _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 _CERTAIN = 1e4
 """Prior widths over standard deviation: a direction known better than this is certain beside the prior."""
 _HEAVIEST = 1e7
+"""More the solver cannot tell from the prior's weight, which is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +140,12 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
     """argmin Σ weight² (v·(x - best))² under the constraints, over the free x.
 
     Directions that are certain beside the prior stay where the data have them, and the solver is spared a range of
-    weights that its tolerance cannot resolve; only where no consistent body is there do they move too.
+    weights that its tolerance cannot resolve; only where no consistent body is there do they move too, and where that
+    is yet too wide a range, the certain ones count alike.
     """
-    loose = weight <= _CERTAIN
-    for moving in [loose] if loose.all() else [loose, np.ones_like(loose)]:
-        found = _nearest_consistent(best, Vt[moving], weight[moving], free, prior, margin)
+    loose, every = weight <= _CERTAIN, np.ones(len(weight), dtype=bool)
+    for moving, heaviest in ((loose, _CERTAIN), (every, _HEAVIEST), (every, _CERTAIN)):
+        found = _nearest_consistent(best, Vt[moving], np.minimum(weight[moving], heaviest), free, prior, margin)
         if isinstance(found, np.ndarray):
             return found
     raise IdentificationError(f"the physically consistent problem could not be solved: {found}")
@@ -155,14 +157,14 @@ def _nearest_consistent(
     """The same over some directions, the rows of Vt; or why there is no answer.
 
     Written in y = weight · V (x - best): the objective is round whatever the ratio of data to prior, and the solver's
-    tolerance is one in χ², where the prior's own directions count as ones. Weights above `_HEAVIEST` it cannot resolve.
+    tolerance is one in χ², where the prior's own directions count as ones.
     """
     import cvxpy as cp  # takes a second, and most solutions need none of it
 
     if not len(weight):
         return "no direction is free to move"
     y = cp.Variable(len(weight))
-    x_free = best + Vt.T @ cp.multiply(1.0 / np.minimum(weight, _HEAVIEST), y)
+    x_free = best + Vt.T @ cp.multiply(1.0 / weight, y)
     spread = np.zeros((len(prior.columns), len(free)))
     spread[free, range(len(free))] = 1.0
     x = spread @ x_free

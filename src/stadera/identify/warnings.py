@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from stadera.identify.observability import Verdict
 from stadera.identify.residuals import LegScore
 from stadera.identify.result import LegIdentification
 from stadera.identify.vertical import Vertical
@@ -16,6 +15,7 @@ from stadera.identify.vertical import Vertical
 def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore]) -> LegIdentification:
     """The result with its warnings put in."""
     warnings = (
+        *_at_rest(scores),
         *_excitation(result),
         *_joint_terms(result),
         *_data(result, scores["training"]),
@@ -38,6 +38,10 @@ def log_warnings(vertical: Vertical, legs: tuple[LegIdentification, ...], sample
     return tuple(warnings)
 
 
+def _at_rest(scores: Mapping[str, LegScore]) -> list[str]:
+    return [f"the leg does not move in the {part} part: no RMSE there" for part, s in scores.items() if not s.samples]
+
+
 def _excitation(result: LegIdentification) -> list[str]:
     rank, possible = result.estimate.observability.rank, result.structural_rank
     if rank >= possible:
@@ -51,11 +55,12 @@ def _excitation(result: LegIdentification) -> list[str]:
 def _joint_terms(result: LegIdentification) -> list[str]:
     out = []
     unconstrained = result.null_space.by_name()
+    width = dict(zip(result.estimate.columns, result.estimate.prior.scales.tolist(), strict=True))
     for joint in result.leg.joints:
         for term in ("armature", "viscous", "coulomb"):
             value = unconstrained.get(f"{joint}.{term}", 0.0)
             found = result.parameters.get(f"{joint}.{term}")
-            if found is None or found.verdict is Verdict.UNOBSERVABLE or value >= 0:
+            if found is None or found.std is None or value > -max(found.std, 1e-6 * width[f"{joint}.{term}"]):
                 continue
             word = {"armature": "rotor inertia"}.get(term, f"{term} friction")
             if result.estimate.method == "null-space":
@@ -75,7 +80,7 @@ def _data(result: LegIdentification, score: LegScore) -> list[str]:
     outliers = score.outliers
     for joint in result.leg.joints:
         share = outliers[joint]
-        if share > 1e-3:
+        if share > 1e-3 and score.samples:
             out.append(f"{joint}: {100 * share:.1f} % of the samples are off by more than six times the RMSE")
         if score.saturated[joint]:
             out.append(
