@@ -14,6 +14,7 @@ from stadera.cli.excite import excite
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
 from stadera.cli.reproduce import reproduce
+from stadera.cli.simulate import simulate
 
 app = typer.Typer(
     name="stadera",
@@ -44,3 +45,4 @@ app.command()(identify)
 app.command()(inspect)
 app.command()(excite)
 app.command()(reproduce)
+app.command()(simulate)

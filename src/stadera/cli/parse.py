@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
+from pathlib import Path
 from typing import Literal
 
 import typer
@@ -57,13 +58,40 @@ def direction(value: str) -> tuple[float, float, float] | None:
     """Three numbers with commas between, not all zero; None for "auto"."""
     if value.lower() == "auto":
         return None
+    x, y, z = point(value)
+    if not (x or y or z):
+        raise typer.BadParameter("a direction needs a component that is not zero")
+    return x, y, z
+
+
+def point(value: str) -> tuple[float, float, float]:
+    """Three numbers with commas between."""
     parts = value.split(",")
     if len(parts) != 3:
         raise typer.BadParameter(f"{value!r} is not three numbers x,y,z")
     x, y, z = (_number(part, "three numbers x,y,z") for part in parts)
-    if not (x or y or z):
-        raise typer.BadParameter("a direction needs a component that is not zero")
     return x, y, z
+
+
+def load(value: str) -> tuple[float, Literal["kg", "N"]]:
+    """A mass, "5kg" or plain "5", or a force, "50N"."""
+    wanted = "a load like 5kg or 50N"
+    text = value.strip()
+    if text.endswith("N"):
+        return _number(text.removesuffix("N"), wanted), "N"
+    return _number(text.removesuffix("kg"), wanted), "kg"
+
+
+def tare(value: str) -> tuple[float, float] | Path:
+    """A range of time "T0:T1" [s], or the path of a log."""
+    first, colon, last = value.partition(":")
+    try:
+        begin, end = float(first), float(last)
+    except ValueError:
+        return Path(value)
+    if not (colon and isfinite(begin) and isfinite(end) and begin < end):
+        raise typer.BadParameter(f"{value!r} is not a range of time T0:T1 with T0 < T1")
+    return begin, end
 
 
 def _number(value: str, wanted: str) -> float:

@@ -1,0 +1,116 @@
+"""`stadera simulate`: a run of the test-bed as a log, the truth beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli import parse
+from stadera.cli.terminal import progress, show
+
+if TYPE_CHECKING:
+    from stadera.simulate import Run
+
+_SCENARIOS = "stand|stand-load|poses|ramp"
+
+
+def simulate(
+    scenario: Annotated[str, typer.Argument(metavar=_SCENARIOS, help="What the robot does.")],
+    out: Annotated[Path, typer.Option(metavar="LOG", help="Write the log, .csv or .parquet; the truth beside it.")],
+    robot: Annotated[
+        str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.")
+    ] = "hyq",
+    errors: Annotated[str, typer.Option(metavar="ideal|standard|harsh", help="Of the sensors.")] = "standard",
+    load: Annotated[
+        str | None, typer.Option(metavar="5kg|50N", help="A mass on the trunk, or the paper's virtual force.")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Where, trunk frame [m] [default: behind, to the left].")
+    ] = None,
+    slope: Annotated[float | None, typer.Option(metavar="DEG", help="Of the ground [°].")] = None,
+    duration: Annotated[float | None, typer.Option(metavar="S", help="[s] [default: the scenario's own].")] = None,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the log [Hz]: 1000 over a whole number.")] = 250.0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="The same seed gives the same log.")] = 0,
+    believed: Annotated[
+        Path | None,
+        typer.Option(metavar="F.urdf", help="Write the model to weigh with: harsh errors make it a wrong one."),
+    ] = None,
+) -> None:
+    """Simulate a standing robot and write what its sensors say as a log.
+
+    What was true is kept apart: LOG.truth.json has the trunk's mass and centre of mass over time and the controller's
+    stiffness, LOG.truth.csv (or .parquet) the true motion and the ground's forces.
+    """
+    amount = None if load is None else parse.load(load)
+    place = None if at is None else parse.point(at)
+    if amount is None and place is not None:
+        raise typer.BadParameter("needs --load", param_hint="--at")
+
+    from math import radians
+
+    from stadera.robot import load_robot
+    from stadera.simulate import Load, SimulateSettings, scenario_named
+    from stadera.simulate import simulate as run_scenario
+
+    scenario_named(scenario)
+    settings = SimulateSettings(
+        errors,
+        None if amount is None else Load(*amount, place),
+        None if slope is None else radians(slope),
+        duration,
+        rate,
+        seed,
+    )
+    model = load_robot(robot)
+    _check(out, believed)
+    with progress() as watch:
+        run = run_scenario(model, scenario, settings, watch)
+    _write(run, out, believed)
+    _tell(run, out)
+
+
+def _check(out: Path, believed: Path | None) -> None:
+    from stadera.errors import RecordingError
+    from stadera.files import require_writable
+    from stadera.recording.writer import SUFFIXES
+
+    if out.suffix.lower() not in SUFFIXES:
+        raise RecordingError(f"{out}: a table is written as one of {', '.join(SUFFIXES)}")
+    require_writable(out)
+    if believed is not None:
+        require_writable(believed)
+
+
+def _write(run: Run, out: Path, believed: Path | None) -> None:
+    """All files or none."""
+    from stadera.files import written_together
+    from stadera.recording import write_table
+    from stadera.report.json import json_text
+    from stadera.simulate import truth_json, truth_paths
+
+    paths = [out, *truth_paths(out)] + ([] if believed is None else [believed])
+    with written_together(paths) as drafts:
+        write_table(run.recording, drafts[0])
+        drafts[1].write_text(json_text(truth_json(run.truth)), encoding="utf-8")
+        write_table(run.true_motion, drafts[2])
+        if believed is not None:
+            from stadera.robot.export import export_model
+
+            export_model(run.believed, drafts[3])
+
+
+def _tell(run: Run, out: Path) -> None:
+    from stadera.report.numbers import number
+    from stadera.simulate import truth_paths
+
+    log, last = run.recording, run.truth.moments[-1]
+    com = ", ".join(number(value) for value in last.com)
+    show(
+        f"{out}: {len(log)} samples, {log.time[-1] - log.time[0]:.3f} s, {run.truth.errors} sensors, seed "
+        f"{run.truth.seed}",
+        f"truth, at the end: trunk with payload {number(last.mass)} kg, centre of mass ({com}) m; "
+        f"in {truth_paths(out)[0]}",
+        f"for --method orientation: --stiffness {','.join(f'{k:.6g}' for k in run.truth.stiffness)}",
+    )

@@ -1,0 +1,101 @@
+"""What a simulated run is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.estimate.trunk import TrunkBounds
+from stadera.robot.model import Robot
+from stadera.sim import SensorErrors, sensor_errors
+from stadera.sim.payload import Payload, RigidMass, VirtualForce
+
+_BOX = (0.1, 0.1, 0.1)  # m, edges of a load given as a mass
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is put on the trunk.
+
+    Attributes:
+        amount: positive.
+        unit: "kg", a rigid cube of 10 cm fixed to the trunk; "N", the paper's virtual force, without inertia.
+        at: [m], of its centre in the trunk frame; None for a quarter of the feet's rectangle behind and to the left of
+            the middle, on the level of the hips.
+
+    Raises:
+        StaderaError: an amount that is not positive, a unit that is none of these, a place that is not finite.
+    """
+
+    amount: float
+    unit: Literal["kg", "N"] = "kg"
+    at: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.amount) and self.amount > 0):
+            raise StaderaError(f"a load must be positive, got {self.amount} {self.unit}")
+        if self.unit not in ("kg", "N"):
+            raise StaderaError(f"a load is in kg or N, got {self.unit!r}")
+        if self.at is not None and not np.isfinite(self.at).all():
+            raise StaderaError(f"a load's place must be three finite numbers, got {self.at}")
+
+    def payload(self, robot: Robot) -> Payload:
+        """As the test-bed takes it."""
+        at = self.at or _behind(robot)
+        return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, _BOX, at)
+
+
+@dataclass(frozen=True)
+class SimulateSettings:
+    """A run.
+
+    Attributes:
+        errors: ideal, standard or harsh, of the sensors.
+        load: None for the scenario's own.
+        slope: of the ground [rad]; None for the scenario's own.
+        duration: [s]; None for the scenario's own.
+        rate: of the log [Hz]; the test-bed itself runs at 1 kHz, of which the log keeps every so manieth sample.
+        seed: of all sensor errors.
+
+    Raises:
+        StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
+            negative seed.
+    """
+
+    errors: str = "standard"
+    load: Load | None = None
+    slope: float | None = None
+    duration: float | None = None
+    rate: float = 250.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _ = self.sensor_errors
+        if self.duration is not None and not (np.isfinite(self.duration) and self.duration > 0):
+            raise StaderaError(f"a run's duration must be positive, got {self.duration} s")
+        every = 1000.0 / self.rate if np.isfinite(self.rate) and self.rate > 0 else 0.0
+        if every < 1 or abs(every - round(every)) > 1e-9:
+            raise StaderaError(
+                f"a log's rate must be 1000 Hz over a whole number (1000, 500, 250, ...), got {self.rate}"
+            )
+        if self.seed < 0:
+            raise StaderaError(f"a seed needs to be at least 0, got {self.seed}")
+
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """The sizes behind the name."""
+        return sensor_errors(self.errors)
+
+    @property
+    def every(self) -> int:
+        """Periods of the test-bed for one sample of the log."""
+        return round(1000.0 / self.rate)
+
+
+def _behind(robot: Robot) -> tuple[float, float, float]:
+    bounds = TrunkBounds.of(robot)
+    middle, half = 0.5 * (bounds.low + bounds.high), 0.5 * (bounds.high - bounds.low)
+    return float(middle[0] - 0.5 * half[0]), float(middle[1] + 0.5 * half[1]), float(middle[2])

@@ -1,0 +1,110 @@
+"""`stadera simulate`: the log, the truth apart from it, and what bad requests get."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stadera.recording import read
+from stadera.robot import load_robot
+from stadera.simulate import SCENARIOS, read_truth, scenario_named
+
+Run = Callable[..., Any]
+
+SHORT = ("--duration", "0.4", "--rate", "250")
+
+
+def test_log_and_truth_are_kept_apart(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "log.csv"
+    finished = run("simulate", "stand", "--out", out, "--load", "5kg", "--at", "-0.2,0.1,0.1", *SHORT)
+    assert finished.code == 0
+    assert "kg" in finished.out
+    robot, log = load_robot("hyq"), read(out, require=("velocity", "effort", "imu"))
+    assert log.joints == robot.tree.joints
+    np.testing.assert_allclose(np.diff(log.time), 0.004, rtol=1e-9)
+    assert not log.foot_force
+    assert log.imu is not None
+    assert log.imu.orientation is not None
+    truth, motion = json.loads((tmp_path / "log.truth.json").read_text()), read(tmp_path / "log.truth.csv")
+    # by hand: the trunk of the model file with a point of 5 kg
+    trunk = robot.inertias[robot.trunk]
+    moment = truth["trunk"][-1]
+    assert moment["payload"]["mass"] == pytest.approx(5.0)
+    assert moment["mass"] == pytest.approx(trunk.mass + 5.0)
+    expected = (trunk.mass * trunk.com + 5.0 * np.array([-0.2, 0.1, 0.1])) / (trunk.mass + 5.0)
+    np.testing.assert_allclose(moment["com"], expected, atol=1e-9)
+    total = sum(force[-1] for force in motion.foot_force.values())
+    assert total[2] == pytest.approx((robot.mass + 5.0) * 9.81, rel=0.02)
+    np.testing.assert_array_equal(motion.time, log.time)
+
+
+def test_same_seed_same_files(run: Run, tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        command = ("simulate", "ramp", "--out", tmp_path / f"{name}.csv", "--seed", seed, "--duration", "0.1")
+        assert run(*command).code == 0
+    a, b, c = ((tmp_path / f"{name}.csv").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+    assert read_truth(tmp_path / "a.truth.json").slope == pytest.approx(np.deg2rad(10.0))
+
+
+def test_a_load_comes_while_standing(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "log.parquet"
+    assert run("simulate", "stand-load", "--out", out, "--load", "50N", "--duration", "0.5").code == 0
+    truth = read_truth(tmp_path / "log.truth.json")
+    assert [m.time for m in truth.moments] == pytest.approx([0.0, 0.2])
+    assert truth.at(0.1).payload_com is None
+    assert truth.at(0.3).payload_mass == pytest.approx(50.0 / 9.81)
+    assert (tmp_path / "log.truth.parquet").exists()
+
+
+def test_harsh_errors_come_with_the_wrong_model(run: Run, tmp_path: Path) -> None:
+    model = tmp_path / "believed.urdf"
+    command = ("simulate", "stand", "--out", tmp_path / "log.csv", "--errors", "harsh", "--believed", model)
+    assert run(*command, "--duration", "0.1").code == 0
+    hyq, believed = load_robot("hyq"), load_robot(str(model))
+    joint, link = hyq.tree.joints[0], hyq.tree.links[-1]
+    assert believed.dynamics[joint].coulomb > 0.0
+    assert believed.inertias[link].mass != pytest.approx(hyq.inertias[link].mass, rel=1e-3)
+    assert believed.inertias[believed.trunk].mass == pytest.approx(hyq.inertias[hyq.trunk].mass)
+
+
+def test_every_scenario_has_events_within_its_time() -> None:
+    robot = load_robot("hyq")
+    for name, scenario in SCENARIOS.items():
+        events = scenario.script(robot, None, scenario.duration)
+        assert all(0.0 <= event.time < scenario.duration for event in events), name
+    assert len(scenario_named("poses").script(robot, None, 33.0)) == 11
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("stroll", "--out", "a.csv"), 1, "unknown scenario 'stroll'; valid: stand"),
+        (("stand", "--out", "a.txt"), 1, "written as one of .csv"),
+        (("stand", "--out", "a.csv", "--rate", "300"), 1, "1000 Hz over a whole number"),
+        (("stand", "--out", "a.csv", "--duration", "0"), 1, "duration must be positive"),
+        (("stand", "--out", "a.csv", "--errors", "rough"), 1, "valid: ideal, standard, harsh"),
+        (("stand", "--out", "a.csv", "--load", "0"), 1, "a load must be positive"),
+        (("stand", "--out", "a.csv", "--slope", "80"), 1, "within ±60°"),
+        (("stand", "--out", "a.csv", "--load", "much"), 2, "a load like 5kg or 50N"),
+        (("stand", "--out", "a.csv", "--at", "0,0,0"), 2, "needs --load"),
+        (("stand", "--out", "nowhere/a.csv"), 1, "no such folder"),
+        (("stand",), 2, "--out"),
+    ],
+)
+def test_bad_requests(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], code: int, said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    finished = run("simulate", *arguments)
+    assert finished.code == code
+    assert said in finished.err
+    if code == 1:
+        assert finished.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
