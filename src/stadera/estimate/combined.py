@@ -56,6 +56,7 @@ class CombinedCom(PosesCom):
     ) -> None:
         wide = errors or ConstantErrors.of(ForceNoise.of(robot, constant=WIDE_TORQUE, foot_position=WIDE_FOOT))
         super().__init__(robot, start, forces, limits, wide, alike)
+        self._anchor = self._linear_at
 
     @property
     def sources(self) -> Array:
@@ -63,7 +64,7 @@ class CombinedCom(PosesCom):
         return self._linear_at.copy()
 
     def _solution(self) -> TrunkSolution:
-        before = np.full(3, np.inf)
+        before, self._linear_at = np.full(3, np.inf), self._anchor
         for _ in range(_ITERATIONS):
             solution = sought(self._gathered().merge(self._prior), self.errors)
             self._linear_at = solution.errors
@@ -71,3 +72,7 @@ class CombinedCom(PosesCom):
                 break
             before = solution.com
         return solution
+
+    def _close(self) -> None:
+        self._anchor = self._linear_at  # so that being asked in between changes nothing
+        super()._close()

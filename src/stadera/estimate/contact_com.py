@@ -74,8 +74,8 @@ class ContactCom(RecursiveCom):
         error = nearest - com
         error = (1.0 + self._leg_mass / self._trunk.mass) * (error - up * float(up @ error))
         self._settled.take(error, step)
-        self._last = forces, up, com
-        self._adopt(time, mass, self._trunk.com_trunk + step * error, weighed and self._settled.reached)
+        if self._adopt(time, mass, self._trunk.com_trunk + step * error, weighed and self._settled.reached):
+            self._looked_at(time, forces, up, com)
 
     def _interrupted(self) -> None:
         self._before = np.nan

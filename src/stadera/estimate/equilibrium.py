@@ -11,7 +11,9 @@ up at values t₀, d₀, ε₀ taken off the measurement, and made linear there:
 
     dF = -∂F/∂τ dt - ∂F/∂p dd,    dμ likewise,    du = u x dε      (torques enter exactly linearly, feet nearly)
 
-A leg held in the air adds its three joints' own equations, h_j - τ_j = 0, in which nothing but the offsets is unknown.
+Whether a foot carries is not asked of its force, which the errors may hide: the equations hold for all feet, loaded or
+not. A leg that is known to be held in the air is left out, and adds its joints' own equations, h_j - τ_j = 0, in which
+nothing but the offsets is unknown.
 """
 
 from __future__ import annotations
@@ -119,7 +121,10 @@ def equilibrium_rows(
     """
     m, up = _without(measurement, errors, forces_of)
     forces, state = forces_of.at(m), forces_of.legs.at(m)
-    swing = [] if m.stance is None else np.flatnonzero(~m.stance).tolist()
+    meant = np.ones(4, dtype=bool) if m.stance is None else m.stance
+    felt = np.isfinite(forces.force).all(axis=1)
+    forces = replace(forces, stance=meant & felt)
+    swing = np.flatnonzero(~meant & felt).tolist()
     slope = wrench_slope(forces)
     matrix = np.zeros((6 + 3 * len(swing), 4 + ERRORS))
     matrix[:3, 0] = -GRAVITY * up

@@ -44,7 +44,8 @@ from stadera.estimate.convergence import positive, settling_time, step_size
 from stadera.estimate.equilibrium import ERRORS
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
-from stadera.estimate.recursive import RecursiveCom
+from stadera.estimate.protocol import unobserved
+from stadera.estimate.recursive import Instant, RecursiveCom
 from stadera.estimate.stillness import GRAVITY, StillnessLimits
 from stadera.estimate.trunk import TrunkModel
 from stadera.inertia import skew
@@ -173,8 +174,8 @@ class OrientationCom(RecursiveCom):
                 f"the height needs a tilted trunk: {np.rad2deg(tilt):.1f}° is less than {np.rad2deg(_LEAST_TILT):.0f}°"
             )
         self.phase, self._reference = Phase.HEIGHT, rotation
-        if self._last is not None:
-            self._in_plane = self._felt(*self._last)
+        if self._seen_from is not None:
+            self._in_plane = self._felt(self._seen_from)
         self._known = None
         self._settled.restart()
         self._clear()
@@ -219,9 +220,9 @@ class OrientationCom(RecursiveCom):
             felt = np.array([0.0, 0.0, felt[2] / (1.0 - up[2] ** 2)])
         innovation = felt * (1.0 + self._leg_mass / self._trunk.mass)
         self._settled.take(innovation, self._step)
-        self._last = forces, up, com
         com_trunk = self._trunk.com_trunk + self._step * innovation
-        self._adopt(measurement.time, mass, com_trunk, weighed and self._settled.reached)
+        if self._adopt(measurement.time, mass, com_trunk, weighed and self._settled.reached):
+            self._looked_at(measurement.time, forces, up, com)
 
     def _interrupted(self) -> None:
         self._settled.restart()
@@ -235,31 +236,30 @@ class OrientationCom(RecursiveCom):
     def _averaging(self) -> float:
         return self._step / (2.0 - self._step)
 
-    def _felt(self, forces: ContactForces, up: Array, com: Array) -> Array:
+    def _felt(self, instant: Instant) -> Array:
         """(4, 27): constant errors as this pose feels them; an orientation off by ε turns e by -ε."""
-        felt = super()._sensitivity(forces, up, com)
-        felt[1:, 24:] = -skew(up) * self.posture.stiffness / (self._trunk.mass * GRAVITY)
+        felt = super()._sensitivity(instant)
+        felt[1:, 24:] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
         return felt
 
-    def _sensitivity(self, forces: ContactForces, up: Array, com: Array) -> Array:
+    def _sensitivity(self, instant: Instant) -> Array:
         """In phase two, the plane's are those of phase one, and the height takes the blame for them:
 
         0 = e_z · E (0, 0, δ_z) + e_z · E (δ_x, δ_y, 0) + felt_z,  with (δ_x, δ_y) off by what was felt in phase one.
         """
-        felt = self._felt(forces, up, com)
+        felt, up = self._felt(instant), instant.up
         if self.phase is Phase.PLANE:
             return felt
         height = (up[2] * up[:2] @ self._in_plane[1:3] + felt[3]) / (1.0 - up[2] ** 2)
         return np.vstack([self._in_plane[:3], height])
 
-    def _worked_out(self, forces: ContactForces, up: Array, com: Array) -> Array:
+    def _worked_out(self, instant: Instant) -> Array:
         if self.phase is Phase.PLANE:
-            return super()._worked_out(forces, up, com)
-        sensitivity = self._sensitivity(forces, up, com)
-        covariance = sensitivity @ self._errors.covariance @ sensitivity.T + self._white(forces, up, com)
-        if 1.0 - up[2] ** 2 < 0.5 * np.sin(_LEAST_TILT) ** 2:  # on its way to the tilt
-            covariance[3, :] = covariance[:, 3] = np.nan
-        return np.asarray(covariance)
+            return super()._worked_out(instant)
+        if 1.0 - instant.up[2] ** 2 < 0.5 * np.sin(_LEAST_TILT) ** 2:  # on its way to the tilt
+            return unobserved()
+        sensitivity = self._sensitivity(instant)
+        return np.asarray(sensitivity @ self._errors.covariance @ sensitivity.T + self._white(instant))
 
 
 def _rotation(matrix: Array) -> Array:

@@ -11,7 +11,6 @@ from stadera.errors import ModelError
 from stadera.estimate.measurement import Measurement
 
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -36,23 +35,22 @@ class PoseMean:
 
     Args:
         first: the first sample.
-        stance: (4,), the feet that carry.
 
     Attributes:
         count: of samples.
     """
 
-    def __init__(self, first: Measurement, stance: Bools) -> None:
-        self._first, self._stance = first, stance.copy()
+    def __init__(self, first: Measurement) -> None:
+        self._first = first
         self._q, self._effort = first.joint_position.copy(), first.effort.copy()
         self._up = first.up.copy()
         self._feet = None if first.foot_position is None else first.foot_position.copy()
         self._foot_squares = 0.0
         self.count = 1
 
-    def takes(self, m: Measurement, stance: Bools, alike: Alike) -> bool:
-        """Adds a sample if it is alike and on the same feet; else leaves it alone."""
-        if stance.tolist() != self._stance.tolist() or (m.foot_position is None) != (self._feet is None):
+    def takes(self, m: Measurement, alike: Alike) -> bool:
+        """Adds a sample if it is alike, with the same legs meant to carry; else leaves it alone."""
+        if _meant(m) != _meant(self._first) or (m.foot_position is None) != (self._feet is None):
             return False
         if float(np.abs(m.joint_position - self._q).max()) > alike.joint:
             return False
@@ -88,3 +86,8 @@ class PoseMean:
             rotation=None,
             foot_position=None if self._feet is None else self._feet.copy(),
         )
+
+
+def _meant(m: Measurement) -> list[bool]:
+    """Which legs are meant to carry."""
+    return [True] * 4 if m.stance is None else m.stance.tolist()

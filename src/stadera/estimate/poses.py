@@ -23,7 +23,7 @@ from stadera.estimate.equilibrium import ERRORS, TRUNK, ConstantErrors, equilibr
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.pose_means import Alike, PoseMean
-from stadera.estimate.protocol import COMPONENTS, unobserved
+from stadera.estimate.protocol import COMPONENTS, TrunkEstimate, unobserved
 from stadera.estimate.static import StaticEstimator
 from stadera.estimate.stillness import StillnessLimits
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
@@ -36,7 +36,6 @@ Array = NDArray[np.float64]
 SETTLED = StillnessLimits(quiet=0.5)
 """Still for so long that what is left of a trunk's sway does not matter."""
 
-_STALE = 0.1  # s of new samples, after which the estimate is worked out anew
 _OBSERVED = 0.2  # share of the plausible range's standard deviation under which a component counts as observed
 
 
@@ -94,7 +93,6 @@ class PosesCom(StaticEstimator):
         self._linear_at = np.zeros(ERRORS)
         self._known = unobserved()
         self._solved, self._latest, self._count = -np.inf, np.nan, 0
-        self._runaway = ""
 
     @property
     def poses(self) -> int:
@@ -110,15 +108,21 @@ class PosesCom(StaticEstimator):
             return ""
         return f"{self._count} poses do not show {', '.join(hidden)}: hold the trunk still at other rolls and pitches"
 
+    def estimate(self) -> TrunkEstimate:
+        """What it believes now, worked out from all poses when asked."""
+        refusal = "" if self._ran_away else self._reason
+        self._solve()
+        if refusal:
+            self._refuse(refusal)
+        return super().estimate()
+
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
         self._latest = measurement.time
-        if self._open is None or not self._open.takes(measurement, forces.stance, self.alike):
-            self._close()
-            self._open, self._count = PoseMean(measurement, forces.stance), self._count + 1
-        if self._latest - self._solved >= _STALE:
+        if self._open is None or not self._open.takes(measurement, self.alike):
             self._solve()
-        elif self._runaway:
-            self._refuse(self._runaway)
+            self._close()
+            self._solved = -np.inf
+            self._open, self._count = PoseMean(measurement), self._count + 1
 
     def _close(self) -> None:
         if self._open is not None:
@@ -150,7 +154,6 @@ class PosesCom(StaticEstimator):
         if self._adopt(self._latest, float(value[0]), value[1:], not len(hidden)):
             self._known = np.array(solution.covariance)
             self._known[hidden, :] = self._known[:, hidden] = np.nan
-        self._runaway = self._reason
 
     def _covariance(self) -> Array:
         return self._known

@@ -14,6 +14,8 @@ What is wrong with a wrench w = (Σ f, μ) about the trunk's origin moves them b
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +39,30 @@ SLOW = StillnessLimits(angular_velocity=0.3, joint_velocity=0.5, specific_force=
 _MASS_SETTLED = 1e-3  # share of the robot's mass
 _STALE = 0.1  # s, after which the covariance is worked out anew
 _HIDDEN = 0.5  # share of the vertical along an axis, from which this component is not observed
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """What a law knew at one instant, trunk axes.
+
+    Attributes:
+        forces: of the feet. up: (3,), the vertical. com: (3,) [m], of the whole robot. trunk: as believed.
+    """
+
+    forces: ContactForces
+    up: Array
+    com: Array
+    trunk: TrunkModel
+
+    @cached_property
+    def from_wrench(self) -> Array:
+        """(4, 6): change of mass and of the trunk's centre of mass with the wrench."""
+        slope = np.zeros((4, 6))
+        slope[0, :3] = self.up / GRAVITY
+        slope[1:, 3:] = skew(self.up) / (self.trunk.mass * GRAVITY)
+        away = (self.com - self.trunk.com_trunk) / self.trunk.mass
+        slope[1:, :3] = np.outer(away, slope[0, :3]) - slope[1:, 3:] @ skew(self.com)
+        return slope
 
 
 class RecursiveCom(StaticEstimator):
@@ -69,8 +95,8 @@ class RecursiveCom(StaticEstimator):
         self._errors = ConstantErrors.of(self.forces.noise, orientation_std)
         self._settled = Settled(TOLERANCE)
         self._known: Array | None = None
-        self._known_at = -np.inf
-        self._last: tuple[ContactForces, Array, Array] | None = None  # with the vertical and the robot's CoM
+        self._seen_from: Instant | None = None
+        self._seen_at = -np.inf
 
     # -- for the laws -----------------------------------------------------------------------------------------
     @property
@@ -92,35 +118,32 @@ class RecursiveCom(StaticEstimator):
     def _averaging(self) -> float:
         """Share of the white noise's variance that is left."""
 
+    def _looked_at(self, time: float, forces: ContactForces, up: Array, com: Array) -> None:
+        """Now and then, keeps an instant to work the covariance out from when asked."""
+        if time - self._seen_at >= _STALE:
+            self._seen_from, self._seen_at = Instant(forces, up, com, self._trunk), time
+            self._known = None
+
     def _covariance(self) -> Array:
-        if self._last is None:
+        if self._seen_from is None:
             return unobserved()
-        if self._known is None or self._learnt - self._known_at > _STALE:
-            self._known, self._known_at = self._worked_out(*self._last), self._learnt
+        if self._known is None:
+            self._known = self._worked_out(self._seen_from)
         return self._known
 
-    def _worked_out(self, forces: ContactForces, up: Array, com: Array) -> Array:
-        sensitivity = self._sensitivity(forces, up, com)
-        covariance = sensitivity @ self._errors.covariance @ sensitivity.T + self._white(forces, up, com)
+    def _worked_out(self, instant: Instant) -> Array:
+        up, sensitivity = instant.up, self._sensitivity(instant)
+        covariance = sensitivity @ self._errors.covariance @ sensitivity.T + self._white(instant)
         covariance[1:, 1:] += self.height_std**2 * np.outer(up, up)
         hidden = np.flatnonzero(np.abs(up) > _HIDDEN) + 1
         covariance[hidden, :] = covariance[:, hidden] = np.nan
         return np.asarray(covariance)
 
-    def _sensitivity(self, forces: ContactForces, up: Array, com: Array) -> Array:
+    def _sensitivity(self, instant: Instant) -> Array:
         """(4, 27): how far mass and centre of mass end up off, by constant errors of torques, feet and the vertical."""
-        return np.hstack([self._from_wrench(up, com) @ wrench_slope(forces), np.zeros((4, 3))])
+        return np.hstack([instant.from_wrench @ wrench_slope(instant.forces), np.zeros((4, 3))])
 
-    def _white(self, forces: ContactForces, up: Array, com: Array) -> Array:
+    def _white(self, instant: Instant) -> Array:
         """(4, 4), what the steps leave of the torques' white noise."""
-        slope = self._from_wrench(up, com)
-        return np.asarray(self._averaging() * slope @ forces.wrench_covariance("white") @ slope.T)
-
-    def _from_wrench(self, up: Array, com: Array) -> Array:
-        """(4, 6): change of mass and of the trunk's centre of mass with the wrench; com (3,) is the robot's."""
-        trunk = self._trunk
-        slope = np.zeros((4, 6))
-        slope[0, :3] = up / GRAVITY
-        slope[1:, 3:] = skew(up) / (trunk.mass * GRAVITY)
-        slope[1:, :3] = -slope[1:, 3:] @ skew(com) + np.outer((com - trunk.com_trunk) / trunk.mass, slope[0, :3])
-        return slope
+        slope = instant.from_wrench
+        return np.asarray(self._averaging() * slope @ instant.forces.wrench_covariance("white") @ slope.T)

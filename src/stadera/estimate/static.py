@@ -46,7 +46,7 @@ class StaticEstimator(ABC):
         self.gate = StillnessGate(self.forces.legs, limits)
         self._trunk = self._start = self.bounds.check(start or TrunkModel.prior(robot))
         self._status, self._reason = Status.WAITING, ""
-        self._learnt, self._seen = np.nan, -np.inf
+        self._learnt, self._seen, self._ran_away = np.nan, -np.inf, False
 
     def update(self, measurement: Measurement) -> None:
         """Learns from a measurement at rest; refuses any other and keeps what it has."""
@@ -59,7 +59,7 @@ class StaticEstimator(ABC):
             self._refuse(reason)
             self._interrupted()
             return
-        if self._status is Status.REFUSED:
+        if self._status is Status.REFUSED and not self._ran_away:
             self._status, self._reason = Status.WAITING if isnan(self._learnt) else Status.MOVING, ""
         self._learn(measurement, forces)
 
@@ -84,6 +84,7 @@ class StaticEstimator(ABC):
 
     def _adopt(self, time: float, mass: float, com: Array, converged: bool) -> bool:
         """Makes mass [kg] and centre of mass (3,) [m] the estimate, unless it has run away."""
+        self._ran_away = True
         try:
             trunk = TrunkModel(mass, com, self._start.inertia_com)
         except ImplausibleError as error:
@@ -92,7 +93,7 @@ class StaticEstimator(ABC):
         if complaint := self.bounds.complaint(trunk):
             self._refuse(f"the estimate runs away: {complaint}")
             return False
-        self._trunk, self._learnt = trunk, time
+        self._trunk, self._learnt, self._ran_away = trunk, time, False
         self._status, self._reason = Status.CONVERGED if converged else Status.MOVING, ""
         return True
 

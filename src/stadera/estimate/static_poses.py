@@ -78,7 +78,8 @@ def static_poses(
     wanted.append(PoseOffset(turn=tilt * z))
     if not 1 <= count <= len(wanted):
         raise ModelError(f"there are 1 to {len(wanted)} static poses to choose from, got {count}")
-    return tuple(_within_reach(robot, pose) for pose in wanted[:count])
+    source = ContactForceEstimator(robot)
+    return tuple(_within_reach(source, pose) for pose in wanted[:count])
 
 
 def expected_covariance(
@@ -106,7 +107,7 @@ def expected_covariance(
     names, prior = error_names(robot), plausible(TrunkModel.prior(robot), TrunkBounds.of(robot))
     rows = []
     for pose in poses:
-        measurement = standing_still(robot, pose)
+        measurement = standing_still(robot, pose, forces)
         if measurement is None:
             raise ModelError(f"robot {robot.name}: pose {pose.shift} m, {pose.turn} rad is out of reach")
         rows.append(equilibrium_rows(forces, measurement, samples, np.zeros(ERRORS), names))
@@ -114,20 +115,24 @@ def expected_covariance(
     return (sought if seek_errors else considered)(information, errors).covariance
 
 
-def standing_still(robot: Robot, pose: PoseOffset) -> Measurement | None:
+def standing_still(robot: Robot, pose: PoseOffset, forces: ContactForceEstimator | None = None) -> Measurement | None:
     """What ideal sensors say when the robot holds a pose on level ground; None where it cannot.
 
     Of the forces that hold it, the least ones; they may need friction.
+
+    Args:
+        pose: relative to the nominal stance.
+        forces: None for one of its own.
     """
+    source = forces or ContactForceEstimator(robot)
     q0 = standing_configuration(robot)
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     feet = (foot_positions(robot, q0[None])[0] - pose.shift) @ rotation
-    q = _reached(robot, feet, q0)
+    q = _reached(source, feet, q0)
     if q is None:
         return None
     up, n = rotation[2], len(q)
     still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), GRAVITY * up, rotation)
-    source = ContactForceEstimator(robot)
     state = source.legs.at(still)
     contact = feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
     grasp = np.vstack([np.hstack([np.eye(3)] * 4), np.hstack([skew(p) for p in contact])])
@@ -144,18 +149,18 @@ def standing_still(robot: Robot, pose: PoseOffset) -> Measurement | None:
     return Measurement(0.0, q, np.zeros(n), effort, np.zeros(3), GRAVITY * up, rotation)
 
 
-def _within_reach(robot: Robot, pose: PoseOffset) -> PoseOffset:
-    share = 1.0
-    while standing_still(robot, pose.scaled(share)) is None:
+def _within_reach(source: ContactForceEstimator, pose: PoseOffset) -> PoseOffset:
+    share, robot = 1.0, source.robot
+    while standing_still(robot, pose.scaled(share), source) is None:
         share *= 0.8
         if share < _LEAST_REACH:
             raise ModelError(f"robot {robot.name}: no pose near {pose.shift} m, {pose.turn} rad is within reach")
     return pose.scaled(share)
 
 
-def _reached(robot: Robot, feet: Array, start: Array) -> Array | None:
+def _reached(source: ContactForceEstimator, feet: Array, start: Array) -> Array | None:
     """Joint angles (n,) that bring the feet (4, 3) there, within the limits; None where there are none."""
-    columns = ContactForceEstimator(robot).legs.columns
+    robot, columns = source.robot, source.legs.columns
     low = np.array([robot.limits[joint].lower for joint in robot.tree.joints])
     high = np.array([robot.limits[joint].upper for joint in robot.tree.joints])
     q = start.copy()

@@ -1,0 +1,93 @@
+"""A robot standing at rest, worked out by Pinocchio from the raw model file: nothing of the package's own dynamics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from stadera.estimate import Measurement
+from stadera.robot import Robot
+
+GRAVITY = 9.81
+
+
+class StandingRobot:
+    """Static equilibrium of a robot with a point load, on a plane through its feet, however the trunk is turned.
+
+    Args:
+        robot: its model file is what Pinocchio reads.
+        load: [kg], at
+        place: (3,) [m], trunk frame.
+    """
+
+    def __init__(self, robot: Robot, load: float = 0.0, place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        self.robot = robot
+        model = pin.buildModelFromUrdf(str(robot.source), pin.JointModelFreeFlyer())
+        model.inertias[1] += pin.Inertia(load, np.array(place), np.zeros((3, 3)))
+        self.model, self.data = model, model.createData()
+        self.mass = pin.computeTotalMass(model)
+        trunk = model.inertias[1]
+        self.trunk_mass, self.trunk_com = float(trunk.mass), np.array(trunk.lever)
+        self._in_q = [model.joints[model.getJointId(name)].idx_q for name in robot.tree.joints]
+        self._in_v = [model.joints[model.getJointId(name)].idx_v for name in robot.tree.joints]
+        self._feet = [model.getFrameId(leg.foot) for leg in robot.legs]
+
+    def whole_com(self, joints: np.ndarray) -> np.ndarray:
+        """The robot's centre of mass in the trunk frame (3,) [m]."""
+        return np.array(pin.centerOfMass(self.model, self.data, self._configuration(joints, np.eye(3))))
+
+    def efforts(self, joints: np.ndarray, rotation: np.ndarray, carrying: tuple[int, ...] = (0, 1, 2, 3)) -> np.ndarray:
+        """Joint torques (n,) [N·m] with the least contact forces that hold it, on the feet that carry."""
+        q = self._configuration(joints, rotation)
+        pin.forwardKinematics(self.model, self.data, q)
+        pin.updateFramePlacements(self.model, self.data)
+        centres = np.array([self.data.oMf[frame].translation for frame in self._feet])
+        normal = np.linalg.svd(centres[list(carrying)] - centres[list(carrying)].mean(axis=0))[2][2]
+        normal *= np.sign(normal @ rotation[:, 2])
+        jacobians = []
+        for leg in carrying:
+            J = pin.computeFrameJacobian(
+                self.model, self.data, q, self._feet[leg], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            )
+            down = -self.robot.legs[leg].foot_radius * normal
+            jacobians.append(J[:3] + np.cross(J[3:].T, down).T)  # of the material point on the sole
+        stacked = np.vstack(jacobians)
+        gravity = pin.computeGeneralizedGravity(self.model, self.data, q)
+        force = np.linalg.lstsq(stacked[:, :6].T, gravity[:6], rcond=None)[0]
+        return (gravity - stacked.T @ force)[self._in_v]
+
+    def measurement(
+        self,
+        time: float,
+        joints: np.ndarray,
+        rotation: np.ndarray | None = None,
+        carrying: tuple[int, ...] = (0, 1, 2, 3),
+    ) -> Measurement:
+        """What ideal sensors say of it."""
+        R = np.eye(3) if rotation is None else rotation
+        n = len(joints)
+        effort = self.efforts(joints, R, carrying)
+        return Measurement(time, joints, np.zeros(n), effort, np.zeros(3), GRAVITY * R[2], R)
+
+    def held(
+        self, joints: np.ndarray, believed_com: np.ndarray, stiffness: np.ndarray, reference: np.ndarray
+    ) -> np.ndarray:
+        """The trunk's rotation (3, 3) when virtual springs hold it about a believed centre of mass of the whole robot.
+
+        Moments about the true one: gravity compensation, upwards through the believed one, and the springs' add up
+        to none.
+        """
+        lever, turn = believed_com - self.whole_com(joints), np.zeros(3)
+        for _ in range(30):
+            up = (reference @ Rotation.from_rotvec(turn).as_matrix())[2]
+            before, turn = turn, np.cross(lever, self.mass * GRAVITY * up) / stiffness
+            if np.abs(turn - before).max() < 1e-13:
+                return reference @ Rotation.from_rotvec(turn).as_matrix()
+        raise AssertionError("the springs are too soft to hold it")
+
+    def _configuration(self, joints: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        q = pin.neutral(self.model)
+        q[3:7] = Rotation.from_matrix(rotation).as_quat()
+        q[self._in_q] = joints
+        return q
