@@ -15,6 +15,7 @@ from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
 from stadera.cli.reproduce import reproduce
 from stadera.cli.simulate import simulate
+from stadera.cli.weigh import weigh
 
 app = typer.Typer(
     name="stadera",
@@ -46,3 +47,4 @@ app.command()(inspect)
 app.command()(excite)
 app.command()(reproduce)
 app.command()(simulate)
+app.command()(weigh)

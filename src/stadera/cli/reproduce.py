@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def reproduce(
-    name: Annotated[str, typer.Argument(metavar="table1|fig4|fig5|all", help="Which table or figure.")],
+    name: Annotated[str, typer.Argument(metavar="table1..table4|fig4..fig6|all", help="Which table or figure.")],
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of every random draw.")] = 0,
     quick: Annotated[bool, typer.Option("--quick", help="A short, coarse version, for a first look.")] = False,
     data: Annotated[

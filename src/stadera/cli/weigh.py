@@ -1,0 +1,87 @@
+"""`stadera weigh`: mass and centre of mass of a standing robot's trunk, and of what was put on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli import parse
+from stadera.cli.terminal import progress, show
+
+if TYPE_CHECKING:
+    from stadera.simulate.truth import Truth
+    from stadera.weigh import Weighing
+
+
+def weigh(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Of a robot that stands still, at least at times.")],
+    robot: Annotated[str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.")],
+    method: Annotated[
+        str, typer.Option(metavar="contact|orientation|poses|combined", help="Of finding the centre of mass.")
+    ] = "contact",
+    tare: Annotated[
+        str | None,
+        typer.Option(metavar="T0:T1|LOG", help="Time [s] in LOG, or another log, without the payload."),
+    ] = None,
+    stiffness: Annotated[
+        str | None,
+        typer.Option(metavar="KX,KY,KZ", help="Of the trunk controller about its axes [N·m/rad], for 'orientation'."),
+    ] = None,
+    imu_frame: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Frame that the IMU's values are in [default: the model's IMU].")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="F.truth.json", help="Of a simulated log, to be shown beside what was found.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
+) -> None:
+    """Weigh a standing robot from its log: trunk with payload, where its centre of mass is, when the load changed.
+
+    The mass is the ground's upward force (eq. 7) where the robot stands still, and refused elsewhere. --tare tells
+    the payload by the difference.
+    """
+    chosen_tare = None if tare is None else parse.tare(tare)
+    springs = None if stiffness is None else parse.point(stiffness)
+
+    from stadera.report.weighing import weighing_tables
+    from stadera.robot import load_robot
+    from stadera.simulate.truth import read_truth
+    from stadera.weigh import WeighSettings
+    from stadera.weigh import weigh as weigh_log
+
+    settings = WeighSettings(method, chosen_tare, imu_frame, springs)
+    model = load_robot(robot)
+    _check_outputs(log, json, report)
+    known = None if truth is None else read_truth(truth)
+    with progress() as watch:
+        result = weigh_log(model, log, settings, watch)
+    _write(result, known, json, report)
+    show(*weighing_tables(result, known))
+
+
+def _check_outputs(log: Path, *outputs: Path | None) -> None:
+    from stadera.errors import StaderaError
+    from stadera.files import require_writable
+
+    for path in outputs:
+        if path is not None and require_writable(path).resolve() == log.resolve():
+            raise StaderaError(f"{path}: would replace an input")
+
+
+def _write(result: Weighing, truth: Truth | None, json: Path | None, report: Path | None) -> None:
+    """All outputs or none."""
+    from stadera.files import written_together
+    from stadera.report.json import json_text
+    from stadera.report.weighing import weighing_json
+
+    with written_together([path for path in (json, report) if path is not None]) as drafts:
+        waiting = iter(drafts)
+        if json is not None:
+            next(waiting).write_text(json_text(weighing_json(result)), encoding="utf-8")
+        if report is not None:
+            from stadera.report.weighing_html import weighing_html
+
+            next(waiting).write_text(weighing_html(result, truth), encoding="utf-8")
