@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from stadera.errors import MissingExtraError, UnknownNameError
-from stadera.experiments import fig4, fig5, table1
+from stadera.experiments import fig4, fig5, fig6, table1, table2, table3, table4
 from stadera.experiments.real_logs import MissingDataError
 from stadera.experiments.result import Experiment, ExperimentResult, Progress, ReproduceSettings, Skipped
 
@@ -16,6 +16,10 @@ _EXPERIMENTS = (
     table1.EXPERIMENT,
     fig4.EXPERIMENT,
     fig5.EXPERIMENT,
+    table2.EXPERIMENT,
+    fig6.EXPERIMENT,
+    table3.EXPERIMENT,
+    table4.EXPERIMENT,
 )
 
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
