@@ -78,7 +78,7 @@ def _found(result: Weighing, truth: Truth | None) -> Html:
             "p",
             text(
                 "At the end of the log, from above, level; the origin is the trunk's. At rest the whole robot's centre "
-                "of mass is above the centre of pressure."
+                "of mass is above the centre of pressure; what is between them here are errors of the joint torques."
             ),
             css="lead",
         ),
@@ -89,7 +89,10 @@ def _found(result: Weighing, truth: Truth | None) -> Html:
 def _times(result: Weighing, truth: Truth | None) -> Iterator[Html]:
     yield _plot("Mass over time", "Each point a quarter of a second at rest.", mass_figure(result, truth))
     if len(com_figure(result).data):
-        note = "As the method had it at that time; it starts from the model's value, and anew after each change."
+        note = (
+            "As the method had it at that time; it starts from the model's value, and anew after each change. The "
+            "bands do not reckon with a way that it is still on."
+        )
         yield _plot("Centre of mass over time", note, com_figure(result, truth))
     yield _plot("Forces of the ground", "Vertical, foot by foot, from joint torques.", force_figure(result))
     if result.refusals:

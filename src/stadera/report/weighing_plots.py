@@ -17,12 +17,39 @@ _BLUE, _ORANGE, _INK, _STEEL, _GREEN = "#0b6bcb", "#d9822b", "#20262e", "#9aa4b2
 _BAND = "rgba(11,107,203,0.18)"
 _LEGS = ("#0b6bcb", "#d9822b", "#1a7f43", "#8a4fbf")
 _AROUND = (0, 1, 3, 2)  # LF, RF, RH, LH: the feet in a row around the robot
-_GAP = 1.0  # s between blocks, from which a line breaks
+_GAP = 0.35  # s between blocks, from which a line breaks
+_MARGIN = 0.005  # m, around what is enlarged
 _LARGEST = 46  # px, the marker of the most loaded foot
 
 
 def balance_figure(result: Weighing, truth: Truth | None = None) -> go.Figure:
-    """Support polygon from above: feet with their forces, centre of pressure, centres of mass found and true."""
+    """Support polygon from above: feet with their forces, centre of pressure, centres of mass found and true.
+
+    Beside it the middle, enlarged.
+    """
+    stance, centres = _stance(result), _centres(result, truth)
+    figure = make_subplots(
+        rows=1, cols=2, column_widths=[0.62, 0.38], horizontal_spacing=0.1, subplot_titles=("", "enlarged")
+    )
+    for trace in (*stance.data, *centres.data):
+        figure.add_trace(trace, row=1, col=1)
+    for trace in centres.data:
+        figure.add_trace(trace, row=1, col=2)
+        figure.data[-1].showlegend = False
+    places = np.concatenate([np.column_stack([t.x, t.y]) for t in centres.data]).astype(float)
+    middle, half = 0.5 * (places.max(axis=0) + places.min(axis=0)), 0.6 * np.ptp(places, axis=0).max() + _MARGIN
+    figure.update_xaxes(title_text="forward [m]")
+    figure.update_yaxes(title_text="left [m]")
+    figure.update_yaxes(scaleanchor="x", scaleratio=1, row=1, col=1)
+    figure.update_yaxes(scaleanchor="x2", scaleratio=1, range=[middle[1] - half, middle[1] + half], row=1, col=2)
+    figure.update_xaxes(range=[middle[0] - half, middle[0] + half], row=1, col=2)
+    figure = styled(figure, 560)
+    figure.update_layout(margin_t=92)
+    return figure
+
+
+def _stance(result: Weighing) -> go.Figure:
+    """Feet, their forces and the polygon between them."""
     balance, figure = result.balance, go.Figure()
     feet = balance.level(balance.feet)
     standing = [k for k in _AROUND if balance.stance[k]]
@@ -38,27 +65,32 @@ def balance_figure(result: Weighing, truth: Truth | None = None) -> go.Figure:
         hoverinfo="skip",
     )
     names = [leg.name for leg in result.robot.legs]
-    share = balance.force / balance.force.max()
+    share = np.maximum(balance.force / balance.force.max(), 0.0)
     figure.add_scatter(
         x=feet[standing, 0],
         y=feet[standing, 1],
         mode="markers+text",
-        marker={"size": _LARGEST * np.sqrt(np.maximum(share[standing], 0.0)), "color": _STEEL, "opacity": 0.75},
+        marker={"size": _LARGEST * np.sqrt(share[standing]), "color": _STEEL, "opacity": 0.75},
         text=[f"{names[k]} {balance.force[k]:.0f} N" for k in standing],
         textposition=["top center" if feet[k, 1] > 0 else "bottom center" for k in standing],
+        cliponaxis=False,
         name="foot, area by vertical force",
         hovertemplate="%{text}<br>x %{x:.3f} m, y %{y:.3f} m<extra></extra>",
     )
-    _add_point(figure, balance.pressure, "centre of pressure", "circle-open", _INK)
-    _add_point(figure, balance.robot_com, "whole robot's centre of mass, found", "cross", _ORANGE)
+    return figure
+
+
+def _centres(result: Weighing, truth: Truth | None) -> go.Figure:
+    """Centres of pressure and of mass."""
+    balance, figure = result.balance, go.Figure()
     if np.isfinite(result.com[:2]).all():
         _add_uncertainty(figure, result)
+    _add_point(figure, balance.robot_com, "whole robot's centre of mass, found", "cross-thin", _ORANGE)
+    _add_point(figure, balance.pressure, "centre of pressure", "circle-open", _INK)
     if truth is not None:
         last = truth.at(result.end)
         _add_point(figure, balance.level(np.array(last.com)), "trunk's centre of mass, truth", "x-thin", _GREEN)
-    figure.update_xaxes(title_text="forward [m]", zeroline=True)
-    figure.update_yaxes(title_text="left [m]", scaleanchor="x", scaleratio=1, zeroline=True)
-    return styled(figure, 560)
+    return figure
 
 
 def mass_figure(result: Weighing, truth: Truth | None = None) -> go.Figure:
@@ -137,7 +169,7 @@ def _add_point(figure: go.Figure, at: Array, name: str, symbol: str, colour: str
             x=[float(at[0])],
             y=[float(at[1])],
             mode="markers",
-            marker={"symbol": symbol, "size": 15, "color": colour, "line": {"width": 2.5, "color": colour}},
+            marker={"symbol": symbol, "size": 12, "color": colour, "line": {"width": 2.2, "color": colour}},
             name=name,
             hovertemplate="x %{x:.4f} m, y %{y:.4f} m<extra>" + name + "</extra>",
         )

@@ -11,6 +11,8 @@ a mass.
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import sqrt
@@ -31,6 +33,7 @@ BLOCK = 0.25
 """Length of a block [s]."""
 
 _FEWEST = 3  # samples of a block
+_FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # what differs between reasons of one kind
 _FELT = 24  # of the constant errors: torques and feet
 
 
@@ -93,9 +96,13 @@ class _Gathering:
     forces: ContactForces | None = None
     up: Array = field(default_factory=lambda: np.zeros(3))
 
-    def add(self, time: float, mass: float, load: Array, forces: ContactForces, up: Array) -> None:
-        self.count, self.mass, self.load = self.count + 1, self.mass + mass, self.load + load
-        self.end, self.forces, self.up = time, forces, up
+    def add(self, m: Measurement, forces: ContactForces, leg_mass: float) -> None:
+        up = m.up
+        load = np.where(forces.stance, np.nan_to_num(forces.force) @ up, 0.0)
+        self.count += 1
+        self.mass += float(load.sum()) / GRAVITY - leg_mass
+        self.load = self.load + load
+        self.end, self.forces, self.up = m.time, forces, up
 
     def block(self) -> Block | None:
         if self.forces is None or self.count < _FEWEST:
@@ -106,44 +113,61 @@ class _Gathering:
         return Block(self.begin, self.end, n, self.mass / n, white / n, slope, self.load / n)
 
 
+class _Refusing:
+    """A time that cannot be weighed by, and what spoke against it most often."""
+
+    def __init__(self, begin: float) -> None:
+        self._begin = begin
+        self._count: Counter[str] = Counter()
+        self._said: dict[str, str] = {}
+
+    def add(self, reason: str) -> None:
+        kind = _FIGURES.sub("#", reason)
+        self._count[kind] += 1
+        self._said.setdefault(kind, reason)
+
+    def until(self, end: float) -> Refusal:
+        return Refusal(self._begin, end, self._said[self._count.most_common(1)[0][0]])
+
+
 def times_at_rest(measurements: Iterable[Measurement], forces_of: ContactForceEstimator) -> Rest:
     """Blocks at rest of a log, and why the rest of it is none. Flat in memory but for the blocks themselves."""
     gate = StillnessGate(forces_of.legs)
-    blocks: list[Block] = []
+    blocks: list[Block | None] = []
     refusals: list[Refusal] = []
-    open_block: _Gathering | None = None
-    refused_since, reason, begin, time = np.nan, "", np.nan, np.nan
-
-    def closed() -> None:
-        nonlocal open_block
-        if open_block is not None and (block := open_block.block()) is not None:
-            blocks.append(block)
-        open_block = None
-
+    gathering: _Gathering | None = None
+    refusing: _Refusing | None = None
+    begin = time = np.nan
     for m in measurements:
         begin, time = (m.time if np.isnan(begin) else begin), m.time
         forces = forces_of.at(m)
-        felt = bool(np.isfinite(forces.force[forces.stance]).all())
-        complaint = gate.complaint(m, forces) or ("" if felt else "a leg is so stretched that its force is not felt")
-        if complaint:
-            closed()
-            if np.isnan(refused_since):
-                refused_since, reason = time, complaint
+        if reason := _complaint(gate, m, forces):
+            if gathering is not None:
+                blocks.append(gathering.block())
+                gathering = None
+            refusing = refusing or _Refusing(time)
+            refusing.add(reason)
             continue
-        if not np.isnan(refused_since):
-            refusals.append(Refusal(refused_since, time, reason))
-            refused_since = np.nan
-        if open_block is not None and time - open_block.begin >= BLOCK:
-            closed()
-        if open_block is None:
-            open_block = _Gathering(time)
-        up = m.up
-        load = np.where(forces.stance, np.nan_to_num(forces.force) @ up, 0.0)
-        open_block.add(time, float(load.sum()) / GRAVITY - forces_of.legs.mass, load, forces, up)
-    closed()
-    if not np.isnan(refused_since):
-        refusals.append(Refusal(refused_since, time, reason))
-    return Rest(tuple(blocks), tuple(refusals), begin, time)
+        if refusing is not None:
+            refusals.append(refusing.until(time))
+            refusing = None
+        if gathering is not None and time - gathering.begin >= BLOCK:
+            blocks.append(gathering.block())
+            gathering = None
+        gathering = gathering or _Gathering(time)
+        gathering.add(m, forces, forces_of.legs.mass)
+    if gathering is not None:
+        blocks.append(gathering.block())
+    if refusing is not None:
+        refusals.append(refusing.until(time))
+    return Rest(tuple(b for b in blocks if b is not None), tuple(refusals), begin, time)
+
+
+def _complaint(gate: StillnessGate, m: Measurement, forces: ContactForces) -> str:
+    reason = gate.complaint(m, forces)
+    if not reason and not np.isfinite(forces.force[forces.stance]).all():
+        return "a leg is so stretched that its foot's force is not felt"
+    return reason
 
 
 @dataclass(frozen=True, eq=False)
