@@ -18,6 +18,7 @@ from stadera.identify.solutions import Estimate, consistent_solution, null_space
 from stadera.inertia import InertialParameters
 from stadera.regressors import JointMotion, JointTorqueRegressor, Rows
 from stadera.robot import JointDynamics, Robot
+from stadera.sim import perturbed
 
 SOLUTIONS = [null_space_solution, consistent_solution]
 DRIVE = JointDynamics(armature=0.03, viscous=0.6, coulomb=1.2, offset=-0.5)
@@ -360,3 +361,17 @@ def test_information_on_more_than_is_asked_for(solve) -> None:
     known = verdict_mask(estimate, Verdict.OBSERVABLE)
     expected = np.array([truth[c] for c in inertial])
     np.testing.assert_allclose(((estimate.values - expected) / estimate.prior.scales)[known], 0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("noise", [0.0, 1e-2])
+def test_data_that_contradict_consistency_have_an_answer(seed: int, noise: float) -> None:
+    """Near noiseless torques of a leg that cannot exist, and of a drive that helps: physical, and closer than CAD."""
+    robot = perturbed(hyq(), "RH", np.random.default_rng(seed)).robot
+    regressor = leg_regressor(hyq(), friction=True)
+    truth = parameters_of(robot, regressor.columns) | {"rh_hfe_joint.armature": -0.3}
+    information = told(truth, regressor, noise=noise, motion=rich_motion(200, seed))
+    prior = robot_prior(hyq(), regressor.columns)
+    estimate = consistent_solution(information, prior)
+    assert estimate.is_physical
+    assert information.residual_squared(estimate.values) < information.residual_squared(prior.values)

@@ -24,8 +24,12 @@ Array = NDArray[np.float64]
 _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 _CERTAIN = 1e4
 """Prior widths over standard deviation: a direction known better than this is certain beside the prior."""
-_HEAVIEST = 1e7
-"""More the solver cannot tell from the prior's weight, which is one."""
+_YIELDING = 1e-2
+"""Prior widths that a certain direction may at most be off for having been kept where the data have it."""
+_RESOLVED = 1e-7
+"""Ratio of weights that the solver can tell apart."""
+_INWARDS = 1e-4
+"""Share of the way to the model's values that leads off the border of the consistent set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,30 +143,52 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
 def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
     """argmin Σ weight² (v·(x - best))² under the constraints, over the free x.
 
-    Directions that are certain beside the prior stay where the data have them, and the solver is spared a range of
-    weights that its tolerance cannot resolve; only where no consistent body is there do they move too, and where that
-    is yet too wide a range, the certain ones count alike.
+    Directions that are certain beside the prior first stay where the data have them, which spares the solver a range of
+    weights that its tolerance cannot resolve. Where that costs so much that they would give way, all move together.
+    Where not even that range of weights can be solved, data and consistency contradict each other by far: first the
+    certain directions are settled in units of the firmest, then the others with these held there.
     """
+
+    def solve(moving: NDArray[np.bool_], used: Array, centre: Array) -> Array | None:
+        """Along some directions from `centre`; None where there is no answer or it is not one."""
+        if not moving.any():
+            return None
+        found = _nearest_consistent(centre, Vt[moving], used[moving], free, prior, margin)
+        x = np.zeros(len(prior.columns))
+        if found is not None:
+            x[free] = found
+        return found if found is not None and _is_consistent(x, prior, margin, slack=0.5 * margin) else None
+
+    def cost(x: Array) -> float:
+        return float(np.linalg.norm(weight * (Vt @ (x - best))))
+
     loose, every = weight <= _CERTAIN, np.ones(len(weight), dtype=bool)
-    for moving, heaviest in ((loose, _CERTAIN), (every, _HEAVIEST), (every, _CERTAIN)):
-        found = _nearest_consistent(best, Vt[moving], np.minimum(weight[moving], heaviest), free, prior, margin)
-        if isinstance(found, np.ndarray):
-            return found
-    raise IdentificationError(f"the physically consistent problem could not be solved: {found}")
+    model = cost(np.zeros(len(best)))  # x = 0 is consistent
+    found = solve(loose, weight, best)
+    if found is not None and cost(found) <= min(_YIELDING * _CERTAIN, model):
+        return found
+    found = solve(every, weight, best)
+    if found is not None and cost(found) <= model:
+        return found
+    settled = solve(every, np.maximum(weight / weight.max(), _RESOLVED), best)
+    if settled is None or cost(settled) > model:
+        raise IdentificationError(
+            "the physically consistent problem could not be solved: the data contradict it by far"
+        )
+    inside = (1.0 - _INWARDS) * settled
+    found = solve(loose, weight, best + Vt[~loose].T @ (Vt[~loose] @ (inside - best)))
+    return found if found is not None and cost(found) <= model else settled
 
 
 def _nearest_consistent(
     best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float
-) -> Array | str:
-    """The same over some directions, the rows of Vt; or why there is no answer.
+) -> Array | None:
+    """The same over some directions, the rows of Vt; None where the solver found no answer.
 
-    Written in y = weight · V (x - best): the objective is round whatever the ratio of data to prior, and the solver's
-    tolerance is one in χ², where the prior's own directions count as ones.
+    Written in y = weight · V (x - best), in which the objective is round whatever the ratio of data to prior.
     """
     import cvxpy as cp  # takes a second, and most solutions need none of it
 
-    if not len(weight):
-        return "no direction is free to move"
     y = cp.Variable(len(weight))
     x_free = best + Vt.T @ cp.multiply(1.0 / weight, y)
     spread = np.zeros((len(prior.columns), len(free)))
@@ -180,25 +206,21 @@ def _nearest_consistent(
     problem = cp.Problem(cp.Minimize(cp.sum_squares(y)), constraints)
     try:
         problem.solve(solver=cp.CLARABEL)
-    except cp.error.SolverError as error:
-        return str(error)
+    except cp.error.SolverError:
+        return None
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or x_free.value is None:
-        return str(problem.status)
-    found = np.asarray(x_free.value)
-    if len(weight) == len(best) and np.linalg.norm(weight * (Vt @ (found - best))) > np.linalg.norm(
-        weight * (Vt @ best)
-    ):
-        return "the solver's answer is worse than the model it started from"  # which is consistent: x = 0
-    return found
+        return None
+    return np.asarray(x_free.value)
 
 
-def _is_consistent(x: Array, prior: Prior, margin: float) -> bool:
+def _is_consistent(x: Array, prior: Prior, margin: float, slack: float = 0.0) -> bool:
+    """Whether x obeys the constraints, to within `slack` of D and of the joint terms' prior widths."""
     for link in prior.links:
         D = np.tensordot(x[prior.block(link)], prior.coordinates[link], axes=1)
-        if np.linalg.eigvalsh(D).min() < margin - 1.0:
+        if np.linalg.eigvalsh(D).min() < margin - 1.0 - slack:
             return False
     signed = _signed(prior)
-    return bool(np.all(x[signed] * prior.scales[signed] >= -prior.values[signed]))
+    return bool(np.all((x[signed] + slack) * prior.scales[signed] >= -prior.values[signed]))
 
 
 def _signed(prior: Prior) -> list[int]:
