@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.control import TestBed, TrunkController, TrunkPose
-from stadera.estimate import ContactForceEstimator, Estimator, MassEstimator, Status, TrunkModel
+from stadera.estimate import ContactForceEstimator, Estimator, MassEstimator, Measurement, Status, TrunkModel
 from stadera.estimate.orientation import OrientationCom, PostureLaw
 from stadera.estimate.registry import Setup, make_estimator
 from stadera.estimate.static_poses import static_poses
@@ -51,6 +51,7 @@ class StandingCase:
         load: [N], pressing down at the paper's point; 0 for none.
         slope: of the ground, rising forwards [deg].
         errors: of the sensors.
+        misled: the controller is given the sensors' foot positions as well; else it goes by the encoders.
         drive_offset: of every joint [N·m], drawn once a run: the drives follow a torque measured with this error, so
             that what acts is less by it. Zero for drives that give what is asked for.
         seed: of all draws.
@@ -64,6 +65,7 @@ class StandingCase:
     load: float = 0.0
     slope: float = 0.0
     errors: SensorErrors = IDEAL
+    misled: bool = False
     drive_offset: Gaussian = field(default_factory=Gaussian)
     seed: int = 0
     start: tuple[float, float, float] = START
@@ -159,6 +161,15 @@ def start_belief(robot: Robot, shares: tuple[float, float, float] = START) -> Tr
     return TrunkModel(prior.mass, prior.com_trunk + np.asarray(shares) * [x, y, x], prior.inertia_com)
 
 
+class _ByEncoders(TrunkController):
+    """A controller whose own kinematics are right, whatever others are told of the feet."""
+
+    def update(self, measurement: Measurement) -> Array:
+        if measurement.foot_position is not None:
+            measurement = replace(measurement, foot_position=None)
+        return super().update(measurement)
+
+
 class _Run:
     """A case under way."""
 
@@ -169,7 +180,8 @@ class _Run:
         plant.reset(standing_configuration(self.robot))
         if case.load:
             plant.apply_payload(VirtualForce(case.load, load_point(self.robot)))
-        controller = TrunkController(self.robot, belief=self.start)
+        kind = TrunkController if case.misled else _ByEncoders
+        controller = kind(self.robot, belief=self.start, jacobian="encoders")
         sensors = Sensors(case.errors, case.seed, self.robot)
         self.bed = TestBed(plant, sensors, controller, feed_back=True, every=case.every)
         self.forces = ContactForceEstimator(self.robot, legs=controller.legs)

@@ -41,9 +41,10 @@ _LEAD = (
     "method (c), as in Table II: the mass first, then the centre of mass, begun far off in x and y."
 )
 _NOTES = (
-    "Forces at rest show the centre of mass in the world's x-y plane, to which the method's selection E_xy keeps. In "
-    "the trunk's own x-y the height that nobody knows comes in by the sine of the slope: the load lowers the centre of "
-    "mass, and the estimate's component along the vertical stays at CAD's. Both are held against the bound.",
+    "Forces at rest show the centre of mass in the world's x-y plane, to which the method's selection E_xy keeps; what "
+    "lies along the vertical stays at what was believed first. In the trunk's own x-y that part comes in by the sine "
+    "of the slope: of the height, which the load changes, and of the start's error in x itself. Both planes are held "
+    "against the bound; the trunk's would need a second pose.",
 )
 
 
