@@ -219,7 +219,7 @@ def garbage(folder: Path, kind: str) -> Path:
         ("absent", "no such file"),
         ("empty", "the file is empty; accepted: .*CSV table"),
         ("empty parquet", "the file is empty; accepted: .*Parquet table"),
-        ("directory", "a directory that .*; accepted: .*CSV table"),
+        ("directory", "a directory, not a log; accepted: .*CSV table"),
         ("zip", "not what its name says, no CSV table.*; accepted: "),
         ("binary", "not what its name says, no CSV table.*; accepted: "),
         ("prose", "not a flat table: no column 'time'"),

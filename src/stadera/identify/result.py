@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from stadera.identify.observability import Verdict
 from stadera.identify.solutions import Estimate
-from stadera.inertia import ORDER, InertialParameters
+from stadera.inertia import ORDER, UNITS, InertialParameters
+from stadera.regressors import FRICTION_UNITS
 from stadera.robot.model import JointDynamics, Leg, Robot
 
 Array = NDArray[np.float64]
@@ -186,12 +187,7 @@ class Identification:
         return replace(self.robot, inertias=inertias, dynamics=dynamics)
 
 
-_UNITS = dict(zip(ORDER, ("kg", *("kg·m",) * 3, *("kg·m²",) * 6), strict=True)) | {
-    "armature": "kg·m²",
-    "viscous": "N·m·s/rad",
-    "coulomb": "N·m",
-    "offset": "N·m",
-}
+_UNITS = dict(zip(ORDER, UNITS, strict=True)) | FRICTION_UNITS
 
 
 def unit_of(column: str) -> str:

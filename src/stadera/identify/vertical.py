@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.errors import UnknownNameError
 from stadera.recording.recording import Recording
+from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
@@ -30,23 +30,14 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
 
     Raises:
         UnknownNameError: the log names an IMU frame that the robot has not.
+        ModelError: that frame is fixed to a leg.
     """
     if up is not None:
         return Vertical(np.asarray(up, dtype=float), f"vertical given: ({up[0]:g}, {up[1]:g}, {up[2]:g}) in trunk axes")
     imu = recording.imu
     if imu is None:
         return Vertical(np.array([0.0, 0.0, 1.0]), "no IMU in the log and no vertical given: trunk taken as level")
-    rotation = imu_rotation(robot, imu.frame)
-    mean = rotation @ imu.linear_acceleration.mean(axis=0)
+    mean = ImuMount.of(robot, imu.frame).rotation @ imu.linear_acceleration.mean(axis=0)
     turning = float(np.sqrt(np.mean(np.sum(imu.angular_velocity**2, axis=1))))
     tilt = np.degrees(np.arccos(np.clip(mean[2] / np.linalg.norm(mean), -1.0, 1.0)))
     return Vertical(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning < STILL)
-
-
-def imu_rotation(robot: Robot, name: str | None) -> Array:
-    """R (3, 3) that takes IMU axes to trunk axes: of the named frame, else of the robot's only frame with "imu" in its
-    name, else the identity."""
-    if name is not None and name not in robot.frames:
-        raise UnknownNameError("IMU frame", name, robot.frames, robot.name)
-    candidates = [name] if name is not None else [f for f in robot.frames if "imu" in f.lower()]
-    return np.eye(3) if len(candidates) != 1 else robot.frames[candidates[0]].rotation

@@ -92,8 +92,9 @@ def reader_of(path: Path) -> Reader:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     named = next((reader for reader in READERS if path.suffix.lower() in reader.suffixes), None)
     if found is None:
-        what = "a directory" if path.is_dir() else f"not what its name says, no {named.name}" if named else "no log"
-        raise RecordingError(f"{path}: {what} that can be read; accepted: {known}")
+        what = f"not what its name says, no {named.name}" if named else "no log"
+        what = "a directory, not a log" if path.is_dir() else f"{what} that can be read"
+        raise RecordingError(f"{path}: {what}; accepted: {known}")
     if named is not None and named is not found:
         raise RecordingError(f"{path}: not what its name says: content is {found.name}; accepted: {known}")
     return found

@@ -2,8 +2,7 @@
 
 By virtual power. Let joint j turn at unit rate and everything else be frozen: link i then has angular velocity s and
 its origin the velocity v, both in link i's axes. The torque of joint j that link i's inertia asks for is the power of
-its
-inertial wrench along that motion::
+its inertial wrench along that motion::
 
     τ_j = Σ_i  v · f_i + s · n_i
     f_i = m a + α x h + ω x (ω x h)              h = m c

@@ -22,7 +22,8 @@ def identification_json(result: Identification) -> dict[str, Any]:
 
     Keys: robot, source, method, links, joints, rank, parameters, physical, rmse, legs, torque_lag [s], validated_on,
     notes, warnings, units. The inertia of a link is about its frame's origin, in its axes. A `std` is null where
-    the data do not measure the value, which is then the prior's.
+    the data do not measure the value, which then rests on the prior: it is the prior's own, or where what was measured
+    (on this leg or the others) moved it along.
     """
     return {
         "robot": result.robot.name,
