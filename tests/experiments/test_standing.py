@@ -131,7 +131,7 @@ def test_other_robots_carry_the_load_at_the_same_place() -> None:
     moved = start_belief(hyq, (0.5, -0.5, 0.25)).com_trunk - TrunkModel.prior(hyq).com_trunk
     x, y = hip_spacing(hyq)
     np.testing.assert_allclose(moved, [0.5 * x, -0.5 * y, 0.25 * x])
-    # measured by hand in the model file: the hips are 0.747 m and 0.414 m apart
+    # the model file: hips 0.747 m and 0.414 m apart
     np.testing.assert_allclose(hip_spacing(hyq), [0.3735, 0.207], atol=1e-3)
 
 
