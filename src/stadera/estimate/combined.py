@@ -74,5 +74,7 @@ class CombinedCom(PosesCom):
         return solution
 
     def _close(self) -> None:
-        self._anchor = self._linear_at  # so that being asked in between changes nothing
+        if len(self._closed) >= self._KEPT:  # the oldest pose is about to be made linear for good
+            self._solve()
+            self._anchor = self._linear_at
         super()._close()

@@ -33,7 +33,7 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
-SETTLED = StillnessLimits(quiet=0.5)
+SETTLED = StillnessLimits(joint_velocity=0.02, quiet=0.5)
 """Still for so long that what is left of a trunk's sway does not matter."""
 
 _OBSERVED = 0.2  # share of the plausible range's standard deviation under which a component counts as observed
@@ -119,9 +119,7 @@ class PosesCom(StaticEstimator):
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
         self._latest = measurement.time
         if self._open is None or not self._open.takes(measurement, self.alike):
-            self._solve()
             self._close()
-            self._solved = -np.inf
             self._open, self._count = PoseMean(measurement), self._count + 1
 
     def _close(self) -> None:
