@@ -334,7 +334,15 @@ def test_outliers_are_told() -> None:
     effort = recording.effort.copy()
     effort[100:-1:97, 1] += 20.0
     (leg,) = identify(hyq(), [replace(recording, effort=effort)], EXACT).legs
-    assert any(w.startswith(leg.leg.joints[1]) and "six times the RMSE" in w for w in leg.warnings)
+    assert any(leg.leg.joints[1] in w and "six times the RMSE" in w for w in leg.warnings)
+
+
+def test_a_torque_that_never_changes_is_told() -> None:
+    recording = exact_run()
+    effort = recording.effort.copy()
+    effort[:, 2] = 1.5
+    (leg,) = identify(hyq(), [replace(recording, effort=effort)], EXACT).legs
+    assert any(w.startswith(leg.leg.joints[2]) and "never changes" in w for w in leg.warnings)
 
 
 def test_negative_rotor_inertia_is_told() -> None:

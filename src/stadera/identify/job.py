@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
-from stadera.identify.lag import TorqueLag, estimate_lag
+from stadera.identify.lag import EARLIEST, LATEST, STEP, TorqueLag, estimate_lag
 from stadera.identify.log import Log, Part, Stretch, head, joints_with_effort, name_of, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.settings import IdentifySettings
@@ -139,7 +139,9 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         estimate = _lag(training, tasks, vertical, filtered=cutoff is not None)
         progress("estimating the torque lag", 1, 1)
         lag = estimate.value
-        if lag:
+        if min(abs(lag - EARLIEST), abs(lag - LATEST)) < STEP / 2:
+            notes = (f"torque lag at the end of the search, {1e3 * lag:.1f} ms: look at the stamps of the log",)
+        elif lag:
             notes = (
                 f"torque lag estimated at {1e3 * lag:.1f} ms; it lowers the residuals' variance by "
                 f"{100 * (1 - estimate.variance_ratio):.0f} %",
@@ -192,4 +194,5 @@ def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) ->
         middle = start + job.settings.split * (stop - start)
         first.append(Stretch(log, stop=middle))
         rest.append(Stretch(log, start=middle))
-    return make(first), make(rest), f"the last {100 * (1 - job.settings.split):.0f} % of the log"
+    whole = "the log" if len(logs) == 1 else "each log"
+    return make(first), make(rest), f"the last {100 * (1 - job.settings.split):.0f} % of {whole}"

@@ -98,7 +98,11 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
     covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
     held = [link for link in prior.links if verdicts[f"{link}.m"] is not Verdict.OBSERVABLE]
-    return _estimate(data, prior, seen, prior.values + prior.scales * x, covariance, "null-space", held)
+    values = prior.values + prior.scales * x
+    signed = _signed(prior)
+    rounding = (values[signed] < 0) & (values[signed] > -1e-9 * prior.scales[signed])
+    values[signed] = np.where(rounding, 0.0, values[signed])
+    return _estimate(data, prior, seen, values, covariance, "null-space", held)
 
 
 def consistent_solution(information: Information, prior: Prior, margin: float = 1e-3) -> Estimate:
@@ -163,7 +167,7 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
         return float(np.linalg.norm(weight * (Vt @ (x - best))))
 
     loose, every = weight <= _CERTAIN, np.ones(len(weight), dtype=bool)
-    model = cost(np.zeros(len(best)))  # x = 0 is consistent
+    model = max(cost(np.zeros(len(best))), 1.0)  # x = 0 is consistent; less than one in χ² is no difference
     found = solve(loose, weight, best)
     if found is not None and cost(found) <= min(_YIELDING * _CERTAIN, model):
         return found

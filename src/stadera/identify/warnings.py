@@ -11,6 +11,9 @@ from stadera.identify.residuals import LegScore
 from stadera.identify.result import LegIdentification
 from stadera.identify.vertical import Vertical
 
+OUTLIER_SHARE = 2e-3
+"""More outliers than this are worth a word."""
+
 
 def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore]) -> LegIdentification:
     """The result with its warnings put in."""
@@ -77,11 +80,18 @@ def _joint_terms(result: LegIdentification) -> list[str]:
 
 def _data(result: LegIdentification, score: LegScore) -> list[str]:
     out = []
-    outliers = score.outliers
+    if score.samples:
+        far = {joint: share for joint, share in score.outliers.items() if share > OUTLIER_SHARE}
+        if far:
+            shares = ", ".join(f"{joint} {100 * share:.1f} %" for joint, share in far.items())
+            out.append(f"outliers, off by more than six times the RMSE: {shares} of the samples")
+        still = np.ptp(score.trace("").measured, axis=0) == 0.0
+        out += [
+            f"{joint}: the recorded torque never changes; it tells nothing, whatever was found with it"
+            for joint, same in zip(result.leg.joints, still, strict=True)
+            if same
+        ]
     for joint in result.leg.joints:
-        share = outliers[joint]
-        if share > 1e-3 and score.samples:
-            out.append(f"{joint}: {100 * share:.1f} % of the samples are off by more than six times the RMSE")
         if score.saturated[joint]:
             out.append(
                 f"{joint}: {score.saturated[joint]} samples at the torque limit; "

@@ -31,10 +31,11 @@ def identification_tables(result: Identification) -> Iterator[RenderableType]:
             yield joint_table(leg)
     yield legend()
     yield rmse_table(result)
-    yield from (
-        Text(f"{_LEVEL_WORDS[finding.level]}: {finding.text}", style=_LEVEL_STYLES[finding.level])
-        for finding in reversed(findings(result))
-    )
+    found = findings(result)
+    for level in ("note", "warning", "bad"):  # the worst last, where a terminal is read first
+        for finding in found:
+            if finding.level == level:
+                yield Text(f"{_LEVEL_WORDS[level]}: {finding.text}", style=_LEVEL_STYLES[level])
 
 
 def link_table(leg: LegIdentification) -> Table:
