@@ -375,3 +375,17 @@ def test_data_that_contradict_consistency_have_an_answer(seed: int, noise: float
     estimate = consistent_solution(information, prior)
     assert estimate.is_physical
     assert information.residual_squared(estimate.values) < information.residual_squared(prior.values)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3, 1.0])
+def test_a_truth_on_the_border_of_the_consistent_set(noise: float) -> None:
+    """The model's own leg, whose joints have neither friction nor rotor inertia: rounding alone crosses the border."""
+    robot = hyq().with_dynamics(dict.fromkeys(hyq().tree.joints, JointDynamics()))
+    for seed in range(3):
+        estimate, truth = solved(
+            consistent_solution, robot, friction=True, noise=noise, motion=rich_motion(100, seed), std=noise or 1e-9
+        )
+        assert estimate.is_physical
+        gap = np.abs(estimate.values - np.array(list(truth.values())))
+        std = np.sqrt(np.diag(estimate.covariance))
+        assert (gap <= 5.0 * std * (noise > 0) + 1e-3 * estimate.prior.scales).all()

@@ -7,6 +7,7 @@ should have explained shows in the first moments and the inertia instead, which 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,8 +25,8 @@ Array = NDArray[np.float64]
 _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 _CERTAIN = 1e4
 """Prior widths over standard deviation: a direction known better than this is certain beside the prior."""
-_YIELDING = 1e-2
-"""Prior widths that a certain direction may at most be off for having been kept where the data have it."""
+_CONTRADICTED = 1e2
+"""Standard deviations by which consistency moves the answer: more is no matter of noise."""
 _RESOLVED = 1e-7
 """Ratio of weights that the solver can tell apart."""
 _INWARDS = 1e-4
@@ -147,10 +148,13 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
 def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
     """argmin Σ weight² (v·(x - best))² under the constraints, over the free x.
 
-    Directions that are certain beside the prior first stay where the data have them, which spares the solver a range of
-    weights that its tolerance cannot resolve. Where that costs so much that they would give way, all move together.
-    Where not even that range of weights can be solved, data and consistency contradict each other by far: first the
-    certain directions are settled in units of the firmest, then the others with these held there.
+    The solver cannot resolve any range of weights, so the problem is put to it in up to four ways, and the answer of
+    least cost is the best:
+
+    * directions that are certain beside the prior stay where the data have them: right where consistency is free;
+    * all directions together;
+    * where data and consistency contradict each other by far, all together in units of the firmest direction,
+    * and then the others once more, the certain ones held where that put them.
     """
 
     def solve(moving: NDArray[np.bool_], used: Array, centre: Array) -> Array | None:
@@ -167,21 +171,25 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
         return float(np.linalg.norm(weight * (Vt @ (x - best))))
 
     loose, every = weight <= _CERTAIN, np.ones(len(weight), dtype=bool)
-    model = max(cost(np.zeros(len(best))), 1.0)  # x = 0 is consistent; less than one in χ² is no difference
-    found = solve(loose, weight, best)
-    if found is not None and cost(found) <= min(_YIELDING * _CERTAIN, model):
-        return found
-    found = solve(every, weight, best)
-    if found is not None and cost(found) <= model:
-        return found
-    settled = solve(every, np.maximum(weight / weight.max(), _RESOLVED), best)
-    if settled is None or cost(settled) > model:
+    found: list[Array] = []
+
+    def add(candidate: Array | None) -> float:
+        """The least cost so far, with this candidate."""
+        found.extend([] if candidate is None else [candidate])
+        return min(map(cost, found), default=np.inf)
+
+    if add(solve(loose, weight, best)) > 1.0 and add(solve(every, weight, best)) > _CONTRADICTED:
+        settled = solve(every, np.maximum(weight / weight.max(), _RESOLVED), best)
+        add(settled)
+        if settled is not None:
+            inside = (1.0 - _INWARDS) * settled
+            add(solve(loose, weight, best + Vt[~loose].T @ (Vt[~loose] @ (inside - best))))
+    # x = 0, the model, is consistent; less than one in χ² is no difference
+    if add(None) > max(cost(np.zeros(len(best))), 1.0):
         raise IdentificationError(
             "the physically consistent problem could not be solved: the data contradict it by far"
         )
-    inside = (1.0 - _INWARDS) * settled
-    found = solve(loose, weight, best + Vt[~loose].T @ (Vt[~loose] @ (inside - best)))
-    return found if found is not None and cost(found) <= model else settled
+    return min(found, key=cost)
 
 
 def _nearest_consistent(
@@ -209,7 +217,9 @@ def _nearest_consistent(
         constraints.append(x[signed] >= -prior.values[signed] / prior.scales[signed])
     problem = cp.Problem(cp.Minimize(cp.sum_squares(y)), constraints)
     try:
-        problem.solve(solver=cp.CLARABEL)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of inaccuracy, which the caller judges
+            problem.solve(solver=cp.CLARABEL)
     except cp.error.SolverError:
         return None
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE) or x_free.value is None:
