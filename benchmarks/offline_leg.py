@@ -39,7 +39,7 @@ from stadera.robot.pinocchio import pinocchio_model
 Array = NDArray[np.float64]
 
 LEG = "RH"
-CHUNK = 8192
+CHUNK = 16384
 NOISE = 1e-3  # N·m, only scales the stadera solution's confidence
 
 

@@ -203,12 +203,13 @@ class _Compressor:
         triangle = self.triangles.get(rows.columns)
         if triangle is None:
             triangle = np.zeros((n + 1, n + 1), order="F")
-        weight = 1.0 / np.broadcast_to(np.asarray(rows.std), len(rows))
+        sides, target, weight = rows.matrix.T, rows.target, 1.0 / np.asarray(rows.std)
         for start in range(0, len(rows), self._ROWS):
             part = slice(start, start + self._ROWS)
-            block = np.empty((len(weight[part]), n + 1), order="F")
-            np.multiply(rows.matrix[part], weight[part, None], out=block[:, :n])
-            np.multiply(rows.target[part], weight[part], out=block[:, n])
+            block = np.empty((len(target[part]), n + 1), order="F")
+            scale = weight[part] if weight.ndim else weight
+            np.multiply(sides[:, part], scale, out=block.T[:n])
+            np.multiply(target[part], scale, out=block[:, n])
             triangle, *_ = lapack.dtpqrt(
                 0, min(self._PANEL, n + 1), triangle, block, overwrite_a=True, overwrite_b=True
             )
