@@ -10,7 +10,7 @@ from rich.console import Console
 
 from stadera.report.findings import findings, is_alarming, overall_rmse, torque_rms
 from stadera.report.quantities import shown
-from stadera.report.tables import experiment_table, identification_tables, link_table
+from stadera.report.tables import identification_tables, link_table
 
 
 def _printed(*renderables: object) -> str:
@@ -61,14 +61,3 @@ def test_no_better_than_cad_is_alarming(result):
     models = leg.rmse["validation"]
     worse = {**models, "identified": {joint: 1.01 * error for joint, error in models["prior_friction"].items()}}
     assert is_alarming(replace(result, legs=(replace(leg, rmse={"validation": worse}),)))
-
-
-def test_experiment_table():
-    record = {"experiment": "table1", "case": {"leg": "RH"}, "metric": "rank", "unit": "", "value": 17, "paper": 12}
-    printed = _printed(
-        experiment_table([{**record, "bound": None, "met": None}, {**record, "value": 0.5, "bound": 0.1, "met": False}])
-    )
-    assert "leg RH" in printed
-    assert "17" in printed
-    assert "12" in printed
-    assert "NO" in printed

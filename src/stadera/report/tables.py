@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -97,27 +96,6 @@ def legend() -> Text:
     for mark in MARKS.values():
         text.append(f"{mark.symbol} {mark.word}  ", style=STYLES[mark.colour])
     return text.append("(in square brackets: what was believed before)", style="dim")
-
-
-def experiment_table(records: Iterable[Mapping[str, Any]]) -> Table:
-    """Records of reproduced experiments: experiment, case, metric, unit, value, paper, bound, met."""
-    table = Table()
-    for heading in ("experiment", "case", "metric"):
-        table.add_column(heading)
-    for heading in ("value", "paper", "bound"):
-        table.add_column(heading, justify="right")
-    table.add_column("unit")
-    table.add_column("met")
-    for record in records:
-        case = ", ".join(f"{name} {value}" for name, value in record["case"].items())
-        figures = ("" if record[key] is None else _figure(record[key]) for key in ("value", "paper", "bound"))
-        met = {True: Text("yes", "green"), False: Text("NO", "bold red"), None: Text("")}[record["met"]]
-        table.add_row(record["experiment"], case, record["metric"], *figures, record["unit"], met)
-    return table
-
-
-def _figure(value: Any) -> str:
-    return number(float(value)) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def _link_rows(leg: LegIdentification) -> Iterator[tuple[str, list[Quantity]]]:
