@@ -17,7 +17,7 @@ from stadera.sim.plant import Plant, SimulationError
 from stadera.sim.record import recording_of, truth_of
 from stadera.sim.sensors import Sample, Sensors, estimator_model, measured, plant_model
 from stadera.sim.state import TrueState
-from stadera.sim.terrain import Terrain
+from stadera.sim.terrain import Stones, Terrain
 from stadera.sim.world import default_imu_frame, imu_pose
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "SensorErrors",
     "Sensors",
     "SimulationError",
+    "Stones",
     "Terrain",
     "Tray",
     "TrueState",

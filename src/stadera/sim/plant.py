@@ -1,4 +1,4 @@
-"""The test-bed: a quadruped standing or walking on a plane in MuJoCo, and what is put on its back.
+"""The test-bed: a quadruped standing or walking on the ground in MuJoCo, and what is put on its back.
 
 One step applies a torque to the joints, held over the step, and integrates (semi-implicit Euler). Afterwards the
 accelerations and contact forces are worked out once more at the new instant with that torque still acting, so that
@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 _FREE_POSITIONS, _FREE_VELOCITIES = 7, 6
 _XYZW = np.array([1, 2, 3, 0])
 _WXYZ = np.array([3, 0, 1, 2])
+_LEAST_NORMAL = 1e-9  # N, that a contact counts by when its place is averaged
 
 
 class SimulationError(StaderaError):
@@ -64,14 +65,14 @@ class Plant:
 
     # -- running ----------------------------------------------------------------------------------------------
     def reset(self, joint_position: ArrayLike, orientation: ArrayLike | None = None) -> None:
-        """Stands the robot on the plane at rest at time zero, above the world's origin, without payload.
+        """Stands the robot on the ground at rest at time zero, above the world's origin, without payload.
 
         Args:
             joint_position: (n,) [rad], in the tree's order.
             orientation: (4,) quaternion xyzw of the trunk; None for parallel to the plane. The lowest foot touches it.
 
         Raises:
-            SimulationError: a wrong shape or a value that is not finite.
+            SimulationError: a wrong shape or a value that is not finite; no ground around the origin.
         """
         q = self._checked(joint_position, "joint positions")
         self._payloads, self._steps = (), 0
@@ -84,9 +85,10 @@ class Plant:
             mujoco.mju_normalize4(quat)
         self._data.qpos[3:7], self._data.qpos[self._q] = quat, q
         mujoco.mj_kinematics(self._model, self._data)
-        normal = self.terrain.normal
-        gaps = self._data.geom_xpos[self._feet] @ normal - self._radii
-        self._data.qpos[2] -= gaps.min() / normal[2]
+        gaps = self.terrain.clearance(self._data.geom_xpos[self._feet]) - self._radii
+        if not isfinite(gaps.min()):
+            raise SimulationError("there is no ground under the robot to be reset on")
+        self._data.qpos[2] -= gaps.min() / self.terrain.normal[2]
         self._evaluate()
 
     def step(self, torque: ArrayLike) -> None:
@@ -179,6 +181,12 @@ class Plant:
         return quat
 
     @property
+    def trunk_on_ground(self) -> bool:
+        """Whether the trunk's back, the tray, touches the ground: the robot lies."""
+        pairs = self._data.contact.geom.tolist()
+        return any(self._tray_geom in pair and not self._ground.isdisjoint(pair) for pair in pairs)
+
+    @property
     def state(self) -> TrueState:
         """Everything that is true now."""
         data = self._data
@@ -210,7 +218,8 @@ class Plant:
         self._q = slice(_FREE_POSITIONS, _FREE_POSITIONS + n)
         self._v = slice(_FREE_VELOCITIES, _FREE_VELOCITIES + n)
         self._trunk = self._model.body(self.robot.trunk).id
-        self._ground, self._tray_geom = self._model.geom(GROUND).id, self._model.geom(TRAY).id
+        self._tray_geom = self._model.geom(TRAY).id
+        self._ground = frozenset(g for g in range(self._model.ngeom) if self._model.geom(g).name.startswith(GROUND))
         self._feet = np.array([self._model.geom(foot_geom(leg)).id for leg in self.robot.legs])
         self._leg_of_geom = {int(geom): k for k, geom in enumerate(self._feet)}
         self._radii = np.array([foot_radius(leg) for leg in self.robot.legs])
@@ -272,20 +281,31 @@ class Plant:
         return any({int(a), int(b)} == pair for a, b in self._data.contact.geom)
 
     def _ground_contacts(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        points = np.full((len(self._feet), 3), np.nan)
-        forces = np.zeros((len(self._feet), 3))
-        touching = np.zeros(len(self._feet), dtype=bool)
+        """Where the ground acts on the feet, how, and whether; a foot on several stones gets their sum, at the mean of
+        their points by normal force.
+        """
+        count = len(self._feet)
+        points, forces, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+        touching = np.zeros(count, dtype=bool)
         contact, efc_force = self._data.contact, self._data.efc_force
         geoms, frames, positions = contact.geom, contact.frame.reshape(-1, 3, 3), contact.pos
         for k, address in enumerate(contact.efc_address):
-            leg = self._leg_of_geom.get(int(geoms[k, 1]))
-            if geoms[k, 0] != self._ground or leg is None or address < 0:
+            first, second = geoms[k].tolist()
+            # MuJoCo sorts the pair by the kind of geom: a plane comes before a sphere, a box after it
+            sign, foot = (1.0, second) if first in self._ground else (-1.0, first)
+            leg = self._leg_of_geom.get(foot)
+            if leg is None or address < 0 or not (first in self._ground or second in self._ground):
                 continue
-            # The frame's rows are its axes in the world, the first from the ground to the foot. With elliptic cones
-            # the constraint forces are the contact force in this frame.
-            forces[leg] = efc_force[address : address + 3] @ frames[k]
-            points[leg] = positions[k]
+            # The frame's rows are its axes in the world, the first from the first geom to the second. With elliptic
+            # cones the constraint forces are the contact force on the second in this frame.
+            force = efc_force[address : address + 3]
+            weight = max(float(force[0]), _LEAST_NORMAL)
+            forces[leg] += sign * (force @ frames[k])
+            points[leg] += weight * positions[k]
+            weights[leg] += weight
             touching[leg] = True
+        points[touching] /= weights[touching, None]
+        points[~touching] = np.nan
         return points, forces, touching
 
     def _checked(self, values: ArrayLike, what: str) -> Array:

@@ -1,4 +1,4 @@
-"""A robot in its world: floating trunk, feet as spheres, a plane to stand on, a tray for boxes, an IMU."""
+"""A robot in its world: floating trunk, feet as spheres, ground to stand on, a tray for boxes, an IMU."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from stadera.sim.terrain import Terrain
 Array = NDArray[np.float64]
 
 GROUND, TRAY, IMU = "ground", "tray", "imu_site"
+"""Names in the compiled model; every geom of the ground begins with the first."""
 
 _POINT_FOOT_RADIUS = 1e-3  # m, of a foot whose radius the model does not know: a point at its frame
 _GROUND_EXTENT = 50.0  # m, drawn size; the plane itself is endless
+_STONE_THICKNESS = 0.2  # m
 
 # Who touches whom: a pair collides where one's contype shares a bit with the other's conaffinity.
 _FOOT_BIT, _BOX_BIT = 1, 2
@@ -130,15 +132,24 @@ def _contact(timestep: float, friction: float) -> dict[str, object]:
 def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(terrain.rotation).ravel())
-    spec.worldbody.add_geom(
-        name=GROUND,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=(_GROUND_EXTENT, _GROUND_EXTENT, 0.1),
-        quat=quat,
-        contype=_FOOT_BIT,
-        conaffinity=0,
-        **_contact(spec.option.timestep, terrain.friction),
-    )
+    common = {"quat": quat, "contype": _FOOT_BIT, "conaffinity": 0}
+    common |= _contact(spec.option.timestep, terrain.friction)
+    if terrain.stones is None:
+        kind, size = mujoco.mjtGeom.mjGEOM_PLANE, (_GROUND_EXTENT, _GROUND_EXTENT, 0.1)
+        spec.worldbody.add_geom(name=GROUND, type=kind, size=size, **common)
+        return
+    stones, half = terrain.stones, 0.5 * terrain.stones.size
+    behind, _, side = stones.counts
+    for (i, j), height in np.ndenumerate(stones.heights()):
+        if np.isfinite(height):
+            centre = (stones.size * (i - behind), stones.size * (j - side), height - 0.5 * _STONE_THICKNESS)
+            spec.worldbody.add_geom(
+                name=f"{GROUND} {i} {j}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=terrain.rotation @ centre,
+                size=(half, half, 0.5 * _STONE_THICKNESS),
+                **common,
+            )
 
 
 def _add_foot(spec: mujoco.MjSpec, leg: Leg, terrain: Terrain) -> None:
