@@ -1,21 +1,26 @@
-"""The trunk controller that the test-bed stands by."""
+"""The controllers that the test-bed stands and walks by."""
 
 from stadera.control.belief import SmoothBelief
 from stadera.control.distribution import ContactLimits, ForceDistribution
 from stadera.control.gains import Response, TrunkGains
 from stadera.control.odometry import LegOdometry
-from stadera.control.reference import Move, TrunkPose
-from stadera.control.stand import TestBed
+from stadera.control.reference import Move, Reference, TrunkPose
+from stadera.control.stand import Controller, TestBed
+from stadera.control.swing import SwingLegs, SwingTrajectory
 from stadera.control.trunk import ControlError, TrunkController
 
 __all__ = [
     "ContactLimits",
     "ControlError",
+    "Controller",
     "ForceDistribution",
     "LegOdometry",
     "Move",
+    "Reference",
     "Response",
     "SmoothBelief",
+    "SwingLegs",
+    "SwingTrajectory",
     "TestBed",
     "TrunkController",
     "TrunkGains",

@@ -79,6 +79,7 @@ class ForceDistribution:
         self._diagonal = np.diag(np.full(12, small + smooth))
         self._upper, self._lower = np.full(4 * _ROWS, 0.0), np.full(4 * _ROWS, -_INFINITE)
         self._before, self._target = np.zeros(12), np.zeros(6)
+        self._carrying = np.ones(12)
         self._qp = proxsuite.proxqp.dense.QP(12, 0, 4 * _ROWS)
         self._qp.settings.eps_abs = 1e-7
         self._qp.settings.eps_rel = 0.0
@@ -108,16 +109,29 @@ class ForceDistribution:
         load = np.clip(np.asarray(share, dtype=float), 0.0, 1.0)
         cap = self.limits.most_normal
         if not np.isfinite(cap):
-            cap = max(4.0 * float(self.forces.sum(axis=0) @ self._constraints[0, :3]), 1.0)
-        most = np.where(load < 1.0, load * cap, self.limits.most_normal)
-        self._upper[::_ROWS] = np.minimum(most, _INFINITE)
-        self._lower[::_ROWS] = np.minimum(self.limits.least_normal, most)
+            cap = max(4.0 * self.normal_force(), 1.0)
+        self.set_most(np.where(load < 1.0, load * cap, np.inf))
+
+    def set_most(self, most: ArrayLike) -> None:
+        """How much normal force each foot may carry at most, (4,) [N]; zero for a foot in the air."""
+        cap: Array = np.clip(np.asarray(most, dtype=float), 0.0, self.limits.most_normal)
+        carrying = np.repeat(np.where(cap > 0.0, 1.0, 0.0), 3)
+        if (carrying != self._carrying).any():
+            self._carrying = carrying
+            self._wrench[:3] = np.tile(np.eye(3), 4) * carrying
+            self._before = self._before * carrying
+        self._upper[::_ROWS] = np.minimum(cap, _INFINITE)
+        self._lower[::_ROWS] = np.minimum(self.limits.least_normal, cap)
         self._new_bounds = self._new_sides = True
+
+    def normal_force(self) -> float:
+        """Of all feet together, at the last solution [N]."""
+        return float(self.forces.sum(axis=0) @ self._constraints[0, :3])
 
     def solve(self, levers: Array, force: Array, moment: Array) -> Array:
         """Forces (4, 3) [N] on the feet at levers (4, 3) [m] that make a wrench of force and moment, (3,) each."""
         wrench = self._wrench
-        wrench[3:] = (levers @ self._skew).reshape(12, 3).T
+        wrench[3:] = (levers @ self._skew).reshape(12, 3).T * self._carrying
         target = self._target
         target[:3], target[3:] = force, moment / self.length
         hessian = wrench.T @ wrench

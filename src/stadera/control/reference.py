@@ -4,36 +4,42 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
+from stadera.inertia import skew
 
 Array = NDArray[np.float64]
+
+_SMALL = 1e-4  # rad, below which a rotation vector's map is its series
 
 
 @dataclass(frozen=True, eq=False)
 class TrunkPose:
-    """A pose of the trunk in the odometry frame, and how fast it is passed.
+    """A pose of the trunk in the odometry frame, and how it is passed.
 
     Attributes:
         position: (3,) [m], of the trunk's origin.
         rotation: (3, 3), of the trunk in the world.
         velocity: (3,) [m/s].
         angular_velocity: (3,) [rad/s], in the pose's own axes.
+        acceleration: (3,) [m/s²].
     """
 
     position: Array
     rotation: Array
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
+    acceleration: Array = field(default_factory=lambda: np.zeros(3))
 
     @cached_property
     def at_rest(self) -> bool:
         """Whether it is not moving."""
-        return not (self.velocity.any() or self.angular_velocity.any())
+        return not (self.velocity.any() or self.angular_velocity.any() or self.acceleration.any())
 
     def moved(self, shift: Array, turn: Array) -> TrunkPose:
         """At rest, shifted by (3,) [m] in the odometry frame and turned by the rotation vector (3,) [rad] in its own
@@ -42,16 +48,27 @@ class TrunkPose:
         return TrunkPose(self.position + shift, self.rotation @ Rotation.from_rotvec(turn).as_matrix())
 
 
+class Reference(Protocol):
+    """Where the trunk is to be over time."""
+
+    def at(self, time: float) -> TrunkPose:
+        """Where to be at a time [s]."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A straight move between two poses at rest, about one axis, along a quintic s(t) with s, ṡ, s̈ continuous.
+    """A smooth move between two poses, each passed at its velocity; without acceleration at both ends.
+
+    Position and rotation vector from the start follow the quintic with these ends; between poses at rest that is a
+    straight line and one axis. After the end the goal's velocity goes on.
 
     Attributes:
         start, goal: the poses.
         begin: [s]. duration: [s], positive.
 
     Raises:
-        ModelError: a duration that is not positive, a goal that is not at rest.
+        ModelError: a duration that is not positive.
     """
 
     start: TrunkPose
@@ -62,24 +79,48 @@ class Move:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise ModelError(f"a move's duration must be positive, got {self.duration} s")
-        if not self.goal.at_rest:
-            raise ModelError("a move's goal must be a pose at rest")
         turn = Rotation.from_matrix(self.start.rotation.T @ self.goal.rotation).as_rotvec()
-        object.__setattr__(self, "_turn", turn)
+        # rows: zero, way; rates at both ends, over the move's duration
+        way = np.stack([self.goal.position - self.start.position, turn])
+        first = np.stack([self.start.velocity, self.start.angular_velocity]) * self.duration
+        last = np.stack([self.goal.velocity, np.linalg.solve(_turning(turn), self.goal.angular_velocity)])
+        object.__setattr__(self, "_ends", (way, first, last * self.duration))
 
     def at(self, time: float) -> TrunkPose:
         """Where to be at a time [s]."""
         x = (time - self.begin) / self.duration
         if x >= 1.0:
-            return self.goal
+            return self._after(time - self.begin - self.duration)
         x = max(x, 0.0)
-        s = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
-        rate = 30.0 * x * x * (1.0 - x) ** 2 / self.duration
-        way = self.goal.position - self.start.position
-        turn: Array = self._turn  # type: ignore[attr-defined]
+        way, first, last = self._ends  # type: ignore[attr-defined]
+        a, b = 10.0 * way - 6.0 * first - 4.0 * last, -15.0 * way + 8.0 * first + 7.0 * last
+        c = 6.0 * way - 3.0 * (first + last)
+        gone = x * first + x**3 * (a + x * (b + x * c))
+        rate = (first + x**2 * (3.0 * a + x * (4.0 * b + 5.0 * x * c))) / self.duration
+        rate_2 = x * (6.0 * a + x * (12.0 * b + 20.0 * x * c)) / self.duration**2
         return TrunkPose(
-            self.start.position + s * way,
-            self.start.rotation @ Rotation.from_rotvec(s * turn).as_matrix(),
-            rate * way,
-            rate * turn,
+            self.start.position + gone[0],
+            self.start.rotation @ Rotation.from_rotvec(gone[1]).as_matrix(),
+            rate[0],
+            _turning(gone[1]) @ rate[1],
+            rate_2[0],
         )
+
+    def _after(self, late: float) -> TrunkPose:
+        goal = self.goal
+        if goal.at_rest:
+            return goal
+        turn = Rotation.from_rotvec(late * goal.angular_velocity).as_matrix()
+        return TrunkPose(
+            goal.position + late * goal.velocity, goal.rotation @ turn, goal.velocity, goal.angular_velocity
+        )
+
+
+def _turning(turn: Array) -> Array:
+    """The map (3, 3) from a rotation vector's rate to the angular velocity in the turned axes (right Jacobian)."""
+    angle = float(np.linalg.norm(turn))
+    across = skew(turn)
+    if angle < _SMALL:
+        return np.asarray(np.eye(3) - 0.5 * across + across @ across / 6.0)
+    first, second = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) - first * across + second * (across @ across))

@@ -3,13 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
-from stadera.control.trunk import TrunkController
+from stadera.control.odometry import Array, Bools
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.protocol import Estimator, Status
+from stadera.estimate.trunk import TrunkModel
 from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
 from stadera.sim.plant import Plant, SimulationError
 from stadera.sim.sensors import Sensors
+
+
+class Controller(Protocol):
+    """What the loop asks of a controller: the trunk controller itself, or a gait that walks by it."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it believes in."""
+        ...
+
+    @property
+    def stance(self) -> Bools:
+        """(4,) bool, the legs that are to carry."""
+        ...
+
+    def believe(self, trunk: TrunkModel) -> bool:
+        """Takes a new belief of the trunk; False where it is not plausible."""
+        ...
+
+    def update(self, measurement: Measurement) -> Array:
+        """Joint torques (n,) [N·m]."""
+        ...
+
 
 Watcher = Callable[["TestBed"], None]
 
@@ -39,7 +65,7 @@ class TestBed:
         self,
         plant: Plant,
         sensors: Sensors,
-        controller: TrunkController,
+        controller: Controller,
         estimator: Estimator | None = None,
         *,
         feed_back: bool = False,

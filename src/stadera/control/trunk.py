@@ -23,6 +23,14 @@ K_y θ = m g δ_x::
 A true centre of mass ahead of the believed one lowers the nose (θ > 0 turns z towards x). With e_o = (-φ, -θ) this is
 the paper's M = [[0, -1], [1, 0]] K / (m g); the update that goes with it moves ĉ_x by +α θ and ĉ_y by -α φ. Of the
 trunk alone, δ_trunk = δ (m / m_trunk).
+
+Walking. A gait relieves a leg, lets it swing along a trajectory, and lands it when it feels the ground::
+
+    controller.relieve(leg, 0.1)                  # its load goes to the others; `relieved[leg]` tells when
+    controller.swing(leg, SwingTrajectory(controller.feet[leg], target, controller.time, 0.4, clearance=0.08))
+    if controller.touched[leg]: controller.land(leg, 0.1)
+
+Swinging legs follow inverse dynamics (`stadera.control.swing`), and F, Γ contain what their acceleration takes.
 """
 
 from __future__ import annotations
@@ -35,14 +43,17 @@ from numpy.typing import NDArray
 from stadera.control.belief import SmoothBelief
 from stadera.control.distribution import ContactLimits, ForceDistribution
 from stadera.control.gains import TrunkGains
+from stadera.control.loading import FootLoads, Ramp
 from stadera.control.odometry import LegOdometry
-from stadera.control.reference import Move, TrunkPose
+from stadera.control.reference import Move, Reference, TrunkPose
+from stadera.control.swing import SwingLegs, SwingTrajectory
 from stadera.errors import StaderaError, UnknownNameError
 from stadera.estimate.contact import ground_normal
 from stadera.estimate.forces import JacobianOf
 from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
+from stadera.robot.dynamics import LegState
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
@@ -54,7 +65,12 @@ GRAVITY = 9.81
 """[m/s²]."""
 
 _LEAST_NORMAL = 0.02  # share of the robot's weight on every foot in stance
+_FIRST_LOAD = 0.05  # share of the weight that a foot may carry as soon as it lands
 _UP = np.array([0.0, 0.0, 1.0])
+_GRAVITY = GRAVITY * _UP
+
+
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class ControlError(StaderaError):
@@ -73,12 +89,21 @@ class TrunkController:
         belief_time: time constant [s] with which a new belief comes into use.
         jacobian: for the torques, of the feet where the measurement says they are, or where the encoders say; the same
             unless the measurement brings positions of its own.
+        velocity_time: time constant [s] with which the trunk's velocity by the IMU follows that by the legs; 0 for the
+            legs alone.
 
     Attributes:
         belief: see `SmoothBelief`.
-        stance: (4,) bool, the legs that are to carry; assign a new array to change it.
+        stance: (4,) bool, the legs that are to carry; assign a new array to change it at once, or use `relieve`,
+            `swing` and `land`.
         forces: (4, 3) [N], asked of the ground at the last update, odometry frame.
         saturated: (n,) bool, joints whose torque was cut to its limit at the last update.
+        time: [s], of the last update, and at it, in the odometry frame,
+        rotation: (3, 3), of the trunk,
+        velocity: (3,) [m/s], of the trunk's origin,
+        feet: (4, 3) [m], the feet's centres, and
+        normal: (3,) of the ground, the plane through where the feet stand or stood last.
+        swinging: the legs in the air: trajectories, forces felt, tracking errors.
 
     Raises:
         ImplausibleError: the belief lies outside `TrunkBounds.of(robot)`.
@@ -95,6 +120,7 @@ class TrunkController:
         legs: MeasuredLegs | None = None,
         belief_time: float = 0.05,
         jacobian: JacobianOf = "feet",
+        velocity_time: float = 0.0,
     ) -> None:
         if jacobian not in ("feet", "encoders"):
             raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
@@ -102,19 +128,24 @@ class TrunkController:
         self.robot, self.legs = robot, legs or MeasuredLegs(robot)
         self.gains = gains or TrunkGains.of(robot)
         self.belief = SmoothBelief(belief or TrunkModel.prior(robot), TrunkBounds.of(robot), belief_time)
-        self.odometry = LegOdometry()
+        self.odometry = LegOdometry(velocity_time)
         self.stance: Bools = np.ones(4, dtype=bool)
         self.forces = np.zeros((4, 3))
         self.saturated = np.zeros(len(robot.tree.joints), dtype=bool)
+        self.time, self.rotation, self.velocity = np.nan, np.eye(3), np.zeros(3)
+        self.feet, self.normal = np.zeros((4, 3)), _UP
+        self.swinging = SwingLegs(robot, self.legs.columns)
         limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
         self._tree_order = np.argsort(self.legs.columns.ravel())
-        self._sharing = ForceDistribution(limits, _span(robot))
-        self._move = Move(TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0)
+        self._sharing, self._loads = ForceDistribution(limits, _span(robot)), FootLoads()
+        self._reference: Reference = Move(
+            TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0
+        )
         self._below, self._ground_stance = np.zeros((4, 3)), np.zeros(4, dtype=bool)
-        self._time, self._started = np.nan, False
+        self._position, self._started = np.zeros(len(robot.tree.joints)), False
 
     # -- asked for ------------------------------------------------------------------------------------------------
     def believe(self, trunk: TrunkModel) -> bool:
@@ -123,7 +154,7 @@ class TrunkController:
 
     @property
     def reference(self) -> TrunkPose:
-        """Where the trunk is to be, at the end of a move that is under way.
+        """Where the trunk is to be: the goal of a `move`, also while it is under way; else where to be now.
 
         Raises:
             ControlError: before the first update, when it is not known yet.
@@ -132,10 +163,15 @@ class TrunkController:
             raise ControlError(
                 "the controller's reference is where the trunk is at its first update; there was none yet"
             )
-        return self._move.goal
+        return self._reference.goal if isinstance(self._reference, Move) else self._reference.at(self.time)
+
+    @property
+    def position(self) -> Array:
+        """(3,) [m], of the trunk's origin at the last update, odometry frame."""
+        return self.odometry.position
 
     def move(self, goal: TrunkPose, duration: float) -> None:
-        """Moves the reference to a pose within a duration [s], from where it is now, as if that were at rest.
+        """Moves the reference to a pose within a duration [s], from where and how fast it is now.
 
         Raises:
             ControlError: before the first update.
@@ -143,8 +179,51 @@ class TrunkController:
         """
         if not self._started:
             raise ControlError("a move needs a first update, which says where the trunk is")
-        now = self._move.at(self._time)
-        self._move = Move(TrunkPose(now.position, now.rotation), goal, self._time, duration)
+        self._reference = Move(self._reference.at(self.time), goal, self.time, duration)
+
+    def follow(self, reference: Reference) -> None:
+        """Follows a reference from now on.
+
+        Raises:
+            ControlError: before the first update.
+        """
+        if not self._started:
+            raise ControlError("a reference is in the odometry frame, which begins with the first update")
+        self._reference = reference
+
+    def relieve(self, leg: int, duration: float) -> None:
+        """Takes the load off a leg within a duration [s]; it stays in stance, carrying nothing then."""
+        now = max(float(self.forces[leg] @ self.normal), 0.0)
+        self._loads.put(leg, Ramp(self.time, duration, now, 0.0, remains=True))
+
+    @property
+    def relieved(self) -> Bools:
+        """(4,) bool, legs that carry nothing, be it in stance or in the air."""
+        return np.array([not self.stance[k] or self._loads.relieved(k, self.time) for k in range(4)])
+
+    def swing(self, leg: int, trajectory: SwingTrajectory) -> None:
+        """Takes a leg out of stance and along a trajectory; for a leg that swings already, a new trajectory.
+
+        Raises:
+            ControlError: before the first update.
+        """
+        if not self._started:
+            raise ControlError("a trajectory is in the odometry frame, which begins with the first update")
+        self.swinging.begin(leg, trajectory)
+        if self.stance[leg]:
+            self.stance = self.stance & (np.arange(4) != leg)
+
+    @property
+    def touched(self) -> Bools:
+        """(4,) bool, swinging legs that felt the ground at the last update, anywhere on their way."""
+        return self.swinging.touched
+
+    def land(self, leg: int, duration: float) -> None:
+        """Puts a leg into stance where it is; what it may carry grows to the robot's weight within a duration [s]."""
+        weight = self._sharing.normal_force()
+        self.swinging.end(leg)
+        self._loads.put(leg, Ramp(self.time, duration, _FIRST_LOAD * weight, weight, remains=False))
+        self.stance = self.stance | (np.arange(4) == leg)
 
     # -- each period ----------------------------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> Array:
@@ -160,61 +239,88 @@ class TrunkController:
             raise ControlError("the trunk controller needs the trunk's orientation")
         state, columns = self.legs.at(m), self.legs.columns
         levers = (state.feet if m.foot_position is None else m.foot_position) @ rotation.T
-        self._advance(m.time, levers, rotation)
+        dt = self._advance(m, levers, rotation, state)
         contacts = (levers - self._below) @ rotation
         jacobians = state.jacobians(state.feet - self._below @ rotation if self._by_encoders else contacts)
         moving = (jacobians @ m.joint_velocity[columns][:, :, None])[:, :, 0]
         mass = self.belief.mass + self.legs.mass
         com = (self.belief.moment + state.moment) / mass
         arms = contacts - com
-        velocity = self.odometry.velocity(arms, moving, m.angular_velocity)
-        force, moment = self._springs(rotation, com, velocity, m.angular_velocity)
+        by_legs = rotation @ self.odometry.velocity(contacts, moving, m.angular_velocity)
+        self.velocity = self.odometry.fused(by_legs, rotation @ m.specific_force - _GRAVITY, dt)
+        force, moment = self._springs(com, mass, m.angular_velocity)
         force[2] += mass * GRAVITY
+        torque = state.bias
+        if self.swinging.any:
+            trunk = (self.odometry.position, self.velocity, rotation)
+            swing = self.swinging.update(m, state, self.legs.motion_at(m), trunk, self.normal, dt)
+            torque = np.where(self.stance[:, None], torque, swing.torque)
+            force += rotation @ swing.wrench[:3]
+            moment += rotation @ (swing.wrench[3:] - _cross(com, swing.wrench[:3]))
         self._require_finite(force + moment)
         self.forces = self._sharing.solve(arms @ rotation.T, force, moment)
         against = ((self.forces @ rotation)[:, None, :] @ jacobians)[:, 0]
-        return self._within_limits((state.bias - against).ravel()[self._tree_order] + self._offset)
+        return self._within_limits((torque - against).ravel()[self._tree_order] + self._offset)
 
     def _require_finite(self, values: Array) -> None:
         if not isfinite(values @ values):
-            raise ControlError(f"no torques at {self._time:.6f} s: a value that was measured is not finite")
+            raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")
 
     def _within_limits(self, torque: Array) -> Array:
         if not isfinite(torque @ torque):
-            raise ControlError(
-                f"no torques at {self._time:.6f} s: a value measured is not finite, or a leg is singular"
-            )
+            raise ControlError(f"no torques at {self.time:.6f} s: a value measured is not finite, or a leg is singular")
         self.saturated = np.abs(torque) > self._effort
         return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
 
-    def _advance(self, time: float, levers: Array, rotation: Array) -> None:
-        """Time, belief, pose and ground; levers (4, 3) [m] are the feet from the trunk's origin in world axes."""
-        self.odometry.locate(levers, self.stance)
-        if not self._started:
-            here = TrunkPose(self.odometry.position, rotation)
-            self._move, self._started = Move(here, here, time, 1.0), True
-        elif not time > self._time:
-            raise ControlError(f"the controller's time must increase, got {time} s after {self._time} s")
-        else:
-            self.belief.advance(time - self._time)
-        self._time = time
-        if self.stance is not self._ground_stance:
-            normal = ground_normal(levers, self.stance, _UP)
-            self._ground_stance, self._below = self.stance, self._radii * normal
-            self._sharing.set_ground(normal)
-            self._sharing.set_load(self.stance)
+    def _advance(self, m: Measurement, levers: Array, rotation: Array, state: LegState) -> float:
+        """Time, belief, pose and ground; levers (4, 3) [m] are the feet from the trunk's origin in world axes.
 
-    def _springs(self, rotation: Array, com: Array, velocity: Array, omega: Array) -> tuple[Array, Array]:
-        """Force and moment [N, N·m] of springs and dampers, odometry frame; com, its velocity and ω in trunk axes."""
-        gains, goal = self.gains, self._move.at(self._time)
+        Returns:
+            Time since the last update [s].
+        """
+        time, dt = m.time, m.time - self.time
+        if self._started and not dt > 0:
+            raise ControlError(f"the controller's time must increase, got {time} s after {self.time} s")
+        rolled = self._rolled(m.joint_position, rotation, state) if self._started else None
+        self.odometry.locate(levers, self.stance, rolled)
+        self.feet = levers + self.odometry.position
+        if self._started:
+            self.belief.advance(dt)
+        else:
+            here = TrunkPose(self.odometry.position, rotation)
+            self._reference, self._started, dt = Move(here, here, time, 1.0), True, 0.0
+        self.time, self.rotation, self._position = time, rotation, m.joint_position
+        if self.stance is not self._ground_stance:
+            self.normal = ground_normal(self.odometry.anchors, self.odometry.anchored, _UP)
+            self._ground_stance, self._below = self.stance, self._radii * self.normal
+            self._sharing.set_ground(self.normal)
+            self._loads.changed()
+        most = self._loads.most(time)
+        if most is not None:
+            self._sharing.set_most(np.where(self.stance, most, 0.0))
+        return dt
+
+    def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:
+        """θ x ρ n (4, 3) [m] of the feet since the last update, world axes; θ turns the last links."""
+        turned = rotation @ self.rotation.T  # of the trunk; small
+        trunk = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
+        joints = (joint_position - self._position)[self.legs.columns]
+        turn = (state.axes @ joints[:, :, None])[:, :, 0] @ rotation.T + trunk
+        return _crosses(turn, self._below)
+
+    def _springs(self, com: Array, mass: float, omega: Array) -> tuple[Array, Array]:
+        """Force and moment [N, N·m] of springs and dampers, odometry frame; com and ω in trunk axes."""
+        gains, goal, rotation = self.gains, self._reference.at(self.time), self.rotation
         to_goal = rotation.T @ goal.rotation
         far = goal.position - self.odometry.position + (goal.rotation - rotation) @ com
-        slow = rotation @ -velocity
+        slow = -self.velocity - rotation @ _cross(omega, com)
+        pull = gains.stiffness * far
         if not goal.at_rest:
             slow += goal.velocity + goal.rotation @ _cross(goal.angular_velocity, com)
             omega = omega - to_goal @ goal.angular_velocity
+            pull += mass * goal.acceleration
         moment = gains.angular_stiffness * _log(to_goal) - gains.angular_damping * omega
-        return gains.stiffness * far + gains.damping * slow, rotation @ moment
+        return pull + gains.damping * slow, rotation @ moment
 
 
 def _span(robot: Robot) -> float:
@@ -237,3 +343,8 @@ def _cross(a: Array, b: Array) -> Array:
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def _crosses(a: Array, b: Array) -> Array:
+    """Cross products of rows (4, 3)."""
+    return np.asarray(a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stadera.estimate.measurement import Measurement
-from stadera.robot.dynamics import LegDynamics, LegState
+from stadera.robot.dynamics import LegDynamics, LegMotion, LegState
 from stadera.robot.model import Robot
 
 
@@ -23,11 +23,19 @@ class MeasuredLegs:
         self.mass = self._dynamics.leg_mass
         self._last: Measurement | None = None
         self._state: LegState | None = None
+        self._motion: LegMotion | None = None
 
     def at(self, measurement: Measurement) -> LegState:
         """The state at this measurement; its `feet` are forward kinematics, whatever the measurement says of them."""
         if self._state is None or measurement is not self._last:
             m = measurement
             self._state = self._dynamics.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.specific_force)
-            self._last = m
+            self._last, self._motion = m, None
         return self._state
+
+    def motion_at(self, measurement: Measurement) -> LegMotion:
+        """How the legs move at this measurement; worked out only when asked for."""
+        self.at(measurement)
+        if self._motion is None:
+            self._motion = self._dynamics.motion()
+        return self._motion

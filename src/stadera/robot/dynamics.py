@@ -7,6 +7,9 @@ one at rest in gravity-free space accelerated by a, so the bias torque
 
 needs neither orientation nor gravity.
 
+Joint accelerations add M q̈ to a leg's h, M its own block of the joint-space inertia (rotors included), and the trunk's
+rows, force and moment at its origin, the coupling C q̈.
+
 A point r that moves with a leg's last link moves, per joint j of that leg, by a_j x (r - o_j) = v_j + a_j x r, where
 v_j is the velocity of the link's point at the trunk's origin.
 """
@@ -49,6 +52,23 @@ class LegState:
         return np.asarray(self.at_origin + across @ self.axes)
 
 
+@dataclass(frozen=True, eq=False)
+class LegMotion:
+    """How the legs move at one instant, and what it takes to accelerate them; trunk axes.
+
+    Attributes:
+        velocity: (4, 3) [m/s], of the feet's centres, past a trunk whose origin is at rest: ω x p + J q̇.
+        free_acceleration: (4, 3) [m/s²], of the feet's centres less gravity, if neither joints nor ω accelerated.
+        inertia: (4, 3, 3) [kg·m²], M.
+        coupling: (4, 6, 3), C: force [N] and moment [N·m] on the trunk, at its origin, a unit of joint acceleration.
+    """
+
+    velocity: Array
+    free_acceleration: Array
+    inertia: Array
+    coupling: Array
+
+
 class LegDynamics:
     """Works out `LegState`s of one robot; keeps buffers, so one instance belongs to one thread."""
 
@@ -67,12 +87,15 @@ class LegDynamics:
         self._trunk_moment, self._mass = np.array(trunk.first_moment), robot.mass
         self._model, self._data = model, model.createData()
         data = self._data
+        self._frames = frames
         # views into Pinocchio's memory, filled anew by every evaluation
         self._feet = [data.oMf[frame].translation for frame in frames]
         self._motions, self._torque, self._com = data.J.T, data.tau, data.com[0]
         self._q, self._v, self._a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
         self._q[6] = 1.0
         self._in_v = 6 + self.columns
+        self._block = (self._in_v[:, :, None], self._in_v[:, None, :])
+        self._coupling = (np.arange(6)[None, :, None], self._in_v[:, None, :])
 
     def at(self, position: Array, velocity: Array, angular_velocity: Array, specific_force: Array) -> LegState:
         """The legs' state.
@@ -97,4 +120,20 @@ class LegDynamics:
             at_origin=motions[:, :, :3].swapaxes(1, 2),
             bias=self._torque[self._in_v],
             moment=self._mass * self._com - self._trunk_moment,
+        )
+
+    def motion(self) -> LegMotion:
+        """The legs' motion at the instant of the last `at`."""
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, self._q, self._v, self._a)
+        pin.crba(model, data, self._q)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        velocity = [pin.getFrameVelocity(model, data, frame, axes).linear for frame in self._frames]
+        acceleration = [pin.getFrameClassicalAcceleration(model, data, frame, axes).linear for frame in self._frames]
+        inertia = data.M
+        return LegMotion(
+            velocity=np.array(velocity),
+            free_acceleration=np.array(acceleration),
+            inertia=inertia[self._block],
+            coupling=inertia[self._coupling],
         )
