@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadera.errors import IdentificationError, UnknownNameError
-from stadera.identify.information import Information, triangularize
+from stadera.identify.compress import triangularize
+from stadera.identify.information import Information
 from stadera.regressors import Rows, stack
 
 NAMES = ("a", "b", "c", "d")
@@ -223,3 +224,13 @@ def test_refusals() -> None:
     for factor in (-0.1, 1.1, np.nan):
         with pytest.raises(IdentificationError, match="between 0 and 1"):
             Information.empty(NAMES).forget(factor)
+
+
+def test_mixed_columns_say_what_the_whole_matrix_says() -> None:
+    rng = np.random.default_rng(4)
+    mixing, reduced, b = rng.normal(size=(2, 4)), rng.normal(size=(50, 2)), rng.normal(size=50)
+    mixed = Information.of([Rows(NAMES, reduced, b, 0.3, mixing), Rows(NAMES, np.eye(4), np.ones(4))], NAMES)
+    whole = Information.of([Rows(NAMES, reduced @ mixing, b, 0.3), Rows(NAMES, np.eye(4), np.ones(4))], NAMES)
+    np.testing.assert_allclose(mixed.R.T @ mixed.R, whole.R.T @ whole.R, rtol=1e-12)
+    assert mixed.residual_squared(np.ones(4)) == pytest.approx(whole.residual_squared(np.ones(4)))
+    assert mixed.count == whole.count == 54

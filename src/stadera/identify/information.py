@@ -18,10 +18,10 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 from threadpoolctl import ThreadpoolController
 
 from stadera.errors import IdentificationError, UnknownNameError
+from stadera.identify.compress import Compressor, triangularize
 from stadera.regressors.rows import Rows
 
 Array = NDArray[np.float64]
@@ -54,11 +54,12 @@ class Information:
     @classmethod
     def of(cls, rows: Iterable[Rows], columns: tuple[str, ...]) -> Information:
         """Everything a stream of rows says; memory does not grow with its length."""
-        compressor = _Compressor(columns)
-        with _blas().limit(limits=1, user_api="blas"):
+        compressor, n = Compressor(columns), len(columns)
+        with _blas().limit(limits=1, user_api="blas"):  # the factors are small: two threads would wait for each other
             for r in rows:
                 compressor.add(r)
-            return compressor.information()
+            triangle = compressor.triangle()
+        return cls(columns, triangle[:n, :n], triangle[:n, n], _tail(triangle), float(compressor.count))
 
     def __post_init__(self) -> None:
         n = len(self.columns)
@@ -167,71 +168,8 @@ class Information:
         return np.where(norms > 0, norms, 1.0)
 
 
-def triangularize(matrix: Array) -> Array:
-    """The triangular factor of a matrix (rows, n), as a full (n, n) block; zero rows fill up a short matrix."""
-    rows, n = matrix.shape
-    if not matrix.any():
-        return np.zeros((n, n))
-    factor, _, _, _ = lapack.dgeqrf(np.asfortranarray(matrix), overwrite_a=False)
-    triangle = np.zeros((n, n))
-    top = min(rows, n)
-    triangle[:top] = np.triu(factor[:top])
-    return triangle
-
-
 def _tail(triangle: Array) -> float:
     return float(triangle[-1, -1] ** 2)
-
-
-class _Compressor:
-    """Sums up a stream of rows: one triangle for each set of columns that comes along, all merged once at the end.
-
-    A block of rows is taken into its triangle by the QR of a triangle on top of a rectangle, on blocks that stay in the
-    processor's cache. BLAS gets one thread: the factors are small, and two would wait for each other.
-    """
-
-    _ROWS = 4096
-    _PANEL = 8
-
-    def __init__(self, columns: tuple[str, ...]) -> None:
-        self.columns = columns
-        self.count = 0
-        self.triangles: dict[tuple[str, ...], Array] = {}
-
-    def add(self, rows: Rows) -> None:
-        n = len(rows.columns)
-        triangle = self.triangles.get(rows.columns)
-        if triangle is None:
-            triangle = np.zeros((n + 1, n + 1), order="F")
-        sides, target, weight = rows.matrix.T, rows.target, 1.0 / np.asarray(rows.std)
-        for start in range(0, len(rows), self._ROWS):
-            part = slice(start, start + self._ROWS)
-            block = np.empty((len(target[part]), n + 1), order="F")
-            scale = weight[part] if weight.ndim else weight
-            np.multiply(sides[:, part], scale, out=block.T[:n])
-            np.multiply(target[part], scale, out=block[:, n])
-            triangle, *_ = lapack.dtpqrt(
-                0, min(self._PANEL, n + 1), triangle, block, overwrite_a=True, overwrite_b=True
-            )
-        self.triangles[rows.columns] = triangle
-        self.count += len(rows)
-
-    def information(self) -> Information:
-        n = len(self.columns)
-        position = {name: k for k, name in enumerate(self.columns)}
-        blocks = [np.zeros((1, n + 1))]
-        for columns, triangle in self.triangles.items():
-            for name in columns:
-                if name not in position:
-                    raise UnknownNameError("parameter", name, self.columns)
-            spread = np.zeros((len(triangle), n + 1))
-            spread[:, [*(position[c] for c in columns), n]] = np.triu(triangle)
-            blocks.append(spread)
-        stacked = np.vstack(blocks)
-        if not np.isfinite(stacked).all():
-            raise IdentificationError("rows hold values that are not finite")
-        triangle = triangularize(stacked)
-        return Information(self.columns, triangle[:n, :n], triangle[:n, n], _tail(triangle), float(self.count))
 
 
 @cache

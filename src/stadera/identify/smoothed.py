@@ -51,7 +51,7 @@ def _plain(
     every = tuple(rows_of(regressor, chunk, trunk))
     if moving.all():
         return every
-    return tuple(Rows(rows.columns, rows.matrix[moving], rows.target[moving]) for rows in every)
+    return tuple(rows.replaced(rows.reduced[moving], rows.target[moving]) for rows in every)
 
 
 def _filtered(
@@ -62,19 +62,19 @@ def _filtered(
     cutoff_hz: float,
     drop_below: float,
 ) -> Iterator[tuple[Rows, ...]]:
-    layout: list[tuple[str, ...]] = []
+    kinds: list[Rows] = []
 
     def stacked() -> Iterator[tuple[Array, Array]]:
         for chunk in chunks:
             every = list(rows_of(regressor, chunk, trunk))
-            layout[:] = [rows.columns for rows in every]
-            sides = [side for rows in every for side in (rows.matrix, rows.target[:, None])]
+            kinds[:] = every
+            sides = [side for rows in every for side in (rows.reduced, rows.target[:, None])]
             yield chunk.time, np.concatenate([*sides, speed(regressor, chunk)[:, None]], axis=1)
 
     for _, values in smooth_rows(stacked(), rate_hz, cutoff_hz):
         values = values[values[:, -1] >= drop_below]
-        edges = np.cumsum([0, *(len(columns) + 1 for columns in layout)])
+        edges = np.cumsum([0, *(kind.reduced.shape[1] + 1 for kind in kinds)])
         yield tuple(
-            Rows(columns, values[:, start : stop - 1], values[:, stop - 1])
-            for columns, start, stop in zip(layout, edges[:-1], edges[1:], strict=True)
+            kind.replaced(values[:, start : stop - 1], values[:, stop - 1])
+            for kind, start, stop in zip(kinds, edges[:-1], edges[1:], strict=True)
         )

@@ -26,6 +26,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag, qr
 
 from stadera.errors import IdentificationError
 from stadera.inertia import ORDER
@@ -52,7 +53,20 @@ Array = NDArray[np.float64]
 TRUNK_ROWS: tuple[str, ...] = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 """Names of the six trunk rows: force [N] and moment about the trunk's origin [N·m], trunk axes."""
 
-_Patterns = tuple[tuple[tuple[str, ...], tuple[tuple[int, tuple[int, ...]], ...]], ...]
+
+@dataclass(frozen=True, eq=False)
+class _Pattern:
+    """What an output's row is made of.
+
+    Attributes:
+        columns: names of all columns that can differ from zero, friction's last.
+        picks: for each link, which of its ten coefficients are worked out; the other columns depend on these.
+        mixing: (worked out and friction, columns), takes the columns worked out to all.
+    """
+
+    columns: tuple[str, ...]
+    picks: tuple[tuple[int, tuple[int, ...]], ...]
+    mixing: Array
 
 
 def inertial_columns(links: tuple[str, ...]) -> tuple[str, ...]:
@@ -70,7 +84,8 @@ class JointTorqueRegressor:
         trunk_rows: also make the six rows of the wrench that the outside does to the trunk, `force.*`, `moment.*`.
 
     Columns are only those that can differ from zero for this tree (a knee's torque does not depend on the hip's mass),
-    on a trunk that does not turn or on one that does; which ones is found once, from random motion.
+    on a trunk that does not turn or on one that does, and of these only independent ones are worked out: a hip's 23
+    columns have rank 17 whatever the motion. Which ones is found once, from random motion.
     """
 
     tree: Tree
@@ -109,18 +124,18 @@ class JointTorqueRegressor:
                 f"torque needs shape {(len(joints), len(self.outputs))} for {self.outputs}, got {torque.shape}"
             )
         noise = np.broadcast_to(std, len(self.outputs))
-        for k, columns, matrix in self._matrices(joints, trunk):
-            yield Rows(columns, matrix, torque[:, k], float(noise[k]))
+        for k, pattern, reduced in self._reduced(joints, trunk):
+            yield Rows(pattern.columns, reduced, torque[:, k], float(noise[k]), pattern.mixing)
 
     def predict(self, joints: JointMotion, parameters: dict[str, float], trunk: TrunkMotion | None = None) -> Array:
         """Torques [N·m] (and trunk wrench) that the parameters would give, (samples, outputs); absent ones are zero."""
         out = np.empty((len(joints), len(self.outputs)))
-        for k, columns, matrix in self._matrices(joints, trunk):
-            out[:, k] = matrix @ np.array([parameters.get(c, 0.0) for c in columns])
+        for k, pattern, reduced in self._reduced(joints, trunk):
+            out[:, k] = reduced @ (pattern.mixing @ [parameters.get(c, 0.0) for c in pattern.columns])
         return out
 
-    def _matrices(self, joints: JointMotion, trunk: TrunkMotion | None) -> Iterator[tuple[int, tuple[str, ...], Array]]:
-        """Output index, column names and matrix (samples, columns; column-major) for each output."""
+    def _reduced(self, joints: JointMotion, trunk: TrunkMotion | None) -> Iterator[tuple[int, _Pattern, Array]]:
+        """Output index, pattern and the columns worked out (samples, k; column-major) for each output."""
         if joints.position.shape[1] != len(self.tree.joints):
             raise IdentificationError(
                 f"motion has {joints.position.shape[1]} joints, the tree {len(self.tree.joints)}: {self.tree.joints}"
@@ -128,46 +143,67 @@ class JointTorqueRegressor:
         trunk = trunk or TrunkMotion.held()
         links = list(_walk(self.tree, joints, trunk, self.trunk_rows))
         turns = self.trunk_rows or trunk.turns
-        for k, (columns, picks) in enumerate(self._patterns_turning if turns else self._patterns_held):
-            joint = k - (len(TRUNK_ROWS) if self.trunk_rows else 0)
-            extra = self.friction.columns(self.tree.joints[joint]) if joint >= 0 else ()
-            block = np.empty((len(columns) + len(extra), len(joints)))
+        for k, pattern in enumerate(self._patterns_turning if turns else self._patterns_held):
+            block = np.empty((len(pattern.mixing), len(joints)))
             at = 0
-            for link, wanted in picks:
+            for link, wanted in pattern.picks:
                 links[link].coefficients(k, wanted, block[at : at + len(wanted)])
                 at += len(wanted)
-            if extra:
+            if at < len(block):
+                joint = k - (len(TRUNK_ROWS) if self.trunk_rows else 0)
                 self.friction.fill(joints.velocity[:, joint], joints.acceleration[:, joint], block[at:])
-            yield k, columns + extra, block.T
+            yield k, pattern, block.T
 
     @cached_property
-    def _patterns_held(self) -> _Patterns:
-        return self._patterns(TrunkMotion.held((0.3, -0.5, 1.0)))
+    def _patterns_held(self) -> tuple[_Pattern, ...]:
+        return self._patterns(turning=False)
 
     @cached_property
-    def _patterns_turning(self) -> _Patterns:
-        return self._patterns(TrunkMotion(*np.random.default_rng(1).uniform(-3.0, 3.0, (3, 64, 3))))
+    def _patterns_turning(self) -> tuple[_Pattern, ...]:
+        return self._patterns(turning=True)
 
-    def _patterns(self, trunk: TrunkMotion) -> _Patterns:
-        """For each output: names of its inertial columns that can be non-zero on a trunk that moves in this manner, and
-        which they are, link by link.
+    def _patterns(self, *, turning: bool) -> tuple[_Pattern, ...]:
+        """For each output, what differs from zero and what depends on what whatever the motion, found from random
+        motion: of the joints and of the trunk, which turns or only feels any gravity.
         """
         rng = np.random.default_rng(0)
-        motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, 64, len(self.tree.joints))))
+        samples = 20 * len(self.tree.links) + 40
+        motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, samples, len(self.tree.joints))))
+        force, omega, alpha = rng.uniform(-3.0, 3.0, (3, samples, 3))
+        trunk = TrunkMotion(force, omega, alpha) if turning else TrunkMotion(force, np.zeros(3), np.zeros(3))
         links = list(_walk(self.tree, motion, trunk, self.trunk_rows))
-        patterns = []
-        for k in range(len(self.outputs)):
-            picks, names = [], []
-            for i, link in enumerate(links):
-                if k not in link.unit_motions:
-                    continue
-                full = np.empty((10, 64))
-                link.coefficients(k, tuple(range(10)), full)
-                wanted = tuple(int(c) for c in np.flatnonzero(np.abs(full).max(axis=1) > 1e-12))
-                picks.append((i, wanted))
-                names += [f"{link.name}.{ORDER[c]}" for c in wanted]
-            patterns.append((tuple(names), tuple(picks)))
-        return tuple(patterns)
+        return tuple(self._pattern(k, links, samples) for k in range(len(self.outputs)))
+
+    def _pattern(self, output: int, links: list[_LinkMotion], samples: int) -> _Pattern:
+        carried = [i for i, link in enumerate(links) if output in link.unit_motions]
+        full = np.empty((len(carried), 10, samples))
+        for block, i in zip(full, carried, strict=True):
+            links[i].coefficients(output, tuple(range(10)), block)
+        present = np.abs(full).max(axis=2) > _NOTHING
+        kept, mixing = _independent(full[present].T)
+        places = np.argwhere(present)
+        names = tuple(f"{links[carried[a]].name}.{ORDER[c]}" for a, c in places)
+        chosen = [(carried[a], int(c)) for a, c in places[kept]]
+        picks = tuple((i, tuple(c for own, c in chosen if own == i)) for i in dict.fromkeys(i for i, _ in chosen))
+        joint = output - (len(TRUNK_ROWS) if self.trunk_rows else 0)
+        extra = self.friction.columns(self.tree.joints[joint]) if joint >= 0 else ()
+        return _Pattern(names + extra, picks, block_diag(mixing, np.eye(len(extra))) if extra else mixing)
+
+
+def _independent(matrix: Array) -> tuple[list[int], Array]:
+    """Some columns on which all of a matrix (rows, n) depend, in their order, and how: matrix[:, kept] @ mixing.
+
+    Columns are taken by their part that is not explained by those before (QR with pivoting), each in units of its own
+    size.
+    """
+    size = np.linalg.norm(matrix, axis=0)
+    _, R, order = qr(matrix / size, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    kept = np.sort(order[: int(np.sum(diagonal > _DEPENDENT * diagonal[0]))])
+    mixing = np.linalg.lstsq(matrix[:, kept] / size[kept], matrix, rcond=None)[0] / size[kept, None]
+    mixing[np.abs(mixing) < _NOTHING] = 0.0
+    mixing[:, kept] = np.eye(len(kept))
+    return kept.tolist(), mixing
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +241,8 @@ class _LinkMotion:
                 row[:] = value
 
 
+_NOTHING = 1e-12  # coefficients, and how columns hang together, below which a number is rounding
+_DEPENDENT = 1e-9  # share of a column that the others leave unexplained, below which it is rounding
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _UNIT: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
