@@ -21,7 +21,8 @@ from stadera.errors import IdentificationError
 from stadera.estimate.equilibrium import ERRORS, TRUNK, ConstantErrors, equilibrium_rows, error_names
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.pose_means import PoseMean
-from stadera.estimate.trunk import TrunkBounds
+from stadera.estimate.protocol import TrunkEstimate
+from stadera.estimate.trunk import TrunkBounds, TrunkModel
 from stadera.identify.information import Information
 from stadera.regressors.rows import Rows
 
@@ -73,6 +74,29 @@ def payload_between(
     scale = max(abs(mass), 1e-3 * forces.robot.mass)
     theta, covariance = _solved(bare.merge(_prior(forces, columns, scale)), errors)
     return _estimate(theta[4:8], covariance[4:8, 4:8], _spread(forces))
+
+
+def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> PayloadEstimate:
+    """What a trunk carries more than at a tare that is taken as exact: first moments subtract.
+
+        m_p = m - m_t,     c_p = (m c - m_t c_t) / m_p,     dc_p = (m dc + (c - c_p) dm) / m_p
+
+    Args:
+        tare: the trunk without the payload.
+        loaded: the trunk with it; what it has not observed is not told of the payload either.
+    """
+    m, c, covariance = loaded.trunk.mass, loaded.trunk.com_trunk, loaded.covariance
+    mass, mass_std = m - tare.mass, float(np.sqrt(covariance[0, 0]))
+    com, com_covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
+    if abs(mass) > _TOLD * mass_std:
+        found = (m * c - tare.mass * tare.com_trunk) / mass
+        slope = np.hstack([(c - found)[:, None], m * np.eye(3)]) / mass
+        hidden = ~loaded.observed
+        known = np.where(hidden[:, None] | hidden, 0.0, covariance)
+        com = np.where(hidden[1:], np.nan, found)
+        com_covariance = slope @ known @ slope.T
+        com_covariance[hidden[1:], :] = com_covariance[:, hidden[1:]] = np.nan
+    return PayloadEstimate(mass, mass_std, com, com_covariance)
 
 
 def _rows(

@@ -1,0 +1,25 @@
+"""Noticing that a walking robot's load has changed, and seeing to it that it is weighed before it walks on."""
+
+from stadera.supervise.load_test import LoadCheck, LoadTest, LoadTestSettings
+from stadera.supervise.rest import RestLimits, RestMoment, RestWatch
+from stadera.supervise.settings import SuperviseSettings
+from stadera.supervise.strength import Effort, hardest_effort
+from stadera.supervise.supervisor import Supervisor
+from stadera.supervise.walker import PosingWalker, State, Transition, Walker
+
+__all__ = [
+    "Effort",
+    "LoadCheck",
+    "LoadTest",
+    "LoadTestSettings",
+    "PosingWalker",
+    "RestLimits",
+    "RestMoment",
+    "RestWatch",
+    "State",
+    "SuperviseSettings",
+    "Supervisor",
+    "Transition",
+    "Walker",
+    "hardest_effort",
+]

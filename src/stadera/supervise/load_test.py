@@ -1,0 +1,169 @@
+"""Whether the load has changed: a test of each moment near rest, with a false-alarm rate that is stated and kept.
+
+What is unknown while nothing changes: the trunk's mass m (load included) and the run's constant torque offsets n, as a
+Gaussian x = (m, n) ~ N(x̂, P). Moment k says
+
+    m_k = h_k x + e_k,     h_k = (1, s_k),     e_k ~ N(0, σ_k² + σ_u²)
+
+(s_k, σ_k: `stadera.supervise.rest`; σ_u: what statics leave unexplained while a robot walks). So, with nothing changed,
+
+    ν_k = m_k - h_k x̂ ~ N(0, S_k),     S_k = h_k P h_kᵀ + σ_k² + σ_u²
+
+The offsets bias the mass by an amount that depends on the pose, the same in every cycle of a run. Were they only
+reckoned with in the variance, one unlucky draw of them would be tested over and over; since m and n are estimated from
+all moments (Kalman filter, constant state), the innovations ν_k are independent of one another, and
+
+    |ν_k| > z √S_k,     z = Φ⁻¹(1 - α / 2)
+
+raises a false alarm with probability α in each check, whatever the run. α follows from the rate of false alarms that is
+asked for: at most one check is made in each interval, so α = rate x interval. A change δ is missed by one check with
+probability Φ(z - |δ| / √S_k): `LoadTest.detectable` is the δ for which that is a given one.
+
+After a change the mass is unknown again, and what was learnt of the offsets is kept: P_mm is made large, P_mn zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from stadera.errors import StaderaError
+from stadera.estimate.noise import ForceNoise
+from stadera.supervise.rest import RestMoment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoadTestSettings:
+    """How sure to be.
+
+    Attributes:
+        false_alarms: tolerated, per hour of walking.
+        interval: between checks, at least [s].
+        unexplained: σ_u, as a share of the robot's mass.
+        prior: standard deviation of the mass believed at first, as a share of the robot's mass; a load that is there
+            from the beginning is noticed if it is larger than that explains.
+
+    Raises:
+        StaderaError: a value that is not positive, more than one false alarm in two checks.
+    """
+
+    false_alarms: float = 0.1
+    interval: float = 0.2
+    unexplained: float = 0.003
+    prior: float = 0.005
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not (np.isfinite(getattr(self, field.name)) and getattr(self, field.name) > 0):
+                raise StaderaError(f"load test: {field.name!r} must be positive, got {getattr(self, field.name)}")
+        if self.alpha > 0.5:
+            raise StaderaError(f"load test: {self.false_alarms} false alarms an hour are more than one in two checks")
+
+    @property
+    def alpha(self) -> float:
+        """Probability of a false alarm in one check."""
+        return self.false_alarms * self.interval / 3600.0
+
+    @property
+    def deviations(self) -> float:
+        """z, the threshold in standard deviations."""
+        return float(-ndtri(0.5 * self.alpha))
+
+
+@dataclass(frozen=True)
+class LoadCheck:
+    """One check of the mass.
+
+    Attributes:
+        time: [s], of the end of the moment.
+        mass: [kg], of trunk and load as it came out; expected: as it was believed.
+        std: [kg], √S of their difference while nothing has changed.
+        threshold: [kg], z √S.
+    """
+
+    time: float
+    mass: float
+    expected: float
+    std: float
+    threshold: float
+
+    @property
+    def change(self) -> float:
+        """ν [kg], positive where something was put on."""
+        return self.mass - self.expected
+
+    @property
+    def changed(self) -> bool:
+        """Whether the load has changed."""
+        return abs(self.change) > self.threshold
+
+
+class LoadTest:
+    """The belief of mass and torque offsets, and the test of each moment against it.
+
+    Args:
+        robot_mass: [kg], what shares are of.
+        trunk_mass: [kg], believed at first.
+        noise: of the torques.
+        settings: None for the defaults.
+    """
+
+    def __init__(
+        self, robot_mass: float, trunk_mass: float, noise: ForceNoise, settings: LoadTestSettings | None = None
+    ) -> None:
+        self.settings = settings or LoadTestSettings()
+        self._robot_mass = robot_mass
+        self._unexplained = (self.settings.unexplained * robot_mass) ** 2
+        self._checked = -np.inf
+        self._x = np.array([trunk_mass, *np.zeros(noise.torque_constant.size)])
+        variances = [(self.settings.prior * robot_mass) ** 2, *noise.torque_constant.ravel() ** 2]
+        self._P = np.diag(variances)
+
+    @property
+    def mass(self) -> float:
+        """Of trunk and load as believed [kg]."""
+        return float(self._x[0])
+
+    @property
+    def mass_std(self) -> float:
+        """[kg]."""
+        return sqrt(self._P[0, 0])
+
+    @property
+    def offsets(self) -> Array:
+        """Of the torques as believed, (12,) [N·m], leg by leg."""
+        return self._x[1:].copy()
+
+    def check(self, moment: RestMoment) -> LoadCheck | None:
+        """Tests a moment; learns from it unless the load has changed. None where it comes too soon after the last."""
+        if moment.end - self._checked < self.settings.interval:
+            return None
+        self._checked = moment.end
+        h, expected, S = self._innovation(moment)
+        std = sqrt(S)
+        check = LoadCheck(moment.end, moment.mass, expected, std, self.settings.deviations * std)
+        if not check.changed:
+            gain = self._P @ h / S
+            self._x = self._x + gain * check.change
+            self._P = self._P - np.outer(gain, gain) * S
+        return check
+
+    def detectable(self, moment: RestMoment, missed: float = 1e-3) -> float:
+        """The change of mass [kg] that a check of this moment misses with this probability."""
+        return (self.settings.deviations - float(ndtri(missed))) * sqrt(self._innovation(moment)[2])
+
+    def forget_mass(self) -> None:
+        """The load is another one, not known how heavy; what is known of the offsets stays."""
+        self._P[0, :] = self._P[:, 0] = 0.0
+        self._P[0, 0] = self._robot_mass**2
+
+    def _innovation(self, moment: RestMoment) -> tuple[Array, float, float]:
+        h = np.array([1.0, *moment.felt])
+        S = float(h @ self._P @ h) + moment.variance + self._unexplained
+        return h, float(h @ self._x), S

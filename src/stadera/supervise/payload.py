@@ -1,0 +1,53 @@
+"""What was put on since the tare, told by a robot that walks: poses at rest, before and after."""
+
+from __future__ import annotations
+
+from stadera.estimate.equilibrium import ConstantErrors
+from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.pose_means import Alike, PoseMean
+from stadera.estimate.protocol import TrunkEstimate
+from stadera.estimate.stillness import StillnessGate
+from stadera.estimate.trunk import TrunkModel
+from stadera.weigh.payload import PayloadEstimate, payload_between, payload_of_difference
+
+_MOST_POSES = 12
+
+
+class PayloadScale:
+    """Keeps poses at rest without the payload and with it.
+
+    Args:
+        forces: whose legs are believed in.
+        tare: the trunk without the payload, as believed; used where no pose of it was held at rest.
+    """
+
+    def __init__(self, forces: ContactForceEstimator, tare: TrunkModel) -> None:
+        self._forces, self._tare = forces, tare
+        self._errors = ConstantErrors.of(forces.noise)
+        self._gate, self._alike = StillnessGate(forces.legs), Alike()
+        self._before: list[PoseMean] = []
+        self._after: list[PoseMean] = []
+
+    def take(self, m: Measurement, *, loaded: bool) -> None:
+        """One more measurement, of the tare or of the load; those that are not at rest are left alone."""
+        if self._gate.complaint(m, self._forces.at(m)):
+            return
+        poses = self._after if loaded else self._before
+        if not (poses and poses[-1].takes(m, self._alike)):
+            poses.append(PoseMean(m))
+            del poses[:-_MOST_POSES]
+
+    def new_load(self) -> None:
+        """The load is another one."""
+        self._after.clear()
+
+    def payload(self, trunk: TrunkEstimate) -> PayloadEstimate:
+        """What the trunk carries more than at the tare.
+
+        By the difference of poses, in which constant errors cancel; where none was held before, by the difference of
+        `trunk` to what was believed.
+        """
+        if self._before and self._after:
+            return payload_between(self._before, self._after, self._forces, self._errors)
+        return payload_of_difference(self._tare, trunk)

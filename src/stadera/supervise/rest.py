@@ -1,0 +1,155 @@
+"""Moments near rest while a robot walks, and what the robot weighs in each.
+
+Each time velocity and acceleration approach zero with all four feet down (the paper's section V.C), Newton's law along
+the vertical u (trunk axes) weighs the trunk. With F = u · Σ f_i of the feet and a = u · (specific force), g at rest,
+
+    m_tr = mean F / mean a - m_l
+
+which is the paper's eq. 7 but for a in the place of g: what is left of a common acceleration of trunk and legs cancels.
+A moment is the mean over a quiet window. Constant torque offsets n (12) move it by s n with s = uᵀ (∂F/∂n) / a, and s
+changes from moment to moment, as the legs are never in the same pose; white noise moves it by
+
+    σ² = Σ_j s_j² σ_τ² / k + (m_r σ_a / a)² / k
+
+of k samples. The constant error of the accelerometer is like one of the mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import StaderaError
+from stadera.estimate.contact import ContactForces
+from stadera.estimate.equilibrium import wrench_slope
+from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.measurement import Measurement
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81
+"""[m/s²]."""
+
+_TORQUES = 12
+
+
+@dataclass(frozen=True)
+class RestLimits:
+    """What counts as near rest.
+
+    Attributes:
+        angular_velocity: of the trunk [rad/s].
+        joint_velocity: of any joint [rad/s].
+        specific_force: how far its size may be from that of gravity [m/s²].
+        smoothing: time constant of the low-pass that motion is judged after [s].
+        shortest: of a window [s].
+        longest: of a window; rest that goes on begins a new one [s].
+        accelerometer: white noise of one sample [m/s²].
+    """
+
+    angular_velocity: float = 0.15
+    joint_velocity: float = 0.4
+    specific_force: float = 0.4
+    smoothing: float = 0.02
+    shortest: float = 0.05
+    longest: float = 0.25
+    accelerometer: float = 0.05
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not (np.isfinite(getattr(self, field.name)) and getattr(self, field.name) > 0):
+                raise StaderaError(f"rest limit {field.name!r} must be positive, got {getattr(self, field.name)}")
+        if self.shortest > self.longest:
+            raise StaderaError(f"the shortest rest, {self.shortest} s, is longer than the longest, {self.longest} s")
+
+
+@dataclass(frozen=True, eq=False)
+class RestMoment:
+    """What a moment near rest says of the trunk's mass.
+
+    Attributes:
+        begin, end: [s].
+        mass: [kg], of trunk and load.
+        variance: [kg²], by white noise alone.
+        felt: (12,) [kg/(N·m)], s: change of the mass with each leg's torque offsets, leg by leg.
+    """
+
+    begin: float
+    end: float
+    mass: float
+    variance: float
+    felt: Array
+
+
+class RestWatch:
+    """Finds the moments near rest, sample by sample.
+
+    Args:
+        forces: source of contact forces; its noise is reckoned with.
+        limits: None for the defaults.
+    """
+
+    def __init__(self, forces: ContactForceEstimator, limits: RestLimits | None = None) -> None:
+        self.forces, self.limits = forces, limits or RestLimits()
+        self._smooth = np.zeros(len(forces.robot.tree.joints) + 6)
+        self._time = np.nan
+        self._begin = self._end = np.nan
+        self._count, self._force, self._specific = 0, 0.0, 0.0
+        self._last: tuple[ContactForces, Array] | None = None
+
+    def update(self, measurement: Measurement) -> RestMoment | None:
+        """One more measurement; a moment when one is over or has lasted for long enough."""
+        m = measurement
+        self._smoothen(m)
+        if not self._quiet(m):
+            return self._finished()
+        forces = self.forces.at(m)
+        # a foot in stance counts with what it carries, however little
+        stance = np.ones(4, dtype=bool) if m.stance is None else m.stance
+        forces = replace(forces, stance=stance)
+        up = m.up
+        force = float(up @ forces.total_force)
+        if not np.isfinite(force):
+            return self._finished()
+        if not self._count:
+            self._begin = m.time
+        self._end, self._last = m.time, (forces, up)
+        self._count += 1
+        self._force += force
+        self._specific += float(up @ m.specific_force)
+        return self._finished() if m.time - self._begin >= self.limits.longest else None
+
+    def _smoothen(self, m: Measurement) -> None:
+        values = np.concatenate([m.joint_velocity, m.angular_velocity, m.specific_force])
+        dt, self._time = m.time - self._time, m.time
+        share = dt / (self.limits.smoothing + dt) if dt > 0 else 1.0
+        self._smooth = self._smooth + share * (values - self._smooth)
+
+    def _quiet(self, m: Measurement) -> bool:
+        if m.stance is not None and not m.stance.all():
+            return False
+        limits = self.limits
+        *joints, wx, wy, wz, ax, ay, az = self._smooth.tolist()
+        return (
+            max(max(joints), -min(joints)) <= limits.joint_velocity
+            and wx * wx + wy * wy + wz * wz <= limits.angular_velocity**2
+            and abs(sqrt(ax * ax + ay * ay + az * az) - GRAVITY) <= limits.specific_force
+        )
+
+    def _finished(self) -> RestMoment | None:
+        """The moment that is over, if there was one that lasted for long enough."""
+        count, last = self._count, self._last
+        force, specific = self._force, self._specific
+        self._count, self._force, self._specific, self._last = 0, 0.0, 0.0, None
+        if last is None or self._end - self._begin < self.limits.shortest:
+            return None
+        forces, up = last
+        acceleration = specific / count
+        robot_mass = force / count / acceleration
+        felt = up @ wrench_slope(forces)[:3, :_TORQUES] / acceleration
+        white = float(felt**2 @ self.forces.noise.torque_white.ravel() ** 2)
+        white += (robot_mass * self.limits.accelerometer / acceleration) ** 2
+        return RestMoment(self._begin, self._end, robot_mass - self.forces.legs.mass, white / count, felt)

@@ -1,0 +1,264 @@
+"""Walks, notices that the load has changed, stops, weighs, and walks on: the paper's section V.C as a state machine.
+
+    WALKING -> STOPPING -> WEIGHING_MASS -> WEIGHING_COM -> CONVERGED -> WALKING
+
+A new trunk reaches controller and planner once, whole, after mass and centre of mass have both converged; until then
+both keep the old one. Whatever speaks against it leaves the robot STANDING or SITTING, with the reason. Pure: it
+tells the walker what to do, and keeps what happened as values.
+"""
+
+from __future__ import annotations
+
+from math import cos
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.protocol import TrunkEstimate
+from stadera.estimate.trunk import TrunkModel
+from stadera.robot.model import Robot
+from stadera.supervise.load_test import LoadCheck, LoadTest
+from stadera.supervise.payload import PayloadScale
+from stadera.supervise.rest import RestWatch
+from stadera.supervise.settings import SuperviseSettings
+from stadera.supervise.strength import hardest_effort
+from stadera.supervise.walker import State, Transition, Walker
+from stadera.supervise.weighing import Stage, StandingWeighing, require_poses
+from stadera.weigh.payload import PayloadEstimate
+
+_SATURATED = 0.98  # share of a joint's limit from which its torque counts as at it
+_TAKE_OVER = 0.5  # s, that controller and trunk get to come to rest with a new trunk
+_PERIOD_SLACK = 1e-9  # s
+
+
+class Supervisor:
+    """Fed with every measurement, tells a walker when to stop, what to believe, and when to go on.
+
+    Args:
+        robot: whose legs are believed in.
+        walker: told what to do; it is taken to walk.
+        believed: the trunk that controller and planner reckon with at first; None for the robot's own.
+        forces: source of contact forces; None for one of its own.
+        settings: None for the defaults.
+
+    Attributes:
+        state: what the robot is doing.
+        believed: the trunk that controller and planner reckon with.
+        load_test: the belief of the mass, and its test.
+
+    Raises:
+        StaderaError: a method that the walker cannot be weighed by.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        walker: Walker,
+        believed: TrunkModel | None = None,
+        forces: ContactForceEstimator | None = None,
+        settings: SuperviseSettings | None = None,
+    ) -> None:
+        self.robot, self.walker = robot, walker
+        self.settings = settings or SuperviseSettings()
+        if self.settings.method != "contact":
+            require_poses(walker, self.settings.method)
+        self.forces = forces or ContactForceEstimator(robot)
+        self.believed = believed or TrunkModel.prior(robot)
+        self.state = State.WALKING
+        self.load_test = LoadTest(robot.mass, self.believed.mass, self.forces.noise, self.settings.load_test)
+        self._rest = RestWatch(self.forces, self.settings.rest)
+        self._scale = PayloadScale(self.forces, self.believed)
+        self._weighing: StandingWeighing | None = None
+        self._estimate: TrunkEstimate | None = None
+        self._payload: PayloadEstimate | None = None
+        self._transitions: list[Transition] = []
+        self._checks: list[LoadCheck] = []
+        self._time, self._since, self._restarts = -np.inf, 0.0, 0
+        self._saturated = 0.0
+        self._loaded = False
+        effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
+        self._effort = _SATURATED * effort
+
+    # -- what happened --------------------------------------------------------------------------------------------
+    @property
+    def transitions(self) -> tuple[Transition, ...]:
+        """Every change of state, in order."""
+        return tuple(self._transitions)
+
+    @property
+    def checks(self) -> tuple[LoadCheck, ...]:
+        """Every check of the mass, in order."""
+        return tuple(self._checks)
+
+    @property
+    def estimate(self) -> TrunkEstimate | None:
+        """Of the weighing that is under way, or of the last one; None before the first."""
+        return self._estimate
+
+    @property
+    def payload(self) -> PayloadEstimate | None:
+        """What was put on since the beginning, by the last weighing that converged; None before."""
+        return self._payload
+
+    # -- each period ----------------------------------------------------------------------------------------------
+    def update(self, measurement: Measurement) -> None:
+        """One more measurement; looked at once a period."""
+        m = measurement
+        elapsed = m.time - self._time
+        if elapsed < self.settings.period - _PERIOD_SLACK or self.state is State.SITTING:
+            return
+        self._time = m.time
+        if self._in_danger(m, min(elapsed, self.settings.period)):
+            return
+        change = self._check(m)
+        match self.state:
+            case State.WALKING:
+                self._walk(m, change)
+            case State.STOPPING:
+                self._stop(m)
+            case State.WEIGHING_MASS | State.WEIGHING_COM:
+                self._weigh(m, change)
+            case State.CONVERGED:
+                self._take_over(m, change)
+
+    def weigh(self, reason: str) -> None:
+        """Stop and weigh, for a reason of the caller's; from WALKING or STANDING.
+
+        Raises:
+            StaderaError: it is weighing already, or has been set down.
+        """
+        if self.state not in (State.WALKING, State.STANDING):
+            raise StaderaError(f"a weighing begins from walking or standing, and the robot is {self.state}")
+        self._restarts = 0
+        self.walker.request_stop()
+        self._become(State.STOPPING, reason)
+
+    # -- states -----------------------------------------------------------------------------------------------
+    def _walk(self, m: Measurement, change: LoadCheck | None) -> None:
+        if fault := self.walker.fault:
+            self._stand(fault)
+        elif change is not None:
+            self._restarts, self._loaded = 0, True
+            self._scale.new_load()
+            self.walker.request_stop()
+            self._become(State.STOPPING, _told(change))
+        elif not self._loaded:
+            self._scale.take(m, loaded=False)
+
+    def _stop(self, m: Measurement) -> None:
+        if self.walker.stopped:
+            self._begin_weighing("the robot stands")
+        elif m.time - self._since > self.settings.stop_within:
+            said = self.walker.fault or f"it is still in {self.walker.phase!r}"
+            self._sit(f"the robot does not come to stand within {self.settings.stop_within:g} s: {said}")
+
+    def _weigh(self, m: Measurement, change: LoadCheck | None) -> None:
+        weighing = self._weighing
+        if weighing is None or change is not None:
+            self._again(change)
+            return
+        weighing.update(m)
+        self._scale.take(m, loaded=True)
+        self._estimate = weighing.estimate
+        if weighing.stage is Stage.FAILED:
+            self._stand(weighing.reason)
+        elif weighing.stage is Stage.COM and self.state is State.WEIGHING_MASS and self._estimate is not None:
+            found = self._estimate
+            self._become(
+                State.WEIGHING_COM, f"the trunk with its load weighs {found.trunk.mass:.2f} ± {found.std[0]:.2f} kg"
+            )
+        elif weighing.stage is Stage.DONE and self._estimate is not None:
+            self._converged(self._estimate)
+
+    def _again(self, change: LoadCheck | None) -> None:
+        self._restarts += 1
+        why = "" if change is None else _told(change)
+        if self._restarts > self.settings.restarts:
+            self._stand(f"the load keeps changing, the weighing began anew {self.settings.restarts} times: {why}")
+            return
+        self._scale.new_load()
+        self._begin_weighing(f"{why}, the weighing begins anew")
+
+    def _begin_weighing(self, reason: str) -> None:
+        self._weighing = StandingWeighing(self.forces, self.believed, self.walker, self.settings, self._time)
+        self._become(State.WEIGHING_MASS, reason)
+
+    def _converged(self, found: TrunkEstimate) -> None:
+        trunk, self._weighing = found.trunk, None
+        x, y, z = trunk.com_trunk
+        self._become(State.CONVERGED, f"{trunk.mass:.2f} kg with the centre of mass at ({x:.4f}, {y:.4f}, {z:.4f}) m")
+        hardest = hardest_effort(self.robot, trunk)
+        if hardest.share >= 1.0:
+            self._sit(
+                f"the load is too heavy to walk with: on three legs joint {hardest.joint!r} would need "
+                f"{hardest.torque:.0f} N·m and has {hardest.limit:.0f} N·m"
+            )
+        elif not self.walker.believe(trunk):
+            self._stand("controller and planner did not take the new trunk, both keep the last one")
+        else:
+            self.believed = trunk
+            self._payload = self._scale.payload(found)
+
+    def _take_over(self, m: Measurement, change: LoadCheck | None) -> None:
+        if change is not None:
+            self._restarts = 0
+            self._scale.new_load()
+            self._become(State.STOPPING, _told(change))
+        elif m.time - self._since >= _TAKE_OVER:
+            self.walker.resume()
+            self._become(State.WALKING, "controller and planner have taken the new trunk")
+
+    # -- in every state -------------------------------------------------------------------------------------------
+    def _check(self, m: Measurement) -> LoadCheck | None:
+        """The check of this instant if it says that the load has changed."""
+        moment = self._rest.update(m)
+        check = None if moment is None else self.load_test.check(moment)
+        if check is None:
+            return None
+        self._checks.append(check)
+        if not check.changed:
+            return None
+        self.load_test.forget_mass()
+        return check
+
+    def _in_danger(self, m: Measurement, elapsed: float) -> bool:
+        if m.up[2] < cos(self.settings.tilt):
+            angle = np.rad2deg(np.arccos(m.up[2]))
+            self._sit(f"the trunk is tilted by {angle:.0f}°, more than {np.rad2deg(self.settings.tilt):.0f}°")
+            return True
+        loads = np.abs(m.effort) / self._effort
+        # time at the limit adds up, and runs off when there is none
+        step = elapsed if loads.max() >= 1.0 else -elapsed
+        self._saturated = max(self._saturated + step, 0.0)
+        if self._saturated > self.settings.saturation:
+            joint = int(loads.argmax())
+            self._sit(
+                f"too heavy: joint {self.robot.tree.joints[joint]!r} has been at its torque limit "
+                f"({abs(m.effort[joint]):.0f} N·m) for {self.settings.saturation:g} s"
+            )
+            return True
+        return False
+
+    def _stand(self, reason: str) -> None:
+        self._weighing = None
+        self.walker.request_stop()
+        self._become(State.STANDING, reason)
+
+    def _sit(self, reason: str) -> None:
+        self._weighing = None
+        self.walker.sit()
+        self._become(State.SITTING, reason)
+
+    def _become(self, state: State, reason: str) -> None:
+        self._transitions.append(Transition(self._time, self.state, state, reason))
+        self.state, self._since = state, self._time
+
+
+def _told(check: LoadCheck) -> str:
+    what = "put on" if check.change > 0 else "taken off"
+    return (
+        f"{abs(check.change):.2f} kg were {what}: {check.mass:.2f} kg where {check.expected:.2f} ± {check.std:.2f} kg "
+        f"were expected, more than {check.threshold:.2f} kg off"
+    )

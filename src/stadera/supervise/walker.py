@@ -1,0 +1,96 @@
+"""What the supervisor needs of whatever walks, and what it says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, runtime_checkable
+
+from stadera.estimate.orientation import PostureLaw
+from stadera.estimate.static_poses import PoseOffset
+from stadera.estimate.trunk import TrunkModel
+
+
+@runtime_checkable
+class Walker(Protocol):
+    """A robot that walks, stops and stands as it is told, under a controller and a planner of its own."""
+
+    @property
+    def phase(self) -> str:
+        """What it is doing, in a word or two."""
+        ...
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it stands on four feet and is not about to move."""
+        ...
+
+    @property
+    def fault(self) -> str:
+        """Why it cannot walk on, one sentence; empty while it can."""
+        ...
+
+    def request_stop(self) -> None:
+        """Stop as soon as it is safe, on four feet."""
+        ...
+
+    def resume(self) -> None:
+        """Walk on."""
+        ...
+
+    def sit(self) -> None:
+        """Lower the trunk to the ground, and stay there."""
+        ...
+
+    def believe(self, trunk: TrunkModel) -> bool:
+        """Take a belief of the trunk into controller and planner, both or neither; False for neither."""
+        ...
+
+
+@runtime_checkable
+class PosingWalker(Walker, Protocol):
+    """A walker that can be weighed by approaches (a) and (b) as well."""
+
+    @property
+    def posture(self) -> PostureLaw:
+        """What holds the trunk while it stands."""
+        ...
+
+    def lean(self, pose: PoseOffset, duration: float) -> None:
+        """While it stands: bring the trunk to a pose, relative to how it came to stand, within a duration [s]."""
+        ...
+
+
+class State(StrEnum):
+    """What the supervised robot is doing.
+
+    `STANDING`: it stays where it is, for the reason given; `SITTING`: it has been set down.
+    """
+
+    WALKING = "walking"
+    STOPPING = "stopping"
+    WEIGHING_MASS = "weighing mass"
+    WEIGHING_COM = "weighing centre of mass"
+    CONVERGED = "converged"
+    STANDING = "standing"
+    SITTING = "sitting"
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One change of state.
+
+    Attributes:
+        time: [s].
+        before, after: the states.
+        reason: one sentence.
+    """
+
+    time: float
+    before: State
+    after: State
+    reason: str
+
+    def to_dict(self) -> dict[str, float | str]:
+        """Plain values, for JSON."""
+        return {"time": self.time, "from": str(self.before), "to": str(self.after), "reason": self.reason}

@@ -1,0 +1,154 @@
+"""One weighing of a robot that has come to stand: first the mass (eq. 7), then the centre of mass by a chosen method.
+
+Nothing of it reaches controller or planner: what it ends with is one `TrunkEstimate`, or a sentence why there is none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import StrEnum
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.mass import MassEstimator
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.protocol import Estimator, Status, TrunkEstimate
+from stadera.estimate.registry import Setup, make_estimator
+from stadera.estimate.static_poses import PoseOffset, static_poses
+from stadera.estimate.trunk import TrunkModel
+from stadera.supervise.settings import SuperviseSettings
+from stadera.supervise.walker import PosingWalker, Walker
+
+POSED = ("poses", "combined")
+"""Methods that live on several poses of the trunk."""
+
+_POSES = {"poses": 5, "combined": 11}
+_MOVE, _HOLD = 0.8, 1.2  # s, to a pose and in it
+_BACK = 0.5  # s, that the trunk is waited for at the end
+
+
+class Stage(StrEnum):
+    """Where a weighing is."""
+
+    MASS = "mass"
+    COM = "centre of mass"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class StandingWeighing:
+    """Mass, then centre of mass, of a robot that stands.
+
+    Args:
+        forces: source of contact forces; its robot's legs are believed in.
+        believed: the trunk that the controller reckons with, all the while.
+        walker: asked to lean, by methods that live on poses, and for its posture by the method "orientation".
+        settings: see there.
+        begin: [s], now.
+
+    Attributes:
+        stage: where it is.
+        reason: of a failure, one sentence; else empty.
+        estimate: what it knows now; None before the first.
+
+    Raises:
+        StaderaError: a method that needs poses or the posture, and a walker that has neither.
+    """
+
+    def __init__(
+        self,
+        forces: ContactForceEstimator,
+        believed: TrunkModel,
+        walker: Walker,
+        settings: SuperviseSettings,
+        begin: float,
+    ) -> None:
+        self.forces, self.settings = forces, settings
+        self.stage, self.reason = Stage.MASS, ""
+        self.estimate: TrunkEstimate | None = None
+        self._believed, self._begin = believed, begin
+        self._walker = require_poses(walker, settings.method) if settings.method != "contact" else None
+        self._estimator: Estimator = MassEstimator(forces.robot, believed, forces)
+        self._poses = list(_poses(forces, settings.method))
+        self._held_from, self._held_until = -np.inf, np.inf
+
+    def update(self, m: Measurement) -> None:
+        """One more measurement."""
+        if self.stage in (Stage.DONE, Stage.FAILED):
+            return
+        if m.time >= self._held_from:
+            self._estimator.update(m)
+            self.estimate = self._estimator.estimate()
+        if self.stage is Stage.MASS:
+            self._weigh(m)
+        elif self._poses or self._held_until < np.inf:
+            self._pose(m)
+        else:
+            self._locate(m)
+
+    def _weigh(self, m: Measurement) -> None:
+        found = self.estimate
+        if found is None or found.status is not Status.CONVERGED:
+            self._give_up_after(m.time, self.settings.mass_within)
+            return
+        start = TrunkModel(found.trunk.mass, self._believed.com_trunk, self._believed.inertia_com)
+        posture = None if self._walker is None else replace(self._walker.posture, feeds_back=False)
+        setup = Setup(self.forces.robot, start, self.forces, posture)
+        self._estimator = make_estimator(self.settings.method, setup)
+        self.stage, self._begin = Stage.COM, m.time
+
+    def _locate(self, m: Measurement) -> None:
+        if self.estimate is not None and self.estimate.status is Status.CONVERGED:
+            self.stage = Stage.DONE
+        else:
+            self._give_up_after(m.time, self.settings.com_within)
+
+    def _pose(self, m: Measurement) -> None:
+        """Leads the trunk through the poses, and back; nobody weighs on the way."""
+        if m.time < self._held_until < np.inf or self._walker is None:
+            return
+        if self._poses:
+            self._walker.lean(self._poses.pop(0), _MOVE)
+            self._held_from, self._held_until = m.time + _MOVE, m.time + _MOVE + _HOLD
+        elif self._held_from < np.inf:
+            self._walker.lean(PoseOffset(), _MOVE)
+            self._held_from, self._held_until = np.inf, m.time + _MOVE + _BACK
+        else:
+            self._held_until = np.inf
+            self._judge_poses()
+
+    def _judge_poses(self) -> None:
+        status = Status.WAITING if self.estimate is None else self.estimate.status
+        if status in (Status.CONVERGED, Status.MOVING):
+            self.stage = Stage.DONE
+        else:
+            self._fail(f"the poses did not show the centre of mass: {self._last_word()}")
+
+    def _give_up_after(self, time: float, limit: float) -> None:
+        if time - self._begin > limit:
+            self._fail(f"the {self.stage} did not converge within {limit:g} s: {self._last_word()}")
+
+    def _last_word(self) -> str:
+        if self.estimate is None:
+            return "nothing was measured"
+        return self.estimate.reason or f"the estimate is {self.estimate.status}"
+
+    def _fail(self, reason: str) -> None:
+        self.stage, self.reason = Stage.FAILED, reason
+
+
+def require_poses(walker: Walker, method: str) -> PosingWalker:
+    """The walker, as one that can lean.
+
+    Raises:
+        StaderaError: it cannot.
+    """
+    if not isinstance(walker, PosingWalker):
+        raise StaderaError(f"the method {method!r} needs a walker that can lean and tells its posture; use 'contact'")
+    return walker
+
+
+def _poses(forces: ContactForceEstimator, method: str) -> tuple[PoseOffset, ...]:
+    return static_poses(forces.robot, count=_POSES[method]) if method in POSED else ()
