@@ -16,13 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.estimate.equilibrium import ConstantErrors
-from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.noise import ForceNoise
-from stadera.estimate.pose_means import Alike
 from stadera.estimate.poses import PosesCom, TrunkSolution, sought
-from stadera.estimate.stillness import StillnessLimits
-from stadera.estimate.trunk import TrunkModel
-from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
@@ -35,9 +30,8 @@ WIDE_TORQUE, WIDE_FOOT = 0.15, 0.03
 class CombinedCom(PosesCom):
     """Trunk and constant errors together, over the poses that the robot has held.
 
-    Args:
-        As for `PosesCom`; `errors` None for torque offsets of 15 % of the effort limits, feet off by 3 cm, 0.2° of the
-        vertical (1 σ each).
+    Arguments and errors as for `PosesCom`; `errors` None for torque offsets of 15 % of the effort limits, feet off by
+    3 cm, 0.2° of the vertical (1 σ each).
 
     Attributes:
         sources: (27,), the constant errors as last estimated, in the order of `error_names`.
@@ -45,18 +39,8 @@ class CombinedCom(PosesCom):
 
     _KEPT = 64
 
-    def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
-        limits: StillnessLimits | None = None,
-        errors: ConstantErrors | None = None,
-        alike: Alike | None = None,
-    ) -> None:
-        wide = errors or ConstantErrors.of(ForceNoise.of(robot, constant=WIDE_TORQUE, foot_position=WIDE_FOOT))
-        super().__init__(robot, start, forces, limits, wide, alike)
-        self._anchor = self._linear_at
+    def _usual_errors(self) -> ConstantErrors:
+        return ConstantErrors.of(ForceNoise.of(self.robot, constant=WIDE_TORQUE, foot_position=WIDE_FOOT))
 
     @property
     def sources(self) -> Array:

@@ -6,9 +6,9 @@ rank two; its damped pseudo-inverse ([F]xᵀ [F]x + λ² 1)⁻¹ [F]xᵀ is -[F]
 
     c_⊥ = -[F]x⁺ μ = F x μ / (|F|² + λ²),
 
-the point of the line of action nearest to the trunk's origin. The estimate steps towards it in the world's x-y plane
-(see `stadera.estimate.recursive`), by α = 0.002 at 1 kHz. Everything is in trunk axes; the plane is the one normal to
-the vertical, so no heading is needed and slopes make no difference.
+the point of the line of action nearest to the trunk's origin. The estimate steps towards it by α = 0.002 at 1 kHz, in
+a plane (see `stadera.estimate.recursive`), and after a tilt of the trunk along what is left. Everything is in trunk
+axes, so no heading is needed.
 """
 
 from __future__ import annotations
@@ -17,52 +17,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.estimate.contact import ContactForces
-from stadera.estimate.convergence import settling_time, step_size
-from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.convergence import step_size
 from stadera.estimate.measurement import Measurement
-from stadera.estimate.recursive import RecursiveCom
-from stadera.estimate.stillness import StillnessLimits
-from stadera.estimate.trunk import TrunkModel
-from stadera.robot.model import Robot
+from stadera.estimate.recursive import LEAST_TILT, RecursiveCom
 
 Array = NDArray[np.float64]
 
 _DAMPING = 1e-3  # λ, as a share of the robot's weight: biases a centre of mass by a millionth
+_NOT_TILTED = f"the height shows in a trunk that is tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found"
 _LONGEST_STEP = 0.1  # s, that one measurement counts for at most, as a share of the settling time
 
 
 class ContactCom(RecursiveCom):
     """Steps towards the line of action of the contact forces. Works with any controller, and in a closed loop or none.
 
-    Args:
-        robot: whose legs are believed in.
-        start: what is believed first; None for the robot's own trunk.
-        forces: source of contact forces; None for one of its own.
-        limits: of standing still; None for `SLOW`.
-        settling: time [s] after which 5 % of an error is left; α = 0.002 at 1 kHz by default.
-        height_std: see `RecursiveCom`.
-
-    Raises:
-        ImplausibleError: an implausible start.
-        ModelError: a time or a length that is not positive.
+    Arguments, attributes and errors: see `RecursiveCom`.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
-        limits: StillnessLimits | None = None,
-        settling: float = settling_time(),
-        height_std: float = 0.05,
-    ) -> None:
-        super().__init__(robot, start, forces, limits, settling, height_std)
-        self._before = np.nan
-        self._step = 0.0
+    _last, _step = np.nan, 0.0
+
+    def look_for_height(self) -> None:
+        """Begins phase two: the plane's components stay, and poses tilted from now on show the height.
+
+        Raises:
+            IdentificationError: the plane's components have not been found yet.
+        """
+        self._look_for_height()
+
+    def look_in_plane(self) -> None:
+        """Begins phase one anew."""
+        self._look_in_plane()
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
         time, up = measurement.time, measurement.up
-        elapsed, self._before = time - self._before, time
+        elapsed, self._last = time - self._last, time
         if not elapsed > 0:  # the first after an interruption: nobody knows for how long it holds
             return
         step = self._step = step_size(self.settling, min(elapsed, _LONGEST_STEP * self.settling))
@@ -73,12 +61,16 @@ class ContactCom(RecursiveCom):
         mass, weighed = self._weighed(forces, up, step)
         error = nearest - com
         error = (1.0 + self._leg_mass / self._trunk.mass) * (error - up * float(up @ error))
-        self._settled.take(error, step)
-        if self._adopt(time, mass, self._trunk.com_trunk + step * error, weighed and self._settled.reached):
+        innovation = self._selected(error, up)
+        if innovation is None:
+            self._refuse(_NOT_TILTED)
+            return
+        self._settled.take(innovation, step)
+        if self._adopt(time, mass, self._trunk.com_trunk + step * innovation, weighed and self._settled.reached):
             self._looked_at(time, forces, up, com)
 
     def _interrupted(self) -> None:
-        self._before = np.nan
+        self._last = np.nan
         self._settled.restart()
 
     def _averaging(self) -> float:

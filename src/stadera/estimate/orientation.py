@@ -15,10 +15,11 @@ which is the paper's M = [[0, -1], [1, 0]] K / (m g) on e_o = (-φ, -θ) (eq. 12
 A centre of mass ahead of the belief lowers the nose, θ > 0, so ĉ_x must grow with +θ: eq. 14's α is M β, and as it is
 printed, with α a positive scalar on (-φ, -θ), it would run away in x.
 
-Phase one steps ĉ by β E δ. At its end e = 0: the trunk upright, the true centre of mass is above or below ĉ. Phase two
-tilts the reference, R_d e_z ≠ e_z, and what error is left is the height's alone, δ = (0, 0, δ_z):
+Phase one steps ĉ by β S E δ (S: see `stadera.estimate.recursive`). At its end e = 0: the true centre of mass is above
+or below ĉ along the vertical u₀, e_z of a trunk held upright. Phase two tilts the reference, and what error is left
+is along u₀ alone, δ = s u₀:
 
-    δ_z = e_z · (u x K e) / (m g (1 - u_z²))                                                              (eq. 15)
+    s = u₀ · (u x K e) / (m g (1 - (u · u₀)²))                                                            (eq. 15)
 
 The loop of posture and estimate must be stable. The posture answers like G(s) = ω² / (s² + 2 ζ ω s + ω²), the belief
 comes into use with a lag T (its low-pass, half a period, and the mean over a period), the update integrates at
@@ -32,7 +33,6 @@ A settling time is taken only if κ is at most a quarter of that (a gain margin 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +41,9 @@ from scipy.spatial.transform import Rotation
 from stadera.errors import IdentificationError, ModelError
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.convergence import positive, settling_time, step_size
-from stadera.estimate.equilibrium import ERRORS
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
-from stadera.estimate.protocol import unobserved
-from stadera.estimate.recursive import Instant, RecursiveCom
+from stadera.estimate.recursive import LEAST_TILT, Instant, Phase, Plane, RecursiveCom
 from stadera.estimate.stillness import GRAVITY, StillnessLimits
 from stadera.estimate.trunk import TrunkModel
 from stadera.inertia import skew
@@ -54,15 +52,7 @@ from stadera.robot.model import Robot
 Array = NDArray[np.float64]
 
 _GAIN_MARGIN = 4.0
-_LEAST_TILT = np.deg2rad(3.0)
 _ROTATION_ERROR = 1e-6
-
-
-class Phase(StrEnum):
-    """What is being looked for: the components in the world's plane, or the height."""
-
-    PLANE = "plane"
-    HEIGHT = "height"
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,15 +107,8 @@ class OrientationCom(RecursiveCom):
         robot: whose legs are believed in.
         posture: what holds the trunk.
         start: what is believed first, by the controller too; None for the robot's own trunk.
-        forces: source of contact forces, for mass and stance; None for one of its own.
-        limits: of standing still; None for `SLOW`.
-        settling: time [s] after which 5 % of an error is left.
         period: T_s [s] of the updates; the orientation error is averaged in between.
-        orientation_std: constant error of the measured orientation [rad].
-        height_std: see `RecursiveCom`.
-
-    Attributes:
-        phase: see `Phase`.
+        The rest as for `RecursiveCom`; contact forces tell mass and stance alone.
 
     Raises:
         ImplausibleError: an implausible start.
@@ -139,19 +122,29 @@ class OrientationCom(RecursiveCom):
         start: TrunkModel | None = None,
         forces: ContactForceEstimator | None = None,
         limits: StillnessLimits | None = None,
+        *,
         settling: float = settling_time(),
         period: float = 0.02,
-        orientation_std: float = np.deg2rad(0.2),
         height_std: float = 0.05,
+        orientation_std: float = np.deg2rad(0.2),
+        plane: Plane = Plane.TRUNK,
     ) -> None:
-        super().__init__(robot, start, forces, limits, settling, height_std, orientation_std)
-        self.period, self.phase = positive("period", period), Phase.PLANE
+        super().__init__(
+            robot,
+            start,
+            forces,
+            limits,
+            settling=settling,
+            height_std=height_std,
+            orientation_std=orientation_std,
+            plane=plane,
+        )
+        self.period = positive("period", period)
         if settling < (least := posture.fastest_settling(period)):
             raise ModelError(f"a settling time of {settling} s is too short for this posture: at least {least:.2f} s")
         self.posture, self._reference = posture, posture.reference
         self._step = step_size(settling, period)
         self._due: float = np.nan
-        self._in_plane = np.zeros((4, ERRORS))
         self._clear()
 
     @property
@@ -163,21 +156,19 @@ class OrientationCom(RecursiveCom):
         """Begins phase two; from now on the controller holds the trunk to this reference (3, 3), world.
 
         Raises:
-            IdentificationError: the plane's components have not been found yet, or it is tilted by less than 3°.
+            IdentificationError: the plane's components have not been found yet, or it is tilted by less than 3° against
+                the last one.
             ModelError: not a rotation.
         """
         rotation = _rotation(reference)
-        if self.phase is Phase.PLANE and not self._settled.reached:
-            raise IdentificationError("the height is looked for once the components in the plane have converged")
-        if (tilt := float(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))) < _LEAST_TILT:
+        turned = float(np.arccos(np.clip(rotation[2] @ self._reference[2], -1.0, 1.0)))
+        if self.phase is Phase.PLANE and turned < LEAST_TILT:
             raise IdentificationError(
-                f"the height needs a tilted trunk: {np.rad2deg(tilt):.1f}° is less than {np.rad2deg(_LEAST_TILT):.0f}°"
+                f"the height needs a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found, not by "
+                f"{np.rad2deg(turned):.1f}°"
             )
-        self.phase, self._reference = Phase.HEIGHT, rotation
-        if self._seen_from is not None:
-            self._in_plane = self._felt(self._seen_from)
-        self._known = None
-        self._settled.restart()
+        self._look_for_height()
+        self._reference = rotation
         self._clear()
 
     def look_in_plane(self, reference: Array) -> None:
@@ -186,9 +177,8 @@ class OrientationCom(RecursiveCom):
         Raises:
             ModelError: not a rotation.
         """
-        self.phase, self._reference = Phase.PLANE, _rotation(reference)
-        self._known = None
-        self._settled.restart()
+        self._reference = _rotation(reference)
+        self._look_in_plane()
         self._clear()
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
@@ -216,9 +206,9 @@ class OrientationCom(RecursiveCom):
         if not self.posture.feeds_back:
             believed = (self._start.mass * self._start.com_trunk + leg_moment) / (self._start.mass + self._leg_mass)
             felt += (believed - com) - up * float(up @ (believed - com))
-        if self.phase is Phase.HEIGHT:
-            felt = np.array([0.0, 0.0, felt[2] / (1.0 - up[2] ** 2)])
-        innovation = felt * (1.0 + self._leg_mass / self._trunk.mass)
+        innovation = self._selected(felt * (1.0 + self._leg_mass / self._trunk.mass), up)
+        if innovation is None:  # the posture is on its way to the tilt
+            return
         self._settled.take(innovation, self._step)
         com_trunk = self._trunk.com_trunk + self._step * innovation
         if self._adopt(measurement.time, mass, com_trunk, weighed and self._settled.reached):
@@ -238,28 +228,9 @@ class OrientationCom(RecursiveCom):
 
     def _felt(self, instant: Instant) -> Array:
         """(4, 27): constant errors as this pose feels them; an orientation off by ε turns e by -ε."""
-        felt = super()._sensitivity(instant)
+        felt = super()._felt(instant)
         felt[1:, 24:] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
         return felt
-
-    def _sensitivity(self, instant: Instant) -> Array:
-        """In phase two, the plane's are those of phase one, and the height takes the blame for them:
-
-        0 = e_z · E (0, 0, δ_z) + e_z · E (δ_x, δ_y, 0) + felt_z,  with (δ_x, δ_y) off by what was felt in phase one.
-        """
-        felt, up = self._felt(instant), instant.up
-        if self.phase is Phase.PLANE:
-            return felt
-        height = (up[2] * up[:2] @ self._in_plane[1:3] + felt[3]) / (1.0 - up[2] ** 2)
-        return np.vstack([self._in_plane[:3], height])
-
-    def _worked_out(self, instant: Instant) -> Array:
-        if self.phase is Phase.PLANE:
-            return super()._worked_out(instant)
-        if 1.0 - instant.up[2] ** 2 < 0.5 * np.sin(_LEAST_TILT) ** 2:  # on its way to the tilt
-            return unobserved()
-        sensitivity = self._sensitivity(instant)
-        return np.asarray(sensitivity @ self._errors.covariance @ sensitivity.T + self._white(instant))
 
 
 def _rotation(matrix: Array) -> Array:

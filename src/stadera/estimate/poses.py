@@ -78,11 +78,12 @@ class PosesCom(StaticEstimator):
         start: TrunkModel | None = None,
         forces: ContactForceEstimator | None = None,
         limits: StillnessLimits | None = None,
+        *,
         errors: ConstantErrors | None = None,
         alike: Alike | None = None,
     ) -> None:
         super().__init__(robot, start, forces, limits or SETTLED)
-        self.errors = errors or ConstantErrors.of(self.forces.noise)
+        self.errors = errors or self._usual_errors()
         self.alike = alike or Alike()
         self._names = error_names(robot)
         self._folded = Information.empty((*TRUNK, *self._names))
@@ -90,7 +91,7 @@ class PosesCom(StaticEstimator):
         self._range = _spread(self.bounds)
         self._open: PoseMean | None = None
         self._closed: list[PoseMean] = []
-        self._linear_at = np.zeros(ERRORS)
+        self._linear_at = self._anchor = np.zeros(ERRORS)
         self._known = unobserved()
         self._solved, self._latest, self._count = -np.inf, np.nan, 0
 
@@ -115,6 +116,9 @@ class PosesCom(StaticEstimator):
         if refusal:
             self._refuse(refusal)
         return super().estimate()
+
+    def _usual_errors(self) -> ConstantErrors:
+        return ConstantErrors.of(self.forces.noise)
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
         self._latest = measurement.time

@@ -2,26 +2,40 @@
 
 Both find, from one instant, the error δ = c - ĉ of the WHOLE robot's centre of mass, normal to the vertical u (trunk
 axes); along u nothing is felt. The legs being known, the trunk's own error is δ m_r / m_tr (the paper's remark 1 leaves
-the factor out, and its steps are smaller by it). E = 1 - u uᵀ = ᵂR_bᵀ E_xy ᵂR_b is the world's x-y plane in trunk axes:
+the factor out, and its steps are smaller by it). With E = 1 - u uᵀ = ᵂR_bᵀ E_xy ᵂR_b, the world's x-y plane
 
-    ĉ_tr ← ĉ_tr + β (m_r / m_tr) E δ,        m̂_r ← m̂_r + β (u · Σ f / g - m̂_r)      (eq. 7, 13, 19)
+    ĉ_tr ← ĉ_tr + β (m_r / m_tr) S E δ,      m̂_r ← m̂_r + β (u · Σ f / g - m̂_r)      (eq. 7, 13, 19)
+
+One pose shows a line along u through c, and S says which of its points ĉ goes to. `Plane.WORLD`, the paper's, is S = 1:
+what lies along u of the start's error stays, so that on a slope γ the trunk's x-y end up off by sin γ times that,
+wherever it came from. `Plane.TRUNK` keeps the believed height instead, S = 1 - u e_zᵀ / u_z (e_z · S E δ = 0):
+x and y come out the same wherever they began, off by (u_xy / u_z) δ_z alone. Both are zero in the world's x-y plane,
+and the same for a level trunk.
+
+A second pose shows the rest. With phase one at the vertical u₀, ĉ is off by s u₀ alone; at a trunk tilted since,
+
+    E δ = s E u₀        =>        s = u₀ · E δ / (1 - (u · u₀)²)            (eq. 15, where u₀ = e_z)
 
 What is wrong with a wrench w = (Σ f, μ) about the trunk's origin moves them by
 
     δm = uᵀ δΣf / g,    δc = [u]x (δμ - [c]x δΣf) / (m_r g),    δc_tr = (m_r / m_tr) δc + δm (c - c_tr) / m_tr
+
+and with ε₁, ε of that kind in the two phases, s by u₀ · (ε - E₀ ε₁) / (1 - (u · u₀)²).
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.errors import IdentificationError
 from stadera.estimate.contact import ContactForces
-from stadera.estimate.convergence import TOLERANCE, Settled, positive
+from stadera.estimate.convergence import TOLERANCE, Settled, positive, settling_time
 from stadera.estimate.equilibrium import ConstantErrors, wrench_slope
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.protocol import unobserved
@@ -36,9 +50,28 @@ Array = NDArray[np.float64]
 SLOW = StillnessLimits(angular_velocity=0.3, joint_velocity=0.5, specific_force=1.0, quiet=0.02)
 """Slow enough for small steps: while a law's own corrections turn the trunk, moments of inertia stay small."""
 
+LEAST_TILT = np.deg2rad(3.0)
+"""[rad], between the poses of the two phases."""
+
 _MASS_SETTLED = 1e-3  # share of the robot's mass
 _STALE = 0.1  # s, after which the covariance is worked out anew
 _HIDDEN = 0.5  # share of the vertical along an axis, from which this component is not observed
+
+
+class Phase(StrEnum):
+    """What is being looked for: the components in a plane, or the height."""
+
+    PLANE = "plane"
+    HEIGHT = "height"
+
+
+class Plane(StrEnum):
+    """Where one pose leaves the centre of mass along the vertical: at the height believed in the trunk, or where it was
+    along the world's vertical.
+    """
+
+    TRUNK = "trunk"
+    WORLD = "world"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,37 +99,49 @@ class Instant:
 
 
 class RecursiveCom(StaticEstimator):
-    """A law that steps towards the centre of mass, in the plane normal to gravity.
+    """A law that steps towards the centre of mass, in a plane first and along a line then.
 
     Args:
-        settling: time [s] after which 5 % of an error is left.
+        robot: whose legs are believed in.
+        start: what is believed first; None for the robot's own trunk.
+        forces: source of contact forces; None for one of its own.
+        limits: of standing still; None for `SLOW`.
+        settling: time [s] after which 5 % of an error is left; α = 0.002 at 1 kHz by default.
         height_std: how far off the centre of mass may be along the vertical, where it is not felt [m]; on a slope it
             counts into the other components' covariance.
         orientation_std: constant error of the measured orientation [rad].
-        The rest as for `StaticEstimator`.
+        plane: see `Plane`.
+
+    Attributes:
+        phase: see `Phase`.
 
     Raises:
+        ImplausibleError: an implausible start.
         ModelError: a time or a length that is not positive.
     """
 
     def __init__(
         self,
         robot: Robot,
-        start: TrunkModel | None,
-        forces: ContactForceEstimator | None,
-        limits: StillnessLimits | None,
-        settling: float,
-        height_std: float,
+        start: TrunkModel | None = None,
+        forces: ContactForceEstimator | None = None,
+        limits: StillnessLimits | None = None,
+        *,
+        settling: float = settling_time(),
+        height_std: float = 0.05,
         orientation_std: float = np.deg2rad(0.2),
+        plane: Plane = Plane.TRUNK,
     ) -> None:
         super().__init__(robot, start, forces, limits or SLOW)
         self.settling = positive("settling time", settling)
         self.height_std = positive("height_std", height_std)
+        self.plane, self.phase = Plane(plane), Phase.PLANE
         self._errors = ConstantErrors.of(self.forces.noise, orientation_std)
         self._settled = Settled(TOLERANCE)
         self._known: Array | None = None
         self._seen_from: Instant | None = None
         self._seen_at = -np.inf
+        self._before: Instant | None = None  # of phase one
 
     # -- for the laws -----------------------------------------------------------------------------------------
     @property
@@ -114,6 +159,33 @@ class RecursiveCom(StaticEstimator):
         change = float(up @ forces.total_force) / GRAVITY - robot_mass
         return robot_mass + step * change - self._leg_mass, abs(change) < _MASS_SETTLED * robot_mass
 
+    def _selected(self, error: Array, up: Array) -> Array | None:
+        """The innovation (3,) [m] from E δ of the trunk; None where phase two has too little tilt to tell."""
+        if self._before is not None:
+            line = self._before.up
+            square = 1.0 - float(up @ line) ** 2
+            if square < np.sin(LEAST_TILT) ** 2:
+                return None
+            return line * (float(line @ error) / square)
+        return _in_plane(up, self.plane) @ error
+
+    def _look_for_height(self) -> None:
+        """Begins phase two.
+
+        Raises:
+            IdentificationError: phase one has not settled.
+        """
+        if (self.phase is Phase.PLANE and not self._settled.reached) or self._seen_from is None:
+            raise IdentificationError("the height is looked for once the components in the plane have converged")
+        if self.phase is Phase.PLANE:
+            self._before = self._seen_from
+        self.phase, self._known = Phase.HEIGHT, None
+        self._settled.restart()
+
+    def _look_in_plane(self) -> None:
+        self.phase, self._before, self._known = Phase.PLANE, None, None
+        self._settled.restart()
+
     @abstractmethod
     def _averaging(self) -> float:
         """Share of the white noise's variance that is left."""
@@ -124,6 +196,7 @@ class RecursiveCom(StaticEstimator):
             self._seen_from, self._seen_at = Instant(forces, up, com, self._trunk), time
             self._known = None
 
+    # -- how sure -------------------------------------------------------------------------------------------------
     def _covariance(self) -> Array:
         if self._seen_from is None:
             return unobserved()
@@ -132,14 +205,35 @@ class RecursiveCom(StaticEstimator):
         return self._known
 
     def _worked_out(self, instant: Instant) -> Array:
-        up, sensitivity = instant.up, self._sensitivity(instant)
-        covariance = sensitivity @ self._errors.covariance @ sensitivity.T + self._white(instant)
-        covariance[1:, 1:] += self.height_std**2 * np.outer(up, up)
-        hidden = np.flatnonzero(np.abs(up) > _HIDDEN) + 1
+        if self._before is not None:
+            return self._of_two_poses(self._before, instant)
+        up, felt = instant.up, self._felt(instant)
+        covariance = felt @ self._errors.covariance @ felt.T + self._white(instant)
+        select, lost = np.eye(4), up
+        select[1:, 1:] = _in_plane(up, self.plane)
+        if kept := self.plane is Plane.TRUNK and up[2] > _HIDDEN:
+            lost = up / up[2]
+        covariance = select @ covariance @ select.T
+        covariance[1:, 1:] += self.height_std**2 * np.outer(lost, lost)
+        hidden = np.array([3]) if kept else np.flatnonzero(np.abs(up) > _HIDDEN) + 1
         covariance[hidden, :] = covariance[:, hidden] = np.nan
         return np.asarray(covariance)
 
-    def _sensitivity(self, instant: Instant) -> Array:
+    def _of_two_poses(self, first: Instant, second: Instant) -> Array:
+        """(4, 4), from A ε₁ + B ε with A = E₀ - u₀ u₀ᵀE E₀ / sin², B = u₀ u₀ᵀ / sin²; the mass is the second's."""
+        line, up = first.up, second.up
+        square = 1.0 - float(up @ line) ** 2
+        if square < 0.5 * np.sin(LEAST_TILT) ** 2:  # on its way to the tilt
+            return unobserved()
+        plane = np.eye(3) - np.outer(line, line)
+        A, B = np.zeros((4, 4)), np.zeros((4, 4))
+        B[0, 0], B[1:, 1:] = 1.0, np.outer(line, line) / square
+        A[1:, 1:] = plane - B[1:, 1:] @ (np.eye(3) - np.outer(up, up)) @ plane
+        felt = A @ self._felt(first) + B @ self._felt(second)
+        white = A @ self._white(first) @ A.T + B @ self._white(second) @ B.T
+        return np.asarray(felt @ self._errors.covariance @ felt.T + white)
+
+    def _felt(self, instant: Instant) -> Array:
         """(4, 27): how far mass and centre of mass end up off, by constant errors of torques, feet and the vertical."""
         return np.hstack([instant.from_wrench @ wrench_slope(instant.forces), np.zeros((4, 3))])
 
@@ -147,3 +241,12 @@ class RecursiveCom(StaticEstimator):
         """(4, 4), what the steps leave of the torques' white noise."""
         slope = instant.from_wrench
         return np.asarray(self._averaging() * slope @ instant.forces.wrench_covariance("white") @ slope.T)
+
+
+def _in_plane(up: Array, plane: Plane) -> Array:
+    """S (3, 3)."""
+    if plane is Plane.WORLD or up[2] <= _HIDDEN:
+        return np.eye(3)
+    select = np.eye(3)
+    select[:, 2] -= up / up[2]
+    return select

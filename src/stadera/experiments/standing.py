@@ -2,8 +2,8 @@
 
 A plant stands under the trunk controller, which begins with a centre of mass far off. First the mass is estimated
 (eq. 7), then the centre of mass by one of the methods, whose estimate the controller takes over while it runs. Methods
-that need several poses are led through them, and heard between one and the next. The plant's truth is read afterwards,
-and only to judge.
+that need several poses are led through them, and heard between one and the next; those that find the height in a phase
+of its own get a trunk pitched by 10° for that. The plant's truth is read afterwards, and only to judge.
 
 The start is CAD's trunk with its centre of mass shifted by shares of the hips' half spacing; the load presses down at
 a point that is the paper's (-0.75, 0.4, 0.0) m on HyQ, and on other robots that point scaled with the hips' spacing.
@@ -12,15 +12,19 @@ a point that is the paper's (-0.75, 0.4, 0.0) m on HyQ, and on other robots that
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.control import TestBed, TrunkController, TrunkPose
 from stadera.estimate import ContactForceEstimator, Estimator, MassEstimator, Measurement, Status, TrunkModel
+from stadera.estimate.contact_com import ContactCom
 from stadera.estimate.orientation import OrientationCom, PostureLaw
+from stadera.estimate.poses import PosesCom
+from stadera.estimate.recursive import RecursiveCom
 from stadera.estimate.registry import Setup, make_estimator
-from stadera.estimate.static_poses import static_poses
+from stadera.estimate.static_poses import PoseOffset, static_poses
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.sim import IDEAL, Gaussian, Plant, SensorErrors, Sensors, Terrain, VirtualForce
@@ -34,11 +38,12 @@ START = (0.3, -0.3, 0.3)
 _PAPER_ROBOT, _PAPER_POINT = "hyq", (-0.75, 0.4, 0.0)  # m, trunk frame
 _SETTLE = 0.5  # s, before anything is estimated
 _MASS, _MASS_AT_MOST = 1.0, 5.0  # s
-_STEPPING = 6.0  # s, of a recursive law: twelve of its time constants
-_MOVE, _HOLD = 0.8, 1.2  # s, from pose to pose and in each
+_STEPPING, _STEPPING_UP = 6.0, 4.0  # s, of a recursive law in the plane and along the height: 12 and 8 time constants
+_MOVE = 0.8  # s, from pose to pose
 _TILT = np.deg2rad(10.0)  # of the reference, to find the height by the orientation error
 _POSES = {"poses": 5, "combined": 11}
-_TRACE_EVERY = 10  # periods
+_TRACE_EVERY = 0.01  # s
+_TRACE_POSES_EVERY = 0.2  # s, where every look solves for all poses anew
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,8 @@ class StandingCase:
         seed: of all draws.
         start: see `START`.
         every: the estimator looks at one measurement in so many.
-        height: go on to look for the height, where the method has a phase of its own for it.
+        height: go on to look for the height with a tilted trunk, where the method has a phase of its own for it.
+        hold: each static pose so long [s].
     """
 
     robot: str
@@ -71,6 +77,7 @@ class StandingCase:
     start: tuple[float, float, float] = START
     every: int = 5
     height: bool = True
+    hold: float = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +89,8 @@ class StandingOutcome:
         mass, true_mass: of trunk and load [kg].
         com, true_com, start: centres of mass: found, true, believed first, (3,) [m].
         std: (3,) [m], as the estimator states it; NaN where it observed nothing.
-        rotation: (3, 3), of the trunk in the world at the end.
+        one_pose_com: (3,) [m], what was found before the trunk was tilted for the height; `com` where it was not.
+        rotation: (3, 3), of the trunk in the world when that was found.
         status, reason: of the estimate at the end.
         seconds: simulated [s].
         trace_time, trace_com: (k,) [s], (k, 3) [m], the estimate under way.
@@ -95,6 +103,7 @@ class StandingOutcome:
     true_com: Array
     start: Array
     std: Array
+    one_pose_com: Array
     rotation: Array
     status: Status
     reason: str
@@ -108,9 +117,14 @@ class StandingOutcome:
         return float(np.linalg.norm((self.com - self.true_com)[:2]))
 
     @property
+    def in_plane_of_one_pose(self) -> float:
+        """‖δ‖ [m] in the trunk's x-y plane, before the trunk was tilted for the height."""
+        return float(np.linalg.norm((self.one_pose_com - self.true_com)[:2]))
+
+    @property
     def level(self) -> float:
-        """‖δ‖ [m] in the world's x-y plane, all that forces at rest in one pose can show."""
-        return float(np.linalg.norm((self.rotation @ (self.com - self.true_com))[:2]))
+        """The same in the world's x-y plane, all that forces at rest in one pose can show [m]."""
+        return float(np.linalg.norm((self.rotation @ (self.one_pose_com - self.true_com))[:2]))
 
     @property
     def height(self) -> float:
@@ -161,6 +175,12 @@ def start_belief(robot: Robot, shares: tuple[float, float, float] = START) -> Tr
     return TrunkModel(prior.mass, prior.com_trunk + np.asarray(shares) * [x, y, x], prior.inertia_com)
 
 
+@cache
+def poses_of(robot: str, count: int) -> tuple[PoseOffset, ...]:
+    """The first static poses of a named robot."""
+    return static_poses(load_robot(robot), count=count)
+
+
 class _ByEncoders(TrunkController):
     """A controller whose own kinematics are right, whatever others are told of the feet."""
 
@@ -181,18 +201,19 @@ class _Run:
         if case.load:
             plant.apply_payload(VirtualForce(case.load, load_point(self.robot)))
         kind = TrunkController if case.misled else _ByEncoders
-        controller = kind(self.robot, belief=self.start, jacobian="encoders")
+        controller = self.controller = kind(self.robot, belief=self.start, jacobian="encoders")
         sensors = Sensors(case.errors, case.seed, self.robot)
         self.bed = TestBed(plant, sensors, controller, feed_back=True, every=case.every)
         self.forces = ContactForceEstimator(self.robot, legs=controller.legs)
         self.estimator: Estimator = MassEstimator(self.robot, self.start, self.forces)
         self._trace: list[tuple[float, Array]] = []
-        self._periods = 0
+        self._next_trace = 0.0
+        self._one_pose: tuple[Array, Array] | None = None
 
     def weigh(self) -> None:
         """Eq. 7: the mass, until it has converged."""
         self.bed.run(_SETTLE)
-        self.home = self.bed.controller.reference
+        self.home = self.controller.reference
         self._watched(self.estimator, _MASS)
         waited = _MASS
         while self.estimator.estimate().status is not Status.CONVERGED and waited < _MASS_AT_MOST:
@@ -203,24 +224,30 @@ class _Run:
     def locate(self) -> None:
         """The centre of mass."""
         self.estimator = self._made()
+        estimator = self.estimator
         if self.case.method in _POSES:
-            for pose in static_poses(self.robot, count=_POSES[self.case.method]):
+            for pose in poses_of(self.case.robot, _POSES[self.case.method]):
                 self._move(self.home.moved(pose.shift, pose.turn))
-                self._hold(_HOLD)
+                self._hold(self.case.hold)
             return
-        self._watched(self.estimator, _STEPPING)
-        if not (self.case.height and isinstance(self.estimator, OrientationCom)):
+        self._watched(estimator, _STEPPING)
+        self._one_pose = estimator.estimate().trunk.com_trunk, self.bed.plant.state.rotation
+        if not (self.case.height and isinstance(estimator, RecursiveCom)):
             return
-        if self.estimator.estimate().status is Status.CONVERGED:
+        if estimator.estimate().status is Status.CONVERGED:
             tilted = self.home.moved(np.zeros(3), np.array([0.0, _TILT, 0.0]))
             self._move(tilted)
-            self.estimator.look_for_height(tilted.rotation)
-            self._watched(self.estimator, _STEPPING)
+            if isinstance(estimator, OrientationCom):
+                estimator.look_for_height(tilted.rotation)
+            elif isinstance(estimator, ContactCom):
+                estimator.look_for_height()
+            self._watched(estimator, _STEPPING_UP)
 
     def outcome(self) -> StandingOutcome:
         """Held against the truth."""
         found, plant = self.estimator.estimate(), self.bed.plant
         truth = plant.truth()
+        one_pose_com, rotation = self._one_pose or (found.trunk.com_trunk, plant.state.rotation)
         return StandingOutcome(
             case=self.case,
             mass=found.trunk.mass,
@@ -229,7 +256,8 @@ class _Run:
             true_com=truth.com,
             start=self.start.com_trunk,
             std=np.sqrt(np.diag(found.covariance)[1:]),
-            rotation=plant.state.rotation,
+            one_pose_com=one_pose_com,
+            rotation=rotation,
             status=found.status,
             reason=found.reason,
             seconds=plant.time,
@@ -238,8 +266,7 @@ class _Run:
         )
 
     def _made(self) -> Estimator:
-        controller = self.bed.controller
-        posture = PostureLaw(controller.gains.angular_stiffness, self.home.rotation)
+        posture = PostureLaw(self.controller.gains.angular_stiffness, self.home.rotation)
         return make_estimator(self.case.method, Setup(self.robot, self.weighed, self.forces, posture))
 
     def _watched(self, estimator: Estimator, seconds: float) -> None:
@@ -254,16 +281,17 @@ class _Run:
         self.bed.feed_back = True
         found = self.estimator.estimate()
         if found.status in (Status.MOVING, Status.CONVERGED):
-            self.bed.controller.believe(found.trunk)
+            self.controller.believe(found.trunk)
 
     def _note(self, bed: TestBed) -> None:
-        self._periods += 1
-        if self._periods % _TRACE_EVERY == 0 and bed.estimator is not None:
-            self._trace.append((bed.plant.time, bed.estimator.estimate().trunk.com_trunk))
+        time = bed.plant.time
+        if time >= self._next_trace and bed.estimator is not None:
+            self._next_trace = time + (_TRACE_POSES_EVERY if isinstance(bed.estimator, PosesCom) else _TRACE_EVERY)
+            self._trace.append((time, bed.estimator.estimate().trunk.com_trunk))
 
     def _move(self, goal: TrunkPose) -> None:
         """Nobody estimates meanwhile."""
-        self.bed.controller.move(goal, _MOVE)
+        self.controller.move(goal, _MOVE)
         self.bed.run(_MOVE)
 
 

@@ -53,13 +53,13 @@ _NOTES = (
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Weighs HyQ by three methods under three loads, and other robots by the last."""
-    cases = [StandingCase("hyq", "contact", 100.0, seed=settings.seed)]
+    cases = [_of("contact", 100.0, settings.seed)]
     robots: tuple[str, ...] = ()
     if not settings.quick:
-        cases = [StandingCase("hyq", m, load, seed=settings.seed) for m in _METHODS for load in LOADS]
+        cases = [_of(m, load, settings.seed) for m in _METHODS for load in LOADS]
         robots = _installed(_OTHERS)
     weights = {robot: load_robot(robot).mass * GRAVITY for robot in robots}
-    others = [StandingCase(r, "contact", s * weights[r], seed=settings.seed) for r in robots for s in _SHARES]
+    others = [_of("contact", s * weights[r], settings.seed, r) for r in robots for s in _SHARES]
     outcomes = run_cases(NAME, [*cases, *others], progress)
     hyq, rest = outcomes[: len(cases)], outcomes[len(cases) :]
     shares = {id(o): o.case.load / weights[o.case.robot] for o in rest}
@@ -90,6 +90,10 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
             "Plant": "MuJoCo, 1 kHz, controller in the loop; estimators at 200 Hz",
         },
     )
+
+
+def _of(method: str, load: float, seed: int, robot: str = "hyq") -> StandingCase:
+    return StandingCase(robot, method, load, seed=seed, height=method in _PAPER_HEIGHT)
 
 
 def _installed(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -35,16 +35,18 @@ _PAPER = {
 }  # cm, by slope and load
 _BOUND = 0.30  # cm
 _START = (START[0], START[1], 0.0)
-_LEVEL, _TRUNK = "‖δ‖ in the world's x-y", "‖δ‖ in the trunk's x-y"
+_LEVEL, _ONE_POSE = "‖δ‖ in the world's x-y, one pose", "‖δ‖ in the trunk's x-y, one pose"
+_TRUNK = "‖δ‖ in the trunk's x-y, two poses"
 _LEAD = (
     "HyQ stands on a ramp that rises ahead of it, its trunk parallel to the ramp, and weighs itself by contact forces, "
-    "method (c), as in Table II: the mass first, then the centre of mass, begun far off in x and y."
+    "method (c), as in Table II: the mass first, then the centre of mass, begun far off in x and y. Then it pitches by "
+    "10° and looks for what is left."
 )
 _NOTES = (
-    "Forces at rest show the centre of mass in the world's x-y plane, to which the method's selection E_xy keeps; what "
-    "lies along the vertical stays at what was believed first. In the trunk's own x-y that part comes in by the sine "
-    "of the slope: of the height, which the load changes, and of the start's error in x itself. Both planes are held "
-    "against the bound; the trunk's would need a second pose.",
+    "Forces at rest in one pose show the centre of mass normal to the vertical, the world's x-y. Of the line that is "
+    "left the law keeps the point at the height in the trunk that was believed first, CAD's; the load shifts the true "
+    "one, and in the trunk's x that shows by the tangent of the slope. No law can tell that from one pose.",
+    "Pitched by 10° the trunk's vertical is another, and the two lines of action meet in the centre of mass.",
 )
 
 
@@ -63,7 +65,8 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         records=tuple(records),
         tables=(
             _table(_LEVEL, records, "In brackets the paper's, which does not say whose x-y it means."),
-            _table(_TRUNK, records, "The same runs."),
+            _table(_ONE_POSE, records, "The same poses."),
+            _table(_TRUNK, records, "The same runs, after the trunk has pitched."),
         ),
         figures=(_figure(outcomes[-1]),),
         notes=_NOTES,
@@ -80,7 +83,9 @@ def _records(o: StandingOutcome) -> Iterator[Record]:
     case: dict[str, str | float] = {"slope [deg]": o.case.slope, "load [N]": o.case.load}
     paper = _PAPER[o.case.slope, o.case.load]
     yield Record(NAME, case, _LEVEL, "cm", 100 * o.level, paper, _BOUND)
+    yield Record(NAME, case, _ONE_POSE, "cm", 100 * o.in_plane_of_one_pose, paper, _BOUND)
     yield Record(NAME, case, _TRUNK, "cm", 100 * o.in_plane, paper, _BOUND)
+    yield Record(NAME, case, "|δ_z| in the trunk, two poses", "cm", 100 * o.height)
     yield Record(NAME, case, "error of the trunk's mass", "kg", abs(o.mass_error))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from stadera.estimate.combined import WIDE_FOOT, WIDE_TORQUE
 from stadera.estimate.equilibrium import ConstantErrors
 from stadera.estimate.noise import ForceNoise
-from stadera.estimate.static_poses import PoseOffset, expected_covariance, static_poses
+from stadera.estimate.static_poses import PoseOffset, expected_covariance
 from stadera.experiments.result import (
     Cell,
     Experiment,
@@ -21,7 +21,7 @@ from stadera.experiments.result import (
     ReproduceSettings,
     TableData,
 )
-from stadera.experiments.standing import StandingCase, StandingOutcome
+from stadera.experiments.standing import StandingCase, StandingOutcome, poses_of
 from stadera.experiments.standing_runs import METHOD_NAMES, error_cell, median, run_cases
 from stadera.robot import Robot, load_robot
 from stadera.sim import Gaussian, with_foot_position, with_torque_offset
@@ -181,7 +181,7 @@ def _cell(column: Column, method: str, runs: list[StandingOutcome]) -> Cell:
 def _reach(kind: Kind) -> str:
     """What constant errors of the table's own sizes leave of the centre of mass, whoever looks, in one sentence."""
     robot, told = load_robot("hyq"), []
-    poses = static_poses(robot)
+    poses = poses_of("hyq", 11)
     for mean, std in _COLUMNS[kind]:
         one, every = (100 * _expected(Column(kind, "run", mean, std), robot, p) for p in (poses[:1], poses))
         told.append(f"{one:.2f} cm in one pose and {every:.2f} cm over all (μ = {mean:g}, σ = {std:g} {_UNIT[kind]})")
