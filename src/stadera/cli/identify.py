@@ -11,6 +11,7 @@ import typer
 
 from stadera.cli import parse
 from stadera.cli.terminal import progress, show
+from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
@@ -53,6 +54,8 @@ def identify(
     up: Annotated[
         str, typer.Option(metavar="X,Y,Z|auto", help="The vertical in the trunk's axes; 'auto': the IMU's, else level.")
     ] = "auto",
+    joint_topic: JointTopic = None,
+    imu_topic: ImuTopic = None,
     json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
     export: Annotated[
@@ -82,7 +85,9 @@ def identify(
     model = load_robot(robot)
     _check_outputs(model, json, report, export, inputs=[*logs, *(validate or ())])
     with progress() as watch:
-        result = identify_legs(model, logs, settings, validate or None, watch)
+        files = [log_file(path, joint_topic, imu_topic) for path in logs]
+        others = [log_file(path, joint_topic, imu_topic) for path in validate or ()]
+        result = identify_legs(model, files, settings, others or None, watch)
     _write(result, json, report, export)
     show(*identification_tables(result))
 

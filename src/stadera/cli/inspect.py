@@ -8,10 +8,13 @@ from typing import Annotated
 import typer
 
 from stadera.cli.terminal import progress, show
+from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
 
 def inspect(
     target: Annotated[str, typer.Argument(metavar="LOG|ROBOT", help="A log, a robot's name, or a URDF or MJCF.")],
+    joint_topic: JointTopic = None,
+    imu_topic: ImuTopic = None,
 ) -> None:
     """Show what is in a log or a robot model.
 
@@ -28,7 +31,7 @@ def inspect(
     from stadera.recording.summary import summarize
     from stadera.report.contents import log_contents
 
-    summary = summarize(stream(target))
+    summary = summarize(stream(log_file(Path(target), joint_topic, imu_topic)))
     show(*log_contents(summary, _fitting(summary.joints)))
 
 

@@ -9,8 +9,10 @@ import typer
 
 from stadera.cli import parse
 from stadera.cli.terminal import progress, show
+from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
 if TYPE_CHECKING:
+    from stadera.recording import LogFile
     from stadera.simulate.truth import Truth
     from stadera.weigh import Weighing
 
@@ -32,6 +34,8 @@ def weigh(
     imu_frame: Annotated[
         str | None, typer.Option(metavar="NAME", help="Frame that the IMU's values are in [default: the model's IMU].")
     ] = None,
+    joint_topic: JointTopic = None,
+    imu_topic: ImuTopic = None,
     truth: Annotated[
         Path | None, typer.Option(metavar="F.truth.json", help="Of a simulated log, to be shown beside what was found.")
     ] = None,
@@ -43,7 +47,7 @@ def weigh(
     The mass is the ground's upward force (eq. 7) where the robot stands still, and refused elsewhere. --tare tells
     the payload by the difference.
     """
-    chosen_tare = None if tare is None else parse.tare(tare)
+    chosen_tare: tuple[float, float] | Path | LogFile | None = None if tare is None else parse.tare(tare)
     springs = None if stiffness is None else parse.point(stiffness)
 
     from stadera.report.weighing import weighing_tables
@@ -52,12 +56,14 @@ def weigh(
     from stadera.weigh import WeighSettings
     from stadera.weigh import weigh as weigh_log
 
+    if isinstance(chosen_tare, Path):
+        chosen_tare = log_file(chosen_tare, joint_topic, imu_topic)
     settings = WeighSettings(method, chosen_tare, imu_frame, springs)
     model = load_robot(robot)
     _check_outputs(log, json, report)
     known = None if truth is None else read_truth(truth)
     with progress() as watch:
-        result = weigh_log(model, log, settings, watch)
+        result = weigh_log(model, log_file(log, joint_topic, imu_topic), settings, watch)
     _write(result, known, json, report)
     show(*weighing_tables(result, known))
 

@@ -15,8 +15,9 @@ from stadera.recording.preprocess import Processed, preprocess_stream
 from stadera.recording.reader import stream
 from stadera.recording.recording import Recording
 from stadera.recording.settings import Preprocessing
+from stadera.recording.topics import LogFile
 
-Log = Recording | str | Path
+Log = Recording | LogFile | str | Path
 """A recording in memory, or the path of one that is streamed anew at each pass."""
 
 KEEP_SAMPLES = 500_000

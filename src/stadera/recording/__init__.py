@@ -8,17 +8,20 @@ from stadera.recording.recording import Imu, Recording
 from stadera.recording.sampling import split_gaps
 from stadera.recording.settings import Preprocessing, PreprocessingReport
 from stadera.recording.smoothing import smooth_rows
+from stadera.recording.topics import LogFile, Topics
 from stadera.recording.writer import write_table
 
 __all__ = [
     "READERS",
     "Imu",
+    "LogFile",
     "Preprocessing",
     "PreprocessingReport",
     "Processed",
     "ProcessedImu",
     "Reader",
     "Recording",
+    "Topics",
     "concatenate",
     "preprocess",
     "preprocess_stream",

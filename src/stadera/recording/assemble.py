@@ -71,7 +71,7 @@ def _recording(table: pa.Table, layout: Layout, source: str, first: int, last: f
     return Recording(
         time=time,
         joints=layout.joints,
-        imu=_imu(imu) if imu else None,
+        imu=_imu(imu, layout.imu_frame) if imu else None,
         foot_force={foot: block(columns) for foot, columns in layout.force.items()},
         foot_contact={foot: block((column,))[:, 0] > 0.5 for foot, column in layout.contact.items()},
         source=source,
@@ -80,8 +80,8 @@ def _recording(table: pa.Table, layout: Layout, source: str, first: int, last: f
     )
 
 
-def _imu(quantities: Mapping[str, Array]) -> Imu:
-    return Imu(quantities["angular_velocity"], quantities["linear_acceleration"], quantities.get("orientation"))
+def _imu(quantities: Mapping[str, Array], frame: str | None) -> Imu:
+    return Imu(quantities["angular_velocity"], quantities["linear_acceleration"], quantities.get("orientation"), frame)
 
 
 def _numbers(column: pa.ChunkedArray, name: str, source: str) -> pa.ChunkedArray:

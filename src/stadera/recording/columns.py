@@ -29,6 +29,7 @@ class Layout:
         force: by foot, the x, y, z columns.
         contact: by foot, its column.
         notes: what was kept out and why.
+        imu_frame: name of the frame that the IMU's values are in, None where the log does not say.
     """
 
     joints: tuple[str, ...]
@@ -37,6 +38,7 @@ class Layout:
     force: Mapping[str, tuple[str, ...]]
     contact: Mapping[str, str]
     notes: tuple[str, ...] = ()
+    imu_frame: str | None = None
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from stadera.errors import RecordingError
 from stadera.recording.assemble import recordings
 from stadera.recording.columns import layout
 from stadera.recording.recording import Recording
+from stadera.recording.topics import Topics
 
 BLOCK_BYTES = 1 << 20
 
@@ -37,9 +38,10 @@ class CsvTable:
         return bool(head) and b"\0" not in head
 
     def stream(
-        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
+        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
     ) -> Iterator[Recording]:
         """See `stadera.recording.stream`."""
+        topics.refuse(str(path), self.name)
         header = _header(path)
         found = layout(header, str(path), joints, require)
         return recordings(_batches(path, header, found.columns), found, str(path), rows)

@@ -12,6 +12,7 @@ from stadera.errors import RecordingError
 from stadera.recording.assemble import recordings
 from stadera.recording.columns import Layout, layout
 from stadera.recording.recording import Recording
+from stadera.recording.topics import Topics
 
 MAGIC = b"PAR1"
 BUFFER_BYTES = 1 << 18
@@ -32,9 +33,10 @@ class ParquetTable:
             return file.read(len(MAGIC)) == MAGIC
 
     def stream(
-        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
+        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
     ) -> Iterator[Recording]:
         """See `stadera.recording.stream`."""
+        topics.refuse(str(path), self.name)
         try:
             names = parquet.read_schema(path).names
         except pa.ArrowException as error:

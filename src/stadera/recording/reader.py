@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Protocol
 
 from stadera.errors import RecordingError
+from stadera.recording import mcap_file, sqlite_file
+from stadera.recording.bag_log import BagLog
 from stadera.recording.csv_table import CsvTable
 from stadera.recording.join import concatenate
 from stadera.recording.parquet_table import ParquetTable
 from stadera.recording.recording import Recording
+from stadera.recording.topics import LogFile, Topics
 
 CHUNK_ROWS = 65536
 
@@ -34,14 +37,19 @@ class Reader(Protocol):
         ...
 
     def stream(
-        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
+        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
     ) -> Iterator[Recording]:
-        """As the module's `stream`; `rows` None: all in one."""
+        """As the module's `stream`; `rows` None: all in one. A kind without topics refuses any asked for."""
         ...
 
 
 # The first that accepts reads: those with magic bytes stand before those that take any text.
-READERS: tuple[Reader, ...] = (ParquetTable(), CsvTable())
+READERS: tuple[Reader, ...] = (
+    ParquetTable(),
+    BagLog("MCAP bag", ".mcap", mcap_file.MAGIC, mcap_file.McapStorage()),
+    BagLog("sqlite3 bag", ".db3", sqlite_file.MAGIC, sqlite_file.SqliteStorage()),
+    CsvTable(),
+)
 
 
 def stream(
@@ -54,7 +62,7 @@ def stream(
     """A log as consecutive recordings of `rows` samples each, memory flat in the log's length.
 
     Args:
-        path: the log.
+        path: the log; a LogFile chooses among the topics of a bag.
         joints: the joints to read, in this order; None for all.
         require: what each of these joints must have: velocity, acceleration, effort; and "imu".
         rows: samples a chunk; the last one is shorter.
@@ -65,14 +73,15 @@ def stream(
     """
     if rows < 1:
         raise RecordingError(f"a chunk needs at least one row, got {rows}")
-    path = Path(path)
-    return reader_of(path).stream(path, joints=joints, require=require, rows=rows)
+    log = LogFile.of(path)
+    return reader_of(log.path).stream(log.path, joints=joints, require=require, rows=rows, topics=log.topics)
 
 
 def read(path: str | PathLike[str], *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:
     """A whole log as one recording. Arguments and errors as `stream`."""
-    path = Path(path)
-    return concatenate(tuple(reader_of(path).stream(path, joints=joints, require=require, rows=None)))
+    log = LogFile.of(path)
+    reader = reader_of(log.path)
+    return concatenate(tuple(reader.stream(log.path, joints=joints, require=require, rows=None, topics=log.topics)))
 
 
 def reader_of(path: Path) -> Reader:

@@ -48,6 +48,7 @@ class LogSummary:
         joints, feet: names.
         channels: what is recorded of the joints.
         has_imu: whether there is one.
+        imu_frame: that its values are in, None where the log does not say.
         ranges: of every signal.
         notes: the reader's.
     """
@@ -64,6 +65,7 @@ class LogSummary:
     feet: tuple[str, ...]
     channels: tuple[str, ...]
     has_imu: bool
+    imu_frame: str | None
     ranges: tuple[Range, ...]
     notes: tuple[str, ...]
 
@@ -117,6 +119,7 @@ def summarize(chunks: Iterable[Recording]) -> LogSummary:
         feet=tuple(dict.fromkeys((*first.foot_force, *first.foot_contact))),
         channels=tuple(c for c in ("position", "velocity", "acceleration", "effort") if getattr(first, c) is not None),
         has_imu=first.imu is not None,
+        imu_frame=None if first.imu is None else first.imu.frame,
         ranges=tuple(_ranges(first, low, high)),
         notes=tuple(notes),
     )

@@ -79,7 +79,8 @@ def log_contents(summary: LogSummary, fits: Sequence[str]) -> Iterator[Renderabl
     )
     facts.add_row("gaps", _gaps(summary))
     facts.add_row("joints", Text(f"{len(summary.joints)}, with {', '.join(summary.channels)}"))
-    facts.add_row("imu", "yes" if summary.has_imu else "no")
+    frame = f", in frame {summary.imu_frame}" if summary.imu_frame else ""
+    facts.add_row("imu", Text(f"yes{frame}" if summary.has_imu else "no"))
     facts.add_row("feet", Text(", ".join(summary.feet) or "none"))
     facts.add_row("fits", Text(", ".join(fits) or "no robot known by name"))
     yield facts

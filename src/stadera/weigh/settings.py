@@ -9,6 +9,7 @@ import numpy as np
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.estimate.registry import METHODS
+from stadera.recording.topics import LogFile
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class WeighSettings:
     """
 
     method: str = "contact"
-    tare: tuple[float, float] | Path | None = None
+    tare: tuple[float, float] | Path | LogFile | None = None
     imu_frame: str | None = None
     stiffness: tuple[float, float, float] | None = None
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isnan
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from stadera.estimate.orientation import PostureLaw
 from stadera.estimate.pose_means import Alike, PoseMean
 from stadera.estimate.protocol import Estimator, Status, TrunkEstimate
 from stadera.estimate.registry import Setup, make_estimator
-from stadera.recording import stream
+from stadera.recording import LogFile, stream
 from stadera.robot.model import Robot
 from stadera.weigh.changes import changes_between, levels, loads
 from stadera.weigh.payload import PayloadEstimate, payload_between
@@ -45,7 +44,7 @@ def weigh(robot: Robot, log: Log, settings: WeighSettings | None = None, progres
 
     Args:
         robot: whose legs are believed in; its trunk is where the centre of mass is looked for from.
-        log: a table of joint positions, velocities and torques and of an IMU.
+        log: of joint positions, velocities and torques and of an IMU; a LogFile chooses among a bag's topics.
         settings: None for the defaults.
         progress: told how many samples are done.
 
@@ -85,7 +84,7 @@ class _Weighing:
     """One weighing's working state."""
 
     def __init__(self, robot: Robot, log: Log, settings: WeighSettings, progress: Progress | None) -> None:
-        self.robot, self.log, self.settings = robot, Path(log), settings
+        self.robot, self.log, self.settings = robot, LogFile.of(log), settings
         self.forces = ContactForceEstimator(robot, legs=MeasuredLegs(robot))
         self.errors = ConstantErrors.of(self.forces.noise)
         self._progress = progress
@@ -125,7 +124,7 @@ class _Weighing:
         )
 
     # -- the log ----------------------------------------------------------------------------------------------
-    def _measurements(self, log: Path, what: str) -> Iterator[Measurement]:
+    def _measurements(self, log: LogFile, what: str) -> Iterator[Measurement]:
         joints, done = self.robot.tree.joints, 0
         for chunk in stream(log, joints=joints, require=("velocity", "effort", "imu")):
             self._notes |= dict.fromkeys(chunk.notes)
@@ -135,7 +134,7 @@ class _Weighing:
                     self._progress(what, done, 0)
                 yield m
 
-    def _rest(self, log: Path) -> Rest:
+    def _rest(self, log: LogFile) -> Rest:
         rest = times_at_rest(self._measurements(log, f"looking for rest in {log.name}"), self.forces)
         if not rest.blocks:
             raise IdentificationError(f"{log}: the robot never stands still, nothing to weigh by: {rest.usual_reason}")
@@ -165,11 +164,11 @@ class _Weighing:
     def _payload(self, tare: list[PoseMean], loaded: list[PoseMean]) -> PayloadEstimate | None:
         if self.settings.tare is None:
             return None
-        if isinstance(self.settings.tare, Path):
-            tare = self._poses_of(self.settings.tare)
+        if not isinstance(self.settings.tare, tuple):
+            tare = self._poses_of(LogFile.of(self.settings.tare))
         return payload_between(tare, loaded, self.forces, self.errors)
 
-    def _poses_of(self, log: Path) -> list[PoseMean]:
+    def _poses_of(self, log: LogFile) -> list[PoseMean]:
         """Poses of the last load of another log."""
         rest = self._rest(log)
         means = loads(rest.blocks, self.robot.mass, self.errors)

@@ -1,0 +1,134 @@
+"""Small bags: folders written by rosbags, files by mcap's writer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as FolderWriter
+from rosbags.typesys import Stores, get_typestore
+
+from stadera.recording import Recording
+
+JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+NS = 1_000_000_000
+
+
+class Sent(NamedTuple):
+    """A message as it goes into a bag: recorded at `received` [ns]."""
+
+    topic: str
+    kind: str
+    received: int
+    data: bytes
+
+
+def nanoseconds(seconds: float) -> int:
+    return round(seconds * NS)
+
+
+def joints(
+    time: float,
+    names: Sequence[str],
+    position: Any = (),
+    velocity: Any = (),
+    effort: Any = (),
+    topic: str = "/joint_states",
+    received: float | None = None,
+) -> Sent:
+    channels = (np.asarray(values, dtype=float) for values in (position, velocity, effort))
+    message = TYPES.types[JOINT_STATE](_header(time, ""), list(names), *channels)
+    return _sent(topic, JOINT_STATE, time if received is None else received, message)
+
+
+def imu(
+    time: float,
+    gyro: Any = (0.0, 0.0, 0.0),
+    force: Any = (0.0, 0.0, 9.81),
+    orientation: Any = (0.0, 0.0, 0.0, 1.0),
+    topic: str = "/imu/data",
+    frame: str = "imu_link",
+    known: Sequence[bool] = (True, True, True),
+    received: float | None = None,
+) -> Sent:
+    vector, quaternion = TYPES.types["geometry_msgs/msg/Vector3"], TYPES.types["geometry_msgs/msg/Quaternion"]
+    covariances = [np.r_[0.0 if there else -1.0, np.zeros(8)] for there in known]  # orientation, gyro, acceleration
+    message = TYPES.types[IMU](
+        _header(time, frame),
+        quaternion(*map(float, orientation)),
+        covariances[0],
+        vector(*map(float, gyro)),
+        covariances[1],
+        vector(*map(float, force)),
+        covariances[2],
+    )
+    return _sent(topic, IMU, time if received is None else received, message)
+
+
+def text(time: float, topic: str = "/chatter") -> Sent:
+    return _sent(topic, STRING, time, TYPES.types[STRING]("hello"))
+
+
+def of_recording(recording: Recording, frame: str = "") -> Iterator[Sent]:
+    """A recording's samples as messages with the same stamps."""
+    for k, time in enumerate(recording.time):
+        values = (getattr(recording, channel) for channel in ("position", "velocity", "effort"))
+        yield joints(float(time), recording.joints, *(() if v is None else v[k] for v in values))
+        if (unit := recording.imu) is not None:
+            turned = unit.orientation is not None
+            yield imu(
+                float(time),
+                unit.angular_velocity[k],
+                unit.linear_acceleration[k],
+                unit.orientation[k] if unit.orientation is not None else (0, 0, 0, 0),
+                frame=unit.frame or frame,
+                known=(turned, True, True),
+            )
+
+
+def write_mcap(
+    sent: Iterable[Sent],
+    path: Path,
+    *,
+    chunk: int = 1 << 14,
+    compression: CompressionType = CompressionType.ZSTD,
+    encoding: str = "cdr",
+) -> Path:
+    """A bare .mcap."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=chunk, compression=compression)
+        writer.start(profile="ros2")
+        channels: dict[str, int] = {}
+        for message in sent:
+            if message.topic not in channels:
+                definition = TYPES.generate_msgdef(message.kind)[0].encode()
+                schema = writer.register_schema(message.kind, "ros2msg", definition)
+                channels[message.topic] = writer.register_channel(message.topic, encoding, schema)
+            writer.add_message(channels[message.topic], message.received, message.data, message.received)
+        writer.finish()
+    return path
+
+
+def write_folder(sent: Iterable[Sent], path: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
+    """A rosbag2 folder."""
+    with FolderWriter(path, version=9, storage_plugin=storage) as writer:
+        connections: dict[str, Any] = {}
+        for message in sent:
+            if message.topic not in connections:
+                connections[message.topic] = writer.add_connection(message.topic, message.kind, typestore=TYPES)
+            writer.write(connections[message.topic], message.received, message.data)
+    return path
+
+
+def _header(time: float, frame: str) -> Any:
+    stamp = nanoseconds(time)
+    return TYPES.types["std_msgs/msg/Header"](TYPES.types["builtin_interfaces/msg/Time"](*divmod(stamp, NS)), frame)
+
+
+def _sent(topic: str, kind: str, received: float, message: Any) -> Sent:
+    return Sent(topic, kind, nanoseconds(received), bytes(TYPES.serialize_cdr(message, kind)))
