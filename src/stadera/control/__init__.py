@@ -7,6 +7,7 @@ from stadera.control.odometry import LegOdometry
 from stadera.control.reference import Move, Reference, TrunkPose
 from stadera.control.stand import Controller, TestBed
 from stadera.control.swing import SwingLegs, SwingTrajectory
+from stadera.control.trot import Trot, TrotSettings
 from stadera.control.trunk import ControlError, TrunkController
 
 __all__ = [
@@ -22,6 +23,8 @@ __all__ = [
     "SwingLegs",
     "SwingTrajectory",
     "TestBed",
+    "Trot",
+    "TrotSettings",
     "TrunkController",
     "TrunkGains",
     "TrunkPose",

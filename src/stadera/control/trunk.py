@@ -91,6 +91,8 @@ class TrunkController:
             unless the measurement brings positions of its own.
         velocity_time: time constant [s] with which the trunk's velocity by the IMU follows that by the legs; 0 for the
             legs alone.
+        moment_length: L [m], by which errors of moments count like those of forces where the feet cannot make both;
+            None for half the diagonal between the feet.
 
     Attributes:
         belief: see `SmoothBelief`.
@@ -101,6 +103,7 @@ class TrunkController:
         time: [s], of the last update, and at it, in the odometry frame,
         rotation: (3, 3), of the trunk,
         velocity: (3,) [m/s], of the trunk's origin,
+        com: (3,) [m], the believed centre of mass of the whole robot,
         feet: (4, 3) [m], the feet's centres, and
         normal: (3,) of the ground, the plane through where the feet stand or stood last.
         swinging: the legs in the air: trajectories, forces felt, tracking errors.
@@ -121,6 +124,7 @@ class TrunkController:
         belief_time: float = 0.05,
         jacobian: JacobianOf = "feet",
         velocity_time: float = 0.0,
+        moment_length: float | None = None,
     ) -> None:
         if jacobian not in ("feet", "encoders"):
             raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
@@ -133,14 +137,14 @@ class TrunkController:
         self.forces = np.zeros((4, 3))
         self.saturated = np.zeros(len(robot.tree.joints), dtype=bool)
         self.time, self.rotation, self.velocity = np.nan, np.eye(3), np.zeros(3)
-        self.feet, self.normal = np.zeros((4, 3)), _UP
+        self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
         limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
         self._tree_order = np.argsort(self.legs.columns.ravel())
-        self._sharing, self._loads = ForceDistribution(limits, _span(robot)), FootLoads()
+        self._sharing, self._loads = ForceDistribution(limits, moment_length or _span(robot)), FootLoads()
         self._reference: Reference = Move(
             TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0
         )
@@ -246,6 +250,7 @@ class TrunkController:
         mass = self.belief.mass + self.legs.mass
         com = (self.belief.moment + state.moment) / mass
         arms = contacts - com
+        self.com = self.odometry.position + rotation @ com
         by_legs = rotation @ self.odometry.velocity(contacts, moving, m.angular_velocity)
         self.velocity = self.odometry.fused(by_legs, rotation @ m.specific_force - _GRAVITY, dt)
         force, moment = self._springs(com, mass, m.angular_velocity)

@@ -1,0 +1,295 @@
+"""A trot: diagonal pairs of legs take turns, and where they step is what balances.
+
+Two feet carry, so the trunk's moment about the line between them is out of hand: the body falls over that line as an
+inverted pendulum of time constant T = √(h / g). A foot that lands p ahead of the centre of mass, which then has the
+velocity v, and carries for a time S, makes of it (linear inverted pendulum)::
+
+    v' = v cosh(S / T) - (p / T) sinh(S / T)
+
+With p = T tanh(S / 2T) v_d + k (v - v_d) a velocity v_d goes on as it is, and an error of it is multiplied each step by
+cosh(S / T) - (k / T) sinh(S / T): zero for k = T coth(S / T) (capture within a step). A slow integral of the velocity's
+error moves the feet besides, for the load that nobody told of.
+
+All times follow from T and all lengths from the legs': one rule for every robot. It sees what the trunk controller
+sees: measurements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stadera.control.gains import composite
+from stadera.control.reference import TrunkPose
+from stadera.control.swing import SwingTrajectory
+from stadera.control.trunk import GRAVITY, TrunkController
+from stadera.errors import ModelError
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.trunk import TrunkModel
+from stadera.robot.kinematics import foot_positions
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+PAIRS = ((0, 3), (1, 2))
+"""The diagonal pairs of legs: LF with RH, RF with LH."""
+
+_LATE = 1.4  # share of the swing's time after which a foot stands, whether it felt the ground or not
+_FROZEN = 0.85  # share of the swing's time after which the target stays
+_TRUSTED = 0.5  # share after which a touch is the ground
+
+
+@dataclass(frozen=True)
+class TrotSettings:
+    """How to trot.
+
+    Attributes:
+        pendulum: T [s].
+        swing: duration of a swing [s].
+        overlap: [s], all four feet carry while one pair hands over to the other.
+        clearance: of the feet [m].
+        capture: k [s].
+        leash: [m], that the reference may be away from the trunk.
+        acceleration: [m/s²], with which commands are followed.
+        reach: [m], that a foot may be placed from under its hip.
+    """
+
+    pendulum: float
+    swing: float
+    overlap: float
+    clearance: float
+    capture: float
+    leash: float
+    acceleration: float
+    reach: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value > 0):
+                raise ModelError(f"a trot's {name} must be positive, got {value}")
+
+    @property
+    def step(self) -> float:
+        """Time from one pair's landing to the other's [s]."""
+        return self.swing + self.overlap
+
+    @classmethod
+    def of(cls, robot: Robot) -> TrotSettings:
+        """Scaled from the robot's nominal stance."""
+        q = standing_configuration(robot)
+        height = float(composite(robot, q).com[2] - foot_positions(robot, q[None])[0, :, 2].mean())
+        pendulum = float(np.sqrt(height / GRAVITY))
+        swing, overlap = 0.9 * pendulum, 0.15 * pendulum
+        return cls(
+            pendulum=pendulum,
+            swing=swing,
+            overlap=overlap,
+            clearance=0.12 * height,
+            capture=0.9 * pendulum / np.tanh((swing + overlap) / pendulum),
+            leash=0.08 * height,
+            acceleration=0.15 * GRAVITY,
+            reach=0.45 * height,
+        )
+
+
+class Trot:
+    """Trots by a trunk controller; stands before the first `walk` and after `stop`.
+
+    Args:
+        controller: as `Trot.of` makes it.
+        settings: None for those scaled from the robot.
+
+    Attributes:
+        stepping: whether it trots.
+    """
+
+    def __init__(self, controller: TrunkController, settings: TrotSettings | None = None) -> None:
+        self.controller = controller
+        self.settings = settings or TrotSettings.of(controller.robot)
+        feet = foot_positions(controller.robot, standing_configuration(controller.robot)[None])[0, :, :2]
+        self._nominal = feet - feet.mean(axis=0)
+        self._asked, self._asked_turn = np.zeros(2), 0.0
+        self._velocity, self._turn = np.zeros(2), 0.0
+        self._wanted = self.stepping = False
+        self._yaw, self._place, self._height, self._ground = 0.0, np.zeros(2), 0.0, 0.0
+        self._drift = np.zeros(2)
+        self._pair, self._swinging, self._hand_over = 0, False, np.nan
+
+    @classmethod
+    def of(cls, robot: Robot, belief: TrunkModel | None = None) -> Trot:
+        """With a trunk controller for it: velocity by legs and IMU, moments before forces.
+
+        Args:
+            robot: the legs and the trunk that are believed in.
+            belief: of the trunk at the start; None for the robot's own.
+        """
+        pendulum = TrotSettings.of(robot).pendulum
+        length = 0.15 * pendulum**2 * GRAVITY
+        return cls(TrunkController(robot, belief=belief, velocity_time=0.12 * pendulum, moment_length=length))
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it believes in."""
+        return self.controller.robot
+
+    @property
+    def stance(self) -> Bools:
+        """(4,) bool, the legs that are to carry."""
+        return self.controller.stance
+
+    def believe(self, trunk: TrunkModel) -> bool:
+        """Takes a new belief of the trunk; False where it is not plausible."""
+        return self.controller.believe(trunk)
+
+    def walk(self, velocity: ArrayLike, turn: float = 0.0) -> None:
+        """Trots; with zeros, on the spot.
+
+        Args:
+            velocity: (2,) [m/s], forwards and to the left.
+            turn: [rad/s], to the left.
+        """
+        wanted = np.array(velocity, dtype=float)
+        if wanted.shape != (2,) or not np.isfinite([*wanted, turn]).all():
+            raise ModelError(f"a trot's velocity needs two finite numbers and a finite turn, got {velocity!r}, {turn}")
+        self._asked, self._asked_turn, self._wanted = wanted, float(turn), True
+
+    def stop(self) -> None:
+        """Slows down, and stands on four feet then."""
+        self._asked, self._asked_turn, self._wanted = np.zeros(2), 0.0, False
+
+    def update(self, measurement: Measurement) -> Array:
+        """Joint torques (n,) [N·m] for one measurement; raises what the trunk controller raises."""
+        c = self.controller
+        if not np.isnan(c.time):
+            self._plan(measurement.time - c.time)
+        torque = c.update(measurement)
+        if self._height == 0.0:
+            self._height = float(c.position[2] - c.feet[:, 2].mean())
+        return torque
+
+    def at(self, time: float) -> TrunkPose:
+        """The trunk's reference, as planned for the present period."""
+        return self._pose
+
+    # -- inside ---------------------------------------------------------------------------------------------------
+    def _plan(self, dt: float) -> None:
+        if not self.stepping:
+            if not self._wanted:
+                return
+            self._start()
+        self._follow_command(dt)
+        self._legs()
+
+    def _start(self) -> None:
+        c = self.controller
+        here = c.reference
+        self.stepping = True
+        self._place, self._yaw = here.position[:2].copy(), _yaw(here.rotation)
+        self._ground = float(c.feet[:, 2].mean())
+        self._drift[:] = 0.0
+        self._follow_command(0.0)
+        c.follow(self)
+        self._relieve()
+
+    def _follow_command(self, dt: float) -> None:
+        """Moves velocity, heading and place of the reference on."""
+        c, s = self.controller, self.settings
+        most = s.acceleration * dt
+        self._velocity += np.clip(self._asked - self._velocity, -most, most)
+        most /= s.reach
+        self._turn += float(np.clip(self._asked_turn - self._turn, -most, most))
+        self._yaw += self._turn * dt
+        ahead = _turned(self._yaw) @ self._velocity
+        self._place = self._place + ahead * dt
+        away = self._place - c.position[:2]
+        far = float(np.sqrt(away @ away))
+        if far > s.leash:
+            self._place = c.position[:2] + away * (s.leash / far)
+        self._drift += dt / _DRIFT_TIME * (c.velocity[:2] - ahead)
+        ground = float(c.odometry.anchors[:, 2].mean())
+        self._ground += dt / (s.step + dt) * (ground - self._ground)
+        turn = np.eye(3)
+        turn[:2, :2] = _turned(self._yaw)
+        self._pose = TrunkPose(
+            np.array([*self._place, self._ground + self._height]),
+            turn,
+            np.array([*ahead, 0.0]),
+            np.array([0.0, 0.0, self._turn]),
+        )
+
+    def _legs(self) -> None:
+        c, s = self.controller, self.settings
+        if not self._swinging:
+            if c.time >= self._hand_over:
+                self._lift()
+            return
+        legs = PAIRS[self._pair]
+        for leg in legs:
+            path = c.swinging.trajectories[leg]
+            if path is None:
+                continue
+            late = (c.time - path.begin) / path.duration
+            if late > _LATE or (late > _TRUSTED and c.touched[leg]):
+                c.land(leg, s.overlap)
+            elif late < _FROZEN:
+                c.swing(leg, self._path(leg, path.start, path.begin))
+        if c.stance.all():
+            self._landed()
+
+    def _landed(self) -> None:
+        self._swinging, self._pair = False, 1 - self._pair
+        slow = float(np.abs(self.controller.velocity[:2]).max()) < 0.3 * self.settings.leash / self.settings.pendulum
+        if not self._wanted and slow and not self._velocity.any():
+            self._stand()
+        else:
+            self._relieve()
+
+    def _stand(self) -> None:
+        c = self.controller
+        self.stepping = False
+        middle = c.feet.mean(axis=0)
+        level = self._pose.rotation
+        place = np.array([*(middle + c.position - c.com)[:2], self._ground + self._height])
+        c.move(TrunkPose(place, level), 3.0 * self.settings.step)
+
+    def _relieve(self) -> None:
+        c, s = self.controller, self.settings
+        for leg in PAIRS[self._pair]:
+            c.relieve(leg, s.overlap)
+        self._hand_over = c.time + s.overlap
+
+    def _lift(self) -> None:
+        c = self.controller
+        self._swinging = True
+        for leg in PAIRS[self._pair]:
+            c.swing(leg, self._path(leg, c.feet[leg].copy(), c.time))
+
+    def _path(self, leg: int, start: Array, begin: float) -> SwingTrajectory:
+        """To where the foot is to land, as it looks now."""
+        c, s = self.controller, self.settings
+        left = max(begin + s.swing - c.time, 0.0)
+        ahead, is_now = self._pose.velocity[:2], c.velocity[:2]
+        step = s.pendulum * np.tanh(0.5 * s.step / s.pendulum) * ahead + s.capture * (is_now - ahead) + self._drift
+        size = float(np.sqrt(step @ step))
+        if size > s.reach:
+            step = step * (s.reach / size)
+        under = _turned(self._yaw + self._turn * (left + 0.5 * s.step)) @ self._nominal[leg]
+        place = c.com[:2] + is_now * left + under + step
+        target = np.array([*place, self._ground])
+        return SwingTrajectory(start, target, begin, s.swing, s.clearance, descent=s.clearance / s.swing)
+
+
+_DRIFT_TIME = 5.0  # s, of the integral of the velocity's error
+
+
+def _yaw(rotation: Array) -> float:
+    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+
+
+def _turned(yaw: float) -> Array:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s], [s, c]])
