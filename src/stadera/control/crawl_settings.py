@@ -1,0 +1,148 @@
+"""How a crawl is walked: what is commanded, and sizes and times scaled from the robot itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from stadera.errors import StaderaError, UnknownNameError
+from stadera.robot.kinematics import foot_positions
+from stadera.robot.model import LEG_NAMES, Robot
+from stadera.robot.stance import standing_configuration
+
+LATERAL_SEQUENCE = ("LH", "LF", "RH", "RF")
+"""Hind foot, then the front foot of the same side: the order that needs least sway."""
+
+
+class CrawlError(StaderaError):
+    """A crawl was asked for that cannot be walked."""
+
+
+@dataclass(frozen=True)
+class CrawlCommand:
+    """Where to walk.
+
+    Attributes:
+        speed: [m/s], ahead, negative for backwards; along the ground's horizontal projection.
+        turn: [rad/s], to the left.
+    """
+
+    speed: float = 0.1
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([self.speed, self.turn]).all():
+            raise CrawlError(f"a crawl's speed and turn must be finite, got {self.speed} m/s and {self.turn} rad/s")
+
+
+@dataclass(frozen=True)
+class CrawlSettings:
+    """Sizes and times of a crawl.
+
+    Attributes:
+        sequence: the four legs in the order in which they swing.
+        cycle: [s], of four steps, at low speed; the stride is what the speed makes of it,
+        longest_stride: [m], up to so much: faster walks have shorter cycles.
+        swing: [s], of a leg's swing; shorter in cycles that are shorter than it takes.
+        transfer: [s], for taking the load off a foot, and as much for putting it on.
+        clearance: [m], of a swinging foot over the higher of its two footholds.
+        press: [m], below the expected ground at which a swing ends, so that the foot meets the ground moving.
+        search: [m], how far below the expected height a foot feels for the ground, at
+        search_speed: [m/s].
+        margin: [m], that centre of mass and zero-moment point are to keep to the support polygon's edges.
+        least_margin: [m], of the believed centre of mass to the coming triangle's edges, below which no foot is lifted.
+        patience: [s], for which a step waits for that, before the crawl stops.
+        lead: [s], that the body has before the first step from a stand.
+
+    Raises:
+        CrawlError: a sequence that is not each leg once, a size or time that is not positive.
+    """
+
+    cycle: float
+    longest_stride: float
+    swing: float
+    transfer: float
+    clearance: float
+    press: float
+    search: float
+    search_speed: float
+    margin: float
+    least_margin: float
+    lead: float
+    patience: float = 3.0
+    sequence: tuple[str, ...] = LATERAL_SEQUENCE
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name != "sequence" and not (np.isfinite(value) and value > 0):
+                raise CrawlError(f"a crawl's {field.name} must be positive, got {value}")
+        for name in self.sequence:
+            if name not in LEG_NAMES:
+                raise UnknownNameError("leg", name, LEG_NAMES)
+        if sorted(self.sequence) != sorted(LEG_NAMES):
+            raise CrawlError(f"a crawl's sequence has each leg once, got {', '.join(self.sequence)}")
+
+    @classmethod
+    def of(cls, robot: Robot) -> CrawlSettings:
+        """Scaled from the height h of the hips over the feet and the time √(h / g) in which a body of that height falls
+        over.
+        """
+        height = standing_height(robot)
+        time = float(np.sqrt(height / 9.81))
+        return cls(
+            cycle=13.0 * time,
+            longest_stride=0.5 * height,
+            swing=1.4 * time,
+            transfer=0.25 * time,
+            clearance=0.12 * height,
+            press=0.03 * height,
+            search=0.25 * height,
+            search_speed=0.08 * height / time,
+            margin=0.04 * height,
+            least_margin=0.01 * height,
+            lead=3.0 * time,
+        )
+
+    def timing(self, command: CrawlCommand) -> StepTiming:
+        """Of a command.
+
+        Raises:
+            CrawlError: a speed for which there is no time to move the body.
+        """
+        speed = abs(command.speed)
+        cycle = min(self.cycle, self.longest_stride / speed) if speed > 0 else self.cycle
+        step = 0.25 * cycle
+        swing = min(self.swing, _SWING_SHARE * step)
+        timing = StepTiming(step, swing, min(self.transfer, _TRANSFER_SHARE * (step - swing)))
+        if swing < _SHORTEST * self.swing:
+            fastest = _SWING_SHARE * self.longest_stride / (4.0 * _SHORTEST * self.swing)
+            raise CrawlError(f"a crawl of {speed:.3g} m/s is too fast for this robot, the fastest is {fastest:.3g} m/s")
+        return timing
+
+
+_SWING_SHARE = 0.6  # of a step, at most, that the leg swings
+_TRANSFER_SHARE = 0.35  # of the rest, at most, that taking the load off takes
+_SHORTEST = 0.5  # share of a swing's time to which it may be shortened
+
+
+@dataclass(frozen=True)
+class StepTiming:
+    """Times of a step [s]: all of it, the leg's swing, and the transfer of its load before and after."""
+
+    step: float
+    swing: float
+    transfer: float
+
+    @property
+    def body(self) -> float:
+        """[s], in which four feet are on the ground."""
+        return self.step - self.swing
+
+
+def standing_height(robot: Robot) -> float:
+    """Height of the hips over the feet's centres in the nominal stance [m]."""
+    feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+    hips = [robot.tree.translations[robot.tree.joints.index(leg.joints[0])][2] for leg in robot.legs]
+    return float(np.mean(hips) - feet[:, 2].mean())

@@ -1,0 +1,76 @@
+"""Which feet carry when, over the steps to come: what the way of the centre of mass is planned through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.control.crawl_settings import StepTiming
+from stadera.control.planner_com import SupportPhase
+from stadera.control.planner_support import SupportPolygon
+
+Array = NDArray[np.float64]
+
+_LEAST = 0.02  # s, of a phase
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step to come: a leg (index), where its foot is to land (2,) [m], and the time before it lifts [s]."""
+
+    leg: int
+    target: Array
+    body: float
+
+
+@dataclass(frozen=True, eq=False)
+class Airborne:
+    """A leg that swings or has just landed: its index, where it lands (2,) [m], and how long the others carry [s]."""
+
+    leg: int
+    target: Array
+    remaining: float
+
+
+def support_phases(
+    feet: Array,
+    steps: Sequence[Step],
+    timing: StepTiming,
+    margin: float,
+    stand: float,
+    airborne: Airborne | None = None,
+) -> list[SupportPhase]:
+    """The phases from now on, ending with a stand on four feet.
+
+    While a foot's load is taken off or put on, the other three are counted as the support.
+
+    Args:
+        feet: (4, 2) [m], where the feet are; of an airborne one it does not matter.
+        steps: to come, in order.
+        margin: [m], of the goals within the triangles.
+        stand: [s], of the stand at the end.
+    """
+    feet, phases = np.array(feet[:, :2]), []
+    landed = 0.0
+    if airborne is not None:
+        phases.append(_on_three(feet, airborne.leg, airborne.target, airborne.remaining, margin))
+        feet[airborne.leg] = airborne.target
+        landed = timing.transfer
+    for step in steps:
+        swing = _on_three(feet, step.leg, step.target, 2.0 * timing.transfer + timing.swing, margin)
+        before = max(step.body - timing.transfer - landed, _LEAST)
+        phases += [SupportPhase(before, SupportPolygon.of(feet), swing.goal, rests=False), swing]
+        feet[step.leg] = step.target
+        landed = timing.transfer
+    phases.append(SupportPhase(stand, SupportPolygon.of(feet), feet.mean(axis=0), rests=False))
+    return phases
+
+
+def _on_three(feet: Array, leg: int, target: Array, duration: float, margin: float) -> SupportPhase:
+    """The others carry; the goal is the place in their triangle that is nearest to the middle of all four feet."""
+    triangle = SupportPolygon.of(np.delete(feet, leg, axis=0))
+    middle = feet.mean(axis=0) + 0.125 * (target - feet[leg])  # half-way through the swing
+    return SupportPhase(max(duration, _LEAST), triangle, triangle.goal(middle, margin), rests=True)
