@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from stadera.estimate.equilibrium import ConstantErrors
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
@@ -12,6 +14,7 @@ from stadera.estimate.trunk import TrunkModel
 from stadera.weigh.payload import PayloadEstimate, payload_between, payload_of_difference
 
 _MOST_POSES = 12
+_MOST_WAITING = 1000  # measurements
 
 
 class PayloadScale:
@@ -28,19 +31,34 @@ class PayloadScale:
         self._gate, self._alike = StillnessGate(forces.legs), Alike()
         self._before: list[PoseMean] = []
         self._after: list[PoseMean] = []
+        self._waiting: deque[Measurement] = deque(maxlen=_MOST_WAITING)
 
     def take(self, m: Measurement, *, loaded: bool) -> None:
-        """One more measurement, of the tare or of the load; those that are not at rest are left alone."""
+        """One more measurement, of the load or of the tare; those that are not at rest are left alone.
+
+        Those of the tare wait until a check says that nothing had changed (`confirm`).
+        """
         if self._gate.complaint(m, self._forces.at(m)):
             return
-        poses = self._after if loaded else self._before
+        if loaded:
+            self._add(m, self._after)
+        else:
+            self._waiting.append(m)
+
+    def confirm(self, until: float) -> None:
+        """Nothing had changed until this time [s]: the tare's measurements up to it count."""
+        while self._waiting and self._waiting[0].time <= until:
+            self._add(self._waiting.popleft(), self._before)
+
+    def _add(self, m: Measurement, poses: list[PoseMean]) -> None:
         if not (poses and poses[-1].takes(m, self._alike)):
             poses.append(PoseMean(m))
             del poses[:-_MOST_POSES]
 
     def new_load(self) -> None:
-        """The load is another one."""
+        """The load is another one; what has not been confirmed is of no use."""
         self._after.clear()
+        self._waiting.clear()
 
     def payload(self, trunk: TrunkEstimate) -> PayloadEstimate:
         """What the trunk carries more than at the tare.

@@ -44,7 +44,6 @@ class StandingWalker:
         """None."""
         return ""
 
-    @property
     def posture(self) -> PostureLaw:
         """The controller's springs about its reference."""
         angular = Response(16.0)

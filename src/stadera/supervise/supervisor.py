@@ -217,8 +217,11 @@ class Supervisor:
         check = None if moment is None else self.load_test.check(moment)
         if check is None:
             return None
+        before = self._checks[-1].time if self._checks else -np.inf
         self._checks.append(check)
         if not check.changed:
+            # a change late in this moment would not show yet, one before the last check would have
+            self._scale.confirm(before)
             return None
         self.load_test.forget_mass()
         return check

@@ -51,7 +51,6 @@ class Walker(Protocol):
 class PosingWalker(Walker, Protocol):
     """A walker that can be weighed by approaches (a) and (b) as well."""
 
-    @property
     def posture(self) -> PostureLaw:
         """What holds the trunk while it stands."""
         ...

@@ -94,7 +94,7 @@ class StandingWeighing:
             self._give_up_after(m.time, self.settings.mass_within)
             return
         start = TrunkModel(found.trunk.mass, self._believed.com_trunk, self._believed.inertia_com)
-        posture = None if self._walker is None else replace(self._walker.posture, feeds_back=False)
+        posture = None if self._walker is None else replace(self._walker.posture(), feeds_back=False)
         setup = Setup(self.forces.robot, start, self.forces, posture)
         self._estimator = make_estimator(self.settings.method, setup)
         self.stage, self._begin = Stage.COM, m.time

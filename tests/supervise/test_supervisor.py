@@ -1,0 +1,236 @@
+"""The supervisor against a walker that does as scripted, fed with Pinocchio's statics of the raw model file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.standing import StandingRobot
+
+from stadera.errors import StaderaError, UnknownNameError
+from stadera.estimate import Measurement, TrunkModel
+from stadera.robot import load_robot
+from stadera.robot.stance import standing_configuration
+from stadera.supervise import State, SuperviseSettings, Supervisor, Transition, Walker
+
+HYQ = load_robot("hyq")
+PLACE = (-0.3, 0.15, 0.2)
+PERIOD = 0.01
+ROUND = [State.WALKING, State.STOPPING, State.WEIGHING_MASS, State.WEIGHING_COM, State.CONVERGED, State.WALKING]
+
+
+class ScriptedWalker:
+    """Stops when it is told to, unless told not to; remembers what it was made to believe."""
+
+    def __init__(self, *, stops: bool = True, takes: bool = True) -> None:
+        self.stops, self.takes = stops, takes
+        self.walking, self.sat, self.fault = True, False, ""
+        self.believed: list[TrunkModel] = []
+
+    @property
+    def phase(self) -> str:
+        return "walking" if self.walking else "standing"
+
+    @property
+    def stopped(self) -> bool:
+        return not self.walking
+
+    def request_stop(self) -> None:
+        self.walking = self.walking and not self.stops
+
+    def resume(self) -> None:
+        self.walking = True
+
+    def sit(self) -> None:
+        self.sat, self.walking = True, False
+
+    def believe(self, trunk: TrunkModel) -> bool:
+        if self.takes:
+            self.believed.append(trunk)
+        return self.takes
+
+
+@cache
+def standing(load: float) -> Measurement:
+    return StandingRobot(HYQ, load, PLACE).measurement(0.0, standing_configuration(HYQ))
+
+
+class Day:
+    """A supervisor, and the loads it meets one after the other."""
+
+    def __init__(self, walker: ScriptedWalker | None = None, settings: SuperviseSettings | None = None) -> None:
+        self.walker = walker or ScriptedWalker()
+        self.supervisor = Supervisor(HYQ, self.walker, settings=settings)
+        self.time = 0.0
+
+    def meets(self, load: float, seconds: float) -> Day:
+        return self.sees(replace(standing(load)) for _ in range(round(seconds / PERIOD)))
+
+    def sees(self, samples: Iterable[Measurement]) -> Day:
+        for m in samples:
+            self.time += PERIOD
+            self.supervisor.update(replace(m, time=self.time))
+        return self
+
+    @property
+    def states(self) -> list[State]:
+        return [State.WALKING, *(t.after for t in self.supervisor.transitions)]
+
+    @property
+    def last(self) -> Transition:
+        return self.supervisor.transitions[-1]
+
+
+def test_scripted_walker_is_a_walker():
+    assert isinstance(ScriptedWalker(), Walker)
+
+
+def test_nothing_happens_while_nothing_changes():
+    day = Day().meets(0.0, 20.0)
+    assert day.states == [State.WALKING]
+    assert len(day.supervisor.checks) > 70
+    assert day.walker.walking
+    assert not day.walker.believed
+
+
+@pytest.mark.parametrize("load", [3.0, 10.0])
+def test_a_load_put_on_is_noticed_weighed_and_walked_on_with(load: float):
+    day = Day().meets(0.0, 3.0).meets(load, 8.0)
+    assert day.states == ROUND
+    noticed = day.supervisor.transitions[0]
+    assert noticed.time < 3.0 + 0.6
+    assert "put on" in noticed.reason
+    (found,) = day.walker.believed
+    expected = StandingRobot(HYQ, load, PLACE)
+    assert found.mass == pytest.approx(expected.trunk_mass, abs=0.02)
+    assert found.com_trunk[:2] == pytest.approx(expected.trunk_com[:2], abs=1e-3)
+    assert day.supervisor.believed is found
+    assert day.walker.walking
+    assert all(a.after is b.before and a.time <= b.time for a, b in pairwise(day.supervisor.transitions))
+
+
+def test_a_load_taken_off_is_noticed_too():
+    day = Day().meets(0.0, 3.0).meets(10.0, 8.0).meets(0.0, 8.0)
+    assert day.states == [*ROUND, *ROUND[1:]]
+    assert "taken off" in day.supervisor.transitions[5].reason
+    assert day.walker.believed[-1].mass == pytest.approx(HYQ.inertias[HYQ.trunk].mass, abs=0.02)
+
+
+def test_payload_is_told_by_difference():
+    payload = Day().meets(0.0, 3.0).meets(10.0, 8.0).supervisor.payload
+    assert payload is not None
+    assert payload.mass == pytest.approx(10.0, abs=1e-3)
+    assert payload.com[:2] == pytest.approx(PLACE[:2], abs=1e-3)
+    assert np.isnan(payload.com[2]), "one level pose shows no height"
+
+
+def test_payload_of_a_robot_that_is_loaded_from_the_beginning():
+    payload = Day().meets(10.0, 8.0).supervisor.payload
+    assert payload is not None
+    assert payload.mass == pytest.approx(10.0, abs=0.05)
+    assert payload.com[:2] == pytest.approx(PLACE[:2], abs=0.01)
+
+
+def test_a_weighing_that_does_not_converge_leaves_the_old_belief_and_stands():
+    wobbling = [replace(standing(10.0), joint_velocity=np.full(12, 0.3 * (-1) ** (k // 20))) for k in range(600)]
+    day = Day(settings=SuperviseSettings(mass_within=2.0)).meets(0.0, 3.0).meets(10.0, 0.5).sees(wobbling)
+    assert day.states[-2:] == [State.WEIGHING_MASS, State.STANDING]
+    assert "did not converge within 2 s" in day.last.reason
+    assert "joint" in day.last.reason
+    assert not day.walker.believed
+    assert not day.walker.walking
+    assert day.supervisor.believed.mass == HYQ.inertias[HYQ.trunk].mass
+    assert day.meets(10.0, 5.0).states[-1] is State.STANDING, "it stays until told otherwise"
+    day.supervisor.weigh("the operator asks for it")
+    assert day.meets(10.0, 8.0).states[-1] is State.WALKING
+    assert len(day.walker.believed) == 1
+
+
+def test_a_load_that_changes_while_it_is_weighed_begins_the_weighing_anew():
+    day = Day().meets(0.0, 3.0).meets(10.0, 2.0).meets(20.0, 8.0)
+    assert State.CONVERGED in day.states
+    assert "anew" in " ".join(t.reason for t in day.supervisor.transitions)
+    assert [round(b.mass - HYQ.inertias[HYQ.trunk].mass, 1) for b in day.walker.believed] == [20.0]
+
+
+def test_a_load_that_keeps_changing_is_given_up():
+    day = Day().meets(0.0, 3.0)
+    for k in range(12):
+        day.meets(10.0 * (k % 2 + 1), 1.0)
+    assert day.states[-1] is State.STANDING
+    assert "keeps changing" in day.last.reason
+    assert not day.walker.believed
+
+
+def test_a_walker_that_does_not_stop_is_set_down():
+    day = Day(ScriptedWalker(stops=False)).meets(0.0, 3.0).meets(10.0, 7.0)
+    assert day.states[-1] is State.SITTING
+    assert day.walker.sat
+    assert "does not come to stand within 5 s" in day.last.reason
+
+
+def test_a_belief_that_is_refused_is_not_half_taken():
+    day = Day(ScriptedWalker(takes=False)).meets(0.0, 3.0).meets(10.0, 8.0)
+    assert day.states[-2:] == [State.CONVERGED, State.STANDING]
+    assert day.supervisor.believed.mass == HYQ.inertias[HYQ.trunk].mass
+
+
+def test_a_foot_that_finds_no_ground_stops_the_walk():
+    day = Day().meets(0.0, 1.0)
+    day.walker.fault = "foot LH finds no ground"
+    day.meets(0.0, 0.1)
+    assert day.states == [State.WALKING, State.STANDING]
+    assert "LH finds no ground" in day.last.reason
+    assert not day.walker.walking
+
+
+def test_a_load_too_heavy_for_three_legs_is_not_walked_with():
+    weak = {joint: replace(limits, effort=0.5 * limits.effort) for joint, limits in HYQ.limits.items()}
+    day = Day()
+    day.supervisor = Supervisor(replace(HYQ, limits=weak), day.walker)
+    day.meets(0.0, 2.0).meets(10.0, 8.0)
+    assert day.states[-1] is State.SITTING
+    assert "too heavy" in day.last.reason
+    assert not day.walker.believed
+
+
+def test_torques_at_their_limit_for_long_set_the_robot_down():
+    effort = standing(0.0).effort.copy()
+    effort[5] = HYQ.limits[HYQ.tree.joints[5]].effort
+    stuck = [replace(standing(0.0), effort=effort)] * 150
+    day = Day().meets(0.0, 1.0).sees(stuck)
+    assert day.states[-1] is State.SITTING
+    assert HYQ.tree.joints[5] in day.last.reason
+    short = [replace(standing(0.0), effort=effort)] * 20 + [standing(0.0)] * 40
+    assert State.SITTING not in Day(settings=_deaf()).meets(0.0, 1.0).sees(short * 3).states
+
+
+def _deaf() -> SuperviseSettings:
+    """Weighings that nobody waits for."""
+    return SuperviseSettings(mass_within=1e-3)
+
+
+def test_a_robot_that_tips_over_is_set_down():
+    rotation = Rotation.from_euler("x", 40.0, degrees=True).as_matrix()
+    day = Day().meets(0.0, 1.0).sees([replace(standing(0.0), rotation=rotation)])
+    assert day.states[-1] is State.SITTING
+    assert "40°" in day.last.reason
+    count = len(day.supervisor.transitions)
+    assert len(day.meets(10.0, 3.0).supervisor.transitions) == count, "it stays down"
+
+
+def test_methods_ask_for_what_they_need():
+    with pytest.raises(StaderaError, match="needs a walker that can lean"):
+        Day(settings=SuperviseSettings(method="poses"))
+    with pytest.raises(UnknownNameError, match="contact"):
+        SuperviseSettings(method="guess")
+    with pytest.raises(StaderaError, match="period"):
+        SuperviseSettings(period=0.0)
+    day = Day().meets(0.0, 3.0).meets(10.0, 1.0)
+    with pytest.raises(StaderaError, match="begins from walking or standing"):
+        day.supervisor.weigh("again")
