@@ -21,6 +21,10 @@ def reproduce(
         Path | None,
         typer.Option(metavar="FOLDER", help="Of real logs [default: $STADERA_DATA, else ../shared/data]."),
     ] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Where long studies keep finished runs, to go on from if broken off."),
+    ] = None,
     json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the figures as JSON.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
 ) -> None:
@@ -38,7 +42,8 @@ def reproduce(
             require_writable(path)
     results = []
     with progress() as watch:
-        for result in run_experiments(experiments, ReproduceSettings(seed, quick, data), watch or (lambda *_: None)):
+        settings = ReproduceSettings(seed, quick, data, keep)
+        for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
     _write(results, json, report)
     for result in results:

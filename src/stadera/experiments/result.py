@@ -27,6 +27,7 @@ class ReproduceSettings:
         seed: of every random draw; the same seed gives the same figures.
         quick: a short, coarse version that shows the same in less time; its figures are not the published ones.
         data: the folder of real logs; None to look for it (see `experiments.real_logs`).
+        keep: the folder in which long studies keep their runs, to go on from (see `experiments.grid`); None for none.
 
     Raises:
         StaderaError: a negative seed.
@@ -35,6 +36,7 @@ class ReproduceSettings:
     seed: int = 0
     quick: bool = False
     data: Path | None = None
+    keep: Path | None = None
 
     def __post_init__(self) -> None:
         if self.seed < 0:
