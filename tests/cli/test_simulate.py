@@ -12,7 +12,7 @@ import pytest
 
 from stadera.recording import read
 from stadera.robot import load_robot
-from stadera.simulate import SCENARIOS, read_truth, scenario_named
+from stadera.simulate import SCENARIOS, SimulateSettings, read_truth, scenario_named
 
 Run = Callable[..., Any]
 
@@ -79,9 +79,9 @@ def test_harsh_errors_come_with_the_wrong_model(run: Run, tmp_path: Path) -> Non
 def test_every_scenario_has_events_within_its_time() -> None:
     robot = load_robot("hyq")
     for name, scenario in SCENARIOS.items():
-        events = scenario.script(robot, None, scenario.duration)
+        events = scenario.script(robot, SimulateSettings(), scenario.duration)
         assert all(0.0 <= event.time < scenario.duration for event in events), name
-    assert len(scenario_named("poses").script(robot, None, 33.0)) == 11
+    assert len(scenario_named("poses").script(robot, SimulateSettings(), 33.0)) == 11
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from stadera.cli.terminal import progress, show
 if TYPE_CHECKING:
     from stadera.simulate import Run
 
-_SCENARIOS = "stand|stand-load|poses|ramp"
+_SCENARIOS = "stand|stand-load|poses|ramp|trot|trot-load|shake|shake-load"
 
 
 def simulate(
@@ -29,6 +29,14 @@ def simulate(
     at: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Where, trunk frame [m] [default: behind, to the left].")
     ] = None,
+    load_time: Annotated[
+        float | None, typer.Option(metavar="S", help="When it is put on [s] [default: the scenario's own].")
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option(metavar="M/S", help="Of a walk [m/s] [default: the scenario's own].")
+    ] = None,
+    turn: Annotated[float, typer.Option(metavar="DEG/S", help="Of a walk, to the left [°/s].")] = 0.0,
+    amplitude: Annotated[float, typer.Option(metavar="X", help="Of a shake: X times 3°.")] = 1.0,
     slope: Annotated[float | None, typer.Option(metavar="DEG", help="Of the ground [°].")] = None,
     duration: Annotated[float | None, typer.Option(metavar="S", help="[s] [default: the scenario's own].")] = None,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Of the log [Hz]: 1000 over a whole number.")] = 250.0,
@@ -38,7 +46,7 @@ def simulate(
         typer.Option(metavar="F.urdf", help="Write the model to weigh with: harsh errors make it a wrong one."),
     ] = None,
 ) -> None:
-    """Simulate a standing robot and write what its sensors say as a log.
+    """Simulate a robot that stands or walks and write what its sensors say as a log.
 
     What was true is kept apart: LOG.truth.json has the trunk's mass and centre of mass over time and the controller's
     stiffness, LOG.truth.csv (or .parquet) the true motion and the ground's forces.
@@ -62,6 +70,10 @@ def simulate(
         duration,
         rate,
         seed,
+        load_time,
+        speed,
+        radians(turn),
+        amplitude,
     )
     model = load_robot(robot)
     _check(out, believed)

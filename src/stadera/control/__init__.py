@@ -5,6 +5,7 @@ from stadera.control.distribution import ContactLimits, ForceDistribution
 from stadera.control.gains import Response, TrunkGains
 from stadera.control.odometry import LegOdometry
 from stadera.control.reference import Move, Reference, TrunkPose
+from stadera.control.shake import Shake
 from stadera.control.stand import Controller, TestBed
 from stadera.control.swing import SwingLegs, SwingTrajectory
 from stadera.control.trot import Trot, TrotSettings
@@ -19,6 +20,7 @@ __all__ = [
     "Move",
     "Reference",
     "Response",
+    "Shake",
     "SmoothBelief",
     "SwingLegs",
     "SwingTrajectory",

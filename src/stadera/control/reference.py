@@ -83,7 +83,7 @@ class Move:
         # rows: zero, way; rates at both ends, over the move's duration
         way = np.stack([self.goal.position - self.start.position, turn])
         first = np.stack([self.start.velocity, self.start.angular_velocity]) * self.duration
-        last = np.stack([self.goal.velocity, np.linalg.solve(_turning(turn), self.goal.angular_velocity)])
+        last = np.stack([self.goal.velocity, np.linalg.solve(turning_map(turn), self.goal.angular_velocity)])
         object.__setattr__(self, "_ends", (way, first, last * self.duration))
 
     def at(self, time: float) -> TrunkPose:
@@ -102,7 +102,7 @@ class Move:
             self.start.position + gone[0],
             self.start.rotation @ Rotation.from_rotvec(gone[1]).as_matrix(),
             rate[0],
-            _turning(gone[1]) @ rate[1],
+            turning_map(gone[1]) @ rate[1],
             rate_2[0],
         )
 
@@ -116,7 +116,7 @@ class Move:
         )
 
 
-def _turning(turn: Array) -> Array:
+def turning_map(turn: Array) -> Array:
     """The map (3, 3) from a rotation vector's rate to the angular velocity in the turned axes (right Jacobian)."""
     angle = float(np.linalg.norm(turn))
     across = skew(turn)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from stadera.control import TestBed, TrunkController
+from stadera.control import TestBed
 from stadera.estimate.trunk import TrunkModel
 from stadera.recording import Recording
 from stadera.robot.model import Robot
@@ -21,7 +21,7 @@ from stadera.sim import (
     recording_of,
     truth_of,
 )
-from stadera.simulate.scenarios import Event, scenario_named
+from stadera.simulate.scenarios import Event, scenario_named, trunk_controller_of
 from stadera.simulate.settings import SimulateSettings
 from stadera.simulate.truth import Truth, TruthAt
 
@@ -92,9 +92,8 @@ def simulate(
     plant.reset(standing_configuration(robot))
     sensors = _KeptSensors(errors, settings.seed, robot)
     sensors.keep(settings.every)
-    controller = TrunkController(believed, belief=TrunkModel.prior(robot))
-    bed = TestBed(plant, sensors, controller)
-    moments = _played(bed, sorted(scenario.script(robot, settings.load, duration), key=_when), duration, progress)
+    bed = TestBed(plant, sensors, scenario.controller(believed, TrunkModel.prior(robot)))
+    moments = _played(bed, sorted(scenario.script(robot, settings, duration), key=_when), duration, progress)
     source = f"simulated {robot.name}, {name}"
     truth = Truth(
         robot=robot.name,
@@ -102,7 +101,7 @@ def simulate(
         errors=settings.errors,
         seed=settings.seed,
         slope=slope,
-        stiffness=tuple(float(k) for k in controller.gains.angular_stiffness),
+        stiffness=tuple(float(k) for k in trunk_controller_of(bed).gains.angular_stiffness),
         moments=moments,
     )
     return Run(recording_of(sensors.samples, robot, source), truth, truth_of(sensors.states, robot), believed)

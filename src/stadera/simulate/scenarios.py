@@ -10,13 +10,19 @@ from types import MappingProxyType
 import numpy as np
 
 from stadera.control.reference import TrunkPose
-from stadera.control.stand import TestBed
-from stadera.errors import UnknownNameError
+from stadera.control.shake import Shake
+from stadera.control.stand import Controller, TestBed
+from stadera.control.trot import Trot
+from stadera.control.trunk import TrunkController
+from stadera.errors import StaderaError, UnknownNameError
 from stadera.estimate.static_poses import static_poses
+from stadera.estimate.trunk import TrunkModel
 from stadera.robot.model import Robot
-from stadera.simulate.settings import Load
+from stadera.simulate.settings import Load, SimulateSettings
 
 _LOAD_SHARE = 0.1  # of the robot's mass, of a scenario's own load
+_TROT_SPEED = 0.3  # m/s
+_STILL = 0.3  # s, of standing before a motion begins
 _MOVING = 0.4  # share of the time for a pose, that the way there takes
 
 
@@ -33,8 +39,15 @@ class Event:
     act: Callable[[TestBed], None]
 
 
-Script = Callable[[Robot, "Load | None", float], Sequence[Event]]
-"""Events of a run of a robot with a load (None: as asked) and a duration [s]."""
+Script = Callable[[Robot, SimulateSettings, float], Sequence[Event]]
+"""Events of a run of a robot, as asked for, and a duration [s]."""
+
+ControllerOf = Callable[[Robot, TrunkModel], Controller]
+"""A controller for the robot that is believed in, with a belief of its trunk to begin with."""
+
+
+def _standing(robot: Robot, belief: TrunkModel) -> Controller:
+    return TrunkController(robot, belief=belief)
 
 
 @dataclass(frozen=True)
@@ -46,46 +59,99 @@ class Scenario:
         duration: [s], unless asked for otherwise.
         slope: [rad], likewise.
         script: what happens.
+        controller: what it stands or walks by.
     """
 
     summary: str
     duration: float
     script: Script
     slope: float = 0.0
+    controller: ControllerOf = _standing
 
 
-def _stand(robot: Robot, load: Load | None, duration: float) -> Sequence[Event]:
-    return [] if load is None else [_put_on(robot, load, 0.0)]
+def _stand(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    return loaded(robot, settings, 0.0)
 
 
-def _stand_load(robot: Robot, load: Load | None, duration: float) -> Sequence[Event]:
-    return [_put_on(robot, load or Load(round(_LOAD_SHARE * robot.mass, 2)), 0.4 * duration)]
+def _stand_load(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    return [_put_on(robot, settings, 0.4 * duration)]
 
 
-def _poses(robot: Robot, load: Load | None, duration: float) -> Sequence[Event]:
+def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
     """Level, then every pose of `static_poses` relative to where the trunk is first, evenly over the duration."""
     poses = static_poses(robot)
     each = duration / len(poses)
-    events = list(_stand(robot, load, duration))
+    events = list(_stand(robot, settings, duration))
     nominal: list[TrunkPose] = []
 
     def remember(bed: TestBed) -> None:
-        nominal.append(bed.controller.reference)
+        nominal.append(trunk_controller_of(bed).reference)
 
     events.append(Event(0.5 * each, remember))
     for k, (_, pose) in enumerate(pairwise(poses), start=1):
 
         def move(bed: TestBed, shift: np.ndarray = pose.shift, turn: np.ndarray = pose.turn) -> None:
             start = nominal[0]
-            bed.controller.move(start.moved(start.rotation @ shift, turn), _MOVING * each)
+            trunk_controller_of(bed).move(start.moved(start.rotation @ shift, turn), _MOVING * each)
 
         events.append(Event(k * each, move))
     return events
 
 
-def _put_on(robot: Robot, load: Load, time: float) -> Event:
-    payload = load.payload(robot)
-    return Event(time, lambda bed: bed.plant.apply_payload(payload))
+def _trot(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    speed = _TROT_SPEED if settings.speed is None else settings.speed
+
+    def walk(bed: TestBed) -> None:
+        trot_of(bed).walk((speed, 0.0), settings.turn)
+
+    return [Event(_STILL, walk), *loaded(robot, settings, 0.4 * duration)]
+
+
+def _trot_load(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    start, *_ = _trot(robot, settings, duration)
+    return [start, _put_on(robot, settings, 0.4 * duration)]
+
+
+def _shake(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    def shake(bed: TestBed) -> None:
+        controller = trunk_controller_of(bed)
+        controller.follow(Shake.of(controller.robot, controller.reference, controller.time, settings.amplitude))
+
+    return [Event(_STILL, shake), *loaded(robot, settings, 0.4 * duration)]
+
+
+def _shake_load(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    start, *_ = _shake(robot, settings, duration)
+    return [start, _put_on(robot, settings, 0.4 * duration)]
+
+
+def loaded(robot: Robot, settings: SimulateSettings, time: float) -> Sequence[Event]:
+    """The load that was asked for, if any, put on at the time asked for, else at this one [s]."""
+    return [] if settings.load is None else [_put_on(robot, settings, time)]
+
+
+def _put_on(robot: Robot, settings: SimulateSettings, time: float) -> Event:
+    payload = (settings.load or Load(round(_LOAD_SHARE * robot.mass, 2))).payload(robot)
+    when = time if settings.load_time is None else settings.load_time
+    return Event(when, lambda bed: bed.plant.apply_payload(payload))
+
+
+def trunk_controller_of(bed: TestBed) -> TrunkController:
+    """The trunk controller that a test-bed stands or walks by."""
+    controller = bed.controller
+    if isinstance(controller, TrunkController):
+        return controller
+    inner = getattr(controller, "controller", None)
+    if not isinstance(inner, TrunkController):
+        raise StaderaError(f"a {type(controller).__name__} has no trunk controller")
+    return inner
+
+
+def trot_of(bed: TestBed) -> Trot:
+    """The trot that a test-bed walks by."""
+    if not isinstance(bed.controller, Trot):
+        raise StaderaError(f"the test-bed does not trot, its controller is a {type(bed.controller).__name__}")
+    return bed.controller
 
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
@@ -95,6 +161,14 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
             "stands still; a load (10 % of its mass) is put on after 40 % of the time", 12.0, _stand_load
         ),
         "poses": Scenario("holds eleven poses of the trunk, as the method 'poses' wants them", 33.0, _poses),
+        "trot": Scenario("trots at 0.3 m/s, with --load after 40 % of the time", 8.0, _trot, controller=Trot.of),
+        "trot-load": Scenario(
+            "trots; a load (10 % of its mass) is put on after 40 % of the time", 8.0, _trot_load, controller=Trot.of
+        ),
+        "shake": Scenario("stands with a small motion of the body, with --load after 40 % of the time", 8.0, _shake),
+        "shake-load": Scenario(
+            "stands with a small motion; a load (10 % of its mass) is put on after 40 % of the time", 8.0, _shake_load
+        ),
         "ramp": Scenario("stands still on a ramp that rises by 10°", 8.0, _stand, float(np.deg2rad(10.0))),
     }
 )

@@ -59,10 +59,14 @@ class SimulateSettings:
         duration: [s]; None for the scenario's own.
         rate: of the log [Hz]; the test-bed itself runs at 1 kHz, of which the log keeps every so manieth sample.
         seed: of all sensor errors.
+        load_time: [s], at which the load is put on; None for the scenario's own.
+        speed: of a walk, forwards [m/s]; None for the scenario's own.
+        turn: of a walk, to the left [rad/s].
+        amplitude: of a shake, times 3° and 3 % of the robot's height.
 
     Raises:
         StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
-            negative seed.
+            negative seed; a load's time that is negative; a speed, turn or amplitude that is not finite.
     """
 
     errors: str = "standard"
@@ -71,6 +75,10 @@ class SimulateSettings:
     duration: float | None = None
     rate: float = 250.0
     seed: int = 0
+    load_time: float | None = None
+    speed: float | None = None
+    turn: float = 0.0
+    amplitude: float = 1.0
 
     def __post_init__(self) -> None:
         _ = self.sensor_errors
@@ -83,6 +91,12 @@ class SimulateSettings:
             )
         if self.seed < 0:
             raise StaderaError(f"a seed needs to be at least 0, got {self.seed}")
+        if self.load_time is not None and not (np.isfinite(self.load_time) and self.load_time >= 0):
+            raise StaderaError(f"a load is put on at a time from 0 s on, got {self.load_time} s")
+        motion = {"speed": 0.0 if self.speed is None else self.speed, "turn": self.turn, "amplitude": self.amplitude}
+        for name, value in motion.items():
+            if not np.isfinite(value):
+                raise StaderaError(f"a run's {name} must be a finite number, got {value}")
 
     @property
     def sensor_errors(self) -> SensorErrors:
