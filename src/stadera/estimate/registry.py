@@ -14,6 +14,7 @@ from stadera.estimate.orientation import OrientationCom, PostureLaw
 from stadera.estimate.poses import PosesCom
 from stadera.estimate.protocol import Estimator
 from stadera.estimate.trunk import TrunkModel
+from stadera.estimate.walking import WalkingEstimator
 from stadera.robot.model import Robot
 
 
@@ -62,6 +63,10 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         ),
         "combined": Method(
             "static poses, with torque offsets and feet as unknowns", lambda s: CombinedCom(s.robot, s.start, s.forces)
+        ),
+        "walking": Method(
+            "every instant, whatever the motion; torque offsets as unknowns",
+            lambda s: WalkingEstimator(s.robot, start=s.start),
         ),
     }
 )

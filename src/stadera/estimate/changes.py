@@ -1,0 +1,107 @@
+"""Notices that the load changed, from innovations alone, while the robot goes on moving.
+
+Two hypotheses about the last n blocks of rows, given all before them: the trunk is as it was, or it jumped before the
+first of them by something of the size of a payload. With ν the rows' innovations stacked, S0 their covariance and M
+what a jump of unit size does to them::
+
+    S1 = S0 + M Mᵀ,     log B = ½ (νᵀ S0⁻¹ ν - νᵀ S1⁻¹ ν) - ½ log (det S1 / det S0)
+
+B is the Bayes factor, the generalised likelihood ratio with the jump averaged over instead of maximised. Where nothing
+changed its mean is one, so by Markov's inequality it exceeds a threshold B* by chance at most once in B* looks: at
+three lengths and 50 blocks a second, 1e9 is less than once in 1800 hours, if the rows' noise is as stated. Noise
+that proves louder than stated is allowed for by `scale`. A push that lasts is a change too: nothing tells it from a
+load, until it is over.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from stadera.estimate.square_root import SquareRoot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ChangeLimits:
+    """When a change counts.
+
+    Attributes:
+        bayes_factor: B*, above which it does.
+        lengths: of the stretches looked at, in blocks; the longest is how far back a jump is looked for.
+        spoilt: how many blocks from the jump on are left out afterwards, for they saw both loads.
+    """
+
+    bayes_factor: float = 1e9
+    lengths: tuple[int, ...] = (3, 6, 12)
+    spoilt: int = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One block: what was known before it, and its rows, whitened; `time` [s] is the block's end."""
+
+    time: float
+    before: SquareRoot
+    matrix: Array
+    target: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Jump:
+    """The trunk jumped before the first of `after`, of which those that saw both loads are left out already."""
+
+    time: float
+    before: SquareRoot
+    after: tuple[Step, ...]
+    log_bayes_factor: float
+
+
+class ChangeDetector:
+    """Looks at each block as it comes.
+
+    Args:
+        which: the unknowns that jump.
+        root: square root of the covariance of a jump, (k, k).
+        limits: None for the defaults.
+    """
+
+    def __init__(self, which: slice, root: Array, limits: ChangeLimits | None = None) -> None:
+        self.limits = limits or ChangeLimits()
+        self._which, self._root = which, root
+        self._steps: deque[Step] = deque(maxlen=max(self.limits.lengths))
+
+    def restart(self) -> None:
+        """Forgets the blocks so far."""
+        self._steps.clear()
+
+    def look(self, step: Step, scale: float = 1.0) -> Jump | None:
+        """A jump, if this block makes it believable; `scale` multiplies the rows' stated variances."""
+        self._steps.append(step)
+        least = log(self.limits.bayes_factor)
+        ready = [n for n in self.limits.lengths if n <= len(self._steps)]
+        if not any(self.log_bayes_factor(n, scale) > least for n in ready):
+            return None
+        factors = {n: self.log_bayes_factor(n, scale) for n in range(1, len(self._steps) + 1)}
+        best = max(factors, key=lambda n: factors[n])
+        steps = tuple(self._steps)[-best:]
+        return Jump(steps[0].time, steps[0].before, steps[self.limits.spoilt :], factors[best])
+
+    def log_bayes_factor(self, blocks: int, scale: float) -> float:
+        """log B of a jump before the last so many blocks."""
+        steps = list(self._steps)[-blocks:]
+        known = steps[0].before
+        H, y = np.vstack([s.matrix for s in steps]), np.concatenate([s.target for s in steps])
+        T, M = H @ known.inverse, H[:, self._which] @ self._root
+        nu = y - H @ known.mean
+        S0 = scale * np.eye(len(nu)) + T @ T.T
+        before, after = cho_factor(S0, lower=True), cho_factor(S0 + M @ M.T, lower=True)
+        gain = nu @ cho_solve(before, nu) - nu @ cho_solve(after, nu)
+        volume = np.log(np.diag(after[0])).sum() - np.log(np.diag(before[0])).sum()
+        return float(0.5 * gain - volume)

@@ -1,0 +1,244 @@
+"""Weighing while walking: the trunk's ten parameters from every block of 20 ms, whatever the robot does.
+
+Rows of a block (`stadera.estimate.walking_rows`) are whitened by their noise at the trunk as believed and taken into a
+square-root information of 26 unknowns: the trunk's ten parameters, which may drift a little, and what is constant
+over a run, torque offsets, accelerometer bias and torque lag, each about zero to its stated size. So the absolute error
+bars contain the constants, and as a reference (the tare) is kept as ten more unknowns beside them, what constants do
+alike to both cancels in the payload and in its covariance.
+
+When the load changes (`stadera.estimate.changes`), the ten parameters start anew from what was known before the change,
+widened by what a payload can do; offsets, bias, lag and the tare stay as known.
+
+Nothing is asked of the motion. What it does not show, height and inertia of a robot that stands still, stays as wide as
+it was started, and counts as not observed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from stadera.errors import StaderaError
+from stadera.estimate.changes import ChangeDetector, ChangeLimits, Jump, Step
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.protocol import Status, TrunkEstimate
+from stadera.estimate.square_root import SquareRoot
+from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.estimate.walking_ground import GroundNormal
+from stadera.estimate.walking_noise import WalkingNoise
+from stadera.estimate.walking_result import ChangeBegun, LoadChange, Payload, TrunkParameters, known_to, trunk_of
+from stadera.estimate.walking_rows import BIAS, LAG, OFFSETS, THETA, UNKNOWNS, BlockRows, RowMaker
+from stadera.estimate.walking_samples import SampleBuffer, Samples
+from stadera.inertia import InertialParameters
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+_GRAVITY = 9.81  # m/s²
+_TARE = slice(UNKNOWNS, UNKNOWNS + 10)
+_SETTLED = 0.5  # s of learning after which an estimate that is known well enough counts as converged
+_LOUD = 9.0  # normalised innovation squared, per row, from which a block counts for less
+_JUMP = 0.3  # of the widest: the size of what a payload does to the ten parameters
+_SHIFTED = 0.005  # of the robot's mass: what changes by less was only moved
+_PAYLOAD_LIMIT = 0.1  # of the leg's length: a payload's centre of mass known less well is not observed
+_SCALE_MEMORY = 100  # blocks over which noise louder than stated is found out
+
+
+@dataclass(frozen=True)
+class WalkingSettings:
+    """How it weighs.
+
+    Attributes:
+        block: length of a block [s].
+        drift: how much the parameters may wander in a second, as a share of the widest that they can be.
+        changes: when a change of the load counts.
+    """
+
+    block: float = 0.02
+    drift: float = 1e-4
+    changes: ChangeLimits = field(default_factory=ChangeLimits)
+
+    def __post_init__(self) -> None:
+        if not (0.001 <= self.block <= 0.2 and self.drift >= 0.0):
+            raise StaderaError(f"walking needs a block of 1 to 200 ms and a drift ≥ 0, got {self.block}, {self.drift}")
+
+
+class WalkingEstimator:
+    """Weighs a robot that stands, walks, trots or sways; an `Estimator`, and more besides.
+
+    Args:
+        robot: whose legs are believed in; rotors and friction of its joints among them.
+        noise: of the sensors; None for `WalkingNoise.of(robot)`.
+        start: what is believed first, and of what is never observed; None for the robot's own trunk.
+        settings: None for the defaults.
+        mount: of the IMU; None for the model's.
+
+    Raises:
+        ImplausibleError: an implausible start.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        noise: WalkingNoise | None = None,
+        start: TrunkModel | None = None,
+        settings: WalkingSettings | None = None,
+        mount: ImuMount | None = None,
+    ) -> None:
+        self.robot, self.noise = robot, noise or WalkingNoise.of(robot)
+        self.settings, self.bounds = settings or WalkingSettings(), TrunkBounds.of(robot)
+        first = self.bounds.check(start or TrunkModel.prior(robot))
+        inertia = first.inertia_com if first.inertia_com is not None else robot.inertias[robot.trunk].inertia_com
+        self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
+        self._maker = RowMaker(robot, self.noise, mount or ImuMount.of(robot))
+        self._length = self._maker.regressor.length
+        self._limit = known_to(robot.mass, self._length)
+        self._buffer = SampleBuffer(robot.tree.joints, self.settings.block)
+        self._waiting: list[Measurement] = []
+        self._ground = GroundNormal(robot.mass * _GRAVITY)
+        self._wide = _widest(robot.mass, self._length)
+        self._known = _unknowns(self._start, self._wide, self.noise)
+        self._found = self._read(self._known)
+        self._detector = ChangeDetector(THETA, np.diag(_JUMP * self._wide), self.settings.changes)
+        self._changes: list[LoadChange] = []
+        self._changing: ChangeBegun | None = None
+        self._learnt, self._since, self._scale = np.nan, np.nan, 1.0
+        self._status, self._reason = Status.WAITING, ""
+
+    # -- feeding ----------------------------------------------------------------------------------------------
+    def update(self, measurement: Measurement) -> None:
+        """Takes in one measurement; the trunk is looked at anew with every block."""
+        before = self._waiting[-1].time if self._waiting else -inf
+        due = self._buffer.wants(measurement, before)
+        self._waiting.append(measurement)
+        if due:
+            samples, self._waiting = Samples.of(self._waiting), []
+            self.add(samples)
+
+    def add(self, samples: Samples) -> None:
+        """Takes in any number of samples, as so many calls of `update` would.
+
+        What is not finite or runs back in time is left out and named; over a gap in time nothing is differentiated.
+        """
+        for stretch in self._buffer.take(samples):
+            if stretch.reason:
+                self._refuse(stretch.reason)
+            if stretch.gap:
+                self._maker.restart()
+            for block in stretch.blocks:
+                self._block(block)
+
+    # -- asking -----------------------------------------------------------------------------------------------
+    def estimate(self) -> TrunkEstimate:
+        """Mass and centre of mass of the trunk; after a refusal the last good ones, and why."""
+        found = self._found
+        trunk = TrunkModel.of(found.inertial)
+        return TrunkEstimate(self._learnt, trunk, found.covariance, self._status, self._reason)
+
+    def parameters(self) -> TrunkParameters:
+        """All ten parameters of the trunk, payload included, and how well they are known."""
+        return self._found
+
+    def tare(self) -> None:
+        """Takes the trunk as it is now for the reference that `payload` is the difference to."""
+        self._known = self._known.first(UNKNOWNS).repeat(THETA)
+        self._detector.restart()
+
+    def payload(self) -> Payload | None:
+        """What was put on since the tare; None without one."""
+        if len(self._known) == UNKNOWNS:
+            return None
+        root = self._known.inverse[THETA] - self._known.inverse[_TARE]
+        difference = self._known.mean[THETA] - self._known.mean[_TARE]
+        return Payload.of(difference, root @ root.T, _PAYLOAD_LIMIT * self._length)
+
+    @property
+    def changes(self) -> tuple[LoadChange, ...]:
+        """Every change of the load so far, the last by what is known now."""
+        if self._changing is None:
+            return tuple(self._changes)
+        return (*self._changes, self._changing.weighed(self._known))
+
+    # -- inside -----------------------------------------------------------------------------------------------
+    def _block(self, samples: Samples) -> None:
+        inside = slice(1, -1)
+        duration = float(samples.time[-1] - samples.time[1])
+        force, omega = samples.specific_force[inside].mean(axis=0), samples.angular_velocity[inside].mean(axis=0)
+        made = self._maker.block(samples, self._ground.ahead(force, omega, duration))
+        if made.singular is not None:
+            leg = self.robot.legs[made.singular].name
+            self._refuse(f"leg {leg} is so stretched that its foot's force is not felt")
+            return
+        self._ground.learn(made.feet, made.force, duration)
+        if made.rows is not None:
+            self._learn(made.rows)
+
+    def _learn(self, rows: BlockRows) -> None:
+        matrix, covariance = rows.about(self._found.inertial, self.noise)
+        root = np.linalg.cholesky(covariance)
+        H = np.zeros((6, len(self._known)))
+        H[:, :UNKNOWNS] = solve_triangular(root, matrix, lower=True)
+        y = solve_triangular(root, rows.target, lower=True)
+        before = self._known.diffuse(THETA, np.diag(self.settings.drift * sqrt(rows.elapsed) * self._wide))
+        innovation, spread = y - H @ before.mean, H @ before.inverse
+        squared = float(innovation @ np.linalg.solve(np.eye(6) + spread @ spread.T, innovation)) / 6.0
+        jump = self._detector.look(Step(rows.time, before, H, y), max(self._scale, 1.0))
+        if jump is not None:
+            self._adopt(self._jumped(jump, rows.time), rows.time)
+            return
+        self._scale += (min(squared, _LOUD) - self._scale) / _SCALE_MEMORY
+        weight = 1.0 / sqrt(max(1.0, squared / (_LOUD * max(self._scale, 1.0))))
+        self._adopt(before.measure(weight * H, weight * y), rows.time)
+
+    def _jumped(self, jump: Jump, now: float) -> SquareRoot:
+        """What is known once a jump is believed: all from before it but the trunk, and what came after it."""
+        if self._changing is not None:
+            self._changes.append(self._changing.weighed(jump.before))
+        self._changing = ChangeBegun(jump.time, now, jump.before, _SHIFTED * self.robot.mass)
+        self._since = now
+        self._detector.restart()
+        known = jump.before.diffuse(THETA, np.diag(_JUMP * self._wide))
+        for step in jump.after:
+            known = known.measure(step.matrix, step.target)
+        return known
+
+    def _adopt(self, known: SquareRoot, time: float) -> None:
+        """Makes it what is known; the trunk read from it becomes the estimate, unless it cannot be."""
+        self._known = known
+        if np.isnan(self._since):
+            self._since = time
+        found = self._read(known)
+        try:
+            complaint = self.bounds.complaint(TrunkModel.of(found.inertial))
+        except ImplausibleError as error:
+            complaint = str(error)
+        if complaint:
+            self._refuse(f"the estimate runs away: {complaint}")
+            return
+        self._found, self._learnt, self._reason = found, time, ""
+        settled = time - self._since >= _SETTLED and bool(found.observed[:3].all())
+        self._status = Status.CONVERGED if settled else Status.MOVING
+
+    def _read(self, known: SquareRoot) -> TrunkParameters:
+        return trunk_of(known.mean[THETA], known.covariance(THETA), self._start, self._limit, self._length)
+
+    def _refuse(self, reason: str) -> None:
+        self._status, self._reason = Status.REFUSED, reason
+
+
+def _widest(mass: float, length: float) -> Array:
+    """(10,) [kg, kg·m, kg·m²]: standard deviations of a trunk that nothing is known of."""
+    return mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
+
+
+def _unknowns(start: InertialParameters, wide: Array, noise: WalkingNoise) -> SquareRoot:
+    mean, std = np.zeros(UNKNOWNS), np.empty(UNKNOWNS)
+    mean[THETA], std[THETA] = start.vector, wide
+    std[OFFSETS] = noise.torque_constant.ravel()
+    std[BIAS], std[LAG] = noise.accelerometer_constant, noise.torque_lag
+    return SquareRoot.prior(mean, std)

@@ -1,0 +1,68 @@
+"""What the walking estimator takes its sensors' errors to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import ModelError
+from stadera.estimate.noise import ForceNoise
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class WalkingNoise:
+    """Standard deviations. White errors are new in every sample; constant ones stay over the run and are unknowns.
+
+    Attributes:
+        torque, torque_constant: (4, 3) [N·m], by leg and joint.
+        joint_position: white [rad].
+        joint_velocity: white [rad/s].
+        gyro: white [rad/s].
+        accelerometer, accelerometer_constant: [m/s²], each axis.
+        torque_lag: by how much torques may arrive later or earlier than they are thought to [s].
+
+    Raises:
+        ModelError: a wrong shape, a value that is not positive and finite.
+    """
+
+    torque: Array
+    torque_constant: Array
+    joint_position: float = 2e-4
+    joint_velocity: float = 0.02
+    gyro: float = 0.003
+    accelerometer: float = 0.05
+    accelerometer_constant: float = 0.03
+    torque_lag: float = 5e-4
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = np.asarray(getattr(self, field.name), dtype=float)
+            if field.name in ("torque", "torque_constant") and value.shape != (4, 3):
+                raise ModelError(f"walking noise {field.name!r} needs shape (4, 3), got {value.shape}")
+            if not (np.isfinite(value).all() and (value > 0).all()):
+                raise ModelError(f"walking noise {field.name!r} must be positive and finite")
+
+    @classmethod
+    def of(cls, robot: Robot, scale: float = 1.0, torque_lag: float = 5e-4) -> WalkingNoise:
+        """As good robots have them: torques to 0.33 % of the joints' limits, white and constant, the rest as above.
+
+        Args:
+            robot: for its limits; half of its joints' Coulomb friction counts into the constant part.
+            scale: of all of them but the lag.
+        """
+        share = ForceNoise.of(robot, 0.0033 * scale, 0.0033 * scale)
+        return cls(
+            share.torque_white,
+            share.torque_constant,
+            joint_position=2e-4 * scale,
+            joint_velocity=0.02 * scale,
+            gyro=0.003 * scale,
+            accelerometer=0.05 * scale,
+            accelerometer_constant=0.03 * scale,
+            torque_lag=torque_lag,
+        )

@@ -1,0 +1,164 @@
+"""What weighing while walking finds: the trunk's parameters, a payload, changes of the load, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.estimate.square_root import SquareRoot
+from stadera.inertia import InertialParameters
+
+Array = NDArray[np.float64]
+
+_MASS_LIMIT, _COM_LIMIT, _INERTIA_LIMIT = 0.05, 0.03, 0.02
+_LEAST_SPREAD = 1e-4  # of a trunk's second moments, as a share of mass times squared leg length
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkParameters:
+    """The trunk, payload included, trunk frame.
+
+    Attributes:
+        inertial: physically possible; what was not observed is as believed at the start.
+        covariance: (4, 4), of mass [kg] and centre of mass [m].
+        inertia_std: (6,) [kg·m²], of Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the trunk's origin.
+        observed: (10,) bool, of mass, three components of the centre of mass, six of the inertia.
+    """
+
+    inertial: InertialParameters
+    covariance: Array
+    inertia_std: Array
+    observed: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """What was put on since the tare, trunk frame.
+
+    Attributes:
+        parameters: the ten, a difference: need not be physically possible.
+        covariance: (10, 10), of the ten.
+        mass, mass_std: [kg].
+        com, com_std: (3,) [m]; NaN where not observed, and all of it while the mass is less than three of its
+            deviations from zero.
+    """
+
+    parameters: InertialParameters
+    covariance: Array
+    mass: float
+    mass_std: float
+    com: Array
+    com_std: Array
+
+    @classmethod
+    def of(cls, vector: Array, covariance: Array, limit: float) -> Payload:
+        """From the difference of ten parameters; components with a deviation above `limit` [m] are not observed."""
+        mass, mass_std = float(vector[0]), float(np.sqrt(covariance[0, 0]))
+        com = com_std = np.full(3, np.nan)
+        if abs(mass) > 3.0 * mass_std:
+            slope = centre_slope(vector)[1:]
+            std = np.sqrt(np.diag(slope @ covariance @ slope.T))
+            com, com_std = (np.where(std < limit, v, np.nan) for v in (vector[1:4] / mass, std))
+        return cls(InertialParameters(vector), covariance, mass, mass_std, com, com_std)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadChange:
+    """A change of the load, trunk frame.
+
+    Attributes:
+        time: [s], about when; noticed: [s], when it was found.
+        before, after: the ten parameters, as known on either side.
+        mass, mass_std: [kg], of the difference; constant errors of the sensors are alike on both sides and not in it.
+        kind: on, off, or shifted: the mass is the same, to three standard deviations or 0.5 % of the robot's.
+    """
+
+    time: float
+    noticed: float
+    before: InertialParameters
+    after: InertialParameters
+    mass: float
+    mass_std: float
+    kind: Literal["on", "off", "shifted"]
+
+
+@dataclass(frozen=True, eq=False)
+class ChangeBegun:
+    """A change whose other side is still being weighed: what was known before it."""
+
+    time: float
+    noticed: float
+    before: SquareRoot
+    least: float
+
+    def weighed(self, now: SquareRoot) -> LoadChange:
+        """The change, by what is known now."""
+        first, last = self.before.mean[:10], now.mean[:10]
+        mass = float(last[0] - first[0])
+        std = float(np.hypot(_white_mass_std(self.before), _white_mass_std(now)))
+        kind: Literal["on", "off", "shifted"] = "on" if mass > 0 else "off"
+        if abs(mass) < max(3.0 * std, self.least):
+            kind = "shifted"
+        return LoadChange(self.time, self.noticed, InertialParameters(first), InertialParameters(last), mass, std, kind)
+
+
+def centre_slope(vector: Array) -> Array:
+    """(4, 10): how mass and centre of mass change with the ten parameters."""
+    slope = np.zeros((4, 10))
+    slope[0, 0] = 1.0
+    slope[1:, 0] = -vector[1:4] / vector[0] ** 2
+    slope[1:, 1:4] = np.eye(3) / vector[0]
+    return slope
+
+
+def known_to(robot_mass: float, length: float) -> Array:
+    """(10,) standard deviations [kg, m, kg·m²] above which mass, centre of mass and inertia count as not observed."""
+    return np.array(
+        [
+            _MASS_LIMIT * robot_mass,
+            *[_COM_LIMIT * length] * 3,
+            *[_INERTIA_LIMIT * robot_mass * length**2] * 6,
+        ]
+    )
+
+
+def trunk_of(
+    vector: Array, covariance: Array, start: InertialParameters, limit: Array, length: float
+) -> TrunkParameters:
+    """The trunk from ten parameters with their covariance (10, 10), what was not observed as at the start."""
+    if not vector[0] > 0:
+        return TrunkParameters(InertialParameters(vector), covariance[:4, :4], np.full(6, np.nan), np.zeros(10, bool))
+    slope = centre_slope(vector)
+    of_centre = slope @ covariance @ slope.T
+    inertia_std = np.sqrt(np.diag(covariance)[4:])
+    observed = np.concatenate([np.sqrt(np.diag(of_centre)), inertia_std]) < limit
+    mass = vector[0] if observed[0] else start.mass
+    com = np.where(observed[1:4], vector[1:4] / vector[0], start.com)
+    inertia = start.inertia_com
+    if observed[4:].all():
+        inertia = _possible(InertialParameters(vector).inertia_com, _LEAST_SPREAD * mass * length**2)
+    of_centre[~observed[:4], :] = of_centre[:, ~observed[:4]] = np.nan
+    inertia_std[~observed[4:]] = np.nan
+    return TrunkParameters(InertialParameters.from_com(mass, com, inertia), of_centre, inertia_std, observed)
+
+
+def _possible(inertia_com: Array, least: float) -> Array:
+    """The nearest inertia about the centre of mass (3, 3) that a body can have: second moments not below `least`.
+
+    Mass and centre of mass stay: it is they that are known well.
+    """
+    second = 0.5 * np.trace(inertia_com) * np.eye(3) - inertia_com
+    values, vectors = np.linalg.eigh(second)
+    if values[0] >= least:
+        return inertia_com
+    second = (vectors * np.maximum(values, least)) @ vectors.T
+    return np.asarray(np.trace(second) * np.eye(3) - second)
+
+
+def _white_mass_std(known: SquareRoot) -> float:
+    """Of the mass, the constants taken as they are: what averages out [kg]."""
+    block = known.R[:10, :10]
+    return float(np.linalg.norm(np.linalg.inv(known.R[:10, :10])[0])) if block.any() else np.inf

@@ -1,0 +1,258 @@
+"""Rows of a walking robot, filtered over short blocks: six equations every 20 ms, and the noise that is left in them.
+
+Each sample gives six rows that hold exactly (`stadera.regressors.base_wrench`). Their mean over two blocks, weighted by
+
+    w_k ∝ 1 - cos(2π k / n),
+
+is what one block gives: it begins and ends with zero, so that accelerations are filtered by parts, and one block's
+falling half is the next one's rising half, so that each is summed once. The half-way point lies one block back.
+
+Beside the ten parameters a row has columns for what is constant and unknown:
+
+    A θ - E o + E τ̇ d - K β = b
+
+o: torque offsets, τ measured = τ + o. d: lag of the torques, τ measured(t) = τ(t - d). β: accelerometer bias,
+a measured = a + β, with K = ∂(inertial wrench of the whole robot, feet held)/∂a.
+
+The white noise of what is averaged (Σ w² of a sample's) and of what is differentiated (Σ ẇ²)::
+
+    E Στ Eᵀ Σw² + K Σa Kᵀ Σw² + (G Σq̇ Gᵀ + L Σω Lᵀ) Σẇ² + (lever of the feet's forces) Σq Σw²
+
+with G = ∂b/∂q̈ and L = ∂b/∂α, found by feeding each acceleration alone at the block's last posture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.estimate.walking_excitation import Excitation
+from stadera.estimate.walking_ground import turned
+from stadera.estimate.walking_noise import WalkingNoise
+from stadera.estimate.walking_samples import Samples
+from stadera.inertia import InertialParameters, skew
+from stadera.regressors.base_wrench import (
+    BaseWrenchRegressor,
+    LegMotions,
+    LegWrenches,
+    cross,
+    trunk_matrix,
+    trunk_signals,
+    wrench_of_angular_acceleration,
+    wrench_of_specific_force,
+)
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+THETA, OFFSETS, BIAS, LAG = slice(0, 10), slice(10, 22), slice(22, 25), slice(25, 26)
+UNKNOWNS = 26
+"""The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, torque lag."""
+
+_PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
+_OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
+_SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg
+
+
+@dataclass(frozen=True, eq=False)
+class BlockRows:
+    """What two neighbouring blocks say together, six rows.
+
+    Attributes:
+        time: [s], of the last sample in it. elapsed: [s], since the block before.
+        matrix: (6, 26), see `UNKNOWNS`; the bias' columns are the legs' part alone.
+        target: (6,) [N, N·m].
+        noise: (6, 6), white, without the trunk's own part in what IMU noise does.
+        averaged, differentiated: Σ w² and Σ ẇ² [1/s²].
+        by_angular_acceleration: (6, 3), the legs' part of L.
+        lever: (3,) [m], of the IMU: noise in α moves what is taken for the trunk's specific force, by lever x α.
+    """
+
+    time: float
+    elapsed: float
+    matrix: Array
+    target: Array
+    noise: Array
+    averaged: float
+    differentiated: float
+    by_angular_acceleration: Array
+    lever: Array
+
+    def about(self, trunk: InertialParameters, noise: WalkingNoise) -> tuple[Array, Array]:
+        """Matrix (6, 26) and covariance (6, 6) for a trunk about as believed."""
+        K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - self.matrix[:, BIAS]
+        L = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia) + self.by_angular_acceleration
+        L += K @ skew(self.lever)
+        matrix = self.matrix.copy()
+        matrix[:, BIAS] = -K
+        covariance = self.noise + (_OVERLAP * self.averaged * noise.accelerometer**2) * (K @ K.T)
+        covariance += (self.differentiated * noise.gyro**2) * (L @ L.T)
+        return matrix, covariance
+
+
+class BlockResult(NamedTuple):
+    """What a block came to.
+
+    Attributes:
+        rows: of the window that it completes; None for the first block of a stretch.
+        feet, force: (3, 4) [m, N], at its end, trunk axes.
+        singular: index of a leg that is so stretched that its foot's force is not felt.
+    """
+
+    rows: BlockRows | None
+    feet: Array
+    force: Array
+    singular: int | None = None
+
+
+class RowMaker:
+    """Turns blocks of samples into rows.
+
+    Args:
+        robot: whose legs are believed in.
+        noise: of the sensors.
+        mount: of the IMU; the samples' specific force lacks α x its lever.
+    """
+
+    def __init__(self, robot: Robot, noise: WalkingNoise, mount: ImuMount) -> None:
+        self.regressor, self.noise, self._lever = BaseWrenchRegressor(robot), noise, mount.translation
+        self._flat = _SINGULAR * self.regressor.length**3
+        self._rising: _Half | None = None
+        self._excitation = Excitation()
+
+    def restart(self) -> None:
+        """Forgets the half-finished window: what comes next does not follow on."""
+        self._rising = None
+
+    def block(self, samples: Samples, normal: Array) -> BlockResult:
+        """Takes in one block.
+
+        Args:
+            samples: of the block, with one sample more before and after it.
+            normal: (3,), of the ground, trunk axes.
+        """
+        n = len(samples) - 2
+        motion, lag = self._motion(samples, normal)
+        wrenches = self.regressor.at(motion)
+        flat = np.abs(wrenches.volume) < self._flat
+        if flat.any():
+            self.restart()
+            return BlockResult(None, wrenches.feet[:, n - 1], np.zeros((3, 4)), int(np.argmax(flat.any(axis=0))))
+        inside = slice(1, -1)
+        effort = np.zeros((n + _PROBES, 4, 3))
+        effort[:n] = samples.effort[inside][:, self.regressor.columns]
+        by_leg = wrenches.target(effort)
+        probes = by_leg[:, n:-1] - by_leg[:, -1:]
+        E = wrenches.to_wrench
+        columns = np.empty((n, 12 + 6 + 72 + 6))
+        columns[:, :12] = trunk_signals(motion[5][:, :n], motion[3][:, :n], motion[4][:, :n]).T
+        columns[:, 12:18] = by_leg[:, :n].sum(axis=2).T
+        columns[:, 18:90] = E[:, :n].transpose(1, 0, 2, 3).reshape(n, 72)
+        columns[:, 90:] = (E[:, :n] * lag).sum(axis=(2, 3)).T
+        force = wrenches.forces(effort)[:, :n]
+        omega = samples.angular_velocity[inside].mean(axis=0)
+        noise = self._noise(probes, force, wrenches, n)
+        half = _Half.of(samples.time[inside], columns, E[:, :n], noise, probes, omega)
+        rows = None if self._rising is None else self._rows(self._rising, half)
+        self._rising = half
+        return BlockResult(rows, wrenches.feet[:, n - 1], force[:, -1])
+
+    def _motion(self, samples: Samples, normal: Array) -> tuple[LegMotions, Array]:
+        """The block's motion, followed by the probes at its last posture; and the torques' rates (n, 4, 3)."""
+        n, columns = len(samples) - 2, self.regressor.columns
+        span = (samples.time[2:] - samples.time[:-2])[:, None]
+        rates = [(v[2:] - v[:-2]) / span for v in (samples.velocity, samples.angular_velocity, samples.effort)]
+        inside = slice(1, -1)
+        omega, alpha = samples.angular_velocity[inside].T, rates[1].T
+        specific = samples.specific_force[inside].T - cross(alpha, np.broadcast_to(self._lever[:, None], (3, n)))
+        position, velocity, acceleration = (np.zeros((n + _PROBES, 4, 3)) for _ in range(3))
+        position[:n], velocity[:n] = samples.position[inside][:, columns], samples.velocity[inside][:, columns]
+        position[n:], acceleration[:n] = position[n - 1], rates[0][:, columns]
+        trunk = np.zeros((3, 3, n + _PROBES))
+        trunk[0, :, :n], trunk[1, :, :n], trunk[2, :, :n] = omega, alpha, specific
+        trunk[2, :, n : n + 3] = trunk[1, :, n + 3 : n + 6] = np.eye(3)
+        acceleration[n + 6 : n + 9] = np.eye(3)[:, None, :]
+        normals = np.broadcast_to(normal[:, None], (3, n + _PROBES))
+        return LegMotions(position, velocity, acceleration, trunk[0], trunk[1], trunk[2], normals), rates[2][:, columns]
+
+    def _noise(self, probes: Array, force: Array, wrenches: LegWrenches, n: int) -> tuple[Array, Array]:
+        """(6, 6) each, of one sample: from the joints' velocities per Σẇ², from positions per Σw²."""
+        G = probes[:, 6:9].reshape(6, -1)
+        moved = wrenches.to_wrench[:, n - 1]  # a lever's error turns and shifts the force: f x (p' - p), as J δq
+        foot = np.linalg.norm(wrenches.feet[:, n - 1], axis=0) * np.linalg.norm(force[:, -1], axis=0)
+        P = (moved * foot[:, None]).reshape(6, -1)
+        return G @ G.T, P @ P.T
+
+    def _rows(self, rising: _Half, falling: _Half) -> BlockRows:
+        noise, up, down = self.noise, rising.rising, falling.falling
+        columns = up @ rising.columns + down @ falling.columns
+        matrix = np.empty((6, UNKNOWNS))
+        E = columns[18:90].reshape(6, 12)
+        matrix[:, OFFSETS], matrix[:, 25] = -E, columns[90:]
+        matrix[:, BIAS] = 0.5 * (rising.probes[:, :3] + falling.probes[:, :3]).sum(axis=2)
+        averaged = float(up @ up + down @ down)
+        differentiated = rising.differentiated + falling.differentiated
+        imu = np.repeat([averaged * noise.accelerometer**2, differentiated * noise.gyro**2], 3)
+        imu[:3] += imu[3] * (self._lever @ self._lever)
+        elapsed = float(falling.time[-1] - rising.time[-1])
+        turn = turned(falling.angular_velocity, elapsed)
+        matrix[:, THETA] = trunk_matrix(self._excitation.calibrated(columns[:12], imu, turn, elapsed))
+        torque = _spread(rising.to_wrench, up, noise.torque) + _spread(falling.to_wrench, down, noise.torque)
+        velocity, position = (0.5 * (a + b) for a, b in zip(rising.noise, falling.noise, strict=True))
+        covariance = _OVERLAP * (torque + averaged * noise.joint_position**2 * position)
+        covariance += differentiated * noise.joint_velocity**2 * velocity
+        return BlockRows(
+            time=float(falling.time[-1]),
+            elapsed=elapsed,
+            matrix=matrix,
+            target=columns[12:18],
+            noise=covariance,
+            averaged=averaged,
+            differentiated=differentiated,
+            by_angular_acceleration=-0.5 * (rising.probes[:, 3:6] + falling.probes[:, 3:6]).sum(axis=2),
+            lever=self._lever,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Half:
+    """One block's samples, half a window."""
+
+    time: Array
+    columns: Array
+    to_wrench: Array
+    noise: tuple[Array, Array]
+    probes: Array
+    angular_velocity: Array
+    rising: Array
+    falling: Array
+    differentiated: float
+
+    @classmethod
+    def of(
+        cls, time: Array, columns: Array, E: Array, noise: tuple[Array, Array], probes: Array, omega: Array
+    ) -> _Half:
+        n = len(time)
+        rising = _half_window(n)
+        step = (time[-1] - time[0]) / (n - 1) if n > 1 else 0.02
+        # Σ ẇ² over a half: the window of length 2nT has ẇ = (π / n²T) sin(...) / 2, squared and summed n/2 times
+        differentiated = (np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0
+        return cls(time, columns, E, noise, probes, omega, rising, rising[::-1], float(differentiated))
+
+
+@lru_cache(maxsize=64)
+def _half_window(n: int) -> Array:
+    """The rising half of a raised cosine over 2 n samples, its sum one half."""
+    window: Array = (1.0 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / (2.0 * n)
+    return window
+
+
+def _spread(E: Array, weights: Array, std: Array) -> Array:
+    """Σ_k w_k² E_k Σ E_kᵀ, (6, 6)."""
+    M = (E * weights[:, None, None] * std).reshape(6, -1)
+    return np.asarray(M @ M.T)

@@ -1,0 +1,276 @@
+"""The trunk's ten parameters from what the legs feel: six rows an instant, whoever of the feet touches the ground.
+
+Every leg has three joints and a point foot, so the force f of the ground on a foot follows from the leg's own joints,
+in contact or not. With τ what the actuators do, h the torque that the leg's rigid bodies, rotors and friction take at
+this motion, and J the Jacobian of the point that touches, for a trunk held still::
+
+    h = τ + Jᵀ f        =>        f = J^-T (h - τ)
+
+The wrench of the trunk's inertia is what the feet do to the robot, less what the legs' own inertia takes. With w_l the
+inertial wrench of leg l and p_l its contact point, force above moment about the trunk's origin::
+
+    A(a, α, ω) θ = b,        b = Σ_l [ f_l ; p_l x f_l ] - Σ_l w_l
+
+All is in the trunk's axes, and the trunk's motion enters by its angular velocity ω, angular acceleration α and
+specific force a alone: neither orientation, nor slope, nor the direction of gravity, nor velocity. The columns e_k of
+J^-T are (j_k+1 x j_k+2) / det J, so that with E_k = [e_k ; p x e_k]
+
+    b = Σ_k E_k (h_k - τ_k) - Σ_l w_l
+
+and E is what a torque's error does to the rows: a leg near its singularity counts little by itself.
+
+**Where the ground touches.** The foot is a sphere of radius r: p = p_foot - r n, n the ground's normal. A foot in
+the air has f = 0 by whatever point, so one normal serves all.
+
+**The trunk's side** is linear in a, α and the products of ω (h = m c, I about the trunk's origin)::
+
+    force:  m a + α x h + ω x (ω x h)
+    moment: h x a + I α + ω x I ω
+
+so the rows' matrix, filtered, is the matrix of these twelve, filtered: `TRUNK_MAP` takes them to (6, 10).
+
+**Accelerations.** Rows are linear in q̈ and α. Filtered with weights w_k that begin and end with zero, central
+differences of the velocities go over to the weights,
+
+    Σ_k w_k G_k (v_k+1 - v_k-1) / 2T = -Σ_k v_k (w_k+1 G_k+1 - w_k-1 G_k-1) / 2T
+
+which is the momentum G v filtered by parts. So differentiating first and filtering the ROWS afterwards is exact, and
+loud only in what is thrown away; filtering the signals first is not, for G depends on where the legs are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.inertia import skew
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+STICTION_VELOCITY = 0.1
+"""rad/s, over which Coulomb friction's sign is smoothed, well above the noise of a joint's velocity."""
+
+_PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+class LegMotions(NamedTuple):
+    """How the robot moves over some samples, components first: what rows are made of.
+
+    Attributes:
+        position, velocity, acceleration: (samples, 4, 3) of the joints, by leg, from the trunk outwards.
+        angular_velocity, angular_acceleration, specific_force: (3, samples), of the trunk, its origin and axes.
+        normal: (3, samples), unit vector of the ground's normal, trunk axes.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    specific_force: Array
+    normal: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LegWrenches:
+    """What the legs take and give at some samples, trunk axes; legs in the robot's order.
+
+    Attributes:
+        torque: (samples, 4, 3) [N·m], h: what rigid bodies, rotors, friction and offsets take.
+        inertial: (6, samples, 4) [N, N·m], w_l: wrench of the legs' inertia about the trunk's origin.
+        to_wrench: (6, samples, 4, 3), E: wrench on the trunk for a unit of h - τ.
+        feet: (3, samples, 4) [m], centres of the feet.
+        volume: (samples, 4) [m³], det J: near zero where a leg is singular.
+    """
+
+    torque: Array
+    inertial: Array
+    to_wrench: Array
+    feet: Array
+    volume: Array
+
+    def target(self, effort: Array) -> Array:
+        """b by leg (6, samples, 4), from efforts (samples, 4, 3) [N·m]."""
+        felt = (self.to_wrench * (self.torque - effort)).sum(axis=-1)
+        return np.asarray(felt - self.inertial)
+
+    def forces(self, effort: Array) -> Array:
+        """Contact forces (3, samples, 4) [N]."""
+        return np.asarray((self.to_wrench[:3] * (self.torque - effort)).sum(axis=-1))
+
+
+class BaseWrenchRegressor:
+    """Makes the rows of one robot. All arrays are components first, which keeps each operation on whole vectors.
+
+    Args:
+        robot: whose legs are believed in: inertias, rotors, friction and offsets of the joints.
+
+    Attributes:
+        columns: (4, 3), where each leg's joints are in the tree's order.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        tree = robot.tree
+        index = np.array([[tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs])
+        self.columns = index
+        K = np.array([[skew(tree.axes[j]) for j in leg] for leg in index])  # (4, 3, 3, 3)
+        fixed = tree.rotations[index]
+        # rotation to the parent's axes: B0 + sin q B1 + (1 - cos q) B2, components first, (joint, 3, 3, 1, leg)
+        self._turns = [_first(fixed), _first(fixed @ K), _first(fixed @ K @ K)]
+        self._arms = np.moveaxis(tree.translations[index], (0, 1, 2), (2, 0, 1))[:, :, None]  # (joint, 3, 1, leg)
+        self._axes = np.moveaxis(tree.axes[index], (0, 1, 2), (2, 0, 1))[:, :, None]
+        self._foot = np.array([leg.foot_position for leg in robot.legs]).T[:, None]
+        self._radius = np.array([leg.foot_radius for leg in robot.legs])
+        bodies = np.array([[robot.inertias[link].vector for link in leg.links] for leg in robot.legs])
+        self._mass = bodies[..., 0]
+        self._moment = np.moveaxis(bodies[..., 1:4], 2, 0)[:, None]  # (3, 1, leg, link)
+        self._tensor = np.moveaxis(bodies[..., [[4, 5, 6], [5, 7, 8], [6, 8, 9]]], (2, 3), (0, 1))[:, :, None]
+        dynamics = [[robot.dynamics[joint] for joint in leg.joints] for leg in robot.legs]
+        self._joint_side = np.array(
+            [[[d.armature, d.viscous, d.coulomb, d.offset] for d in leg] for leg in dynamics]
+        ).transpose(2, 0, 1)
+        self.leg_mass = float(self._mass.sum())
+
+    @cached_property
+    def length(self) -> float:
+        """Of the shortest leg, hip to foot when stretched [m]."""
+        thigh = np.linalg.norm(self._arms[2, :, 0], axis=0)
+        return float((thigh + np.linalg.norm(self._foot[:, 0], axis=0)).min())
+
+    def at(self, motion: LegMotions) -> LegWrenches:
+        """The legs' side of the rows at some samples."""
+        omega, alpha, a = (v[:, :, None] for v in (motion[3], motion[4], motion[5]))
+        turn: Array | None = None
+        origin = np.zeros((3, 1, 1))
+        links: list[tuple[Array, Array, Array, Array, Array]] = []
+        axes, origins = [], []
+        for j in range(3):
+            q = motion.position[..., j]
+            local = self._turns[0][j] + np.sin(q) * self._turns[1][j] + (1.0 - np.cos(q)) * self._turns[2][j]
+            arm = self._arms[j] if turn is None else _rotate(turn, self._arms[j])
+            turn = local if turn is None else _product(turn, local)
+            a = a + cross(alpha, arm) + cross(omega, cross(omega, arm))
+            origin = origin + arm
+            axis = _rotate(turn, self._axes[j])
+            spin = axis * motion.velocity[..., j]
+            alpha = alpha + cross(omega, spin) + axis * motion.acceleration[..., j]
+            omega = omega + spin
+            links.append((turn, omega, alpha, a, origin))
+            axes.append(axis)
+            origins.append(origin)
+        assert turn is not None
+        force, moment = self._inertial(links)
+        feet = origin + _rotate(turn, self._foot)
+        inwards = slice(None, None, -1)  # joint j carries the links from j outwards
+        carried_force = np.cumsum(force[..., inwards], axis=-1)[..., inwards]
+        carried_moment = np.cumsum(moment[..., inwards], axis=-1)[..., inwards]
+        axis, at = np.stack(np.broadcast_arrays(*axes), axis=-1), np.stack(np.broadcast_arrays(*origins), axis=-1)
+        torque = (axis * (carried_moment - cross(at, carried_force))).sum(axis=0)
+        armature, viscous, coulomb, offset = self._joint_side
+        torque += armature * motion.acceleration + viscous * motion.velocity + offset
+        if coulomb.any():
+            torque += coulomb * np.tanh(motion.velocity / STICTION_VELOCITY)
+        contact = feet - self._radius * motion.normal[:, :, None]
+        to_wrench, volume = _inverse_transposed(axis, at, contact)
+        inertial = np.concatenate([carried_force[..., 0], carried_moment[..., 0]])
+        return LegWrenches(torque, inertial, to_wrench, feet, volume)
+
+    def _inertial(self, links: Sequence[tuple[Array, Array, Array, Array, Array]]) -> tuple[Array, Array]:
+        """Inertial force and moment about the trunk's origin of each link, (3, samples, leg, link)."""
+        turn, omega, alpha, a, origin = (
+            np.stack(np.broadcast_arrays(*kind), axis=-1) for kind in zip(*links, strict=True)
+        )
+        h = _rotate(turn, self._moment)
+        force = self._mass * a + cross(alpha, h) + cross(omega, cross(omega, h))
+        own_omega, own_alpha = _rotate_back(turn, omega), _rotate_back(turn, alpha)
+        own = _rotate(self._tensor, own_alpha) + cross(own_omega, _rotate(self._tensor, own_omega))
+        moment = cross(h, a) + _rotate(turn, own) + cross(origin, force)
+        return force, moment
+
+
+def trunk_signals(specific_force: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:
+    """The twelve signals that the trunk's rows are linear in, from components first (3, samples): (12, samples)."""
+    w = angular_velocity
+    return np.concatenate([specific_force, angular_acceleration, np.array([w[i] * w[j] for i, j in _PRODUCTS])])
+
+
+def trunk_matrix(signals: Array) -> Array:
+    """A, (6, 10), from the twelve signals (12,)."""
+    return np.asarray((TRUNK_MAP @ signals).reshape(6, 10))
+
+
+def wrench_of_specific_force(mass: float, first_moment: Array) -> Array:
+    """(6, 3): how a body's inertial wrench changes with the specific force, [m 1 ; [h]x]."""
+    return np.vstack([mass * np.eye(3), skew(first_moment)])
+
+
+def wrench_of_angular_acceleration(first_moment: Array, inertia: Array) -> Array:
+    """(6, 3): how a body's inertial wrench changes with the angular acceleration, [-[h]x ; I]."""
+    return np.vstack([-skew(first_moment), inertia])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a x b, components first."""
+    first = a[1] * b[2] - a[2] * b[1]
+    out = np.empty((3, *first.shape))
+    out[0] = first
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
+
+
+def _first(matrices: Array) -> Array:
+    """(leg, joint, 3, 3) to (joint, 3, 3, 1, leg)."""
+    return matrices.transpose(1, 2, 3, 0)[:, :, :, None]
+
+
+def _rotate(R: Array, v: Array) -> Array:
+    return np.asarray(R[:, 0] * v[0] + R[:, 1] * v[1] + R[:, 2] * v[2])
+
+
+def _rotate_back(R: Array, v: Array) -> Array:
+    return np.asarray(R[0] * v[0] + R[1] * v[1] + R[2] * v[2])
+
+
+def _product(A: Array, B: Array) -> Array:
+    return np.stack([_rotate(A, B[:, k]) for k in range(3)], axis=1)
+
+
+def _inverse_transposed(axis: Array, at: Array, contact: Array) -> tuple[Array, Array]:
+    """E (6, samples, leg, joint) and det J (samples, leg); E is infinite where a leg is singular."""
+    J = cross(axis, contact[..., None] - at)
+    dual = cross(J[..., [1, 2, 0]], J[..., [2, 0, 1]])
+    volume = (J[..., 0] * dual[..., 0]).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        dual /= volume[..., None]
+    return np.concatenate([dual, cross(contact[..., None], dual)]), volume
+
+
+def _trunk_map() -> Array:
+    """(60, 12), by feeding each signal alone."""
+    out = np.zeros((6, 10, 12))
+    tensors = np.zeros((6, 3, 3))
+    for k, (i, j) in enumerate(_PRODUCTS):
+        tensors[k, i, j] = tensors[k, j, i] = 1.0
+    for k, axis in enumerate(np.eye(3)):
+        out[:3, 0, k] = axis
+        out[3:, 1:4, k] = -skew(axis)
+        out[:3, 1:4, 3 + k] = skew(axis)
+        out[3:, 4:, 3 + k] = (tensors @ axis).T
+    for k, square in enumerate(tensors):  # ω ωᵀ: ω x (ω x h) = (ω ωᵀ - tr 1) h, and ω x I ω of its products with I
+        out[:3, 1:4, 6 + k] = square - np.trace(square) * np.eye(3)
+        for c, tensor in enumerate(tensors):
+            P = tensor @ square  # I ω ωᵀ: ω x Iω is its antisymmetric part
+            out[3:, 4 + c, 6 + k] = [P[2, 1] - P[1, 2], P[0, 2] - P[2, 0], P[1, 0] - P[0, 1]]
+    return out.reshape(60, 12)
+
+
+TRUNK_MAP: Array = _trunk_map()
+"""(60, 12): from the twelve signals to the trunk's matrix (6, 10), row by row."""
