@@ -170,7 +170,10 @@ def test_a_load_that_keeps_changing_is_given_up():
 def test_a_walker_that_does_not_stop_is_set_down():
     day = Day(ScriptedWalker(stops=False)).meets(0.0, 3.0).meets(10.0, 7.0)
     assert day.states[-1] is State.SITTING
-    assert day.walker.sat
+    assert not day.walker.sat, "not before it stands on four feet"
+    day.walker.stops = True
+    day.walker.request_stop()
+    assert day.meets(10.0, 0.1).walker.sat
     assert "does not come to stand within 5 s" in day.last.reason
 
 

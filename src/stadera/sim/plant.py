@@ -187,6 +187,12 @@ class Plant:
         return any(self._tray_geom in pair and not self._ground.isdisjoint(pair) for pair in pairs)
 
     @property
+    def boxes(self) -> tuple[tuple[Array, Array], ...]:
+        """Where every dropped box is now: rotation (3, 3) and translation (3,) [m] of its frame in the trunk's."""
+        count = sum(isinstance(payload, DroppedBox) for payload in self._payloads)
+        return tuple(self._box_pose(index) for index in range(count))
+
+    @property
     def state(self) -> TrueState:
         """Everything that is true now."""
         data = self._data

@@ -54,7 +54,7 @@ class LoadTestSettings:
     """
 
     false_alarms: float = 0.1
-    interval: float = 0.2
+    interval: float = 0.15
     unexplained: float = 0.003
     prior: float = 0.005
 

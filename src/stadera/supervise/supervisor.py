@@ -77,7 +77,7 @@ class Supervisor:
         self._checks: list[LoadCheck] = []
         self._time, self._since, self._restarts = -np.inf, 0.0, 0
         self._saturated = 0.0
-        self._loaded = False
+        self._loaded = self._is_down = False
         effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._effort = _SATURATED * effort
 
@@ -107,9 +107,12 @@ class Supervisor:
         """One more measurement; looked at once a period."""
         m = measurement
         elapsed = m.time - self._time
-        if elapsed < self.settings.period - _PERIOD_SLACK or self.state is State.SITTING:
+        if elapsed < self.settings.period - _PERIOD_SLACK:
             return
         self._time = m.time
+        if self.state is State.SITTING:
+            self._set_down()
+            return
         if self._in_danger(m, min(elapsed, self.settings.period)):
             return
         change = self._check(m)
@@ -251,8 +254,15 @@ class Supervisor:
 
     def _sit(self, reason: str) -> None:
         self._weighing = None
-        self.walker.sit()
+        self.walker.request_stop()
         self._become(State.SITTING, reason)
+        self._set_down()
+
+    def _set_down(self) -> None:
+        """As soon as it stands on four feet."""
+        if not self._is_down and self.walker.stopped:
+            self.walker.sit()
+            self._is_down = True
 
     def _become(self, state: State, reason: str) -> None:
         self._transitions.append(Transition(self._time, self.state, state, reason))

@@ -39,7 +39,7 @@ class Walker(Protocol):
         ...
 
     def sit(self) -> None:
-        """Lower the trunk to the ground, and stay there."""
+        """Lower the trunk, and stay there; asked of a robot that has stopped."""
         ...
 
     def believe(self, trunk: TrunkModel) -> bool:
@@ -63,7 +63,7 @@ class PosingWalker(Walker, Protocol):
 class State(StrEnum):
     """What the supervised robot is doing.
 
-    `STANDING`: it stays where it is, for the reason given; `SITTING`: it has been set down.
+    `STANDING`: it stays where it is, for the reason given; `SITTING`: it is set down as soon as it stands on four feet.
     """
 
     WALKING = "walking"
