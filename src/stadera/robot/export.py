@@ -21,23 +21,30 @@ from stadera.inertia import InertialParameters
 from stadera.robot.load import load_robot, parse_xml, read_model_file
 from stadera.robot.model import JointDynamics, Robot
 from stadera.robot.modelfile import ModelFile
+from stadera.robot.payload_link import PayloadLink, add_to_mjcf, add_to_urdf
 from stadera.robot.write_mjcf import write_mjcf
 from stadera.robot.write_urdf import write_urdf
+from stadera.robot.write_xml import named
 
 _READ_BACK = 1e-9  # relative, by the size of each link's own mass, first moment and inertia
 
 
-def export_model(robot: Robot, path: str | Path) -> None:
+def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None) -> None:
     """Write `robot.source` with the robot's inertias and joint dynamics to `path`: URDF to URDF, MJCF to MJCF.
 
     A URDF has no place for rotor inertia (armature) and for torque offsets, an MJCF none for offsets: these are told
     in a comment at the file's top. Mesh paths (package://...) stay as they are; an MJCF written to another
     folder names the folder of its assets in full. The file is read back and compared before it takes its place.
 
+    Args:
+        robot: what is written.
+        path: where.
+        payload: a further link, fixed to the trunk; the trunk's own values do not contain it. None for none.
+
     Raises:
         ModelError: the robot has no source file, the suffix is not the source's format, a value that the format
-            cannot hold (mass not positive, friction negative; in MJCF an inertia that no body has), or a folder that
-            cannot be written.
+            cannot hold (mass not positive, friction negative; in MJCF an inertia that no body has), a payload's name
+            that is taken, or a folder that cannot be written.
     """
     target = Path(path)
     source, is_urdf = check_export(robot, target)
@@ -51,7 +58,12 @@ def export_model(robot: Robot, path: str | Path) -> None:
     else:
         origins = {link: prior.frames[link].translation for link in inertias}
         document = write_mjcf(source, target, inertias, origins, fixed, dynamics)
-    _replace_whole(document, robot, target)
+    if payload is not None and is_urdf:
+        add_to_urdf(document, prior.trunk, payload)
+    elif payload is not None:
+        trunk = named(document, "body", prior.trunk, source)
+        add_to_mjcf(document, trunk, prior.frames[prior.trunk].translation, payload)
+    _replace_whole(document, robot if payload is None else _with_payload(robot, payload), target)
 
 
 def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
@@ -107,6 +119,11 @@ def _fixed_bodies(prior: Robot, file: ModelFile) -> dict[str, list[str]]:
         if frame.type == pin.FrameType.BODY and link and frame.name != link:
             fixed[link].append(frame.name)
     return fixed
+
+
+def _with_payload(robot: Robot, payload: PayloadLink) -> Robot:
+    """What the file reads back as: the payload is part of the trunk's lump."""
+    return robot.with_inertias({robot.trunk: robot.inertias[robot.trunk] + payload.body})
 
 
 def _replace_whole(document: minidom.Document, robot: Robot, target: Path) -> None:
