@@ -42,6 +42,30 @@ def truth(loading: Path) -> Truth:
     return read_truth(loading.with_name("log.truth.json"))
 
 
+def test_payload_as_a_link(run: Run, loading: Path, truth: Truth, tmp_path: Path) -> None:
+    out, found = tmp_path / "loaded.urdf", tmp_path / "found.json"
+    wanted = ("--robot", "hyq", "--tare", "0:2.5", "--json", found, "--export", out)
+    assert run("weigh", loading, *wanted).code == 0
+    robot, payload = load_robot("hyq"), json.loads(found.read_text())["payload"]
+    link = load_robot(out).inertias[robot.trunk] - robot.inertias[robot.trunk]
+    assert link.mass == pytest.approx(payload["mass"]["value"], rel=1e-9)
+    assert link.com[:2] == pytest.approx(payload["com"]["value"][:2], rel=1e-9)
+    assert link.com[2] == pytest.approx(robot.inertias[robot.trunk].com[2]), "not observed: level with the trunk's"
+    covariance = payload["com_covariance"]
+    assert covariance[0][0] == pytest.approx(payload["com"]["std"][0] ** 2)
+    assert covariance[2] == [None] * 3
+    assert "z was not observed" in out.read_text()
+
+
+def test_a_link_that_cannot_be_written(run: Run, loading: Path, tmp_path: Path) -> None:
+    out = tmp_path / "loaded.urdf"
+    assert run("weigh", loading, "--robot", "hyq", "--export", out).code == 2
+    wrong = run("weigh", loading, "--robot", "hyq", "--tare", "0:2.5", "--export", tmp_path / "loaded.xml")
+    assert wrong.code == 1
+    assert "is a URDF" in wrong.err
+    assert not list(tmp_path.iterdir())
+
+
 def test_trunk_payload_and_change(run: Run, loading: Path, truth: Truth, tmp_path: Path) -> None:
     out = tmp_path / "found.json"
     finished = run("weigh", loading, "--robot", "hyq", "--tare", "0:2.5", "--json", out)

@@ -41,6 +41,10 @@ def weigh(
     ] = None,
     json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(metavar="F.urdf", help="Write the model (URDF, MJCF) with the payload as a link; needs --tare."),
+    ] = None,
 ) -> None:
     """Weigh a standing robot from its log: trunk with payload, where its centre of mass is, when the load changed.
 
@@ -49,6 +53,8 @@ def weigh(
     """
     chosen_tare: tuple[float, float] | Path | LogFile | None = None if tare is None else parse.tare(tare)
     springs = None if stiffness is None else parse.point(stiffness)
+    if export is not None and tare is None:
+        raise typer.BadParameter("needs --tare: a payload is told by the difference", param_hint="--export")
 
     from stadera.report.weighing import weighing_tables
     from stadera.robot import load_robot
@@ -60,11 +66,15 @@ def weigh(
         chosen_tare = log_file(chosen_tare, joint_topic, imu_topic)
     settings = WeighSettings(method, chosen_tare, imu_frame, springs)
     model = load_robot(robot)
-    _check_outputs(log, json, report)
+    _check_outputs(log, json, report, export)
+    if export is not None:
+        from stadera.robot.export import check_export
+
+        check_export(model, export)
     known = None if truth is None else read_truth(truth)
     with progress() as watch:
         result = weigh_log(model, log_file(log, joint_topic, imu_topic), settings, watch)
-    _write(result, known, json, report)
+    _write(result, known, json, report, export)
     show(*weighing_tables(result, known))
 
 
@@ -77,13 +87,13 @@ def _check_outputs(log: Path, *outputs: Path | None) -> None:
             raise StaderaError(f"{path}: would replace an input")
 
 
-def _write(result: Weighing, truth: Truth | None, json: Path | None, report: Path | None) -> None:
+def _write(result: Weighing, truth: Truth | None, json: Path | None, report: Path | None, export: Path | None) -> None:
     """All outputs or none."""
     from stadera.files import written_together
     from stadera.report.json import json_text
     from stadera.report.weighing import weighing_json
 
-    with written_together([path for path in (json, report) if path is not None]) as drafts:
+    with written_together([path for path in (json, report, export) if path is not None]) as drafts:
         waiting = iter(drafts)
         if json is not None:
             next(waiting).write_text(json_text(weighing_json(result)), encoding="utf-8")
@@ -91,3 +101,9 @@ def _write(result: Weighing, truth: Truth | None, json: Path | None, report: Pat
             from stadera.report.weighing_html import weighing_html
 
             next(waiting).write_text(weighing_html(result, truth), encoding="utf-8")
+        if export is not None and result.payload is not None:
+            from stadera.robot.export import export_model
+            from stadera.weigh import payload_link
+
+            link = payload_link(result.payload, result.robot.inertias[result.robot.trunk].com)
+            export_model(result.robot, next(waiting), link)

@@ -42,6 +42,7 @@ def weighing_json(result: Weighing) -> dict[str, Any]:
         else {
             "mass": {"value": payload.mass, "std": payload.mass_std},
             "com": {"value": plain(payload.com), "std": plain(payload.com_std)},
+            "com_covariance": [plain(row) for row in payload.covariance],
         },
         "changes": [{"time": c.time, "mass": {"value": c.mass, "std": c.mass_std}} for c in result.changes],
         "timeline": {
