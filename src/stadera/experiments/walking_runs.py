@@ -1,0 +1,305 @@
+"""One robot in motion on which a load is put, and what each method makes of it.
+
+The controllers walk by the walking estimator's estimate, whenever that can be trusted; before, and if it never can, by
+the model file's trunk. Estimators begin with a wrong trunk, 10 % too light and its centre of mass off by 15 % of the
+hips' half spacing, and are told when the load comes on only so far as that the last instant before it is the tare.
+"""
+
+from __future__ import annotations
+
+import time
+import zlib
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.control import Shake, TestBed, Trot, TrunkController
+from stadera.control.crawl import Crawl
+from stadera.control.crawl_run import WalkJudge, walk
+from stadera.control.crawl_settings import CrawlCommand
+from stadera.control.stand import Controller
+from stadera.estimate import Estimator, Measurement, TrunkModel, WalkingEstimator, WalkingNoise, make_estimator
+from stadera.estimate.registry import Setup
+from stadera.estimate.trusted import TrustedEstimator
+from stadera.inertia import InertialParameters
+from stadera.robot import Robot, load_robot
+from stadera.robot.stance import standing_configuration
+from stadera.sim import Plant, RigidMass, SensorErrors, Sensors, estimator_model, plant_model, sensor_errors
+from stadera.sim.payload import Tray
+
+Array = NDArray[np.float64]
+
+Gait = Literal["crawl", "trot", "shake"]
+
+PLACES = ("middle", "left front", "right front", "left hind", "right hind")
+"""Of a load on the back: over the tray's middle, or over three quarters of the way to a corner."""
+
+WALKING = "walking"
+
+_TOWARDS = dict(zip(PLACES, ((0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True))
+_OUT = 0.75  # of the tray's half size
+_STILL = 0.3  # s, before it moves
+_BEFORE: dict[Gait, float] = {"crawl": 6.0, "trot": 3.0, "shake": 3.0}  # s in motion until the load comes on
+_SOON, _LATE = 1.0, 3.0  # s after the load, when figures are taken
+_SLOWER = 10  # periods from one sample of the other methods to the next: 100 Hz
+_LIGHT, _OFF = 0.9, 0.15  # what the start believes of the trunk
+_EDGE = 0.04  # of a box's edge [m] at 1 kg, which grows with the cube root of the mass
+
+
+@dataclass(frozen=True)
+class WalkingCase:
+    """A run.
+
+    Attributes:
+        robot: its name.
+        gait: crawl, trot or shake.
+        share: of the load in the robot's mass; 0 for none.
+        place: one of `PLACES`.
+        errors: of the sensors, a named set.
+        seed: of sensors and commands.
+        others: further methods, by their registry's names, on the same measurements.
+    """
+
+    robot: str
+    gait: Gait
+    share: float
+    place: str
+    errors: str
+    seed: int
+    others: tuple[str, ...] = ()
+
+
+def weigh_in_motion(case: WalkingCase) -> dict[str, Any]:
+    """The run's figures.
+
+    `fell`: None, or how. `robot_mass`: [kg]. `noticed`: [s] from the load to the change found, None if it was not.
+    `false_alarms`: changes found that were none. `share_of_time`: the estimator's processor time in the simulated
+    time. `methods`: errors by method, see `compared`; of the walking estimator its error bars besides.
+    """
+    robot, errors = load_robot(case.robot), sensor_errors(case.errors)
+    run = _Run(case, robot, errors)
+    fall = run.until_loaded()
+    if fall is None:
+        fall = run.after_load()
+    judged = {WALKING: run.figures} | {name: _other(name, run) for name in case.others}
+    return {
+        "fell": fall,
+        "robot_mass": robot.mass,
+        "noticed": run.noticed,
+        "false_alarms": run.false_alarms,
+        "share_of_time": run.cost / max(run.bed.plant.time, 1e-3),
+        "methods": judged,
+    }
+
+
+class _Run:
+    """The robot on its way, with the walking estimator beside it."""
+
+    def __init__(self, case: WalkingCase, robot: Robot, errors: SensorErrors) -> None:
+        self.case, self.robot = case, robot
+        real = plant_model(robot, errors)
+        draw = zlib.crc32(repr(replace(case, others=())).encode())  # no two cases share a draw
+        self.believed = estimator_model(real, errors, draw)
+        self.start = wrong_start(robot)
+        harsh = case.errors == "harsh"
+        noise = WalkingNoise.of(self.believed, 2.0, 3e-3) if harsh else WalkingNoise.of(self.believed)
+        self.inner = WalkingEstimator(self.believed, noise, self.start)
+        timed = _Timed(self.inner)
+        trusted = TrustedEstimator(timed, robot)
+        plant = Plant(real)
+        plant.reset(standing_configuration(robot))
+        self._timed = timed
+        self.controller = _controller(case.gait, self.believed, TrunkModel.prior(robot))
+        sensors, self._commands = Sensors(errors, draw, robot), np.random.default_rng(draw)
+        self.bed = TestBed(plant, sensors, self.controller, _Remembering(trusted, self), feed_back=True)
+        self.kept: list[Measurement] = []
+        self.figures: dict[str, Any] = {}
+        self.loaded_at = np.inf
+        self.bare, self.loaded = plant.truth(), plant.truth()
+
+    # -- running --------------------------------------------------------------------------------------------------
+    def until_loaded(self) -> str | None:
+        """Stands, sets out, and walks until the load comes on; how it fell, or None."""
+        judge = WalkJudge(self.bed.plant)
+        walk(self.bed, _STILL, judge)
+        _set_out(self.controller, self._commands)
+        walk(self.bed, _BEFORE[self.case.gait], judge)
+        if judge.fall is None:
+            self.figures |= _absolute(self.inner, self.bare, "bare")
+        return None if judge.fall is None else judge.fall.how
+
+    def after_load(self) -> str | None:
+        """Puts the load on and walks on; how it fell, or None."""
+        plant = self.bed.plant
+        self.inner.tare()
+        self.loaded_at = plant.time
+        if self.case.share > 0:
+            plant.apply_payload(payload_of(self.case, self.robot))
+        self.loaded = plant.truth()
+        judge = WalkJudge(plant)
+        for end, name in ((_SOON, "soon"), (_LATE, "late")):
+            fall = walk(self.bed, self.loaded_at + end - plant.time, judge)
+            if fall is not None:
+                return fall.how
+            self.figures |= self._payload_figures(name)
+        self.figures |= _absolute(self.inner, self.loaded, "loaded")
+        return None
+
+    # -- found ----------------------------------------------------------------------------------------------------
+    def _payload_figures(self, when: str) -> dict[str, Any]:
+        found = self.inner.payload()
+        if found is None:
+            return {}
+        now = self.inner.parameters()
+        tare = InertialParameters(now.inertial.vector - found.parameters.vector)
+        figures = compared(tare, now.inertial, self.bare, self.loaded, when)
+        if not now.observed[3]:
+            figures[f"{when}.com_z"] = None
+        error = np.array([found.mass - (self.loaded.mass - self.bare.mass)])
+        figures[f"{when}.payload_mass_sigmas"] = float(error[0] / found.mass_std)
+        return figures
+
+    @property
+    def cost(self) -> float:
+        """Seconds of processor time that the estimator took."""
+        return self._timed.seconds
+
+    @property
+    def noticed(self) -> float | None:
+        """Seconds from the load to the first change that was found after it."""
+        after = [change.noticed - self.loaded_at for change in self.inner.changes if change.noticed > self.loaded_at]
+        return after[0] if after and self.case.share > 0 else None
+
+    @property
+    def false_alarms(self) -> int:
+        """Changes found before the load, and all but one after it."""
+        before = sum(change.noticed <= self.loaded_at for change in self.inner.changes)
+        after = len(self.inner.changes) - before
+        return before + max(after - (self.case.share > 0), 0)
+
+
+class _Timed:
+    """An estimator with a clock."""
+
+    def __init__(self, inner: WalkingEstimator) -> None:
+        self.inner, self.seconds = inner, 0.0
+
+    def update(self, measurement: Measurement) -> None:
+        begin = time.process_time()
+        self.inner.update(measurement)
+        self.seconds += time.process_time() - begin
+
+    def estimate(self) -> Any:
+        return self.inner.estimate()
+
+
+class _Remembering:
+    """An estimator that keeps every so manieth measurement, for the other methods."""
+
+    def __init__(self, inner: Estimator, run: _Run) -> None:
+        self.inner, self._run, self._count = inner, run, 0
+
+    def update(self, measurement: Measurement) -> None:
+        if self._count % _SLOWER == 0 and self._run.case.others:
+            self._run.kept.append(measurement)
+        self._count += 1
+        self.inner.update(measurement)
+
+    def estimate(self) -> Any:
+        return self.inner.estimate()
+
+
+def wrong_start(robot: Robot) -> TrunkModel:
+    """What estimators believe of the trunk at first."""
+    prior, tray = TrunkModel.prior(robot), Tray.of(robot)
+    shift = _OFF * np.array([*tray.half_size[:2], 0.0])
+    return TrunkModel(_LIGHT * prior.mass, prior.com_trunk + shift)
+
+
+def payload_of(case: WalkingCase, robot: Robot) -> RigidMass:
+    """A cube on the tray."""
+    tray, mass = Tray.of(robot), case.share * robot.mass
+    edge = _EDGE * mass ** (1.0 / 3.0)
+    aside = _OUT * np.asarray(_TOWARDS[case.place]) * tray.half_size[:2]
+    x, y = (tray.centre[:2] + aside).tolist()
+    return RigidMass.box(mass, (edge, edge, edge), (x, y, tray.top + 0.5 * edge))
+
+
+def compared(
+    tare: InertialParameters, now: InertialParameters, bare: InertialParameters, loaded: InertialParameters, when: str
+) -> dict[str, Any]:
+    """Errors of a payload and of the shift of the trunk's centre of mass, [kg] and [m]; the truth comes last.
+
+    Mass of the payload, shift in x-y and height of the trunk's centre of mass, place of the payload in x-y and height.
+    """
+    figures: dict[str, Any] = {f"{when}.payload_mass": float((now.mass - tare.mass) - (loaded.mass - bare.mass))}
+    shift = (now.com - tare.com) - (loaded.com - bare.com)
+    figures[f"{when}.shift_xy"] = float(np.linalg.norm(shift[:2]))
+    figures[f"{when}.com_z"] = float(now.com[2] - loaded.com[2])
+    put_on, found = loaded - bare, now - tare
+    if put_on.mass > 0 and found.mass > 0.2 * put_on.mass:
+        place = found.com - put_on.com
+        figures[f"{when}.payload_xy"], figures[f"{when}.payload_z"] = (
+            float(np.linalg.norm(place[:2])),
+            float(place[2]),
+        )
+    return figures
+
+
+def _absolute(estimator: WalkingEstimator, truth: InertialParameters, when: str) -> dict[str, Any]:
+    """Error of mass and centre of mass in units of their own error bars: NEES over what is observed, and the worst."""
+    found = estimator.parameters()
+    which = found.observed[:4]
+    error = (np.array([found.inertial.mass, *found.inertial.com]) - [truth.mass, *truth.com])[which]
+    covariance = found.covariance[np.ix_(which, which)]
+    if not which.any():
+        return {}
+    return {
+        f"{when}.nees": float(error @ np.linalg.solve(covariance, error)),
+        f"{when}.observed": int(which.sum()),
+        f"{when}.worst_sigmas": float(np.max(np.abs(error) / np.sqrt(np.diag(covariance)))),
+        f"{when}.mass": float(error[0]) if which[0] else None,
+    }
+
+
+def _controller(gait: Gait, believed: Robot, belief: TrunkModel) -> Controller:
+    if gait == "trot":
+        return Trot.of(believed, belief)
+    controller = TrunkController(believed, belief=belief)
+    return Crawl(controller) if gait == "crawl" else controller
+
+
+def _set_out(controller: Controller, rng: np.random.Generator) -> None:
+    """Lets it move: ahead, and a little to one side, as drawn."""
+    if isinstance(controller, Trot):
+        speed = rng.uniform(0.1, 0.8) * controller.settings.pendulum  # 0.6 m/s for HyQ's legs at most
+        controller.walk((speed, 0.0), rng.uniform(-0.2, 0.2))
+    elif isinstance(controller, Crawl):
+        controller.command = CrawlCommand(0.12 * rng.uniform(0.3, 0.8), rng.uniform(-0.02, 0.02))
+        controller.resume()
+    elif isinstance(controller, TrunkController):
+        controller.follow(Shake.of(controller.robot, controller.reference, controller.time))
+
+
+def _other(name: str, run: _Run) -> dict[str, Any]:
+    """A method's figures on the measurements of the run, as it would have been fed at 100 Hz."""
+    estimator = make_estimator(name, Setup(run.believed, run.start))
+    figures: dict[str, Any] = {}
+    marks = [("tare", run.loaded_at), ("soon", run.loaded_at + _SOON), ("late", run.loaded_at + _LATE)]
+    tare: InertialParameters | None = None
+    for m in run.kept:
+        while marks and m.time >= marks[0][1] - 1e-9:
+            when, _ = marks.pop(0)
+            now = _as_body(estimator.estimate().trunk)
+            if when == "tare":
+                tare = now
+            elif tare is not None:
+                figures |= compared(tare, now, run.bare, run.loaded, when)
+        estimator.update(m)
+    return figures
+
+
+def _as_body(trunk: TrunkModel) -> InertialParameters:
+    return InertialParameters.from_com(trunk.mass, trunk.com_trunk, np.zeros((3, 3)))
