@@ -1,0 +1,256 @@
+"""A robot that crawls, is loaded on its way, and either notices and weighs it or does not: Table V, survival, the demo.
+
+The plant is MuJoCo with sensor errors; crawl, estimators and supervisor see measurements alone. The plant's truth is
+read to judge: whether the robot fell, and how far inside its support polygon its centre of mass was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.control import TestBed, TrunkController
+from stadera.control.crawl import Crawl
+from stadera.control.crawl_run import Fall, WalkJudge
+from stadera.control.crawl_settings import CrawlCommand
+from stadera.control.planner_support import PlanError
+from stadera.control.trunk import ControlError
+from stadera.estimate import ContactForceEstimator, TrunkModel
+from stadera.inertia import InertialParameters
+from stadera.robot import Robot, load_robot
+from stadera.robot.stance import standing_configuration
+from stadera.sim import STANDARD, DroppedBox, Payload, Plant, RigidMass, SensorErrors, Sensors, SimulationError, Terrain
+from stadera.sim.payload import Tray
+from stadera.sim.sensors import estimator_model, plant_model
+from stadera.supervise import LoadCheck, State, Supervisor, SuperviseSettings, Transition
+from stadera.supervise.crawl_walker import CrawlWalker
+from stadera.weigh.payload import PayloadEstimate
+
+Array = NDArray[np.float64]
+
+STAND = 1.0
+"""For how long the robot stands before it walks [s]: long enough to weigh the tare."""
+
+CORNERS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}
+"""Signs of x and y of the trunk's corners."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedWalkCase:
+    """What one walk is made of.
+
+    Attributes:
+        robot: its name.
+        payload: put on under way; None for nothing.
+        load_at: when [s].
+        unload_at: when everything is taken off again [s]; never by default.
+        identify: notice and weigh; else the model file's trunk is believed all the way.
+        seconds: of the run, standing included.
+        speed: [m/s], ahead.
+        errors: of the sensors.
+        seed: of all draws.
+        terrain: None for the plane.
+        settings: of the supervisor; None for the defaults.
+    """
+
+    robot: str = "hyq"
+    payload: Payload | None = None
+    load_at: float = 5.0
+    unload_at: float = np.inf
+    identify: bool = True
+    seconds: float = 20.0
+    speed: float = 0.1
+    errors: SensorErrors = STANDARD
+    seed: int = 0
+    terrain: Terrain | None = None
+    settings: SuperviseSettings | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedWalkOutcome:
+    """How one walk went.
+
+    Attributes:
+        case: what was run.
+        seconds: simulated [s].
+        fall: how it fell; None if it did not.
+        time, margin, position: (k,) [s], (k,) [m], (k, 3) [m], by the truth: of the centre of mass inside the support
+            polygon (negative outside, NaN on fewer than three feet), and of the trunk.
+        loaded_at: when the load came on [s]; NaN if none did.
+        transitions, checks, state: of the supervisor; empty, and WALKING, without one.
+        said: why the crawl stands, if it does.
+        believed: the trunk that controller and planner reckon with at the end.
+        truth, bare: the trunk with its load at the end, and without.
+        payload: as told by the supervisor; None if it weighed nothing.
+    """
+
+    case: LoadedWalkCase
+    seconds: float
+    fall: Fall | None
+    time: Array
+    margin: Array
+    position: Array
+    loaded_at: float
+    transitions: tuple[Transition, ...]
+    checks: tuple[LoadCheck, ...]
+    state: State
+    said: str
+    believed: TrunkModel
+    truth: InertialParameters
+    bare: InertialParameters
+    payload: PayloadEstimate | None
+
+    @property
+    def least_margin(self) -> float:
+        """[m], since the load came on; NaN if it was never seen."""
+        since = self.margin[self.time >= self._from]
+        return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
+
+    @property
+    def way(self) -> float:
+        """How far the trunk got since the load came on, seen from above [m]."""
+        first = min(int(np.searchsorted(self.time, self._from)), len(self.time) - 1)
+        return float(np.linalg.norm((self.position[-1] - self.position[first])[:2]))
+
+    @property
+    def outside(self) -> float:
+        """For how long the centre of mass was outside the support polygon since the load came on [s]."""
+        since = self.margin[self.time >= self._from]
+        return float((since < 0.0).sum()) * float(np.median(np.diff(self.time)))
+
+    @property
+    def survived(self) -> bool:
+        """Neither a fall, nor the centre of mass ever outside the support polygon."""
+        return self.fall is None and not self.least_margin < 0.0
+
+    @property
+    def noticed_after(self) -> float:
+        """Time from the load to the first change noticed [s]; NaN if none was."""
+        times = [check.time for check in self.checks if check.changed and check.time >= self._from]
+        return times[0] - self.loaded_at if times else float("nan")
+
+    @property
+    def false_alarms(self) -> int:
+        """Changes noticed where there was none: before the load."""
+        return sum(check.changed and not check.time >= self.loaded_at for check in self.checks)
+
+    @property
+    def _from(self) -> float:
+        return -np.inf if np.isnan(self.loaded_at) else self.loaded_at
+
+
+def corner_of(robot: Robot, corner: str) -> Array:
+    """A corner of the trunk's back, trunk frame (3,) [m]."""
+    tray = Tray.of(robot)
+    return np.array([*(tray.centre[:2] + np.array(CORNERS[corner]) * tray.half_size[:2]), tray.top])
+
+
+def box_at(robot: Robot, corner: str, mass: float, size: tuple[float, float, float]) -> DroppedBox:
+    """A box of a mass [kg] and edges [m] let fall on the back, flush with a corner."""
+    (x, y), (sx, sy) = corner_of(robot, corner)[:2], CORNERS[corner]
+    return DroppedBox(mass, size, (float(x - 0.5 * sx * size[0]), float(y - 0.5 * sy * size[1])), height=0.05)
+
+
+def weight_at(robot: Robot, corner: str, force: float) -> RigidMass:
+    """A body of a weight [N] fixed on the back's corner: a cube of a decimetre."""
+    x, y, z = corner_of(robot, corner).tolist()
+    return RigidMass.box(force / 9.81, (0.1, 0.1, 0.1), (x, y, z + 0.05))
+
+
+Watch = Callable[["LoadedWalk"], None]
+
+
+class LoadedWalk:
+    """A case under way.
+
+    Args:
+        case: what is run.
+
+    Attributes:
+        bed, crawl, judge, supervisor: its parts; no supervisor without identification.
+        loaded_at: when the load came on [s]; NaN before.
+
+    Raises:
+        StaderaError: it cannot be set up.
+    """
+
+    def __init__(self, case: LoadedWalkCase) -> None:
+        self.case, robot = case, load_robot(case.robot)
+        real = plant_model(robot, case.errors)
+        believed = estimator_model(real, case.errors, case.seed)
+        plant = Plant(real, case.terrain)
+        plant.reset(standing_configuration(robot))
+        controller = TrunkController(believed)
+        self.crawl = Crawl(controller, command=CrawlCommand(case.speed))
+        self.bed = TestBed(plant, Sensors(case.errors, case.seed, robot), self.crawl)
+        self.judge = WalkJudge(plant)
+        self.loaded_at = np.nan
+        self._bare = plant.truth()
+        self.supervisor: Supervisor | None = None
+        if case.identify:
+            forces = ContactForceEstimator(believed, legs=controller.legs)
+            self.supervisor = Supervisor(believed, CrawlWalker(self.crawl), forces=forces, settings=case.settings)
+
+    def run(self, watch: Watch | None = None) -> LoadedWalkOutcome:
+        """Runs it out, or until the robot has fallen; `watch` is called after every period.
+
+        A controller or a simulation that breaks down counts as a fall.
+        """
+        plant, case, judge = self.bed.plant, self.case, self.judge
+        events = [(STAND, self.crawl.resume), (case.load_at, self._load), (case.unload_at, self._unload)]
+        events.sort(key=lambda event: event[0])
+        for _ in range(round(case.seconds / plant.timestep)):
+            while events and events[0][0] <= plant.time + 1e-9:
+                events.pop(0)[1]()
+            try:
+                self.bed.step()
+                if self.supervisor is not None and self.bed.measurement is not None:
+                    self.supervisor.update(self.bed.measurement)
+            except (ControlError, PlanError, SimulationError) as error:
+                judge.fall = judge.fall or Fall(plant.time, str(error))
+            judge.look()
+            if watch is not None:
+                watch(self)
+            if judge.fall is not None:
+                break
+        return self._outcome()
+
+    def _load(self) -> None:
+        if self.case.payload is not None:
+            self.bed.plant.apply_payload(self.case.payload)
+            self.loaded_at = self.bed.plant.time
+
+    def _unload(self) -> None:
+        self.bed.plant.remove_payload()
+
+    def _outcome(self) -> LoadedWalkOutcome:
+        judge, supervisor, plant = self.judge, self.supervisor, self.bed.plant
+        return LoadedWalkOutcome(
+            case=self.case,
+            seconds=plant.time,
+            fall=judge.fall,
+            time=judge.times,
+            margin=judge.margins,
+            position=judge.positions,
+            loaded_at=self.loaded_at,
+            transitions=() if supervisor is None else supervisor.transitions,
+            checks=() if supervisor is None else supervisor.checks,
+            state=State.WALKING if supervisor is None else supervisor.state,
+            said=self.crawl.reason,
+            believed=self.crawl.controller.belief.model,
+            truth=plant.truth(),
+            bare=self._bare,
+            payload=None if supervisor is None else supervisor.payload,
+        )
+
+
+def loaded_walk(case: LoadedWalkCase) -> LoadedWalkOutcome:
+    """Runs one case.
+
+    Raises:
+        StaderaError: it cannot be set up.
+    """
+    return LoadedWalk(case).run()
