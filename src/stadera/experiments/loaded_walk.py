@@ -25,7 +25,7 @@ from stadera.robot.stance import standing_configuration
 from stadera.sim import STANDARD, DroppedBox, Payload, Plant, RigidMass, SensorErrors, Sensors, SimulationError, Terrain
 from stadera.sim.payload import Tray
 from stadera.sim.sensors import estimator_model, plant_model
-from stadera.supervise import LoadCheck, State, Supervisor, SuperviseSettings, Transition
+from stadera.supervise import LoadCheck, State, SuperviseSettings, Supervisor, Transition
 from stadera.supervise.crawl_walker import CrawlWalker
 from stadera.weigh.payload import PayloadEstimate
 
