@@ -79,7 +79,7 @@ def test_it_is_the_optimum(scale: float) -> None:
         first /= np.linalg.norm(first)
         tangents = np.array([first, np.cross(normal, first)])
         # the constraints turn about the normal with the tangents; take the ones the programme took
-        rows = sharing._constraints[1:5, :3]
+        rows = sharing._sides[2:6, :3]
         assert abs(np.abs(rows @ tangents.T).max() - 1.0) < 1.0
         constraints = [f @ normal >= LEAST, f @ rows.T <= 0]
         cp.Problem(cp.Minimize(cost), constraints).solve(solver=cp.CLARABEL)

@@ -9,8 +9,13 @@ towards what was before; the wrench gives way by no more than about their size, 
 it.
 The pyramid lies inside the friction cone. Everything is in one frame's axes, any one.
 
-The programme is strictly convex: where the minimiser of the objective alone keeps the constraints, it is the solution,
-and the solver is not asked.
+The programme is strictly convex: where the minimiser x_0 of the objective alone keeps the constraints G x ≤ b, it is
+the solution. Else, with the Hessian UᵀU and y = U (x - x_0), it is the least y with G U⁻¹ y ≤ b - G x_0, and such a
+least-distance problem is a non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23)::
+
+    u = argmin_{u ≥ 0} ‖E u - e_last‖,     E = [-G U⁻¹ | G x_0 - b]ᵀ,     r = E u - e_last,     y = -r / r_last
+
+which ends after a handful of exchanges, exactly. Feet that carry nothing are left out of both.
 """
 
 from __future__ import annotations
@@ -18,9 +23,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import proxsuite
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv, dtrtrs
+from scipy.optimize import nnls
 
 from stadera.errors import ModelError
 from stadera.inertia import skew
@@ -28,9 +33,8 @@ from stadera.inertia import skew
 Array = NDArray[np.float64]
 
 _SKEW = np.stack([skew(axis) for axis in np.eye(3)]).reshape(3, 9)
-_INFINITE = 1e20
-_MOST_ITERATIONS = 200  # of which a warm start needs a few
-_ROWS = 5  # of constraints a foot
+_ROWS = 6  # of constraints a foot: at most, at least, four sides of the pyramid
+_KEPT = 1e-9  # N, by which rounding may exceed a constraint
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class ContactLimits:
 
 
 class ForceDistribution:
-    """The quadratic programme of four feet, warm-started from its last solution.
+    """The quadratic programme of four feet.
 
     Args:
         limits: of the contacts.
@@ -77,16 +81,9 @@ class ForceDistribution:
         self._wrench = np.zeros((6, 12))  # the map from forces to the weighted wrench
         self._wrench[:3] = np.tile(np.eye(3), 4)
         self._diagonal = np.diag(np.full(12, small + smooth))
-        self._upper, self._lower = np.full(4 * _ROWS, 0.0), np.full(4 * _ROWS, -_INFINITE)
+        self._bounds = np.zeros(4 * _ROWS)
         self._before, self._target = np.zeros(12), np.zeros(6)
         self._carrying = np.ones(12)
-        self._qp = proxsuite.proxqp.dense.QP(12, 0, 4 * _ROWS)
-        self._qp.settings.eps_abs = 1e-7
-        self._qp.settings.eps_rel = 0.0
-        self._qp.settings.max_iter = _MOST_ITERATIONS
-        self._qp.settings.initial_guess = proxsuite.proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-        self._started = False
-        self._sides, self._bounds = np.zeros((0, 12)), np.zeros(0)
         self.set_ground(np.array([0.0, 0.0, 1.0]))
         self.set_load(np.ones(4))
 
@@ -97,9 +94,8 @@ class ForceDistribution:
         first = np.cross(normal, helper)
         first /= np.linalg.norm(first)
         second = np.cross(normal, first)
-        rows = np.array([normal] + [sign * t - slope * normal for t in (first, second) for sign in (1.0, -1.0)])
-        self._constraints = np.kron(np.eye(4), rows)
-        self._new_bounds = self._new_sides = True
+        sides = [sign * t - slope * normal for t in (first, second) for sign in (1.0, -1.0)]
+        self._sides = np.kron(np.eye(4), np.array([normal, -normal, *sides]))
 
     def set_load(self, share: ArrayLike) -> None:
         """How much of its normal force each foot may carry, (4,) from 1 down to 0 for a foot in the air.
@@ -120,13 +116,12 @@ class ForceDistribution:
             self._carrying = carrying
             self._wrench[:3] = np.tile(np.eye(3), 4) * carrying
             self._before = self._before * carrying
-        self._upper[::_ROWS] = np.minimum(cap, _INFINITE)
-        self._lower[::_ROWS] = np.minimum(self.limits.least_normal, cap)
-        self._new_bounds = self._new_sides = True
+        bounds = self._bounds.reshape(4, _ROWS)
+        bounds[:, 0], bounds[:, 1] = cap, -np.minimum(self.limits.least_normal, cap)
 
     def normal_force(self) -> float:
         """Of all feet together, at the last solution [N]."""
-        return float(self.forces.sum(axis=0) @ self._constraints[0, :3])
+        return float(self.forces.sum(axis=0) @ self._sides[0, :3])
 
     def solve(self, levers: Array, force: Array, moment: Array) -> Array:
         """Forces (4, 3) [N] on the feet at levers (4, 3) [m] that make a wrench of force and moment, (3,) each."""
@@ -137,35 +132,34 @@ class ForceDistribution:
         hessian = wrench.T @ wrench
         hessian += self._diagonal
         wanted = target @ wrench + self._smooth * self._before  # minus the gradient at zero
-        _, best, failed = dposv(hessian, wanted)
-        if failed or not self._keeps(best):
-            return self._constrained(hessian, -wanted)
-        return self._found(best)
-
-    def _keeps(self, forces: Array) -> bool:
-        """Whether forces (12,) keep the constraints."""
-        if self._new_sides:
-            lower, upper = self._lower > -_INFINITE, self._upper < _INFINITE
-            self._sides = np.concatenate([self._constraints[upper], -self._constraints[lower]])
-            self._bounds = np.concatenate([self._upper[upper], -self._lower[lower]])
-            self._new_sides = False
-        return bool((self._sides @ forces - self._bounds).max() <= 0.0)
-
-    def _constrained(self, hessian: Array, gradient: Array) -> Array:
-        qp = self._qp
-        if not self._started:
-            qp.init(hessian, gradient, None, None, self._constraints, self._lower, self._upper)
-            self._started = True
-        elif self._new_bounds:
-            qp.update(H=hessian, g=gradient, C=self._constraints, l=self._lower, u=self._upper)
-        else:
-            qp.update(H=hessian, g=gradient)
-        self._new_bounds = False
-        qp.solve()
-        if qp.results.info.status != proxsuite.proxqp.PROXQP_SOLVED:
+        upper, best, failed = dposv(hessian, wanted)
+        if failed:
             self.solved = False
             return self.forces
-        return self._found(np.array(qp.results.x))
+        slack = self._bounds - self._sides @ best
+        if slack.min() >= -_KEPT:
+            return self._found(best)
+        return self._constrained(upper, best, slack)
+
+    def _constrained(self, upper: Array, best: Array, slack: Array) -> Array:
+        """The nearest forces to the best ones that leave no slack (24,) negative; upper: U."""
+        counted = np.isfinite(slack) & np.repeat(self._carrying[::3] > 0.0, _ROWS)
+        across, _ = dtrtrs(upper, self._sides[counted].T, trans=1)  # U⁻ᵀ Gᵀ, its columns the constraints
+        sizes = np.sqrt((across * across).sum(axis=0))
+        far = -slack[counted] / sizes  # of the constraints from y = 0
+        scale = float(far.max())
+        E = np.empty((13, len(far)))
+        E[:12], E[12] = -across / sizes, far / scale
+        goal = np.zeros(13)
+        goal[12] = 1.0
+        try:
+            u, _ = nnls(E, goal)
+        except RuntimeError:  # it did not end
+            self.solved = False
+            return self.forces
+        left = E @ u - goal
+        step, _ = dtrtrs(upper, left[:12] * (-scale / left[12]))
+        return self._found(best + step)
 
     def _found(self, forces: Array) -> Array:
         self.solved, self._before, self.forces = True, forces, forces.reshape(4, 3)

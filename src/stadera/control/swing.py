@@ -24,23 +24,28 @@ first-order low-pass of time constant T, ⟨q̈⟩ = (q̇ - ⟨q̇⟩) / T, so w
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import ModelError
 from stadera.estimate.measurement import Measurement
+from stadera.estimate.stillness import GRAVITY
 from stadera.robot.dynamics import LegMotion, LegState
+from stadera.robot.kinematics import foot_jacobians
 from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _UP = np.array([0.0, 0.0, 1.0])
 _EASE = 0.05  # s, in which the descent after the end reaches its speed
+_STICTION_VELOCITY = 0.1  # rad/s, over which friction's sign is smoothed
 _FREQUENCY = 60.0  # rad/s, of the spring between foot and trajectory
 _FILTER = 0.005  # s, T of the touch-down's low-pass
-_TOUCH = 0.06  # share of the robot's weight, along the ground's normal, that tells the ground
+_TOUCH = 0.06  # share of the robot's weight, along the ground's normal, that tells of the ground
 _SINGULAR = 0.02  # of the largest singular value of J: below it a direction is damped
 
 
@@ -68,14 +73,17 @@ class SwingTrajectory:
     descent: float = 0.2
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.duration) and self.duration > 0):
+        if not (isfinite(self.duration) and self.duration > 0):
             raise ModelError(f"a swing's duration must be positive, got {self.duration} s")
-        if not (np.isfinite([self.clearance, self.descent]).all() and min(self.clearance, self.descent) >= 0):
+        if not (isfinite(self.clearance + self.descent) and min(self.clearance, self.descent) >= 0):
             raise ModelError(
                 f"a swing's clearance and descent must not be negative, got {self.clearance} m, {self.descent} m/s"
             )
-        if not np.isfinite([self.start, self.target]).all():
+        way = self.target - self.start
+        if not isfinite(way @ way):
             raise ModelError(f"a swing's ends must be finite, got {self.start} and {self.target}")
+        height = 64.0 * (self.clearance + 0.5 * abs(float(way @ self.normal)))
+        object.__setattr__(self, "_basis", np.array([way, height * self.normal]))
 
     @property
     def end(self) -> float:
@@ -86,30 +94,32 @@ class SwingTrajectory:
         """Share of the time that has passed, 0 to 1."""
         return min(max((time - self.begin) / self.duration, 0.0), 1.0)
 
-    def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration (3,) at a time [s]."""
-        x, way, normal = self.progress(time), self.target - self.start, self.normal
+    def at(self, time: float) -> Array:
+        """Position, velocity and acceleration, (3, 3), at a time [s]."""
+        x, rate = (time - self.begin) / self.duration, 1.0 / self.duration
         if x >= 1.0:
             return self._descending(time - self.end)
-        rate, back = 1.0 / self.duration, 1.0 - x
-        step = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
-        step_rate = 30.0 * (x * back) ** 2 * rate
-        step_rate_2 = 60.0 * x * back * (1.0 - 2.0 * x) * rate**2
-        height = 64.0 * (self.clearance + 0.5 * abs(float(way @ normal)))
-        bump = height * (x * back) ** 3
-        bump_rate = height * 3.0 * (x * back) ** 2 * (1.0 - 2.0 * x) * rate
-        bump_rate_2 = height * 6.0 * x * back * ((1.0 - 2.0 * x) ** 2 - x * back) * rate**2
-        return (
-            self.start + step * way + bump * normal,
-            step_rate * way + bump_rate * normal,
-            step_rate_2 * way + bump_rate_2 * normal,
+        x = max(x, 0.0)
+        y = x * (1.0 - x)
+        tilt = 1.0 - 2.0 * x
+        shares = np.array(
+            [
+                (x**3 * (10.0 - 15.0 * x + 6.0 * x * x), y**3),
+                (30.0 * y * y * rate, 3.0 * y * y * tilt * rate),
+                (60.0 * y * tilt * rate**2, 6.0 * y * (tilt * tilt - y) * rate**2),
+            ]
         )
+        rows: Array = shares @ self._basis  # type: ignore[attr-defined]
+        rows[0] += self.start
+        return rows
 
-    def _descending(self, late: float) -> tuple[Array, Array, Array]:
+    def _descending(self, late: float) -> Array:
         ease = late + _EASE
         depth, speed = self.descent * late**2 / ease, self.descent * (1.0 - (_EASE / ease) ** 2)
         slowing = 2.0 * self.descent * _EASE**2 / ease**3
-        return self.target - depth * self.normal, -speed * self.normal, -slowing * self.normal
+        rows = np.array([[-depth], [-speed], [-slowing]]) * self.normal
+        rows[0] += self.target
+        return np.asarray(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,27 +159,35 @@ class SwingLegs:
         self._coulomb = np.array([d.coulomb for d in joints])[columns]
         self._offset = np.array([d.offset for d in joints])[columns]
         self._columns, self._frequency = columns, frequency
-        self._least = touch * robot.mass * 9.81
+        self._least = touch * robot.mass * GRAVITY
+        nominal = np.linalg.norm(foot_jacobians(robot, standing_configuration(robot)[None])[0], axis=(1, 2)).max()
+        self._most_squared = 1.0 / (_SINGULAR * float(nominal)) ** 2
         self.trajectories: list[SwingTrajectory | None] = [None] * 4
         self.force, self.touched, self.error = np.zeros((4, 3)), np.zeros(4, dtype=bool), np.zeros(4)
-        self._smooth_rate, self._smooth_torque = np.zeros((4, 3)), np.zeros((4, 3))
-        self._fresh = np.ones(4, dtype=bool)
+        self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))
+        self._legs, self._fresh = np.zeros(0, dtype=int), np.ones(4, dtype=bool)
 
     @property
     def any(self) -> bool:
         """Whether a leg swings."""
-        return any(trajectory is not None for trajectory in self.trajectories)
+        return len(self._legs) > 0
 
     def begin(self, leg: int, trajectory: SwingTrajectory) -> None:
         """Lets a leg swing, or changes the trajectory of one that does."""
-        if self.trajectories[leg] is None:
-            self._fresh[leg] = True
+        new = self.trajectories[leg] is None
         self.trajectories[leg] = trajectory
+        if new:
+            self._fresh[leg] = True
+            self._recount()
 
     def end(self, leg: int) -> None:
         """The leg swings no more."""
         self.trajectories[leg] = None
         self.force[leg], self.touched[leg], self.error[leg] = 0.0, False, 0.0
+        self._recount()
+
+    def _recount(self) -> None:
+        self._legs = np.array([leg for leg, path in enumerate(self.trajectories) if path is not None], dtype=int)
 
     def update(
         self,
@@ -189,46 +207,56 @@ class SwingLegs:
             normal: (3,) of the ground, world axes.
             dt: [s], since the last update.
         """
-        torque, wrench = np.zeros((4, 3)), np.zeros(6)
         position, speed, rotation = trunk
-        rate = measurement.joint_velocity[self._columns]
-        effort = measurement.effort[self._columns]
-        jacobians = state.jacobians(state.feet)
-        for leg, trajectory in enumerate(self.trajectories):
-            if trajectory is None:
-                continue
-            wanted, wanted_rate, wanted_rate_2 = trajectory.at(measurement.time)
-            off = wanted - position - rotation @ state.feet[leg]
-            off_rate = wanted_rate - speed - rotation @ motion.velocity[leg]
-            w = self._frequency
-            pull = wanted_rate_2 + w * w * off + 2.0 * w * off_rate
-            pull[2] += 9.81
-            inverse = _inverse(jacobians[leg])
-            joint = inverse @ (pull @ rotation - motion.free_acceleration[leg])
-            friction = self._viscous[leg] * rate[leg] + self._coulomb[leg] * np.tanh(rate[leg] / 0.1)
-            held = state.bias[leg] + friction + self._offset[leg]
-            torque[leg] = held + motion.inertia[leg] @ joint
-            wrench += motion.coupling[leg] @ joint
-            felt = self._felt(leg, effort[leg] - held, rate[leg], motion.inertia[leg], dt)
-            self.force[leg] = rotation @ (felt @ -inverse)
-            self.touched[leg] = self.force[leg] @ normal > self._least
-            self.error[leg] = np.sqrt(off @ off)
-        return SwingTorques(torque, wrench)
+        legs, w = self._legs, self._frequency
+        wanted = np.array([self.trajectories[leg].at(measurement.time) for leg in legs])  # type: ignore[union-attr]
+        off = wanted[:, 0] - position - state.feet[legs] @ rotation.T
+        off_rate = wanted[:, 1] - speed - motion.velocity[legs] @ rotation.T
+        pull = wanted[:, 2] + w * w * off + 2.0 * w * off_rate
+        pull[:, 2] += GRAVITY
+        inverse = self._inverse(state.jacobians(state.feet)[legs])
+        joint = _times(inverse, pull @ rotation - motion.free_acceleration[legs])
+        columns, inertia = self._columns[legs], motion.inertia[legs]
+        rate = measurement.joint_velocity[columns]
+        friction = self._viscous[legs] * rate + self._coulomb[legs] * np.tanh(rate / _STICTION_VELOCITY)
+        held = state.bias[legs] + friction + self._offset[legs]
+        felt = self._felt(legs, measurement.effort[columns] - held, rate, inertia, dt)
+        force = -(felt[:, None, :] @ inverse)[:, 0] @ rotation.T
+        self.force[legs], self.touched[legs] = force, force @ normal > self._least
+        self.error[legs] = np.sqrt((off * off).sum(axis=1))
+        torque = np.zeros((4, 3))
+        torque[legs] = held + _times(inertia, joint)
+        return SwingTorques(torque, _times(motion.coupling[legs], joint).sum(axis=0))
 
-    def _felt(self, leg: int, torque: Array, rate: Array, inertia: Array, dt: float) -> Array:
-        """⟨τ - h - M q̈⟩ (3,) [N·m]."""
-        if self._fresh[leg]:
-            self._fresh[leg] = False
-            self._smooth_rate[leg], self._smooth_torque[leg] = rate, 0.0
+    def _felt(self, legs: NDArray[np.int_], torque: Array, rate: Array, inertia: Array, dt: float) -> Array:
+        """⟨τ - h - M q̈⟩ (legs, 3) [N·m]."""
+        if self._fresh[legs].any():
+            new = self._fresh[legs]
+            self._slow_rate[legs[new]], self._slow_torque[legs[new]] = rate[new], 0.0
+            self._fresh[legs] = False
         share = dt / (_FILTER + dt)
-        slow_torque, slow_rate = self._smooth_torque[leg], self._smooth_rate[leg]
-        slow_torque += share * (torque - slow_torque)
-        slow_rate += share * (rate - slow_rate)
-        return np.asarray(slow_torque - inertia @ (rate - slow_rate) / _FILTER)
+        slow_torque = self._slow_torque[legs] + share * (torque - self._slow_torque[legs])
+        slow_rate = self._slow_rate[legs] + share * (rate - self._slow_rate[legs])
+        self._slow_torque[legs], self._slow_rate[legs] = slow_torque, slow_rate
+        return slow_torque - _times(inertia, rate - slow_rate) / _FILTER
+
+    def _inverse(self, jacobians: Array) -> Array:
+        """J⁻¹ (legs, 3, 3), damped where a leg is nearly stretched."""
+        try:
+            inverse = np.linalg.inv(jacobians)
+        except np.linalg.LinAlgError:
+            return _damped(jacobians)
+        flat = inverse.ravel()
+        return np.asarray(inverse if flat @ flat < self._most_squared else _damped(jacobians))
 
 
-def _inverse(jacobian: Array) -> Array:
-    """J⁻¹ (3, 3), damped where the leg is nearly stretched."""
-    u, s, vt = np.linalg.svd(jacobian)
-    least = _SINGULAR * s[0]
-    return np.asarray((vt.T * (s / (s * s + np.where(s < least, least**2, 0.0)))) @ u.T)
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Products of matrices (k, m, n) with vectors (k, n)."""
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+
+
+def _damped(jacobians: Array) -> Array:
+    u, s, vt = np.linalg.svd(jacobians)
+    least = _SINGULAR * s[:, :1]
+    scaled = s / (s * s + np.where(s < least, least**2, 0.0))
+    return np.asarray((np.swapaxes(vt, 1, 2) * scaled[:, None, :]) @ np.swapaxes(u, 1, 2))

@@ -17,6 +17,7 @@ sees: measurements.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import atan2, cos, hypot, isfinite, sin, tanh
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,9 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 from stadera.control.gains import composite
 from stadera.control.reference import TrunkPose
 from stadera.control.swing import SwingTrajectory
-from stadera.control.trunk import GRAVITY, TrunkController
+from stadera.control.trunk import TrunkController
 from stadera.errors import ModelError
 from stadera.estimate.measurement import Measurement
+from stadera.estimate.stillness import GRAVITY
 from stadera.estimate.trunk import TrunkModel
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
@@ -38,6 +40,7 @@ Bools = NDArray[np.bool_]
 PAIRS = ((0, 3), (1, 2))
 """The diagonal pairs of legs: LF with RH, RF with LH."""
 
+_NOTHING = (0.0, 0.0)
 _LATE = 1.4  # share of the swing's time after which a foot stands, whether it felt the ground or not
 _FROZEN = 0.85  # share of the swing's time after which the target stays
 _TRUSTED = 0.5  # share after which a touch is the ground
@@ -69,7 +72,7 @@ class TrotSettings:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0):
+            if not (isfinite(value) and value > 0):
                 raise ModelError(f"a trot's {name} must be positive, got {value}")
 
     @property
@@ -89,7 +92,7 @@ class TrotSettings:
             swing=swing,
             overlap=overlap,
             clearance=0.12 * height,
-            capture=0.9 * pendulum / np.tanh((swing + overlap) / pendulum),
+            capture=0.9 * pendulum / tanh((swing + overlap) / pendulum),
             leash=0.08 * height,
             acceleration=0.15 * GRAVITY,
             reach=0.45 * height,
@@ -111,12 +114,14 @@ class Trot:
         self.controller = controller
         self.settings = settings or TrotSettings.of(controller.robot)
         feet = foot_positions(controller.robot, standing_configuration(controller.robot)[None])[0, :, :2]
-        self._nominal = feet - feet.mean(axis=0)
-        self._asked, self._asked_turn = np.zeros(2), 0.0
-        self._velocity, self._turn = np.zeros(2), 0.0
+        self._nominal = (feet - feet.mean(axis=0)).tolist()
+        self._ahead = self.settings.pendulum * tanh(0.5 * self.settings.step / self.settings.pendulum)
+        self._asked, self._asked_turn = _NOTHING, 0.0
+        self._velocity, self._turn = _NOTHING, 0.0
         self._wanted = self.stepping = False
-        self._yaw, self._place, self._height, self._ground = 0.0, np.zeros(2), 0.0, 0.0
-        self._drift = np.zeros(2)
+        self._place, self._yaw, self._drift = _NOTHING, 0.0, _NOTHING
+        self._height, self._ground, self._level = 0.0, 0.0, 0.0
+        self._stood_on: Bools | None = None
         self._pair, self._swinging, self._hand_over = 0, False, np.nan
 
     @classmethod
@@ -155,11 +160,11 @@ class Trot:
         wanted = np.array(velocity, dtype=float)
         if wanted.shape != (2,) or not np.isfinite([*wanted, turn]).all():
             raise ModelError(f"a trot's velocity needs two finite numbers and a finite turn, got {velocity!r}, {turn}")
-        self._asked, self._asked_turn, self._wanted = wanted, float(turn), True
+        self._asked, self._asked_turn, self._wanted = (float(wanted[0]), float(wanted[1])), float(turn), True
 
     def stop(self) -> None:
         """Slows down, and stands on four feet then."""
-        self._asked, self._asked_turn, self._wanted = np.zeros(2), 0.0, False
+        self._asked, self._asked_turn, self._wanted = _NOTHING, 0.0, False
 
     def update(self, measurement: Measurement) -> Array:
         """Joint torques (n,) [N·m] for one measurement; raises what the trunk controller raises."""
@@ -188,9 +193,9 @@ class Trot:
         c = self.controller
         here = c.reference
         self.stepping = True
-        self._place, self._yaw = here.position[:2].copy(), _yaw(here.rotation)
-        self._ground = float(c.feet[:, 2].mean())
-        self._drift[:] = 0.0
+        self._place, self._yaw = (float(here.position[0]), float(here.position[1])), _yaw(here.rotation)
+        self._ground = self._level = float(c.feet[:, 2].mean())
+        self._drift = _NOTHING
         self._follow_command(0.0)
         c.follow(self)
         self._relieve()
@@ -199,25 +204,26 @@ class Trot:
         """Moves velocity, heading and place of the reference on."""
         c, s = self.controller, self.settings
         most = s.acceleration * dt
-        self._velocity += np.clip(self._asked - self._velocity, -most, most)
-        most /= s.reach
-        self._turn += float(np.clip(self._asked_turn - self._turn, -most, most))
+        vx, vy = (now + _within(asked - now, most) for now, asked in zip(self._velocity, self._asked, strict=True))
+        self._velocity = vx, vy
+        self._turn += _within(self._asked_turn - self._turn, most / s.reach)
         self._yaw += self._turn * dt
-        ahead = _turned(self._yaw) @ self._velocity
-        self._place = self._place + ahead * dt
-        away = self._place - c.position[:2]
-        far = float(np.sqrt(away @ away))
-        if far > s.leash:
-            self._place = c.position[:2] + away * (s.leash / far)
-        self._drift += dt / _DRIFT_TIME * (c.velocity[:2] - ahead)
-        ground = float(c.odometry.anchors[:, 2].mean())
-        self._ground += dt / (s.step + dt) * (ground - self._ground)
-        turn = np.eye(3)
-        turn[:2, :2] = _turned(self._yaw)
+        cosine, sine = cos(self._yaw), sin(self._yaw)
+        ux, uy = cosine * vx - sine * vy, sine * vx + cosine * vy
+        (x, y), (here_x, here_y, _) = self._place, c.position.tolist()
+        away_x, away_y = x + ux * dt - here_x, y + uy * dt - here_y
+        held = min(1.0, s.leash / max(hypot(away_x, away_y), 1e-9))
+        self._place = here_x + held * away_x, here_y + held * away_y
+        now_x, now_y, _ = c.velocity.tolist()
+        share = dt / (_DRIFT_STEPS * s.step)
+        self._drift = self._drift[0] + share * (now_x - ux), self._drift[1] + share * (now_y - uy)
+        if c.stance is not self._stood_on:
+            self._stood_on, self._level = c.stance, float(c.odometry.anchors[:, 2].mean())
+        self._ground += dt / (s.step + dt) * (self._level - self._ground)
         self._pose = TrunkPose(
             np.array([*self._place, self._ground + self._height]),
-            turn,
-            np.array([*ahead, 0.0]),
+            np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]),
+            np.array([ux, uy, 0.0]),
             np.array([0.0, 0.0, self._turn]),
         )
 
@@ -243,7 +249,7 @@ class Trot:
     def _landed(self) -> None:
         self._swinging, self._pair = False, 1 - self._pair
         slow = float(np.abs(self.controller.velocity[:2]).max()) < 0.3 * self.settings.leash / self.settings.pendulum
-        if not self._wanted and slow and not self._velocity.any():
+        if not self._wanted and slow and self._velocity == _NOTHING:
             self._stand()
         else:
             self._relieve()
@@ -272,24 +278,28 @@ class Trot:
         """To where the foot is to land, as it looks now."""
         c, s = self.controller, self.settings
         left = max(begin + s.swing - c.time, 0.0)
-        ahead, is_now = self._pose.velocity[:2], c.velocity[:2]
-        step = s.pendulum * np.tanh(0.5 * s.step / s.pendulum) * ahead + s.capture * (is_now - ahead) + self._drift
-        size = float(np.sqrt(step @ step))
-        if size > s.reach:
-            step = step * (s.reach / size)
-        under = _turned(self._yaw + self._turn * (left + 0.5 * s.step)) @ self._nominal[leg]
-        place = c.com[:2] + is_now * left + under + step
-        target = np.array([*place, self._ground])
+        (ux, uy, _), (vx, vy, _), (x, y, _) = self._pose.velocity.tolist(), c.velocity.tolist(), c.com.tolist()
+        step_x = self._ahead * ux + s.capture * (vx - ux) + self._drift[0]
+        step_y = self._ahead * uy + s.capture * (vy - uy) + self._drift[1]
+        short = min(1.0, s.reach / max(hypot(step_x, step_y), 1e-9))
+        yaw, (hip_x, hip_y) = self._yaw + self._turn * (left + 0.5 * s.step), self._nominal[leg]
+        cosine, sine = cos(yaw), sin(yaw)
+        target = np.array(
+            [
+                x + vx * left + cosine * hip_x - sine * hip_y + short * step_x,
+                y + vy * left + sine * hip_x + cosine * hip_y + short * step_y,
+                self._ground,
+            ]
+        )
         return SwingTrajectory(start, target, begin, s.swing, s.clearance, descent=s.clearance / s.swing)
 
 
-_DRIFT_TIME = 5.0  # s, of the integral of the velocity's error
+_DRIFT_STEPS = 18.0  # steps, time constant of the integral of the velocity's error
+
+
+def _within(value: float, most: float) -> float:
+    return min(max(value, -most), most)
 
 
 def _yaw(rotation: Array) -> float:
-    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-
-
-def _turned(yaw: float) -> Array:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s], [s, c]])
+    return atan2(rotation[1, 0], rotation[0, 0])

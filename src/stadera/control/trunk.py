@@ -52,6 +52,7 @@ from stadera.estimate.contact import ground_normal
 from stadera.estimate.forces import JacobianOf
 from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement
+from stadera.estimate.stillness import GRAVITY
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
 from stadera.robot.dynamics import LegState
 from stadera.robot.kinematics import foot_positions
@@ -60,9 +61,6 @@ from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-GRAVITY = 9.81
-"""[m/s²]."""
 
 _LEAST_NORMAL = 0.02  # share of the robot's weight on every foot in stance
 _FIRST_LOAD = 0.05  # share of the weight that a foot may carry as soon as it lands
