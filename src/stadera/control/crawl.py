@@ -39,9 +39,8 @@ Bools = NDArray[np.bool_]
 _AHEAD = 4  # steps that are planned
 _EARLIEST = 0.5  # share of a swing after which a touch counts
 _LEAST_BODY = 0.7  # share of a body motion's time that it has after a late landing
-_WAIT = 0.1  # s, by which a step is put off when the body is not there yet, or the foot
+_WAIT = 0.1  # s, by which a step is put off when the body is not there yet
 _FOLLOWS = 0.5  # share of the way to the ground's inclination that one step takes
-_LOST = 0.25  # share of the search's depth that a foot may be behind its trajectory before it is out of reach
 _FOREVER = 5.0  # s, that a plan holds the body over three feet, for a leg that may be long in the air
 _SITTING = 0.45  # height of a sitting trunk, share of the standing one
 _SIT_TIME = 3.0  # of the lead, that sitting down takes
@@ -213,8 +212,8 @@ class Crawl:
                 self._shift_body(time)
             case Phase.SWING:
                 self._watch_swing(time)
-            case Phase.RETREAT if self._landed(time):
-                self._stand(time, self._stop)
+            case Phase.RETREAT:
+                self._put_back(time)
 
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
         """Body motion, so that the next leg can swing after `body` [s]; `landed` is the leg that just did."""
@@ -270,12 +269,11 @@ class Crawl:
                 self._stand(time, self._stop)
             else:
                 self._begin_step(time, self._body_time(time), leg)
-        elif time >= self._due:
-            if self._out_of_reach():
-                self._retreat(time)
-            else:
-                self._due = time + _WAIT
-                self._replan(time, Airborne(leg, self._target[:2], _WAIT + self._timing.transfer), self._timing.body)
+        elif time >= self._lifted_at + self._timing.swing and self._out_of_reach():
+            self._retreat(time)
+        elif time >= self._due + 0.5 * self._timing.transfer:  # late: the body waits over the three feet
+            self._due = np.inf
+            self._replan(time, Airborne(leg, self._target[:2], _FOREVER), None)
 
     def _body_time(self, time: float) -> float:
         """For the coming body motion [s]: less after a late landing, so that the steps keep their pace."""
@@ -289,23 +287,34 @@ class Crawl:
         trajectory = controller.swinging.trajectories[leg]
         if trajectory is None or trajectory.progress(time) < _EARLIEST or not controller.touched[leg]:
             return False
+        if self._planned.stretched(leg):  # torques of a leg that is nearly straight do not tell the ground
+            return False
         controller.land(leg, self._timing.transfer)
         return True
 
     def _out_of_reach(self) -> bool:
-        leg, controller, search = self._leg, self.controller, self.settings.search
-        deep = self._target[2] - controller.feet[leg, 2] > search
-        return bool(deep or controller.swinging.error[leg] > _LOST * search)
+        deep = self._target[2] - self.controller.feet[self._leg, 2] > self.settings.search
+        return bool(deep or self._planned.stretched(self._leg))
 
     def _retreat(self, time: float) -> None:
         leg, settings, (x, y, _) = self._leg, self.settings, self._target
         self._fail(f"{LEG_NAMES[leg]} found no ground within {settings.search:.2f} m below ({x:.2f}, {y:.2f}) m")
-        here, duration = self.controller.feet[leg].copy(), 2.0 * self._timing.swing
-        self._target, self._due = self._lifted_from, time + duration
-        back = SwingTrajectory(here, self._target, time, duration, settings.clearance, descent=settings.search_speed)
-        self.controller.swing(leg, back)
+        here = self.controller.feet[leg].copy()
+        above = np.array([*here[:2], max(self._target[2], self._lifted_from[2]) + settings.clearance])
+        self._target, self._due = self._lifted_from, time + self._timing.swing
+        self.controller.swing(leg, SwingTrajectory(here, above, time, self._timing.swing, 0.0, descent=0.0))
         self._replan(time, Airborne(leg, self._target[:2], _FOREVER), None)
         self._enter(Phase.RETREAT, leg, self._stop)
+
+    def _put_back(self, time: float) -> None:
+        """Straight up out of the hole first, then to where the foot stood."""
+        leg, settings = self._leg, self.settings
+        if time >= self._due:
+            here, self._due = self.controller.feet[leg].copy(), np.inf
+            back = SwingTrajectory(here, self._target, time, self._timing.swing, 0.0, descent=settings.search_speed)
+            self.controller.swing(leg, back)
+        elif np.isinf(self._due) and self._landed(time):
+            self._stand(time, self._stop)
 
     def _stand(self, time: float, reason: str) -> None:
         """Four feet on the ground: the body moves to their middle and stays."""

@@ -20,8 +20,12 @@ from stadera.control.planner_com import ComPlan, SupportPhase, plan_com
 from stadera.control.reference import Move, TrunkPose
 from stadera.control.trunk import TrunkController
 from stadera.estimate.measurement import Measurement
+from stadera.robot.kinematics import foot_jacobians
+from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
+
+_STRETCHED = 0.35  # of |det J|, as a share of what it is in the nominal stance, below which a leg is stretched out
 
 
 class BodyReference:
@@ -37,7 +41,10 @@ class BodyReference:
     def __init__(self, controller: TrunkController) -> None:
         self._controller = controller
         here = controller.reference
-        self._legs = np.zeros(3)
+        self._legs, self._room = np.zeros(3), np.ones(4)
+        self._nominal = _determinants(
+            foot_jacobians(controller.robot, standing_configuration(controller.robot)[None])[0]
+        )
         self._mass, self._moment = controller.belief.mass, controller.belief.moment
         pose = TrunkPose(np.array([0.0, 0.0, here.position[2]]), here.rotation)
         self._pose = Move(pose, pose, controller.time, 1.0)
@@ -45,7 +52,12 @@ class BodyReference:
 
     def see(self, measurement: Measurement) -> None:
         """Takes in where the legs are; before each use of a new measurement."""
-        self._legs = self._controller.legs.at(measurement).moment
+        state = self._controller.legs.at(measurement)
+        self._legs, self._room = state.moment, _determinants(state.jacobians(state.feet)) / self._nominal
+
+    def stretched(self, leg: int) -> bool:
+        """Whether a leg is nearly straight, so that its foot gets no farther."""
+        return bool(self._room[leg] < _STRETCHED)
 
     def begin(self) -> None:
         """Holds the trunk where the controller wants it now, after the first measurement was seen."""
@@ -97,3 +109,7 @@ class BodyReference:
         """Turns the trunk to a rotation (3, 3) and lifts its origin to a height [m] within a duration [s]."""
         goal = TrunkPose(np.array([0.0, 0.0, height]), rotation)
         self._pose = Move(self._pose.at(time), goal, time, duration)
+
+
+def _determinants(jacobians: Array) -> Array:
+    return np.asarray(np.abs(np.linalg.det(jacobians)))

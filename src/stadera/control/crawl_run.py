@@ -74,7 +74,7 @@ class WalkJudge:
             return
         state = self.plant.state
         tilt = float(np.arccos(np.clip(state.rotation[:, 2] @ self.plant.terrain.normal, -1.0, 1.0)))
-        self._rows.append((state.time, self._margin(), tilt, state.position))
+        self._rows.append((state.time, self.margin(), tilt, state.position))
         if self.plant.trunk_on_ground or self._clearance() < _LOWEST * self._height:
             self.fall = self.fall or Fall(state.time, "the trunk touched the ground")
         elif tilt > _TOPPLED:
@@ -92,7 +92,7 @@ class WalkJudge:
         mass = trunk.mass + self._legs.leg_mass
         return np.asarray(state.position + state.rotation @ ((trunk.first_moment + legs.moment) / mass))
 
-    def _margin(self) -> float:
+    def margin(self) -> float:
         state = self.plant.state
         carry = state.foot_force @ self.plant.terrain.normal > _CARRIES * self.plant.robot.mass * 9.81
         if carry.sum() < 3:

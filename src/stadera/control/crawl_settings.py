@@ -97,7 +97,7 @@ class CrawlSettings:
             swing=1.4 * time,
             transfer=0.25 * time,
             clearance=0.12 * height,
-            press=0.03 * height,
+            press=0.01 * height,
             search=0.25 * height,
             search_speed=0.08 * height / time,
             margin=0.04 * height,

@@ -75,8 +75,8 @@ class GroundPlane:
     def of(cls, feet: Array) -> GroundPlane:
         """Least squares through points (n, 3) [m], n ≥ 3."""
         columns = np.column_stack([np.ones(len(feet)), feet[:, :2]])
-        found: Array = np.linalg.lstsq(columns, feet[:, 2], rcond=None)[0]
-        return cls(float(found[0]), np.asarray(found[1:], dtype=float))
+        found = np.asarray(np.linalg.lstsq(columns, feet[:, 2], rcond=None)[0], dtype=float)
+        return cls(float(found[0]), found[1:])
 
     def at(self, point: Array) -> float:
         """Its height at a point (2,) [m]."""
