@@ -158,6 +158,11 @@ class WalkingEstimator:
         return Payload.of(difference, root @ root.T, _PAYLOAD_LIMIT * self._length)
 
     @property
+    def torque_lag(self) -> tuple[float, float]:
+        """By how much torques are found to arrive late, and its standard deviation [s]."""
+        return float(self._known.mean[LAG]), float(np.linalg.norm(self._known.inverse[LAG]))
+
+    @property
     def changes(self) -> tuple[LoadChange, ...]:
         """Every change of the load so far, the last by what is known now."""
         if self._changing is None:
