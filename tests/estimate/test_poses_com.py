@@ -11,12 +11,20 @@ from scipy.spatial.transform import Rotation
 from stadera.errors import ModelError
 from stadera.estimate import Measurement
 from stadera.estimate.combined import CombinedCom
-from stadera.estimate.equilibrium import ERRORS, ConstantErrors, equilibrium_rows, error_names, wrench_slope
+from stadera.estimate.equilibrium import (
+    ERRORS,
+    ConstantErrors,
+    equilibrium_rows,
+    error_names,
+    leg_mass_slope,
+    wrench_slope,
+)
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.noise import ForceNoise
 from stadera.estimate.poses import PosesCom
 from stadera.estimate.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
-from stadera.robot import load_robot
+from stadera.inertia import InertialParameters
+from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from standing import GRAVITY, StandingRobot
 
@@ -70,6 +78,26 @@ def test_wrench_slopes_are_finite_differences() -> None:
             np.testing.assert_allclose(slope[:, 12 + 3 * leg + k], by_foot, atol=0.05 * TRUTH.mass * GRAVITY)
 
 
+def test_slopes_of_the_legs_masses_are_finite_differences() -> None:
+    """A link believed heavier, by a robot of its own; only what the trunk is told by is compared."""
+    m, share = held(POSES[3]), 1e-4
+    assert m.rotation is not None
+
+    def told(robot: Robot) -> np.ndarray:
+        source = ContactForceEstimator(robot)
+        mass = source.legs.mass
+        held_up = np.concatenate([mass * m.up, np.cross(source.legs.at(m).moment, m.up)]) * GRAVITY
+        return source.at(m).wrench - held_up
+
+    slope = leg_mass_slope(ContactForceEstimator(ROBOT).at(m), ROBOT, m.joint_position, m.up)
+    before = told(ROBOT)
+    for leg, parts in enumerate(ROBOT.legs):
+        for k, link in enumerate(parts.links):
+            heavier = InertialParameters((1.0 + share) * ROBOT.inertias[link].vector)
+            after = told(replace(ROBOT, inertias={**ROBOT.inertias, link: heavier}))
+            np.testing.assert_allclose(slope[:, 3 * leg + k], (after - before) / share, rtol=1e-4, atol=1e-4)
+
+
 def test_rows_know_the_errors_that_made_them() -> None:
     """Rows made linear at the errors that are there have the truth as their solution."""
     rng = np.random.default_rng(3)
@@ -83,7 +111,7 @@ def test_rows_know_the_errors_that_made_them() -> None:
     wrong = replace(
         m, effort=effort, foot_position=foot_positions(ROBOT, m.joint_position[None])[0] + feet, rotation=seen
     )
-    errors = np.concatenate([torque, feet.ravel(), turn])
+    errors = np.concatenate([torque, feet.ravel(), turn, np.zeros(12)])
     rows = equilibrium_rows(source, wrong, 1e9, errors, error_names(ROBOT))
     theta = np.array([TRUTH.trunk_mass, *(TRUTH.trunk_mass * TRUTH.trunk_com), *errors])
     # to the second order of ε: a few thousandths of a degree of the weight

@@ -34,7 +34,7 @@ class CombinedCom(PosesCom):
     3 cm, 0.2° of the vertical (1 σ each).
 
     Attributes:
-        sources: (27,), the constant errors as last estimated, in the order of `error_names`.
+        sources: (39,), the constant errors as last estimated, in the order of `error_names`.
     """
 
     _KEPT = 64
@@ -44,7 +44,7 @@ class CombinedCom(PosesCom):
 
     @property
     def sources(self) -> Array:
-        """(27,), the constant errors as last estimated."""
+        """(39,), the constant errors as last estimated."""
         return self._linear_at.copy()
 
     def _solution(self) -> TrunkSolution:

@@ -67,7 +67,7 @@ class ContactCom(RecursiveCom):
             return
         self._settled.take(innovation, step)
         if self._adopt(time, mass, self._trunk.com_trunk + step * innovation, weighed and self._settled.reached):
-            self._looked_at(time, forces, up, com)
+            self._looked_at(measurement, forces, com)
 
     def _interrupted(self) -> None:
         self._last = np.nan

@@ -6,10 +6,15 @@ size, u the vertical, m and h = m c of the trunk with its payload, m_l and h_l o
     F - (m + m_l) g u = 0,        μ - (h + h_l) x g u = 0                      (the paper's eq. 9, with its forces)
 
 are linear in m and h. Wrong may be, constant over a run: the joints' torques by offsets t (measured minus true), the
-feet's positions by d (trunk frame), the vertical by a small rotation ε, u_measured = u + ε x u. The equations are put
-up at values t₀, d₀, ε₀ taken off the measurement, and made linear there:
+feet's positions by d (trunk frame), the vertical by a small rotation ε, u_measured = u + ε x u, the masses of the legs'
+links by shares s of their own (model minus true). The equations are put up at values t₀, d₀, ε₀ taken off the
+measurement, and made linear there:
 
     dF = -∂F/∂τ dt - ∂F/∂p dd,    dμ likewise,    du = u x dε      (torques enter exactly linearly, feet nearly)
+
+Link k, mass m_k with centre of mass c_k, has the part J_kᵀ m_k g u of h; so by its share
+
+    dF_k = J_c^-T J_kᵀ m_k g u,    d(m_l g u) = m_k g u,    d(h_l x g u) = c_k x m_k g u      (J_k: Jacobian of c_k)
 
 Whether a foot carries is not asked of its force, which the errors may hide: the equations hold for all feet, loaded or
 not. A leg that is known to be held in the air is left out, and adds its joints' own equations, h_j - τ_j = 0, in which
@@ -31,6 +36,7 @@ from stadera.estimate.noise import ForceNoise
 from stadera.estimate.stillness import GRAVITY
 from stadera.inertia import skew
 from stadera.regressors.rows import Rows
+from stadera.robot.kinematics import forward_kinematics, joint_axes
 from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
@@ -38,17 +44,18 @@ Array = NDArray[np.float64]
 TRUNK: tuple[str, ...] = ("m", "mcx", "mcy", "mcz")
 """Names of the trunk's four parameters [kg, kg·m]."""
 
-ERRORS = 27
-"""How many constant errors there are: 12 torques, 12 of feet, 3 of the vertical."""
+ERRORS = 39
+"""How many constant errors there are: 12 torques, 12 of feet, 3 of the vertical, 12 masses of links."""
 
 _REPEATABLE = 1e-4  # share of the robot's weight (times 1 m): what a pose at rest leaves unexplained
 
 
 def error_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the constant errors: torque offsets leg by leg, feet leg by leg, the vertical."""
+    """Names of the constant errors: torque offsets leg by leg, feet leg by leg, the vertical, the legs' links."""
     torques = [f"{joint}.torque" for leg in robot.legs for joint in leg.joints]
     feet = [f"{leg.name}.foot.{axis}" for leg in robot.legs for axis in "xyz"]
-    return (*torques, *feet, *(f"vertical.{axis}" for axis in "xyz"))
+    links = [f"{link}.mass" for leg in robot.legs for link in leg.links]
+    return (*torques, *feet, *(f"vertical.{axis}" for axis in "xyz"), *links)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +63,8 @@ class ConstantErrors:
     """How large the constant errors may be, as a Gaussian of mean zero.
 
     Attributes:
-        covariance: (27, 27), of torques [N·m], feet [m], vertical [rad], in the order of `error_names`.
+        covariance: (39, 39), of torques [N·m], feet [m], vertical [rad] and links' masses (shares), in the order of
+            `error_names`.
 
     Raises:
         ModelError: a wrong shape, or not a covariance of positive variances.
@@ -75,11 +83,12 @@ class ConstantErrors:
         """Independent errors, save for a part of the torques that is common to all joints.
 
         Args:
-            noise: of torques and feet.
+            noise: of torques, feet and links' masses.
             orientation: of each component of ε [rad].
             common_torque: standard deviation of an offset that is the same in every joint [N·m].
         """
-        std = np.concatenate([noise.torque_constant.ravel(), np.full(12, noise.foot_position), np.full(3, orientation)])
+        sizes = (np.full(12, noise.foot_position), np.full(3, orientation), np.full(12, noise.leg_mass))
+        std = np.concatenate([noise.torque_constant.ravel(), *sizes])
         C = np.diag(np.maximum(std, 1e-9) ** 2)
         C[:12, :12] += common_torque**2
         return cls(C)
@@ -101,6 +110,26 @@ def wrench_slope(forces: ContactForces) -> Array:
     return np.concatenate([*torque, *foot], axis=1)
 
 
+def leg_mass_slope(forces: ContactForces, robot: Robot, joint_position: Array, up: Array) -> Array:
+    """(6, 12): change of (F - m_l g u, μ - h_l x g u), at rest, with the masses of the legs' links, as shares."""
+    rotations, translations = (pose[0] for pose in forward_kinematics(robot.tree, joint_position[None]))
+    axes, origins = joint_axes(robot, joint_position[None])
+    slope = np.zeros((6, 12))
+    for leg, parts in enumerate(robot.legs):
+        for k, link in enumerate(parts.links):
+            index, own = robot.tree.links.index(link), robot.inertias[link]
+            weight = own.mass * GRAVITY * up
+            com = translations[index] + rotations[index] @ own.com
+            J = np.cross(axes[0, leg].T, com - origins[0, leg].T).T
+            J[:, k + 1 :] = 0.0  # joints below it
+            force = np.zeros(3)
+            if forces.stance[leg]:
+                force = -forces.torque_to_force[leg] @ (J.T @ weight)
+            slope[:3, 3 * leg + k] = force - weight
+            slope[3:, 3 * leg + k] = np.cross(forces.contact[leg], force) - np.cross(com, weight)
+    return slope
+
+
 def equilibrium_rows(
     forces_of: ContactForceEstimator,
     measurement: Measurement,
@@ -115,7 +144,7 @@ def equilibrium_rows(
         forces_of: whose legs are believed in, and whose noise weights the rows.
         measurement: the pose's mean.
         count: of samples that it is the mean of.
-        errors: (27,), values that the equations are made linear at.
+        errors: (39,), values that the equations are made linear at.
         names: of the errors.
         foot_variance: of each component of the feet's mean positions, where these are measured by themselves [m²].
     """
@@ -131,8 +160,9 @@ def equilibrium_rows(
     matrix[3:6, 1:4] = GRAVITY * skew(up)
     matrix[:6, 4:28] = -slope
     trunk = _estimated_trunk(forces, state.moment, forces_of.legs.mass, up)
-    matrix[:3, 28:] = -(trunk[0] + forces_of.legs.mass) * GRAVITY * skew(up)
-    matrix[3:6, 28:] = -GRAVITY * skew(trunk[1:] + state.moment) @ skew(up)
+    matrix[:6, 31:] = -leg_mass_slope(forces, forces_of.robot, m.joint_position, up)
+    matrix[:3, 28:31] = -(trunk[0] + forces_of.legs.mass) * GRAVITY * skew(up)
+    matrix[3:6, 28:31] = -GRAVITY * skew(trunk[1:] + state.moment) @ skew(up)
     legs_only = np.concatenate([forces_of.legs.mass * up, np.cross(state.moment, up)]) * GRAVITY
     value = np.zeros(len(matrix))
     value[:6] = forces.wrench - legs_only
@@ -146,13 +176,15 @@ def equilibrium_rows(
         covariance[at, at] = np.diag(white[own])
     covariance += np.eye(len(matrix)) * (_REPEATABLE * forces_of.robot.mass * GRAVITY) ** 2
     root = np.linalg.cholesky(covariance)
-    target = matrix[:, 4:] @ errors - value
+    linear_at = errors.copy()
+    linear_at[27:] = 0.0  # links' masses are not taken off the measurement: their equations are linear
+    target = matrix[:, 4:] @ linear_at - value
     return Rows((*TRUNK, *names), np.linalg.solve(root, matrix), np.linalg.solve(root, target))
 
 
 def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) -> tuple[Measurement, Array]:
     """The measurement with these errors taken off, as one at rest, and its vertical."""
-    torque, foot, turn = np.zeros(len(m.effort)), errors[12:24].reshape(4, 3), errors[24:]
+    torque, foot, turn = np.zeros(len(m.effort)), errors[12:24].reshape(4, 3), errors[24:27]
     torque[forces_of.legs.columns] = errors[:12].reshape(4, 3)
     up = m.up - np.cross(turn, m.up)
     up /= np.linalg.norm(up)

@@ -4,8 +4,8 @@ The ground carries the whole weight, so along the vertical u (trunk axes)
 
     m_r = u · Σ f_i / g,        m_tr = m_r - m_l
 
-with m_l the mass of the leg links as believed. Samples at rest are averaged by a first-order low-pass that starts from
-nothing (so that the first samples count fully); it starts anew after every motion.
+with m_l the mass of the leg links as believed; its error counts into the variance. Samples at rest are averaged by a
+first-order low-pass that starts from nothing (so that the first samples count fully), and anew after every motion.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ from math import exp, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.errors import StaderaError
-from stadera.estimate.contact import ContactForces, Source
+from stadera.estimate.contact import ContactForces
+from stadera.estimate.convergence import positive
+from stadera.estimate.equilibrium import ConstantErrors, leg_mass_slope, wrench_slope
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
-from stadera.estimate.protocol import Status, TrunkEstimate, unobserved
-from stadera.estimate.stillness import GRAVITY, StillnessGate, StillnessLimits
-from stadera.estimate.trunk import TrunkBounds, TrunkModel
+from stadera.estimate.protocol import unobserved
+from stadera.estimate.static import StaticEstimator
+from stadera.estimate.stillness import GRAVITY, StillnessLimits
+from stadera.estimate.trunk import TrunkModel
 from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
@@ -32,7 +34,7 @@ _FIRST_STEP = 1e-3  # s, that the first sample after a restart counts for
 _CHANGE = 1e-3  # share of the robot's mass by which the two averages may differ
 
 
-class MassEstimator:
+class MassEstimator(StaticEstimator):
     """Weighs the trunk while the robot stands still; an `Estimator` of the mass alone.
 
     Args:
@@ -43,7 +45,8 @@ class MassEstimator:
         time_constant: of averaging [s].
 
     Raises:
-        StaderaError: a time constant that is not positive.
+        ImplausibleError: an implausible start.
+        ModelError: a time constant that is not positive.
     """
 
     def __init__(
@@ -52,55 +55,43 @@ class MassEstimator:
         start: TrunkModel | None = None,
         forces: ContactForceEstimator | None = None,
         limits: StillnessLimits | None = None,
+        *,
         time_constant: float = 0.5,
     ) -> None:
-        if not (np.isfinite(time_constant) and time_constant > 0):
-            raise StaderaError(f"the averaging's time constant must be positive, got {time_constant} s")
-        self.robot, self.forces = robot, forces or ContactForceEstimator(robot)
-        self.gate = StillnessGate(self.forces.legs, limits)
-        self.time_constant = time_constant
-        self._bounds = TrunkBounds.of(robot)
-        self._start = start or TrunkModel.prior(robot)
-        self._mass = self._start.mass
-        self._status, self._reason = Status.WAITING, ""
-        self._learnt, self._before, self._averaged_variance = np.nan, np.nan, 0.0
-        self._last: tuple[ContactForces, Array] | None = None
-        self._since = np.nan
-        self._weight = self._fast_weight = self._squared_weights = 0.0
+        super().__init__(robot, start, forces, limits)
+        self.time_constant = positive("time constant of averaging", time_constant)
+        self._errors = ConstantErrors.of(self.forces.noise)
+        self._last: tuple[ContactForces, Measurement] | None = None
+        self._known: Array | None = None
+        self._averaged_variance = 0.0
         self._slow = self._fast = self._sample_variance = 0.0
+        self._interrupted()
 
-    def update(self, measurement: Measurement) -> None:
-        """Learns from a measurement at rest, refuses any other."""
-        forces = self.forces.at(measurement)
-        if reason := self.gate.complaint(measurement, forces):
-            self._refuse(reason)
-            self._restart()
-            return
-        up = measurement.up
-        self._average(measurement.time, float(up @ forces.total_force) / GRAVITY)
-        mass = self._slow - self.forces.legs.mass
-        if not self._bounds.mass[0] <= mass <= self._bounds.mass[1]:
-            self._refuse(f"the trunk's mass comes out as {mass:.2f} kg, which is not plausible")
-            return
-        self._mass = mass
+    def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
+        time, up = measurement.time, measurement.up
+        self._average(time, float(up @ forces.total_force) / GRAVITY)
         if self._sample_variance == 0.0:
-            self._sample_variance = _mass_variance(forces, up, "white")
-        self._averaged_variance = self._sample_variance * self._squared_weights
-        self._learnt, self._last = measurement.time, (forces, up)
-        rested = measurement.time - self._since >= _SETTLED * self.time_constant
+            self._sample_variance = float(up @ forces.wrench_covariance("white")[:3, :3] @ up) / GRAVITY**2
+        rested = time - self._since >= _SETTLED * self.time_constant
         noise = sqrt(self._sample_variance * self._squared_weights * _FASTER)
         steady = abs(self._fast - self._slow) < _CHANGE * self.robot.mass + 3.0 * noise
-        self._status, self._reason = Status.CONVERGED if rested and steady else Status.MOVING, ""
+        if self._adopt(time, self._slow - self.forces.legs.mass, self._start.com_trunk, rested and steady):
+            self._last, self._known = (forces, measurement), None
+            self._averaged_variance = self._sample_variance * self._squared_weights
 
-    def estimate(self) -> TrunkEstimate:
-        """Mass with its variance; the centre of mass is not observed."""
-        covariance = unobserved()
-        if self._last is not None:
-            forces, up = self._last
-            constant = _mass_variance(forces, up, "constant") + _mass_variance(forces, up, "foot")
-            covariance[0, 0] = constant + self._averaged_variance
-        trunk = TrunkModel(self._mass, self._start.com_trunk, self._start.inertia_com)
-        return TrunkEstimate(self._learnt, trunk, covariance, self._status, self._reason)
+    def _covariance(self) -> Array:
+        """The centre of mass is not observed."""
+        if self._known is None:
+            self._known = unobserved()
+            if self._last is not None:
+                felt = felt_by_mass(*self._last, self.robot)
+                self._known[0, 0] = felt @ self._errors.covariance @ felt + self._averaged_variance
+        return self._known
+
+    def _interrupted(self) -> None:
+        self._since, self._before = np.nan, np.nan
+        self._weight = self._fast_weight = self._squared_weights = 0.0
+        self._slow = self._fast = self._sample_variance = 0.0
 
     def _average(self, time: float, mass: float) -> None:
         """One more sample into both averages; weights sum to one from the first sample on."""
@@ -116,15 +107,10 @@ class MassEstimator:
         self._fast_weight = keep * self._fast_weight + (1.0 - keep)
         self._fast += (1.0 - keep) / self._fast_weight * (mass - self._fast)
 
-    def _restart(self) -> None:
-        self._since = np.nan
-        self._weight = self._fast_weight = self._squared_weights = 0.0
-        self._slow = self._fast = self._sample_variance = 0.0
 
-    def _refuse(self, reason: str) -> None:
-        self._status, self._reason = Status.REFUSED, reason
-
-
-def _mass_variance(forces: ContactForces, up: Array, source: Source) -> float:
-    """Of u · Σ f / g [kg²]."""
-    return float(up @ forces.wrench_covariance(source)[:3, :3] @ up) / GRAVITY**2
+def felt_by_mass(forces: ContactForces, measurement: Measurement, robot: Robot) -> Array:
+    """(39,): how far the trunk's mass is off [kg], by constant errors; one of the vertical changes nothing."""
+    up = measurement.up
+    by_legs = leg_mass_slope(forces, robot, measurement.joint_position, up)[:3]
+    slope = np.hstack([wrench_slope(forces)[:3], np.zeros((3, 3)), by_legs])
+    return np.asarray(up @ slope / GRAVITY)

@@ -23,6 +23,7 @@ class ForceNoise:
     Attributes:
         torque_white, torque_constant: (4, 3) [N·m], by leg and joint.
         foot_position: [m], of each component of a foot's position in the trunk frame, constant.
+        leg_mass: share of its own by which the mass of a leg's link may differ from the model's, constant.
 
     Raises:
         ModelError: a wrong shape, or a value that is negative or not finite.
@@ -31,18 +32,24 @@ class ForceNoise:
     torque_white: Array
     torque_constant: Array
     foot_position: float = 0.0
+    leg_mass: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("torque_white", "torque_constant", "foot_position"):
+        for name in ("torque_white", "torque_constant", "foot_position", "leg_mass"):
             value = np.asarray(getattr(self, name), dtype=float)
             if not (np.isfinite(value).all() and (value >= 0).all()):
                 raise ModelError(f"force noise {name!r} must be finite and not negative")
-            if name != "foot_position" and value.shape != (4, 3):
+            if name.startswith("torque") and value.shape != (4, 3):
                 raise ModelError(f"force noise {name!r} needs shape (4, 3), got {value.shape}")
 
     @classmethod
     def of(
-        cls, robot: Robot, white: float = 0.0033, constant: float = 0.0033, foot_position: float = 0.0
+        cls,
+        robot: Robot,
+        white: float = 0.0033,
+        constant: float = 0.0033,
+        foot_position: float = 0.0,
+        leg_mass: float = 0.02,
     ) -> ForceNoise:
         """Torque noise as shares of the joints' effort limits.
 
@@ -57,4 +64,4 @@ class ForceNoise:
 
         limit = np.array([limits(leg) for leg in robot.legs])
         coulomb = np.array([[robot.dynamics[joint].coulomb for joint in leg.joints] for leg in robot.legs])
-        return cls(white * limit, np.hypot(constant * limit, coulomb / np.sqrt(3.0)), foot_position)
+        return cls(white * limit, np.hypot(constant * limit, coulomb / np.sqrt(3.0)), foot_position, leg_mass)

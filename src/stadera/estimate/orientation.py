@@ -212,7 +212,7 @@ class OrientationCom(RecursiveCom):
         self._settled.take(innovation, self._step)
         com_trunk = self._trunk.com_trunk + self._step * innovation
         if self._adopt(measurement.time, mass, com_trunk, weighed and self._settled.reached):
-            self._looked_at(measurement.time, forces, up, com)
+            self._looked_at(measurement, forces, com)
 
     def _interrupted(self) -> None:
         self._settled.restart()
@@ -227,9 +227,9 @@ class OrientationCom(RecursiveCom):
         return self._step / (2.0 - self._step)
 
     def _felt(self, instant: Instant) -> Array:
-        """(4, 27): constant errors as this pose feels them; an orientation off by ε turns e by -ε."""
+        """(4, 39): constant errors as this pose feels them; an orientation off by ε turns e by -ε."""
         felt = super()._felt(instant)
-        felt[1:, 24:] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
+        felt[1:, 24:27] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
         return felt
 
 

@@ -46,7 +46,7 @@ class TrunkSolution:
     Attributes:
         mass: [kg]. com: (3,) [m].
         covariance: (4, 4).
-        errors: (27,), the constant errors as estimated, zero where they are only reckoned with.
+        errors: (39,), the constant errors as estimated, zero where they are only reckoned with.
     """
 
     mass: float

@@ -36,8 +36,9 @@ from numpy.typing import NDArray
 from stadera.errors import IdentificationError
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.convergence import TOLERANCE, Settled, positive, settling_time
-from stadera.estimate.equilibrium import ConstantErrors, wrench_slope
+from stadera.estimate.equilibrium import ConstantErrors, leg_mass_slope, wrench_slope
 from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.measurement import Measurement
 from stadera.estimate.protocol import unobserved
 from stadera.estimate.static import StaticEstimator
 from stadera.estimate.stillness import GRAVITY, StillnessLimits
@@ -79,10 +80,12 @@ class Instant:
     """What a law knew at one instant, trunk axes.
 
     Attributes:
-        forces: of the feet. up: (3,), the vertical. com: (3,) [m], of the whole robot. trunk: as believed.
+        forces: of the feet. joint_position: (n,) [rad]. up: (3,), the vertical. com: (3,) [m], of the whole robot.
+        trunk: as believed.
     """
 
     forces: ContactForces
+    joint_position: Array
     up: Array
     com: Array
     trunk: TrunkModel
@@ -190,10 +193,10 @@ class RecursiveCom(StaticEstimator):
     def _averaging(self) -> float:
         """Share of the white noise's variance that is left."""
 
-    def _looked_at(self, time: float, forces: ContactForces, up: Array, com: Array) -> None:
+    def _looked_at(self, m: Measurement, forces: ContactForces, com: Array) -> None:
         """Now and then, keeps an instant to work the covariance out from when asked."""
-        if time - self._seen_at >= _STALE:
-            self._seen_from, self._seen_at = Instant(forces, up, com, self._trunk), time
+        if m.time - self._seen_at >= _STALE:
+            self._seen_from, self._seen_at = Instant(forces, m.joint_position, m.up, com, self._trunk), m.time
             self._known = None
 
     # -- how sure -------------------------------------------------------------------------------------------------
@@ -234,8 +237,10 @@ class RecursiveCom(StaticEstimator):
         return np.asarray(felt @ self._errors.covariance @ felt.T + white)
 
     def _felt(self, instant: Instant) -> Array:
-        """(4, 27): how far mass and centre of mass end up off, by constant errors of torques, feet and the vertical."""
-        return np.hstack([instant.from_wrench @ wrench_slope(instant.forces), np.zeros((4, 3))])
+        """(4, 39): how far mass and centre of mass end up off, by constant errors."""
+        by_legs = leg_mass_slope(instant.forces, self.robot, instant.joint_position, instant.up)
+        slope = np.hstack([wrench_slope(instant.forces), np.zeros((6, 3)), by_legs])
+        return np.asarray(instant.from_wrench @ slope)
 
     def _white(self, instant: Instant) -> Array:
         """(4, 4), what the steps leave of the torques' white noise."""

@@ -12,13 +12,11 @@ from stadera.estimate.contact import ContactForces
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.protocol import Status, TrunkEstimate
-from stadera.estimate.stillness import StillnessGate, StillnessLimits
+from stadera.estimate.stillness import StillnessGate, StillnessLimits, not_finite
 from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
-
-_CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
 
 
 class StaticEstimator(ABC):
@@ -99,8 +97,8 @@ class StaticEstimator(ABC):
 
     # -- what cannot be a measurement at rest -----------------------------------------------------------------
     def _complaint(self, m: Measurement) -> str:
-        if not isfinite(_total(m)):
-            return f"not finite: {self._first_not_finite(m)}"
+        if reason := not_finite(m, self.robot.tree.joints):
+            return reason
         if not m.time > self._seen:
             return f"time must increase, got {m.time:.6f} s after {self._seen:.6f} s"
         self._seen = m.time
@@ -115,26 +113,3 @@ class StaticEstimator(ABC):
         if not lost.any():
             return ""
         return f"leg {self.robot.legs[int(np.argmax(lost))].name} is so stretched that its foot's force is not felt"
-
-    def _first_not_finite(self, m: Measurement) -> str:
-        if not isfinite(m.time):
-            return "time"
-        for name in _CHANNELS:
-            values = getattr(m, name)
-            if not np.isfinite(values).all():
-                if len(values) != len(self.robot.tree.joints):
-                    return name.replace("_", " ")
-                joint = self.robot.tree.joints[int(np.argmin(np.isfinite(values)))]
-                return f"{name.replace('_', ' ')} of joint {joint!r}"
-        return "foot position" if m.rotation is None or np.isfinite(m.rotation).all() else "orientation"
-
-
-def _total(m: Measurement) -> float:
-    """Not finite if anything in the measurement is not."""
-    total = m.time + m.joint_position.sum() + m.joint_velocity.sum() + m.effort.sum()
-    total += m.angular_velocity.sum() + m.specific_force.sum()
-    if m.rotation is not None:
-        total += m.rotation.sum()
-    if m.foot_position is not None:
-        total += m.foot_position.sum()
-    return float(total)

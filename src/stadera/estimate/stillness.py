@@ -1,13 +1,20 @@
 """Whether the robot is in static equilibrium on its feet: the condition of every law that weighs at rest.
 
-Single samples are noisy, so motion is judged after a first-order low-pass. Once something was wrong, the gate stays
-shut until all has been well for a while.
+Single samples are noisy, so motion is judged after a first-order low-pass; what is not finite is named and never gets
+into it. Once something was wrong, the gate stays shut until all has been well for a while.
+
+An acceleration a across the vertical changes the specific force's size by a² / 2g alone, so its direction is watched as
+well, against the vertical v that the orientation, or else the gyro, carries along and the specific force pulls at,
+
+    v̇ = -ω x v + (f / |f| - v) / T,      a ≈ |f x v|      (f: specific force, trunk axes)
+
+so that a constant error of either is no acceleration.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from math import sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +23,7 @@ from stadera.errors import StaderaError
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement
+from stadera.inertia import skew
 
 Array = NDArray[np.float64]
 
@@ -23,6 +31,9 @@ GRAVITY = 9.81
 """[m/s²]."""
 
 _LOOK_EVERY = 0.01  # s
+_PULL = 0.3  # s, T: sway of a trunk on its legs is quicker
+_ANEW = 0.5  # s without a sample, after which low-passes begin anew
+_CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
 _FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([1, 2, 3, 2, 3, 3])  # the pairs of feet
 
 
@@ -33,7 +44,8 @@ class StillnessLimits:
     Attributes:
         angular_velocity: of the trunk [rad/s].
         joint_velocity: of any joint [rad/s].
-        specific_force: how far its size may be from that of gravity [m/s²].
+        specific_force: how far its size may be from that of gravity, and what part of it may lie across the vertical
+            [m/s²].
         effort: share of a joint's limit from which its torque counts as saturated.
         slip: by how much the distance of two feet in stance may have changed since the robot stood still [m].
         feet: least number of feet that carry.
@@ -72,6 +84,8 @@ class StillnessGate:
         most = np.array([robot.limits[joint].effort for joint in self._joints])
         self._effort = self.limits.effort * most
         self._smooth = np.zeros(len(self._joints) + 6)
+        self._vertical: Array | None = None
+        self._rotation: Array | None = None
         self._time = self._looked = np.nan
         self._well_since = np.inf
         self._reason = "the robot has not been seen at rest yet"
@@ -81,8 +95,14 @@ class StillnessGate:
     def complaint(self, measurement: Measurement, forces: ContactForces) -> str:
         """Why this measurement is not one of static equilibrium, in one sentence; empty where it is."""
         time, limits = measurement.time, self.limits
-        self._smoothen(measurement)
-        reason = self._fault(measurement, forces)
+        reason = not_finite(measurement, self._joints)
+        if not reason:
+            self._smoothen(measurement)
+            reason = self._fault(measurement, forces)
+            if reason:  # whatever moves or errs now says nothing of where the vertical will be
+                self._vertical = None
+            else:
+                reason = self._pushed()
         if reason:
             self._reason, self._well_since = reason, np.inf
             return reason
@@ -93,10 +113,23 @@ class StillnessGate:
     def _smoothen(self, m: Measurement) -> None:
         values = np.concatenate([m.joint_velocity, m.angular_velocity, m.specific_force])
         dt, self._time = m.time - self._time, m.time
-        if not dt > 0:  # the first one
-            self._smooth = values
+        before, self._rotation = self._rotation, m.rotation
+        if not 0.0 < dt < _ANEW:  # the first one, or after a gap
+            self._smooth, self._vertical = values, None
         else:
-            self._smooth = self._smooth + (dt / (self.limits.smoothing + dt)) * (values - self._smooth)
+            if m.rotation is not None and before is not None:
+                turned = m.rotation.T @ before
+            else:
+                turned = np.eye(3) - skew(dt * m.angular_velocity)
+            self._smooth[-3:] = turned @ self._smooth[-3:]
+            self._smooth += (dt / (self.limits.smoothing + dt)) * (values - self._smooth)
+            if self._vertical is not None:
+                self._vertical = turned @ self._vertical
+        force = self._smooth[-3:] / (sqrt(float(self._smooth[-3:] @ self._smooth[-3:])) or 1.0)
+        if self._vertical is None:
+            self._vertical = force
+        else:
+            self._vertical = self._vertical + (dt / (_PULL + dt)) * (force - self._vertical)
 
     def _fault(self, m: Measurement, forces: ContactForces) -> str:
         limits, n = self.limits, len(self._joints)
@@ -121,6 +154,17 @@ class StillnessGate:
             return f"the trunk accelerates: specific force {push:+.2f} m/s² off gravity"
         return self._slipped(m, forces)
 
+    def _pushed(self) -> str:
+        """Across the vertical."""
+        if self._vertical is None:
+            return ""
+        force, along = self._smooth[-3:], self._vertical
+        square = float(force @ force) - float(force @ along) ** 2 / float(along @ along)
+        across = sqrt(max(square, 0.0))
+        if across <= self.limits.specific_force:
+            return ""
+        return f"the trunk accelerates: specific force {across:.2f} m/s² across the vertical"
+
     def _slipped(self, m: Measurement, forces: ContactForces) -> str:
         """Looked for now and then: a slip does not go away by itself."""
         if m.time - self._looked < _LOOK_EVERY and self._well_since < np.inf:
@@ -137,3 +181,25 @@ class StillnessGate:
             return ""
         by_foot = [change[(foot == _FIRST) | (foot == _SECOND)].sum() for foot in range(4)]
         return f"foot {self._feet[int(np.argmax(by_foot))]} slipped by {100 * change.max():.1f} cm"
+
+
+def not_finite(m: Measurement, joints: tuple[str, ...]) -> str:
+    """What is not finite about a measurement, in words; empty where all is."""
+    total = m.time + m.joint_position.sum() + m.joint_velocity.sum() + m.effort.sum()
+    total += m.angular_velocity.sum() + m.specific_force.sum()
+    if m.rotation is not None:
+        total += m.rotation.sum()
+    if m.foot_position is not None:
+        total += m.foot_position.sum()
+    if isfinite(total):
+        return ""
+    if not isfinite(m.time):
+        return "not finite: time"
+    for name in _CHANNELS:
+        values = getattr(m, name)
+        if not np.isfinite(values).all():
+            what = name.replace("_", " ")
+            if len(values) != len(joints):
+                return f"not finite: {what}"
+            return f"not finite: {what} of joint {joints[int(np.argmin(np.isfinite(values)))]!r}"
+    return f"not finite: {'foot position' if m.rotation is None or np.isfinite(m.rotation).all() else 'orientation'}"

@@ -33,6 +33,7 @@ Reading = Literal["run", "sample", "drive", "misled"]
 
 _LOAD = 100.0  # N
 _SEEDS = 3
+_LONG_HOLD = 4.0  # s
 _PAPER: dict[tuple[Kind, str], tuple[float, float, float]] = {
     ("torque", "orientation"): (0.410, 1.114, 2.098),
     ("torque", "contact"): (0.073, 0.190, 0.255),
@@ -76,6 +77,8 @@ class Column:
         """The run of a method under it."""
         drawn: Literal["run", "sample"] = "sample" if self.reading == "sample" else "run"
         plain = StandingCase("hyq", method, _LOAD, seed=seed, height=False)
+        if drawn == "sample":  # it averages out, over every sample and over time
+            plain = replace(plain, every=1, hold=_LONG_HOLD)
         if self.reading == "drive":
             return replace(plain, drive_offset=Gaussian(self.mean, self.std))
         if self.kind == "torque":

@@ -4,9 +4,9 @@ In static equilibrium the ground carries the weight along the vertical u (trunk 
 
     m_tr = u · Σ f_i / g - m_l                                                    (eq. 7)
 
-Constant errors n of torques and feet move it by s n with s = uᵀ (∂F/∂n) / g. Two blocks of one pose feel them alike,
-so that of their difference, (s_2 - s_1) C (s_2 - s_1)ᵀ, next to nothing is left: a change is told much better than
-a mass.
+Constant errors n of torques, feet and the legs' masses move it by s n with s = uᵀ (∂F/∂n) / g. Two blocks of one pose
+feel them alike, so that of their difference, (s_2 - s_1) C (s_2 - s_1)ᵀ, next to nothing is left: a change is told much
+better than a mass.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.estimate.contact import ContactForces
-from stadera.estimate.equilibrium import ConstantErrors, wrench_slope
+from stadera.estimate.equilibrium import ConstantErrors
 from stadera.estimate.forces import ContactForceEstimator
+from stadera.estimate.mass import felt_by_mass
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.stillness import GRAVITY, StillnessGate
+from stadera.robot.model import Robot
 from stadera.weigh.result import Refusal
 
 Array = NDArray[np.float64]
@@ -34,7 +36,6 @@ BLOCK = 0.25
 
 _FEWEST = 3  # samples of a block
 _FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # what differs between reasons of one kind
-_FELT = 24  # of the constant errors: torques and feet
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ class Block:
         count: of samples.
         mass: [kg], their mean.
         variance: [kg²], of the mean by white noise alone.
-        felt: (24,), s of constant errors of torques and feet.
+        felt: (39,), s of constant errors.
         load: (4,) [N], vertical forces, mean.
     """
 
@@ -93,8 +94,7 @@ class _Gathering:
     mass: float = 0.0
     load: Array = field(default_factory=lambda: np.zeros(4))
     end: float = 0.0
-    forces: ContactForces | None = None
-    up: Array = field(default_factory=lambda: np.zeros(3))
+    last: tuple[ContactForces, Measurement] | None = None
 
     def add(self, m: Measurement, forces: ContactForces, leg_mass: float) -> None:
         up = m.up
@@ -102,15 +102,15 @@ class _Gathering:
         self.count += 1
         self.mass += float(load.sum()) / GRAVITY - leg_mass
         self.load = self.load + load
-        self.end, self.forces, self.up = m.time, forces, up
+        self.end, self.last = m.time, (forces, m)
 
-    def block(self) -> Block | None:
-        if self.forces is None or self.count < _FEWEST:
+    def block(self, robot: Robot) -> Block | None:
+        if self.last is None or self.count < _FEWEST:
             return None
-        slope = self.up @ wrench_slope(self.forces)[:3] / GRAVITY
-        white = float(slope[:12] ** 2 @ self.forces.noise.torque_white.ravel() ** 2)
+        felt, noise = felt_by_mass(*self.last, robot), self.last[0].noise
+        white = float(felt[:12] ** 2 @ noise.torque_white.ravel() ** 2)
         n = self.count
-        return Block(self.begin, self.end, n, self.mass / n, white / n, slope, self.load / n)
+        return Block(self.begin, self.end, n, self.mass / n, white / n, felt, self.load / n)
 
 
 class _Refusing:
@@ -143,7 +143,7 @@ def times_at_rest(measurements: Iterable[Measurement], forces_of: ContactForceEs
         forces = forces_of.at(m)
         if reason := _complaint(gate, m, forces):
             if gathering is not None:
-                blocks.append(gathering.block())
+                blocks.append(gathering.block(forces_of.robot))
                 gathering = None
             refusing = refusing or _Refusing(time)
             refusing.add(reason)
@@ -152,12 +152,12 @@ def times_at_rest(measurements: Iterable[Measurement], forces_of: ContactForceEs
             refusals.append(refusing.until(time))
             refusing = None
         if gathering is not None and time - gathering.begin >= BLOCK:
-            blocks.append(gathering.block())
+            blocks.append(gathering.block(forces_of.robot))
             gathering = None
         gathering = gathering or _Gathering(time)
         gathering.add(m, forces, forces_of.legs.mass)
     if gathering is not None:
-        blocks.append(gathering.block())
+        blocks.append(gathering.block(forces_of.robot))
     if refusing is not None:
         refusals.append(refusing.until(time))
     return Rest(tuple(b for b in blocks if b is not None), tuple(refusals), begin, time)
@@ -178,7 +178,7 @@ class MeanMass:
         begin: [s], of the first block.
         count: of samples.
         mass: [kg]. variance: by white noise alone [kg²].
-        felt: (24,), as for a block.
+        felt: (39,), as for a block.
     """
 
     begin: float
@@ -207,5 +207,5 @@ class MeanMass:
 
 
 def felt_variance(felt: Array, errors: ConstantErrors) -> float:
-    """s C sᵀ of constant errors of torques and feet [kg²]."""
-    return float(felt @ errors.covariance[:_FELT, :_FELT] @ felt)
+    """s C sᵀ of constant errors [kg²]."""
+    return float(felt @ errors.covariance @ felt)
