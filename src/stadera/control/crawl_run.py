@@ -93,6 +93,7 @@ class WalkJudge:
         return np.asarray(state.position + state.rotation @ ((trunk.first_moment + legs.moment) / mass))
 
     def margin(self) -> float:
+        """Of the true centre of mass inside the feet that carry now [m]; NaN with fewer than three of them."""
         state = self.plant.state
         carry = state.foot_force @ self.plant.terrain.normal > _CARRIES * self.plant.robot.mass * 9.81
         if carry.sum() < 3:

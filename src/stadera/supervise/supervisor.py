@@ -98,6 +98,11 @@ class Supervisor:
         return self._estimate
 
     @property
+    def weighing(self) -> bool:
+        """Whether a weighing is under way."""
+        return self._weighing is not None
+
+    @property
     def payload(self) -> PayloadEstimate | None:
         """What was put on since the beginning, by the last weighing that converged; None before."""
         return self._payload
