@@ -13,7 +13,7 @@ from stadera.cli.terminal import progress, show
 if TYPE_CHECKING:
     from stadera.simulate import Run
 
-_SCENARIOS = "stand|stand-load|poses|ramp|trot|trot-load|shake|shake-load"
+_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load"
 
 
 def simulate(
@@ -38,6 +38,9 @@ def simulate(
     turn: Annotated[float, typer.Option(metavar="DEG/S", help="Of a walk, to the left [°/s].")] = 0.0,
     amplitude: Annotated[float, typer.Option(metavar="X", help="Of a shake: X times 3°.")] = 1.0,
     slope: Annotated[float | None, typer.Option(metavar="DEG", help="Of the ground [°].")] = None,
+    stones: Annotated[
+        float, typer.Option(metavar="M", help="The ground is stepping stones, their heights within ±M [m].")
+    ] = 0.0,
     duration: Annotated[float | None, typer.Option(metavar="S", help="[s] [default: the scenario's own].")] = None,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Of the log [Hz]: 1000 over a whole number.")] = 250.0,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="The same seed gives the same log.")] = 0,
@@ -74,6 +77,7 @@ def simulate(
         speed,
         radians(turn),
         amplitude,
+        stones,
     )
     model = load_robot(robot)
     _check(out, believed)

@@ -14,6 +14,7 @@ from stadera.sim import (
     Plant,
     Sample,
     Sensors,
+    Stones,
     Terrain,
     TrueState,
     estimator_model,
@@ -88,7 +89,8 @@ def simulate(
     slope = scenario.slope if settings.slope is None else settings.slope
     real = plant_model(robot, errors)
     believed = estimator_model(real, errors, settings.seed)
-    plant = Plant(real, Terrain(slope=slope), _PERIOD)
+    stones = Stones(seed=settings.seed, height=settings.stones) if settings.stones else None
+    plant = Plant(real, Terrain(slope=slope, stones=stones), _PERIOD)
     plant.reset(standing_configuration(robot))
     sensors = _KeptSensors(errors, settings.seed, robot)
     sensors.keep(settings.every)

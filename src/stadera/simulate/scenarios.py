@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
 
+from stadera.control.crawl import Crawl
+from stadera.control.crawl_settings import CrawlCommand
 from stadera.control.reference import TrunkPose
 from stadera.control.shake import Shake
 from stadera.control.stand import Controller, TestBed
@@ -21,7 +23,8 @@ from stadera.robot.model import Robot
 from stadera.simulate.settings import Load, SimulateSettings
 
 _LOAD_SHARE = 0.1  # of the robot's mass, of a scenario's own load
-_TROT_SPEED = 0.3  # m/s
+_TROT_SPEED, _CRAWL_SPEED = 0.3, 0.1  # m/s
+_OVER_STONES = 0.02  # m, by which a crawling foot clears the highest stone next to the lowest
 _STILL = 0.3  # s, of standing before a motion begins
 _MOVING = 0.4  # share of the time for a pose, that the way there takes
 
@@ -48,6 +51,10 @@ ControllerOf = Callable[[Robot, TrunkModel], Controller]
 
 def _standing(robot: Robot, belief: TrunkModel) -> Controller:
     return TrunkController(robot, belief=belief)
+
+
+def _crawling(robot: Robot, belief: TrunkModel) -> Controller:
+    return Crawl(TrunkController(robot, belief=belief))
 
 
 @dataclass(frozen=True)
@@ -125,6 +132,24 @@ def _shake_load(robot: Robot, settings: SimulateSettings, duration: float) -> Se
     return [start, _put_on(robot, settings, 0.4 * duration)]
 
 
+def _crawl(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    speed = _CRAWL_SPEED if settings.speed is None else settings.speed
+
+    def walk(bed: TestBed) -> None:
+        crawl = crawl_of(bed)
+        clearance = max(crawl.settings.clearance, 2.0 * settings.stones + _OVER_STONES if settings.stones else 0.0)
+        crawl.settings = replace(crawl.settings, clearance=clearance)
+        crawl.command = CrawlCommand(speed, settings.turn)
+        crawl.resume()
+
+    return [Event(_STILL, walk), *loaded(robot, settings, 0.4 * duration)]
+
+
+def _crawl_load(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[Event]:
+    start, *_ = _crawl(robot, settings, duration)
+    return [start, _put_on(robot, settings, 0.4 * duration)]
+
+
 def loaded(robot: Robot, settings: SimulateSettings, time: float) -> Sequence[Event]:
     """The load that was asked for, if any, put on at the time asked for, else at this one [s]."""
     return [] if settings.load is None else [_put_on(robot, settings, time)]
@@ -154,6 +179,13 @@ def trot_of(bed: TestBed) -> Trot:
     return bed.controller
 
 
+def crawl_of(bed: TestBed) -> Crawl:
+    """The crawl that a test-bed walks by."""
+    if not isinstance(bed.controller, Crawl):
+        raise StaderaError(f"the test-bed does not crawl, its controller is a {type(bed.controller).__name__}")
+    return bed.controller
+
+
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
     {
         "stand": Scenario("stands still, with --load from the beginning", 8.0, _stand),
@@ -164,6 +196,13 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
         "trot": Scenario("trots at 0.3 m/s, with --load after 40 % of the time", 8.0, _trot, controller=Trot.of),
         "trot-load": Scenario(
             "trots; a load (10 % of its mass) is put on after 40 % of the time", 8.0, _trot_load, controller=Trot.of
+        ),
+        "crawl": Scenario("crawls at 0.1 m/s, with --load after 40 % of the time", 12.0, _crawl, controller=_crawling),
+        "crawl-load": Scenario(
+            "crawls; a load (10 % of its mass) is put on after 40 % of the time",
+            12.0,
+            _crawl_load,
+            controller=_crawling,
         ),
         "shake": Scenario("stands with a small motion of the body, with --load after 40 % of the time", 8.0, _shake),
         "shake-load": Scenario(

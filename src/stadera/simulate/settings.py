@@ -63,10 +63,12 @@ class SimulateSettings:
         speed: of a walk, forwards [m/s]; None for the scenario's own.
         turn: of a walk, to the left [rad/s].
         amplitude: of a shake, times 3° and 3 % of the robot's height.
+        stones: [m], the ground is made of stepping stones whose heights differ by ± so much; 0 for a plane.
 
     Raises:
         StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
-            negative seed; a load's time that is negative; a speed, turn or amplitude that is not finite.
+            negative seed; a load's time that is negative; a speed, turn, amplitude or stones' height that is
+            not finite.
     """
 
     errors: str = "standard"
@@ -79,6 +81,7 @@ class SimulateSettings:
     speed: float | None = None
     turn: float = 0.0
     amplitude: float = 1.0
+    stones: float = 0.0
 
     def __post_init__(self) -> None:
         _ = self.sensor_errors
@@ -94,6 +97,8 @@ class SimulateSettings:
         if self.load_time is not None and not (np.isfinite(self.load_time) and self.load_time >= 0):
             raise StaderaError(f"a load is put on at a time from 0 s on, got {self.load_time} s")
         motion = {"speed": 0.0 if self.speed is None else self.speed, "turn": self.turn, "amplitude": self.amplitude}
+        if not (np.isfinite(self.stones) and self.stones >= 0):
+            raise StaderaError(f"stepping stones' heights differ by at least 0 m, got {self.stones} m")
         for name, value in motion.items():
             if not np.isfinite(value):
                 raise StaderaError(f"a run's {name} must be a finite number, got {value}")
