@@ -160,7 +160,7 @@ class WalkingEstimator:
     @property
     def torque_lag(self) -> tuple[float, float]:
         """By how much torques are found to arrive late, and its standard deviation [s]."""
-        return float(self._known.mean[LAG]), float(np.linalg.norm(self._known.inverse[LAG]))
+        return float(self._known.mean[LAG][0]), float(np.linalg.norm(self._known.inverse[LAG]))
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
