@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from stadera import __version__
+from stadera.cli.demo import demo
 from stadera.cli.excite import excite
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
@@ -42,6 +43,7 @@ def _stadera(
     pass
 
 
+app.command()(demo)
 app.command()(identify)
 app.command()(inspect)
 app.command()(excite)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
@@ -9,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from stadera.report.plots import short, styled
 from stadera.simulate.truth import Truth
-from stadera.weigh.result import Weighing
+from stadera.weigh.result import Refusal, Weighing
 
 Array = NDArray[np.float64]
 
@@ -20,6 +23,43 @@ _AROUND = (0, 1, 3, 2)  # LF, RF, RH, LH: the feet in a row around the robot
 _GAP = 0.35  # s between blocks, from which a line breaks
 _MARGIN = 0.005  # m, around what is enlarged
 _LARGEST = 46  # px, the marker of the most loaded foot
+
+
+class Known(Protocol):
+    """What was known over time: mass and centre of mass with standard deviations, NaN where not observed."""
+
+    @property
+    def time(self) -> Array: ...
+    @property
+    def mass(self) -> Array: ...
+    @property
+    def mass_std(self) -> Array: ...
+    @property
+    def com(self) -> Array: ...
+    @property
+    def com_std(self) -> Array: ...
+
+
+class Timed(Protocol):
+    """Something that happened at a time [s]."""
+
+    @property
+    def time(self) -> float: ...
+
+
+class OverTime(Protocol):
+    """Any weighing, as far as it is drawn over time."""
+
+    @property
+    def timeline(self) -> Known: ...
+    @property
+    def changes(self) -> Sequence[Timed]: ...
+    @property
+    def refusals(self) -> Sequence[Refusal]: ...
+    @property
+    def begin(self) -> float: ...
+    @property
+    def end(self) -> float: ...
 
 
 def balance_figure(result: Weighing, truth: Truth | None = None) -> go.Figure:
@@ -93,8 +133,8 @@ def _centres(result: Weighing, truth: Truth | None) -> go.Figure:
     return figure
 
 
-def mass_figure(result: Weighing, truth: Truth | None = None) -> go.Figure:
-    """Mass of each block at rest over time with two standard deviations, the changes, and the truth."""
+def mass_figure(result: OverTime, truth: Truth | None = None) -> go.Figure:
+    """Mass over time with two standard deviations, the changes, and the truth."""
     figure, line = go.Figure(), result.timeline
     breaks = _breaks(line.time)
     _add_band(figure, line.time, line.mass, line.mass_std, breaks, "trunk with all on it", None)
@@ -116,7 +156,7 @@ def mass_figure(result: Weighing, truth: Truth | None = None) -> go.Figure:
     return styled(figure, 340)
 
 
-def com_figure(result: Weighing, truth: Truth | None = None) -> go.Figure:
+def com_figure(result: OverTime, truth: Truth | None = None) -> go.Figure:
     """Centre of mass over time as the method had it, with two standard deviations, and the truth."""
     line = result.timeline
     seen = [k for k in range(3) if np.isfinite(line.com[:, k]).any()]
@@ -231,7 +271,7 @@ def _add_band(
     )
 
 
-def _shade_refused(figure: go.Figure, result: Weighing) -> None:
+def _shade_refused(figure: go.Figure, result: OverTime) -> None:
     for refusal in result.refusals:
         figure.add_vrect(
             x0=refusal.begin, x1=refusal.end, fillcolor="rgba(211,154,0,0.12)", line_width=0, layer="below"

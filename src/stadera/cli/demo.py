@@ -1,0 +1,72 @@
+"""`stadera demo`: a load lands on a robot that walks, with and without identification."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli.terminal import show
+
+if TYPE_CHECKING:
+    from stadera.demo.run import Progress
+
+_REPORT = Path("out") / "demo.html"
+
+
+def demo(
+    report: Annotated[Path, typer.Option(metavar="F.html", help="Write the report, to open in a browser.")] = _REPORT,
+    json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")] = None,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the sensors' errors.")] = 0,
+) -> None:
+    """HyQ crawls, and a box of 10 kg lands on its back's left-hind corner: without identification, and with.
+
+    Takes about a minute on two cores. The report has both walks to watch.
+    """
+    from stadera.demo import DemoSettings, run_demo
+    from stadera.files import require_writable
+    from stadera.report.demo import demo_tables
+
+    if report == _REPORT:
+        report.parent.mkdir(exist_ok=True)
+    for path in (report, json):
+        if path is not None:
+            require_writable(path)
+    with _progress() as watch:
+        result = run_demo(DemoSettings(seed=seed), watch)
+    from stadera.files import written_together
+    from stadera.report.demo import demo_json
+    from stadera.report.demo_html import demo_html
+    from stadera.report.json import json_text
+
+    with written_together([report] if json is None else [report, json]) as drafts:
+        drafts[0].write_text(demo_html(result), encoding="utf-8")
+        if json is not None:
+            drafts[1].write_text(json_text(demo_json(result)), encoding="utf-8")
+    show(*demo_tables(result), f"report: {report}")
+
+
+@contextmanager
+def _progress() -> Iterator[Progress | None]:
+    """A live line for each run; None, and silence, where stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Bars(*columns, TextColumn("{task.fields[doing]}"), console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def report(run: str, done: float, doing: str) -> None:
+            if run not in tasks:
+                tasks[run] = bars.add_task(run, total=1.0, doing=doing)
+            bars.update(tasks[run], completed=done, doing=doing)
+
+        yield report

@@ -1,0 +1,160 @@
+"""The demo in the terminal and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from stadera.demo import DemoResult, DemoRun
+from stadera.experiments.loaded_walk import LoadedWalkOutcome
+from stadera.inertia import InertialParameters
+from stadera.report.numbers import number, with_std
+from stadera.report.weighing import plain
+from stadera.supervise import State
+
+_CM = 100.0
+
+
+def demo_json(result: DemoResult) -> dict[str, Any]:
+    """Both runs as plain values: SI units, trunk frame, null for what was not observed.
+
+    Keys: robot, seed, load, runs (by name: survived, fall, least_margin, outside, way, noticed_after, state, trunk,
+    truth, payload, transitions, checks), units.
+    """
+    settings, load = result.settings, true_load(result.identified.outcome)
+    return {
+        "robot": settings.robot,
+        "seed": settings.seed,
+        "load": {"mass": load.mass, "com": plain(load.com), "time": settings.load_at},
+        "runs": {run.name: _run(run.outcome) for run in result.runs},
+        "units": {"time": "s", "mass": "kg", "com": "m", "margin": "m", "way": "m"},
+    }
+
+
+def _run(outcome: LoadedWalkOutcome) -> dict[str, Any]:
+    payload, believed = outcome.payload, outcome.believed
+    return {
+        "survived": outcome.survived,
+        "fall": None if outcome.fall is None else {"time": outcome.fall.time, "how": outcome.fall.how},
+        "least_margin": plain(np.array([outcome.least_margin]))[0],
+        "outside": outcome.outside,
+        "way": outcome.way,
+        "noticed_after": plain(np.array([outcome.noticed_after]))[0],
+        "state": str(outcome.state),
+        "trunk": {"mass": believed.mass, "com": plain(believed.com_trunk)},
+        "truth": {"mass": outcome.truth.mass, "com": plain(outcome.truth.com)},
+        "payload": None
+        if payload is None
+        else {
+            "mass": {"value": payload.mass, "std": payload.mass_std},
+            "com": {"value": plain(payload.com), "std": plain(payload.com_std)},
+            "com_covariance": [plain(row) for row in payload.covariance],
+        },
+        "transitions": [transition.to_dict() for transition in outcome.transitions],
+        "checks": [
+            {"time": c.time, "mass": c.mass, "expected": c.expected, "threshold": c.threshold, "changed": c.changed}
+            for c in outcome.checks
+        ],
+    }
+
+
+def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
+    """How both runs went, what was weighed, and what the supervisor did."""
+    yield Text(headline(result), style="bold")
+    yield _comparison(result)
+    identified = result.identified.outcome
+    if identified.payload is not None:
+        yield _weighed(identified)
+    if identified.transitions:
+        yield _log(identified)
+
+
+def headline(result: DemoResult) -> str:
+    """What happened, in one sentence."""
+    failed, went = verdict(result.without.outcome), verdict(result.identified.outcome)
+    return f"Without identification {failed}; with it {went}."
+
+
+def verdict(outcome: LoadedWalkOutcome) -> str:
+    """How a run went, in half a sentence."""
+    if outcome.fall is not None:
+        return f"the robot fell after {outcome.fall.time - outcome.loaded_at:.1f} s ({outcome.fall.how})"
+    if outcome.state in (State.STANDING, State.SITTING):
+        return f"the robot is left {outcome.state}: {outcome.transitions[-1].reason}"
+    if outcome.least_margin < 0.0:
+        return (
+            f"its centre of mass left the support polygon by {-_CM * outcome.least_margin:.1f} cm, "
+            f"{outcome.outside:.1f} s in all"
+        )
+    return f"it never came nearer than {_CM * outcome.least_margin:.1f} cm to the edge of its support"
+
+
+def true_load(outcome: LoadedWalkOutcome) -> InertialParameters:
+    """What lies on the trunk at the end, trunk frame."""
+    return outcome.truth - outcome.bare
+
+
+def comparison_rows(result: DemoResult) -> Iterator[tuple[str, str, str]]:
+    """What was seen in both runs: a name, then a text for each run."""
+
+    def each(name: str, told: Any) -> tuple[str, str, str]:
+        return name, told(result.without.outcome), told(result.identified.outcome)
+
+    yield each("fell", lambda o: "no" if o.fall is None else f"at {o.fall.time:.1f} s")
+    yield each("least margin of the true centre of mass [cm]", lambda o: f"{_CM * o.least_margin:.1f}")
+    yield each("time outside the support polygon [s]", lambda o: f"{o.outside:.2f}")
+    yield each("way walked since the load [m]", lambda o: f"{o.way:.2f}")
+    yield each("error of the trunk's believed mass [kg]", lambda o: f"{o.believed.mass - o.truth.mass:+.2f}")
+    yield each(
+        "error of its believed centre of mass, x-y [cm]",
+        lambda o: f"{_CM * float(np.linalg.norm((o.believed.com_trunk - o.truth.com)[:2])):.2f}",
+    )
+
+
+def weighed_rows(outcome: LoadedWalkOutcome) -> Iterator[tuple[str, ...]]:
+    """Name, mass and centre of mass of the payload as weighed, and as it is."""
+    payload, load = outcome.payload, true_load(outcome)
+    if payload is not None:
+        places = (
+            with_std(c, s) if np.isfinite(c) else "not observed"
+            for c, s in zip(payload.com, payload.com_std, strict=True)
+        )
+        yield "payload as weighed", with_std(payload.mass, payload.mass_std), *places
+    yield "truth", number(load.mass), *(number(round(c, 5)) for c in load.com.tolist())
+
+
+def _comparison(result: DemoResult) -> Table:
+    table = Table(title="The same walk twice", title_justify="left", title_style="bold")
+    table.add_column("since the load came on")
+    for run in result.runs:
+        table.add_column(run.name, justify="right")
+    for row in comparison_rows(result):
+        table.add_row(*map(Text, row))
+    return table
+
+
+def _weighed(outcome: LoadedWalkOutcome) -> Table:
+    table = Table(title="The load, trunk frame", title_justify="left", title_style="bold")
+    for heading in ("", "mass [kg]", "com x [m]", "com y [m]", "com z [m]"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for row in weighed_rows(outcome):
+        table.add_row(*map(Text, row))
+    return table
+
+
+def _log(outcome: LoadedWalkOutcome) -> Table:
+    table = Table(title="What the supervisor did", title_justify="left", title_style="bold")
+    table.add_column("time [s]", justify="right")
+    table.add_column("state")
+    table.add_column("because", overflow="fold")
+    for t in outcome.transitions:
+        table.add_row(f"{t.time:.2f}", str(t.after), Text(t.reason))
+    return table
+
+
+__all__ = ["DemoRun", "comparison_rows", "demo_json", "demo_tables", "headline", "true_load", "verdict", "weighed_rows"]

@@ -1,0 +1,252 @@
+"""The page of the demo: both walks side by side, to be watched, and what was measured meanwhile."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+import stadera
+from stadera.demo import DemoResult, DemoRun
+from stadera.experiments.loaded_walk import LoadedWalkOutcome
+from stadera.report.demo import comparison_rows, headline, true_load, verdict, weighed_rows
+from stadera.report.demo_plots import com_figure, force_figure, margin_figure, mass_figure
+from stadera.report.markup import Html, element, row, table, text
+from stadera.report.numbers import number, with_std
+from stadera.report.page import figure_html, page_html
+from stadera.robot import load_robot
+from stadera.supervise import LoadTestSettings, State
+
+Array = NDArray[np.float64]
+
+_LEGEND = (
+    ("truth", "●", "true centre of mass of robot and load"),
+    ("belief", "○", "centre of mass as controller and planner have it"),
+    ("polygon", "■", "support polygon; red while the true centre of mass is outside it"),
+    ("force", "▲", "the ground's vertical force on a foot"),
+    ("box", "■", "the load"),
+)
+
+
+def demo_html(result: DemoResult) -> str:
+    """A whole page; it loads nothing from anywhere."""
+    sections = (_header(result), _walks(result), *_numbers(result), *_plots(result), _words())
+    return page_html("A load on the way", *sections)
+
+
+def _header(result: DemoResult) -> Html:
+    settings, identified = result.settings, result.identified.outcome
+    load = true_load(identified)
+    facts = {
+        "Robot": f"{settings.robot}, crawls at {100 * settings.speed:.0f} cm/s",
+        "Load": f"a box of {settings.mass:g} kg, dropped on its back's left-hind corner at {settings.load_at:g} s",
+        "Sensors": f"standard errors, seed {settings.seed}; nothing of the truth reaches controller or estimators",
+        "Simulation": "MuJoCo, 1 kHz",
+    }
+    listed = (element("div", element("dt", text(name)), element("dd", text(fact))) for name, fact in facts.items())
+    cards = [_card("Noticed after", f"{identified.noticed_after:.2f}", "s", identified.noticed_after > 0)]
+    if (payload := identified.payload) is not None:
+        cards.append(
+            _card(f"Load weighed, truth {number(load.mass)} kg", with_std(payload.mass, payload.mass_std), "kg")
+        )
+        error = 100.0 * float(np.linalg.norm((identified.believed.com_trunk - identified.truth.com)[:2]))
+        cards.append(_card("Trunk's centre of mass off by", f"{error:.2f}", "cm in x-y"))
+    back = next((t.time for t in reversed(identified.transitions) if t.after is State.WALKING), None)
+    if back is not None:
+        cards.append(_card("Walks on after", f"{back - identified.loaded_at:.1f}", "s"))
+    return element(
+        "header",
+        element("p", text(f"stadera {stadera.__version__}"), css="brand"),
+        element("h1", text("A load on the way")),
+        element("p", text(headline(result)), css="lead"),
+        element("dl", *listed, css="facts"),
+        element("div", *cards, css="cards"),
+    )
+
+
+def _card(label: str, figure: str, unit: str, good: bool = True) -> Html:
+    return element(
+        "div",
+        element("p", text(label), css="label"),
+        element("p", text(figure), " ", element("small", text(unit)), css="figure"),
+        css="card identified" if good else "card",
+    )
+
+
+# -- the walks ----------------------------------------------------------------------------------------------------
+def _walks(result: DemoResult) -> Html:
+    keys = (
+        element("span", element("b", text(mark), css=name), " ", text(meaning), css="key")
+        for name, mark, meaning in _LEGEND
+    )
+    jumps = (
+        element("button", text(label), type="button", **{"data-jump": f"{time:.3f}"})
+        for label, time in _moments(result)
+    )
+    controls = element(
+        "div",
+        element("button", text("Play"), type="button", id="play"),
+        element("input", type="range", id="moment", min="0", max="1", value="0", **{"aria-label": "time"}),
+        element("output", id="clock"),
+        element("select", *(_speed(s) for s in (0.25, 0.5, 1, 2)), id="speed", **{"aria-label": "speed"}),
+        css="controls",
+    )
+    script = (resources.files("stadera.report") / "walk_view.js").read_text(encoding="utf-8")
+    data = json.dumps(_data(result), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    return element(
+        "section",
+        element("h2", text("The same walk twice")),
+        element("div", *(_walk(run) for run in result.runs), css="beside walks"),
+        controls,
+        element("p", text("Look at: "), *jumps, css="jumps"),
+        element("p", *keys, css="legend"),
+        element("script", Html(data), type="application/json", id="walks"),
+        element("script", Html(script)),
+    )
+
+
+def _speed(value: float) -> Html:
+    chosen = {"selected": "selected"} if value == 1 else {}
+    return element("option", text(f"{value:g}x"), value=f"{value:g}", **chosen)
+
+
+def _walk(run: DemoRun) -> Html:
+    ok = run.outcome.survived
+    return element(
+        "figure",
+        element(
+            "figcaption",
+            element("strong", text(run.name.capitalize())),
+            " ",
+            element("span", text(verdict(run.outcome)), css="good" if ok else "bad"),
+        ),
+        element("canvas", css="side", role="img", **{"aria-label": f"{run.name}, from the side"}),
+        element("canvas", css="top", role="img", **{"aria-label": f"{run.name}, from above"}),
+        element("p", css="told"),
+        css="walk",
+    )
+
+
+def _moments(result: DemoResult) -> Iterator[tuple[str, float]]:
+    """Moments worth a look, in the order of time."""
+    yield "the box lands", result.settings.load_at + 0.12
+    without = result.without.outcome
+    if without.least_margin < 0.0:
+        yield "the worst without identification", _worst(without)
+    for transition in result.identified.outcome.transitions:
+        if transition.after is not State.STOPPING or transition.time < result.settings.load_at + 3.0:
+            yield str(transition.after) if transition.after is not State.WALKING else "walks on", transition.time + 0.04
+    yield "the end", result.identified.outcome.seconds
+
+
+def _worst(outcome: LoadedWalkOutcome) -> float:
+    since = np.where(outcome.time >= outcome.loaded_at, outcome.margin, np.nan)
+    return float(outcome.time[int(np.nanargmin(since))])
+
+
+def _data(result: DemoResult) -> dict[str, Any]:
+    robot, film = load_robot(result.settings.robot), result.without.film
+    every = float(np.median(np.diff(film.time)))
+    without = result.without.outcome
+    start = _worst(without) if np.isfinite(without.least_margin) else result.settings.load_at
+    return {
+        "every": round(every, 6),
+        "start": round(start / every),
+        "foot": max(leg.foot_radius for leg in robot.legs),
+        "feet": [leg.name for leg in robot.legs],
+        "films": [_film(run) for run in result.runs],
+    }
+
+
+def _film(run: DemoRun) -> dict[str, Any]:
+    film = run.film
+    states = sorted(set(film.state))
+    return {
+        "time": _rounded(film.time, 2),
+        "legs": _rounded(film.legs),
+        "trunk": _rounded(film.trunk),
+        "box": _rounded(film.box),
+        "com": _rounded(film.com, 4),
+        "believed": _rounded(film.believed, 4),
+        "force": _rounded(film.force, 0),
+        "down": film.down.tolist(),
+        "margin": _rounded(film.margin, 4),
+        "states": states,
+        "state": [states.index(state) for state in film.state],
+        "fell": run.outcome.fall is not None,
+    }
+
+
+def _rounded(values: Array, digits: int = 3) -> Any:
+    """As nested lists, None for what is not there."""
+    rounded = np.round(values, digits).astype(object)
+    rounded[np.isnan(values)] = None
+    return rounded.tolist()
+
+
+# -- numbers and plots --------------------------------------------------------------------------------------------
+def _numbers(result: DemoResult) -> Iterator[Html]:
+    names = [text("since the load came on"), *(text(run.name) for run in result.runs)]
+    compared = (row(text(name), *(text(figure) for figure in figures)) for name, *figures in comparison_rows(result))
+    outcome = result.identified.outcome
+    weighed = (row(text(name), *(text(figure) for figure in figures)) for name, *figures in weighed_rows(outcome))
+    head = [text(title) for title in ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")]
+    yield element(
+        "section",
+        element("h2", text("What was measured")),
+        table(names, compared),
+        element("h3", text("The load")),
+        table(head, weighed),
+    )
+    log = (
+        row(text(f"{t.time:.2f} s"), element("td", text(t.after)), element("td", text(t.reason), css="reason"))
+        for t in outcome.transitions
+    )
+    yield element(
+        "section",
+        element("h2", text("What the supervisor did")),
+        table([text("time"), text("state"), text("because")], log, css="combinations log"),
+    )
+
+
+def _plots(result: DemoResult) -> Iterator[Html]:
+    yield _plot(
+        "Margin of the true centre of mass",
+        "Its distance from the nearest edge of the support polygon; below zero the robot tips. Shaded: what the "
+        "supervisor does, stopping (orange), weighing (blue), taking over (green).",
+        margin_figure(result),
+    )
+    settings = LoadTestSettings()
+    yield _plot(
+        "Mass",
+        "With identification. At each moment near rest the mass is tested against what is believed; with "
+        f"{settings.deviations:.2f} standard deviations, {settings.false_alarms:g} false alarms an hour are expected.",
+        mass_figure(result),
+    )
+    yield _plot("Centre of mass of the trunk with its load", "With identification, trunk frame.", com_figure(result))
+    for run in result.runs:
+        yield _plot(f"Forces on the feet, {run.name}", "As they were.", force_figure(run, result))
+
+
+def _plot(title: str, note: str, figure: go.Figure) -> Html:
+    return element(
+        "section", element("h2", text(title)), element("p", text(note), css="lead"), figure_html(figure, title)
+    )
+
+
+def _words() -> Html:
+    terms = {
+        "Support polygon": "The hull of the feet that carry, seen from above. A slow robot stands while its centre of "
+        "mass is over it.",
+        "Check": "Near rest, the ground's upward force from joint torques, over the specific force, less the legs.",
+        "Weighing": "First the mass (eq. 7), then the centre of mass from the contact forces' line of action, approach "
+        "(c); both have to converge before controller and planner get either.",
+        "Not observed": "A level trunk at rest does not show how high a centre of mass is.",
+    }
+    listed = (element("div", element("dt", text(name)), element("dd", text(is_))) for name, is_ in terms.items())
+    return element("section", element("h2", text("How to read this")), element("dl", *listed, css="terms"))
