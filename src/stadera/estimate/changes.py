@@ -21,7 +21,7 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import lapack
 
 from stadera.estimate.square_root import SquareRoot
 
@@ -99,9 +99,10 @@ class ChangeDetector:
         known = steps[0].before
         H, y = np.vstack([s.matrix for s in steps]), np.concatenate([s.target for s in steps])
         T, M = H @ known.inverse, H[:, self._which] @ self._root
-        nu = y - H @ known.mean
-        S0 = scale * np.eye(len(nu)) + T @ T.T
-        before, after = cho_factor(S0, lower=True), cho_factor(S0 + M @ M.T, lower=True)
-        gain = nu @ cho_solve(before, nu) - nu @ cho_solve(after, nu)
-        volume = np.log(np.diag(after[0])).sum() - np.log(np.diag(before[0])).sum()
-        return float(0.5 * gain - volume)
+        root = lapack.dpotrf(scale * np.eye(len(y)) + T @ T.T, lower=1)[0]
+        both = lapack.dtrtrs(root, np.column_stack((M, y - H @ known.mean)), lower=1)[0]
+        M, nu = both[:, :-1], both[:, -1]
+        # S1 in units of S0 is 1 + M Mᵀ: by the Woodbury identity, all in the jump's own dimensions
+        volume = lapack.dpotrf(np.eye(M.shape[1]) + M.T @ M, lower=1)[0]
+        felt = lapack.dtrtrs(volume, M.T @ nu, lower=1)[0]
+        return float(0.5 * felt @ felt - np.log(np.diag(volume)).sum())

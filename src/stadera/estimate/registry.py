@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from stadera.errors import IdentificationError, UnknownNameError
+from stadera.estimate.baseline_kalman import KalmanTrunk
+from stadera.estimate.baseline_rls import RlsTrunk
 from stadera.estimate.combined import CombinedCom
 from stadera.estimate.contact_com import ContactCom
 from stadera.estimate.forces import ContactForceEstimator
@@ -68,6 +70,10 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "every instant, whatever the motion; torque offsets as unknowns",
             lambda s: WalkingEstimator(s.robot, start=s.start),
         ),
+        "rls": Method(
+            "baseline: recursive least squares with constant forgetting", lambda s: RlsTrunk(s.robot, s.start)
+        ),
+        "kalman": Method("baseline: a Kalman filter on m, m cx, m cy", lambda s: KalmanTrunk(s.robot, s.start)),
     }
 )
 """By name."""

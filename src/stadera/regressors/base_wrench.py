@@ -40,7 +40,6 @@ loud only in what is thrown away; filtering the signals first is not, for G depe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -120,18 +119,16 @@ class BaseWrenchRegressor:
         tree = robot.tree
         index = np.array([[tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs])
         self.columns = index
-        K = np.array([[skew(tree.axes[j]) for j in leg] for leg in index])  # (4, 3, 3, 3)
+        K = np.array([[skew(tree.axes[j]) for j in leg] for leg in index])  # (leg, joint, 3, 3)
         fixed = tree.rotations[index]
-        # rotation to the parent's axes: B0 + sin q B1 + (1 - cos q) B2, components first, (joint, 3, 3, 1, leg)
+        # to the parent's axes by B0 + sin q B1 + (1 - cos q) B2; all components first, (..., 1, leg, joint)
         self._turns = [_first(fixed), _first(fixed @ K), _first(fixed @ K @ K)]
-        self._arms = np.moveaxis(tree.translations[index], (0, 1, 2), (2, 0, 1))[:, :, None]  # (joint, 3, 1, leg)
-        self._axes = np.moveaxis(tree.axes[index], (0, 1, 2), (2, 0, 1))[:, :, None]
-        self._foot = np.array([leg.foot_position for leg in robot.legs]).T[:, None]
+        self._arms, self._axes = _first(tree.translations[index]), _first(tree.axes[index])
+        self._foot = _first(np.array([leg.foot_position for leg in robot.legs])[:, None])[..., 0]
         self._radius = np.array([leg.foot_radius for leg in robot.legs])
         bodies = np.array([[robot.inertias[link].vector for link in leg.links] for leg in robot.legs])
         self._mass = bodies[..., 0]
-        self._moment = np.moveaxis(bodies[..., 1:4], 2, 0)[:, None]  # (3, 1, leg, link)
-        self._tensor = np.moveaxis(bodies[..., [[4, 5, 6], [5, 7, 8], [6, 8, 9]]], (2, 3), (0, 1))[:, :, None]
+        self._moment, self._tensor = _first(bodies[..., 1:4]), _first(bodies[..., [[4, 5, 6], [5, 7, 8], [6, 8, 9]]])
         dynamics = [[robot.dynamics[joint] for joint in leg.joints] for leg in robot.legs]
         self._joint_side = np.array(
             [[[d.armature, d.viscous, d.coulomb, d.offset] for d in leg] for leg in dynamics]
@@ -141,57 +138,52 @@ class BaseWrenchRegressor:
     @cached_property
     def length(self) -> float:
         """Of the shortest leg, hip to foot when stretched [m]."""
-        thigh = np.linalg.norm(self._arms[2, :, 0], axis=0)
+        thigh = np.linalg.norm(self._arms[:, 0, :, 2], axis=0)
         return float((thigh + np.linalg.norm(self._foot[:, 0], axis=0)).min())
 
     def at(self, motion: LegMotions) -> LegWrenches:
         """The legs' side of the rows at some samples."""
-        omega, alpha, a = (v[:, :, None] for v in (motion[3], motion[4], motion[5]))
-        turn: Array | None = None
-        origin = np.zeros((3, 1, 1))
-        links: list[tuple[Array, Array, Array, Array, Array]] = []
-        axes, origins = [], []
-        for j in range(3):
-            q = motion.position[..., j]
-            local = self._turns[0][j] + np.sin(q) * self._turns[1][j] + (1.0 - np.cos(q)) * self._turns[2][j]
-            arm = self._arms[j] if turn is None else _rotate(turn, self._arms[j])
-            turn = local if turn is None else _product(turn, local)
-            a = a + cross(alpha, arm) + cross(omega, cross(omega, arm))
-            origin = origin + arm
-            axis = _rotate(turn, self._axes[j])
-            spin = axis * motion.velocity[..., j]
-            alpha = alpha + cross(omega, spin) + axis * motion.acceleration[..., j]
-            omega = omega + spin
-            links.append((turn, omega, alpha, a, origin))
-            axes.append(axis)
-            origins.append(origin)
-        assert turn is not None
-        force, moment = self._inertial(links)
-        feet = origin + _rotate(turn, self._foot)
+        turn, arm = self._placed(motion.position)
+        axis = _rotated(turn, self._axes)
+        origin = np.cumsum(arm, axis=-1)
+        spin = axis * motion.velocity
+        # what a joint adds to its link, summed up along the leg; `from_` is the link before, the trunk for the first
+        omega, from_omega = _along(motion.angular_velocity, spin)
+        alpha, from_alpha = _along(motion.angular_acceleration, cross(from_omega, spin) + axis * motion.acceleration)
+        swing = cross(from_alpha, arm) + cross(from_omega, cross(from_omega, arm))
+        a, _ = _along(motion.specific_force, swing)
+        force, moment = self._inertial(turn, omega, alpha, a, origin)
         inwards = slice(None, None, -1)  # joint j carries the links from j outwards
         carried_force = np.cumsum(force[..., inwards], axis=-1)[..., inwards]
         carried_moment = np.cumsum(moment[..., inwards], axis=-1)[..., inwards]
-        axis, at = np.stack(np.broadcast_arrays(*axes), axis=-1), np.stack(np.broadcast_arrays(*origins), axis=-1)
-        torque = (axis * (carried_moment - cross(at, carried_force))).sum(axis=0)
+        torque = (axis * (carried_moment - cross(origin, carried_force))).sum(axis=0)
         armature, viscous, coulomb, offset = self._joint_side
         torque += armature * motion.acceleration + viscous * motion.velocity + offset
         if coulomb.any():
             torque += coulomb * np.tanh(motion.velocity / STICTION_VELOCITY)
+        feet = origin[..., 2] + _rotated(turn[..., 2], self._foot)
         contact = feet - self._radius * motion.normal[:, :, None]
-        to_wrench, volume = _inverse_transposed(axis, at, contact)
+        to_wrench, volume = _inverse_transposed(axis, origin, contact)
         inertial = np.concatenate([carried_force[..., 0], carried_moment[..., 0]])
         return LegWrenches(torque, inertial, to_wrench, feet, volume)
 
-    def _inertial(self, links: Sequence[tuple[Array, Array, Array, Array, Array]]) -> tuple[Array, Array]:
+    def _placed(self, position: Array) -> tuple[Array, Array]:
+        """Rotations (3, 3, samples, leg, joint) of the links, and where each joint lies from the one before."""
+        local = self._turns[0] + np.sin(position) * self._turns[1] + (1.0 - np.cos(position)) * self._turns[2]
+        turn, arm = np.empty_like(local), np.empty(local.shape[1:])
+        turn[..., 0], arm[..., 0] = local[..., 0], self._arms[..., 0]
+        for j in (1, 2):
+            arm[..., j] = _rotated(turn[..., j - 1], self._arms[..., j])
+            turn[..., j] = np.einsum("ikns,kjns->ijns", turn[..., j - 1], local[..., j])
+        return turn, arm
+
+    def _inertial(self, turn: Array, omega: Array, alpha: Array, a: Array, origin: Array) -> tuple[Array, Array]:
         """Inertial force and moment about the trunk's origin of each link, (3, samples, leg, link)."""
-        turn, omega, alpha, a, origin = (
-            np.stack(np.broadcast_arrays(*kind), axis=-1) for kind in zip(*links, strict=True)
-        )
-        h = _rotate(turn, self._moment)
+        h = _rotated(turn, self._moment)
         force = self._mass * a + cross(alpha, h) + cross(omega, cross(omega, h))
-        own_omega, own_alpha = _rotate_back(turn, omega), _rotate_back(turn, alpha)
-        own = _rotate(self._tensor, own_alpha) + cross(own_omega, _rotate(self._tensor, own_omega))
-        moment = cross(h, a) + _rotate(turn, own) + cross(origin, force)
+        own_omega, own_alpha = _rotated_back(turn, omega), _rotated_back(turn, alpha)
+        own = _rotated(self._tensor, own_alpha) + cross(own_omega, _rotated(self._tensor, own_omega))
+        moment = cross(h, a) + _rotated(turn, own) + cross(origin, force)
         return force, moment
 
 
@@ -218,29 +210,29 @@ def wrench_of_angular_acceleration(first_moment: Array, inertia: Array) -> Array
 
 def cross(a: Array, b: Array) -> Array:
     """a x b, components first."""
-    first = a[1] * b[2] - a[2] * b[1]
-    out = np.empty((3, *first.shape))
-    out[0] = first
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    return out
+    a, b = np.concatenate((a, a[:2])), np.concatenate((b, b[:2]))
+    return np.asarray(a[1:4] * b[2:] - a[2:] * b[1:4])
 
 
-def _first(matrices: Array) -> Array:
-    """(leg, joint, 3, 3) to (joint, 3, 3, 1, leg)."""
-    return matrices.transpose(1, 2, 3, 0)[:, :, :, None]
+def _first(values: Array) -> Array:
+    """(leg, joint, ...) to (..., 1, leg, joint)."""
+    return np.ascontiguousarray(np.moveaxis(values, (0, 1), (-2, -1))[..., None, :, :])
 
 
-def _rotate(R: Array, v: Array) -> Array:
+def _along(trunk: Array, added: Array) -> tuple[Array, Array]:
+    """Of each link and of the one before: the trunk's (3, samples) with what the joints add (3, samples, leg, joint)."""
+    chain = np.empty((*added.shape[:-1], 4))
+    chain[..., 0], chain[..., 1:] = trunk[:, :, None], added
+    np.cumsum(chain, axis=-1, out=chain)
+    return chain[..., 1:], chain[..., :3]
+
+
+def _rotated(R: Array, v: Array) -> Array:
     return np.asarray(R[:, 0] * v[0] + R[:, 1] * v[1] + R[:, 2] * v[2])
 
 
-def _rotate_back(R: Array, v: Array) -> Array:
+def _rotated_back(R: Array, v: Array) -> Array:
     return np.asarray(R[0] * v[0] + R[1] * v[1] + R[2] * v[2])
-
-
-def _product(A: Array, B: Array) -> Array:
-    return np.stack([_rotate(A, B[:, k]) for k in range(3)], axis=1)
 
 
 def _inverse_transposed(axis: Array, at: Array, contact: Array) -> tuple[Array, Array]:

@@ -1,0 +1,132 @@
+"""What the baselines that weigh a moving robot share: rows from averaged signals, ten milliseconds at a time.
+
+Positions, velocities, torques, angular velocity and specific force are averaged over a block, accelerations are the
+velocities' differences over it, and the exact rows A θ = b (`stadera.regressors.base_wrench`) are made of these: the
+usual way, signals filtered first. The ground is taken to be level with the feet's spheres at its surface.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import StaderaError
+from stadera.estimate.measurement import Measurement
+from stadera.estimate.protocol import Status, TrunkEstimate, unobserved
+from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.estimate.walking_samples import SampleBuffer, Samples
+from stadera.inertia import InertialParameters
+from stadera.regressors.base_wrench import BaseWrenchRegressor, LegMotions, trunk_matrix, trunk_signals
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+
+Array = NDArray[np.float64]
+
+
+class SignalBaseline:
+    """An `Estimator` fed with rows of averaged signals; what it does with them is the method's.
+
+    Args:
+        robot: whose legs are believed in.
+        start: what is believed first; None for the robot's own trunk.
+        block: over which signals are averaged [s].
+        settled: time of learning after which it counts as converged [s].
+        mount: of the IMU; None for the model's.
+
+    Raises:
+        ImplausibleError: an implausible start.
+        StaderaError: a block that is not positive.
+    """
+
+    def __init__(
+        self, robot: Robot, start: TrunkModel | None, block: float, settled: float, mount: ImuMount | None
+    ) -> None:
+        if not 0.0 < block < inf:
+            raise StaderaError(f"a block must last a positive time, got {block} s")
+        self.robot, self.bounds = robot, TrunkBounds.of(robot)
+        self._start = self.bounds.check(start or TrunkModel.prior(robot))
+        self._regressor = BaseWrenchRegressor(robot)
+        self._lever = (mount or ImuMount.of(robot)).translation
+        self._buffer = SampleBuffer(robot.tree.joints, block)
+        self._waiting: list[Measurement] = []
+        self._settled, self._first = settled, np.nan
+        self._now = TrunkEstimate(np.nan, self._start, unobserved(), Status.WAITING)
+
+    def update(self, measurement: Measurement) -> None:
+        """Takes in one measurement; learns whenever a block is full."""
+        before = self._waiting[-1].time if self._waiting else -inf
+        due = self._buffer.wants(measurement, before)
+        self._waiting.append(measurement)
+        if due:
+            samples, self._waiting = Samples.of(self._waiting), []
+            self.add(samples)
+
+    def add(self, samples: Samples) -> None:
+        """Takes in any number of samples, as so many calls of `update` would."""
+        for stretch in self._buffer.take(samples):
+            if stretch.reason:
+                self._refuse(stretch.reason)
+            for block in stretch.blocks:
+                self._block(block)
+
+    def estimate(self) -> TrunkEstimate:
+        """What it believes now; after a refusal the last good estimate, and why."""
+        return self._now
+
+    @abstractmethod
+    def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
+        """Takes in six rows (6, 10), (6,) of a block; mass and centre of mass (4,), and their covariance (4, 4)."""
+
+    def _block(self, samples: Samples) -> None:
+        matrix, target, elapsed = self._rows(samples)
+        if not np.isfinite(target).all():
+            self._refuse("a leg is so stretched that its foot's force is not felt")
+            return
+        value, covariance = self._learn(matrix, target, elapsed)
+        seen = np.isfinite(np.diag(covariance))
+        value = np.where(seen, value, [self._start.mass, *self._start.com_trunk])
+        try:
+            trunk = self.bounds.check(TrunkModel(float(value[0]), value[1:], self._start.inertia_com))
+        except ImplausibleError as error:
+            self._refuse(f"the estimate runs away: {error}")
+            return
+        time = float(samples.time[-2])
+        if np.isnan(self._first):
+            self._first = time
+        status = Status.CONVERGED if time - self._first >= self._settled else Status.MOVING
+        self._now = TrunkEstimate(time, trunk, covariance, status)
+
+    def _rows(self, samples: Samples) -> tuple[Array, Array, float]:
+        inside, columns = samples[1:-1], self._regressor.columns
+        span = float(samples.time[-1] - samples.time[0])
+        alpha = (samples.angular_velocity[-1] - samples.angular_velocity[0]) / span
+        joint_rate = (samples.velocity[-1] - samples.velocity[0]) / span
+        omega = inside.angular_velocity.mean(axis=0)
+        specific = inside.specific_force.mean(axis=0) - np.cross(alpha, self._lever)
+        motion = LegMotions(
+            inside.position.mean(axis=0)[columns][None],
+            inside.velocity.mean(axis=0)[columns][None],
+            joint_rate[columns][None],
+            omega[:, None],
+            alpha[:, None],
+            specific[:, None],
+            (specific / np.linalg.norm(specific))[:, None],
+        )
+        effort = inside.effort.mean(axis=0)[columns][None]
+        target = self._regressor.at(motion).target(effort)[:, 0].sum(axis=1)
+        signals = trunk_signals(specific[:, None], omega[:, None], alpha[:, None])[:, 0]
+        return trunk_matrix(signals), target, float(samples.time[-1] - samples.time[1])
+
+    def _refuse(self, reason: str) -> None:
+        now = self._now
+        self._now = TrunkEstimate(now.time, now.trunk, now.covariance, Status.REFUSED, reason)
+
+    def _prior(self) -> Array:
+        """The ten parameters of the start, (10,)."""
+        inertia = self._start.inertia_com
+        if inertia is None:
+            inertia = self.robot.inertias[self.robot.trunk].inertia_com
+        return InertialParameters.from_com(self._start.mass, self._start.com_trunk, inertia).vector
