@@ -43,6 +43,7 @@ PAIRS = ((0, 3), (1, 2))
 _NOTHING = (0.0, 0.0)
 _LATE = 1.4  # share of the swing's time after which a foot stands, whether it felt the ground or not
 _FROZEN = 0.85  # share of the swing's time after which the target stays
+_SLOW = 0.08  # of √(g h), the speed below which four feet can stop the trunk
 _TRUSTED = 0.5  # share after which a touch is the ground
 
 
@@ -248,7 +249,7 @@ class Trot:
 
     def _landed(self) -> None:
         self._swinging, self._pair = False, 1 - self._pair
-        slow = float(np.abs(self.controller.velocity[:2]).max()) < 0.3 * self.settings.leash / self.settings.pendulum
+        slow = hypot(*self.controller.velocity[:2].tolist()) < _SLOW * GRAVITY * self.settings.pendulum
         if not self._wanted and slow and self._velocity == _NOTHING:
             self._stand()
         else:
