@@ -57,6 +57,11 @@ class StandingRobot:
         force = np.linalg.lstsq(stacked[:, :6].T, gravity[:6], rcond=None)[0]
         return (gravity - stacked.T @ force)[self._in_v]
 
+    def holding(self, joints: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """Joint torques (n,) [N·m] that hold the legs in the air, the trunk hung up."""
+        q = self._configuration(joints, rotation)
+        return np.array(pin.computeGeneralizedGravity(self.model, self.data, q))[self._in_v]
+
     def measurement(
         self,
         time: float,

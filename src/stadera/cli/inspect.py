@@ -13,13 +13,16 @@ from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
 def inspect(
     target: Annotated[str, typer.Argument(metavar="LOG|ROBOT", help="A log, a robot's name, or a URDF or MJCF.")],
+    robot: Annotated[
+        str | None, typer.Option("--robot", metavar="R", help="Hold the log against this robot, on its feet.")
+    ] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
 ) -> None:
     """Show what is in a log or a robot model.
 
     Of a robot: legs, links with masses, joints with limits, what the loader assumed. Of a log: joints, duration,
-    rate, gaps, ranges, and the robots it fits.
+    rate, gaps, ranges, and the robots it fits; with --robot, what is wrong with it.
     """
     if _is_robot(target):
         from stadera.report.contents import robot_contents
@@ -31,8 +34,18 @@ def inspect(
     from stadera.recording.summary import summarize
     from stadera.report.contents import log_contents
 
-    summary = summarize(stream(log_file(Path(target), joint_topic, imu_topic)))
-    show(*log_contents(summary, _fitting(summary.joints)))
+    log = log_file(Path(target), joint_topic, imu_topic)
+    if robot is None:
+        summary = summarize(stream(log))
+        show(*log_contents(summary, _fitting(summary.joints)))
+        return
+    from stadera.robot import load_robot
+    from stadera.weigh.diagnosis import diagnose
+
+    model = load_robot(robot)
+    summary = summarize(stream(log))
+    found = dict.fromkeys(finding for chunk in stream(log) for finding in diagnose(chunk, model))
+    show(*log_contents(summary, [model.name], tuple(found)))
 
 
 def _is_robot(target: str) -> bool:

@@ -15,6 +15,7 @@ from stadera.report.numbers import number
 if TYPE_CHECKING:
     from stadera.recording.summary import LogSummary
     from stadera.robot.model import JointDynamics, JointLimits, Robot
+    from stadera.weigh.diagnosis import Finding
 
 _MOST_GAPS = 5
 
@@ -69,8 +70,10 @@ def _bound(value: float) -> str:
     return number(value, 3) if isfinite(value) else "none"
 
 
-def log_contents(summary: LogSummary, fits: Sequence[str]) -> Iterator[RenderableType]:
-    """A log's duration, rate, gaps and signals, and the robots it fits."""
+def log_contents(
+    summary: LogSummary, fits: Sequence[str], findings: Sequence[Finding] | None = None
+) -> Iterator[RenderableType]:
+    """A log's duration, rate, gaps and signals, the robots it fits, and what is wrong with it where looked for."""
     yield Text(f"{summary.source}: {summary.duration:.3f} s, {summary.samples} samples", style="bold")
     facts = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
     facts.add_row("time", f"{summary.start:.3f} to {summary.end:.3f} s")
@@ -93,6 +96,10 @@ def log_contents(summary: LogSummary, fits: Sequence[str]) -> Iterator[Renderabl
         table.add_row(Text(signal.name), number(signal.low), number(signal.high), signal.unit)
     yield table
     yield from (Text(f"note: {note}", style="dim") for note in summary.notes)
+    if findings is not None:
+        yield from (Text(f"{f.cause.replace('_', ' ')}: {f.message}", style="bold red") for f in findings)
+        if not findings:
+            yield Text("nothing wrong was found")
 
 
 def _gaps(summary: LogSummary) -> str:

@@ -108,10 +108,8 @@ class Picture:
         mass = (self.weighs / self.robot.mass - 1.0) / 0.2
         tilt = self.tilt * (1.0 - self.alike) / np.radians(1.5)
         terms = [
-            np.array([mass, self.force_angle / np.radians(3.0), self.plane_angle / np.radians(10.0)]),
-            np.array(
-                [self.tilt * (1.0 - self.alike) / np.radians(1.5), np.linalg.norm(self.off_centre) / (0.15 * self.size)]
-            ),
+            np.array([mass, tilt, self.force_angle / np.radians(3.0), self.plane_angle / np.radians(10.0)]),
+            self.off_centre / (0.15 * self.size),
             np.minimum(self.loads, 0.0) / (0.05 * self.weight),
             self.sideways / (0.15 * self.weight),
             self.outside / 0.05,

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.errors import IdentificationError
 from stadera.recording.recording import Imu, Recording
 from stadera.recording.sampling import GAP_FACTOR
 from stadera.regressors.motion import STANDARD_GRAVITY
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.weigh.consistency import Painter, Picture, Sensed, block_means, blocks_of
-from stadera.weigh.suspects import confirmed
+from stadera.weigh.suspects import verdict
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,9 @@ GRAVITY_OFF = 0.6
 """m/s², that the mean specific force may be off gravity's."""
 UPRIGHT_OFF = np.radians(10.0)
 """By how much orientation and accelerometer may differ on where up is [rad]."""
+
+FATAL = ("no_torque", "imu_gravity", "imu_frame", "torque_signs", "joint_order")
+"""Causes that leave nothing to weigh by."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,19 @@ def diagnose(recording: Recording, robot: Robot, imu_frame: str | None = None) -
         found += _orientation(recording.imu, recording.time)
         found += _contradictions(recording, robot, mount)
     return tuple(found)
+
+
+def checked(recording: Recording, robot: Robot, imu_frame: str | None = None) -> tuple[str, ...]:
+    """The findings as notes, for what goes on to weigh by the log. Arguments as `diagnose`.
+
+    Raises:
+        IdentificationError: signs, orders, frames or units are known to be wrong, so that nothing can be weighed by it.
+    """
+    findings = diagnose(recording, robot, imu_frame)
+    for finding in findings:
+        if finding.cause in FATAL:
+            raise IdentificationError(f"{recording.source}: {finding.message}")
+    return tuple(f"{finding.cause.replace('_', ' ')}: {finding.message}" for finding in findings)
 
 
 # -- sensors that say nothing ---------------------------------------------------------------------------------------
@@ -211,9 +228,10 @@ def _contradictions(recording: Recording, robot: Robot, mount: ImuMount) -> Iter
         )
         return
     sensed = _sensed(recording, robot, mount, FEWER_SAMPLES)
-    if (found := confirmed(sensed, painter, painter.paint(sensed))) is not None:
-        suspect, better = found
-        yield Finding(suspect.cause, f"{suspect.text}: as recorded, {_told(faults)}; otherwise {_fits(better)}")
+    if (found := verdict(sensed, painter, painter.paint(sensed))) is not None:
+        others = "".join(f", or {other.text}" for other in found.others)
+        said = f"{found.suspect.text}{others}: as recorded, {_told(faults)}; otherwise {_fits(found.picture)}"
+        yield Finding(found.suspect.cause, said)
         return
     yield Finding("contradiction", f"encoders, torques and IMU contradict each other: {_told(faults)}{_witness(now)}")
 

@@ -1,7 +1,7 @@
 """What is usually wrong with a log whose sensors contradict each other, each as the way to undo it.
 
 A suspect is confirmed if, undone, nothing is impossible any more, and everything fits far better than before. Where
-several are, the likeliest counts, and simpler ones before others that fit about as well.
+several are, the likeliest counts, and those that fit about as well are named beside it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ Places = NDArray[np.int64]
 
 MUCH_BETTER = 0.25
 """Share of the cost that may be left where a suspect is confirmed."""
-_AS_GOOD = 1.5  # cost by which a later suspect has to be better than an earlier one
+_SAME, _ABOUT_AS_GOOD = 0.02, 0.3
+"""Costs by which suspects are told apart: below the first the simpler one counts, below the second both are named."""
 _KINDS = ("HAA", "HFE", "KFE")
 _ALL = ("position", "effort")
 
@@ -41,16 +42,35 @@ class Suspect:
     undo: Callable[[Sensed], Sensed]
 
 
-def confirmed(sensed: Sensed, painter: Painter, now: Picture) -> tuple[Suspect, Picture] | None:
-    """The suspect that explains the contradictions, and the picture without it; None where none does."""
-    best: tuple[Suspect, Picture] | None = None
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The suspect that explains the contradictions best.
+
+    Attributes:
+        suspect: it.
+        picture: without it.
+        others: that explain them about as well, at most two.
+    """
+
+    suspect: Suspect
+    picture: Picture
+    others: tuple[Suspect, ...]
+
+
+def verdict(sensed: Sensed, painter: Painter, now: Picture) -> Verdict | None:
+    """Which suspect explains the contradictions; None where none does."""
+    fitting: list[tuple[float, Suspect, Picture]] = []
     for suspect in suspects(painter.robot):
         picture = painter.paint(suspect.undo(sensed))
-        if picture.cost > MUCH_BETTER * now.cost or any(picture.faults()):
-            continue
-        if best is None or picture.cost < best[1].cost - _AS_GOOD:
-            best = suspect, picture
-    return best
+        if picture.cost <= MUCH_BETTER * now.cost and not any(picture.faults()):
+            fitting.append((picture.cost, suspect, picture))
+    if not fitting:
+        return None
+    least = min(cost for cost, _, _ in fitting)
+    _, best, picture = next(entry for entry in fitting if entry[0] <= least + _SAME)
+    near = sorted((cost, k) for k, (cost, suspect, _) in enumerate(fitting) if suspect is not best)
+    others = tuple(fitting[k][1] for cost, k in near if cost < least + _ABOUT_AS_GOOD)[:2]
+    return Verdict(best, picture, others)
 
 
 def suspects(robot: Robot) -> Iterator[Suspect]:
@@ -90,15 +110,12 @@ def _orders(robot: Robot) -> Iterator[Suspect]:
     def reordered(what: str, taken: Places) -> Iterator[Suspect]:
         order = np.arange(n, dtype=np.int64)
         order[place.ravel()] = taken.ravel()
-        yield Suspect(
-            "joint_order", f"{what} are swapped", lambda s: _taken(s, order, ("position", "velocity", "effort"))
-        )
-        yield Suspect("joint_order", f"the torques of {what} are swapped", lambda s: _taken(s, order, ("effort",)))
-        yield Suspect(
-            "joint_order",
-            f"the positions of {what} are swapped",
-            lambda s: _taken(s, order, ("position", "velocity")),
-        )
+        for which, channels in (("", _ALL), ("the torques of ", _ALL[1:]), ("the positions of ", _ALL[:1])):
+            yield Suspect(
+                "joint_order",
+                f"{which}{what} are swapped",
+                lambda s, channels=channels: _taken(s, order, channels),  # type: ignore[misc]
+            )
 
     for kinds in list(permutations(range(3)))[1:]:
         yield from reordered(f"joints {_cycle(kinds, _KINDS)} of all legs", place[:, list(kinds)])

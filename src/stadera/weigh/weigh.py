@@ -26,6 +26,7 @@ from stadera.estimate.registry import Setup, make_estimator
 from stadera.recording import LogFile, stream
 from stadera.robot.model import Robot
 from stadera.weigh.changes import changes_between, levels, loads
+from stadera.weigh.diagnosis import checked
 from stadera.weigh.payload import PayloadEstimate, payload_between
 from stadera.weigh.rest import Block, MeanMass, Rest, times_at_rest
 from stadera.weigh.result import Balance, Timeline, Weighing
@@ -50,7 +51,8 @@ def weigh(robot: Robot, log: Log, settings: WeighSettings | None = None, progres
 
     Raises:
         RecordingError: a log that cannot be read or lacks a joint, its velocity or torque, or the IMU.
-        IdentificationError: the robot never stands still, or not in the tare's time.
+        IdentificationError: signs, orders or frames of the log are wrong, the robot never stands still, or not in the
+            tare's time.
     """
     return _Weighing(robot, log, settings or WeighSettings(), progress).result()
 
@@ -127,7 +129,7 @@ class _Weighing:
     def _measurements(self, log: LogFile, what: str) -> Iterator[Measurement]:
         joints, done = self.robot.tree.joints, 0
         for chunk in stream(log, joints=joints, require=("velocity", "effort", "imu")):
-            self._notes |= dict.fromkeys(chunk.notes)
+            self._notes |= dict.fromkeys((*chunk.notes, *checked(chunk, self.robot, self.settings.imu_frame)))
             for m in measurements_of(chunk, self.robot, self.settings.imu_frame):
                 done += 1
                 if self._progress and done % _TOLD_EVERY == 0:

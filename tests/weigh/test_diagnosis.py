@@ -1,0 +1,305 @@
+"""Logs made wrong in one way each: the finding names that way. Logs that are right: no finding.
+
+What is right is worked out by Pinocchio (poses held at rest), and by the test-bed with its sensors' errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stadera.errors import IdentificationError
+from stadera.recording import Imu, Recording
+from stadera.recording.join import take
+from stadera.robot import Robot, load_robot
+from stadera.robot.kinematics import foot_positions
+from stadera.robot.stance import standing_configuration
+from stadera.simulate import SimulateSettings, simulate
+from stadera.weigh import diagnose
+from stadera.weigh.consistency import Painter, Sensed
+from stadera.weigh.diagnosis import checked
+from standing import GRAVITY, StandingRobot
+
+RATE, HELD = 100.0, 0.5  # Hz, s of each pose
+TILTS = [(0, 0), (6, 0), (-6, 0), (0, 6), (0, -6), (5, 5)]  # °, about x and y
+
+
+def static_log(robot: Robot, load: float = 0.0, seed: int = 3) -> Recording:
+    """Poses held at rest, by Pinocchio, with a little white noise as any sensor has."""
+    plant = StandingRobot(robot, load, (0.05, 0.03, 0.1))
+    rng = np.random.default_rng(seed)
+    nominal = standing_configuration(robot)
+    count = round(HELD * RATE)
+    rows: dict[str, list[np.ndarray]] = {"q": [], "tau": [], "a": [], "turn": []}
+    for roll, pitch in TILTS:
+        turn = Rotation.from_euler("xy", [roll, pitch], degrees=True)
+        joints = _with_feet_at(robot, nominal, turn)
+        for name, values in (
+            ("q", joints),
+            ("tau", plant.efforts(joints, turn.as_matrix())),
+            ("a", GRAVITY * turn.as_matrix()[2]),
+            ("turn", turn.as_quat()),
+        ):
+            rows[name] += [values] * count
+    q, tau, a, turns = (np.array(rows[name]) for name in ("q", "tau", "a", "turn"))
+    samples = len(q)
+    return Recording(
+        time=np.arange(samples) / RATE,
+        joints=robot.tree.joints,
+        position=q + 1e-4 * rng.normal(size=q.shape),
+        velocity=1e-2 * rng.normal(size=q.shape),
+        effort=tau + 1e-2 * rng.normal(size=q.shape),
+        imu=Imu(1e-3 * rng.normal(size=a.shape), a + 2e-2 * rng.normal(size=a.shape), turns, robot.trunk),
+    )
+
+
+def _with_feet_at(robot: Robot, nominal: np.ndarray, turn: Rotation) -> np.ndarray:
+    """Joints with which the feet stay where they are in the world, the trunk turned; Newton's method."""
+    from stadera.robot.kinematics import foot_jacobians
+
+    wanted = turn.inv().apply(foot_positions(robot, nominal[None])[0])
+    q = nominal.copy()
+    columns = [[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs]
+    for _ in range(20):
+        error = wanted - foot_positions(robot, q[None])[0]
+        jacobians = foot_jacobians(robot, q[None])[0]
+        for leg, place in enumerate(columns):
+            q[place] += np.linalg.solve(jacobians[leg], error[leg])
+    return q
+
+
+@pytest.fixture(scope="module")
+def hyq() -> Robot:
+    return load_robot("hyq")
+
+
+@pytest.fixture(scope="module")
+def clean(hyq: Robot) -> Recording:
+    return static_log(hyq)
+
+
+def with_imu(log: Recording, **changes: object) -> Recording:
+    assert log.imu is not None
+    return replace(log, imu=replace(log.imu, **changes))
+
+
+def turned(log: Recording, turn: Rotation) -> Recording:
+    assert log.imu is not None
+    imu = log.imu
+    return replace(log, imu=Imu(turn.apply(imu.angular_velocity), turn.apply(imu.linear_acceleration), None, imu.frame))
+
+
+def kinds_swapped(log: Recording, robot: Robot, first: int, second: int, *channels: str) -> Recording:
+    order = list(range(12))
+    for leg in robot.legs:
+        a, b = log.joints.index(leg.joints[first]), log.joints.index(leg.joints[second])
+        order[a], order[b] = b, a
+    return replace(log, **{channel: getattr(log, channel)[:, order] for channel in channels})
+
+
+def legs_swapped(log: Recording, robot: Robot, pairs: tuple[tuple[str, str], ...], *channels: str) -> Recording:
+    order = list(range(12))
+    for one, other in pairs:
+        for a, b in zip(robot.leg(one).joints, robot.leg(other).joints, strict=True):
+            i, j = log.joints.index(a), log.joints.index(b)
+            order[i], order[j] = j, i
+    return replace(log, **{channel: getattr(log, channel)[:, order] for channel in channels})
+
+
+def flipped(log: Recording, joints: tuple[str, ...]) -> Recording:
+    assert log.effort is not None
+    return replace(log, effort=log.effort * np.where(np.isin(log.joints, joints), -1.0, 1.0))
+
+
+# -- what is right --------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_found_in_a_clean_log(hyq: Robot, clean: Recording) -> None:
+    assert diagnose(clean, hyq) == ()
+
+
+@pytest.mark.parametrize("load", [0.1, 0.6])
+def test_nothing_is_found_under_a_load(hyq: Robot, load: float) -> None:
+    assert diagnose(static_log(hyq, load * hyq.mass), hyq) == ()
+
+
+def test_nothing_is_found_in_another_robots_clean_log() -> None:
+    pytest.importorskip("example_robot_data")
+    go2 = load_robot("go2")
+    assert diagnose(static_log(go2), go2) == ()
+    wrong = legs_swapped(static_log(go2), go2, (("LF", "RF"), ("LH", "RH")), "position", "velocity", "effort")
+    assert [f.cause for f in diagnose(wrong, go2)] == ["joint_order"]
+
+
+@pytest.mark.parametrize(("name", "scenario", "seconds"), [("hyq", "stand", 0.6), ("hyq", "trot", 2.0)])
+def test_nothing_is_found_in_a_simulated_log(name: str, scenario: str, seconds: float) -> None:
+    robot = load_robot(name)
+    run = simulate(robot, scenario, SimulateSettings(errors="harsh", duration=seconds, seed=2))
+    log = take(run.recording, run.recording.time > 0.2)
+    assert diagnose(log, robot) == ()
+    assert log.effort is not None
+    assert [f.cause for f in diagnose(replace(log, effort=-log.effort), robot)] == ["torque_signs"]
+
+
+def test_forces_are_those_of_the_weight(hyq: Robot, clean: Recording) -> None:
+    """Against Pinocchio's statics: what the feet carry, and where the centre of mass is."""
+    assert clean.effort is not None
+    assert clean.imu is not None
+    sensed = Sensed(clean.time, clean.position, clean.effort, clean.imu.linear_acceleration)
+    picture = Painter(hyq).paint(sensed)
+    assert picture.weighs == pytest.approx(StandingRobot(hyq).mass, rel=5e-3)
+    assert picture.alike > 0.99
+    assert picture.force_angle < np.radians(0.5)
+    assert not list(picture.faults())
+
+
+# -- torques and joints ---------------------------------------------------------------------------------------------
+
+
+def _legs(robot: Robot, *names: str) -> tuple[str, ...]:
+    return tuple(joint for name in names for joint in robot.leg(name).joints)
+
+
+WRONG: dict[str, tuple[str, str, Callable[[Recording, Robot], Recording]]] = {
+    "all torques": ("torque_signs", "signs of all torques", lambda log, r: flipped(log, log.joints)),
+    "left legs": ("torque_signs", "torques of LF and LH", lambda log, r: flipped(log, _legs(r, "LF", "LH"))),
+    "one knee": ("torque_signs", "'rh_kfe_joint'", lambda log, r: flipped(log, ("rh_kfe_joint",))),
+    "knees": ("torque_signs", "all KFE torques", lambda log, r: flipped(log, tuple(g.joints[2] for g in r.legs))),
+    "HFE and KFE": (
+        "joint_order",
+        "joints HFE and KFE of all legs are swapped",
+        lambda log, r: kinds_swapped(log, r, 1, 2, "position", "velocity", "effort"),
+    ),
+    "torques of HFE and KFE": (
+        "joint_order",
+        "the torques of joints HFE and KFE of all legs are swapped",
+        lambda log, r: kinds_swapped(log, r, 1, 2, "effort"),
+    ),
+    "front and hind": (
+        "joint_order",
+        "LF, RF, LH and RH",
+        lambda log, r: legs_swapped(log, r, (("LF", "LH"), ("RF", "RH")), "position", "velocity", "effort"),
+    ),
+    "IMU upside down": (
+        "imu_frame",
+        "(x, -y, -z)",
+        lambda log, r: turned(log, Rotation.from_euler("x", 180, degrees=True)),
+    ),
+    "IMU on its side": (
+        "imu_frame",
+        "IMU's frame",
+        lambda log, r: turned(log, Rotation.from_euler("y", 90, degrees=True)),
+    ),
+    "IMU turned about the vertical": (
+        "imu_frame",
+        "IMU's frame",
+        lambda log, r: turned(log, Rotation.from_euler("z", 90, degrees=True)),
+    ),
+    "IMU askew": (
+        "contradiction",
+        "the IMU's frame that seems wrong",
+        lambda log, r: turned(log, Rotation.from_euler("x", 40, degrees=True)),
+    ),
+    "torques in another unit": (
+        "contradiction",
+        "unit or scale",
+        lambda log, r: replace(log, effort=0.4 * log.effort),  # type: ignore[operator]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_named(hyq: Robot, clean: Recording, name: str) -> None:
+    cause, words, corrupt = WRONG[name]
+    (finding,) = diagnose(corrupt(clean, hyq), hyq)
+    assert finding.cause == cause
+    assert words in finding.message
+    assert "\n" not in finding.message
+
+
+def test_what_leaves_nothing_to_weigh_by_is_an_error_and_the_rest_a_note(hyq: Robot, clean: Recording) -> None:
+    with pytest.raises(IdentificationError, match=r"signs of all torques are reversed.*would weigh -"):
+        checked(flipped(clean, clean.joints), hyq)
+    assert checked(clean, hyq) == ()
+    gap = np.ones(len(clean), dtype=bool)
+    gap[100:120] = False
+    assert "1 gap in time" in checked(take(clean, gap), hyq)[0]
+
+
+def test_a_robot_that_hangs_is_not_on_its_feet(hyq: Robot) -> None:
+    log, plant = static_log(hyq), StandingRobot(hyq)
+    gravity = np.array([plant.holding(q, np.eye(3)) for q in log.position])
+    upright = np.tile([0.0, 0.0, GRAVITY], (len(log), 1))
+    assert log.imu is not None
+    log = replace(log, effort=gravity, imu=Imu(log.imu.angular_velocity, upright, None, hyq.trunk))
+    (finding,) = [f for f in diagnose(log, hyq) if f.cause != "stuck"]
+    assert finding.cause == "not_on_feet"
+
+
+# -- the IMU by itself ----------------------------------------------------------------------------------------------
+
+
+def test_gravity_taken_out_or_in_other_units(hyq: Robot, clean: Recording) -> None:
+    assert clean.imu is not None
+    a = clean.imu.linear_acceleration
+    rng = np.random.default_rng(1)
+    for values, words in (
+        (0.05 * rng.normal(size=a.shape), "gravity seems to have been taken out"),
+        (a / GRAVITY, "units of g"),
+        (2 * a, "unit or scale"),
+    ):
+        (finding,) = diagnose(with_imu(clean, linear_acceleration=values), hyq)
+        assert finding.cause == "imu_gravity"
+        assert words in finding.message
+    (finding,) = diagnose(with_imu(clean, linear_acceleration=-a, orientation=None), hyq)
+    assert finding.cause == "imu_frame"
+    assert "sign is reversed" in finding.message
+
+
+def test_a_quaternion_in_another_order(hyq: Robot, clean: Recording) -> None:
+    assert clean.imu is not None
+    assert clean.imu.orientation is not None
+    (finding,) = diagnose(with_imu(clean, orientation=clean.imu.orientation[:, [3, 0, 1, 2]]), hyq)
+    assert finding.cause == "orientation"
+    assert "w, x, y, z" in finding.message
+
+
+# -- dropouts -------------------------------------------------------------------------------------------------------
+
+
+def test_gaps_in_time(hyq: Robot, clean: Recording) -> None:
+    kept = np.ones(len(clean), dtype=bool)
+    kept[50:70] = kept[150:180] = False
+    (finding,) = diagnose(take(clean, kept), hyq)
+    assert finding.cause == "dropout"
+    assert "2 gaps" in finding.message
+    assert "0.31 s at 1.490 s" in finding.message
+    assert not finding.grave
+
+
+@pytest.mark.parametrize(("channel", "value"), [("effort", 0.0), ("position", None), ("velocity", None)])
+def test_a_sensor_that_stands_still(hyq: Robot, clean: Recording, channel: str, value: float | None) -> None:
+    values = getattr(clean, channel).copy()
+    values[100:110, 4] = values[99, 4] if value is None else value
+    found = diagnose(replace(clean, **{channel: values}), hyq)
+    assert [f.cause for f in found] == ["stuck"]
+    assert f"{clean.joints[4]}.{channel}" in found[0].message
+
+
+def test_torques_that_are_zero_throughout(hyq: Robot, clean: Recording) -> None:
+    assert clean.effort is not None
+    effort = clean.effort.copy()
+    effort[:, 3] = 0.0
+    found = diagnose(replace(clean, effort=effort), hyq)
+    assert found[0].cause == "no_torque"
+    assert repr(clean.joints[3]) in found[0].message
+
+
+def test_a_log_without_imu_or_torques_is_looked_at_as_far_as_it_goes(hyq: Robot, clean: Recording) -> None:
+    assert diagnose(replace(clean, imu=None), hyq) == ()
+    assert diagnose(replace(clean, effort=None), hyq) == ()
+    assert diagnose(take(clean, slice(0, 1)), hyq) == ()
