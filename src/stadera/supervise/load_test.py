@@ -20,6 +20,9 @@ asked for: at most one check is made in each interval, so α = rate x interval. 
 probability Φ(z - |δ| / √S_k): `LoadTest.detectable` is the δ for which that is a given one.
 
 After a change the mass is unknown again, and what was learnt of the offsets is kept: P_mm is made large, P_mn zero.
+
+A leg in the air tells its own offsets (`stadera.supervise.offsets`), which is a measurement of three of x's components.
+Offsets may drift: with every such measurement their variance grows a little first.
 """
 
 from __future__ import annotations
@@ -33,6 +36,7 @@ from scipy.special import ndtri
 
 from stadera.errors import StaderaError
 from stadera.estimate.noise import ForceNoise
+from stadera.supervise.offsets import LegOffsets
 from stadera.supervise.rest import RestMoment
 
 Array = NDArray[np.float64]
@@ -48,6 +52,7 @@ class LoadTestSettings:
         unexplained: σ_u, as a share of the robot's mass.
         prior: standard deviation of the mass believed at first, as a share of the robot's mass; a load that is there
             from the beginning is noticed if it is larger than that explains.
+        drift: of a torque offset from one swing of its leg to the next, as a share of what offsets usually are.
 
     Raises:
         StaderaError: a value that is not positive, more than one false alarm in two checks.
@@ -57,6 +62,7 @@ class LoadTestSettings:
     interval: float = 0.15
     unexplained: float = 0.003
     prior: float = 0.005
+    drift: float = 0.1
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -124,6 +130,7 @@ class LoadTest:
         self._x = np.array([trunk_mass, *np.zeros(noise.torque_constant.size)])
         variances = [(self.settings.prior * robot_mass) ** 2, *noise.torque_constant.ravel() ** 2]
         self._P = np.diag(variances)
+        self._drift = (self.settings.drift * noise.torque_constant) ** 2
 
     @property
     def mass(self) -> float:
@@ -153,6 +160,20 @@ class LoadTest:
             self._x = self._x + gain * check.change
             self._P = self._P - np.outer(gain, gain) * S
         return check
+
+    @property
+    def offsets_std(self) -> Array:
+        """(12,) [N·m]."""
+        return np.asarray(np.sqrt(np.diag(self._P)[1:]))
+
+    def zero(self, swing: LegOffsets) -> None:
+        """Learns a leg's offsets from a swing."""
+        own = slice(1 + 3 * swing.leg, 4 + 3 * swing.leg)
+        self._P[own, own] += np.diag(self._drift[swing.leg])
+        gain = np.linalg.solve(self._P[own, own] + np.diag(swing.variance), self._P[own]).T
+        self._x = self._x + gain @ (swing.value - self._x[own])
+        self._P = self._P - gain @ self._P[own]
+        self._P = 0.5 * (self._P + self._P.T)
 
     def detectable(self, moment: RestMoment, missed: float = 1e-3) -> float:
         """The change of mass [kg] that a check of this moment misses with this probability."""

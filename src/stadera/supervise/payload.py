@@ -8,9 +8,11 @@ from stadera.estimate.equilibrium import ConstantErrors
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.pose_means import Alike, PoseMean
+from stadera.estimate.poses import SETTLED
 from stadera.estimate.protocol import TrunkEstimate
 from stadera.estimate.stillness import StillnessGate
 from stadera.estimate.trunk import TrunkModel
+from stadera.supervise.zeroed import ZeroedForces
 from stadera.weigh.payload import PayloadEstimate, payload_between, payload_of_difference
 
 _MOST_POSES = 12
@@ -27,8 +29,7 @@ class PayloadScale:
 
     def __init__(self, forces: ContactForceEstimator, tare: TrunkModel) -> None:
         self._forces, self._tare = forces, tare
-        self._errors = ConstantErrors.of(forces.noise)
-        self._gate, self._alike = StillnessGate(forces.legs), Alike()
+        self._gate, self._alike = StillnessGate(forces.legs, SETTLED), Alike()
         self._before: list[PoseMean] = []
         self._after: list[PoseMean] = []
         self._waiting: deque[Measurement] = deque(maxlen=_MOST_WAITING)
@@ -60,12 +61,23 @@ class PayloadScale:
         self._after.clear()
         self._waiting.clear()
 
-    def payload(self, trunk: TrunkEstimate) -> PayloadEstimate:
+    def payload(self, trunk: TrunkEstimate, scale: ZeroedForces) -> PayloadEstimate:
         """What the trunk carries more than at the tare.
 
         By the difference of poses, in which constant errors cancel; where none was held before, by the difference of
         `trunk` to what was believed.
+
+        Args:
+            trunk: as weighed.
+            scale: the torque offsets, as known by now.
         """
-        if self._before and self._after:
-            return payload_between(self._before, self._after, self._forces, self._errors)
-        return payload_of_difference(self._tare, trunk)
+        if not (self._before and self._after):
+            return payload_of_difference(self._tare, trunk)
+        before, after = ([_zeroed(pose, scale) for pose in poses] for poses in (self._before, self._after))
+        return payload_between(before, after, scale.forces, ConstantErrors.of(scale.forces.noise))
+
+
+def _zeroed(pose: PoseMean, scale: ZeroedForces) -> PoseMean:
+    mean = PoseMean(scale.measurement(pose.measurement))
+    mean.count = pose.count
+    return mean

@@ -19,6 +19,7 @@ class SuperviseSettings:
     Attributes:
         method: of finding the centre of mass, a name of `stadera.estimate.registry.METHODS`.
         load_test, rest: see there.
+        zero_torques: learn the torques' constant offsets from legs in the air, and take them off before weighing.
         period: between two measurements that are looked at [s].
         stop_within: [s], after which a robot that has not come to stand is set down.
         mass_within, com_within: [s], in which the mass and the centre of mass have to converge.
@@ -34,6 +35,7 @@ class SuperviseSettings:
     method: str = "contact"
     load_test: LoadTestSettings = field(default_factory=LoadTestSettings)
     rest: RestLimits = field(default_factory=RestLimits)
+    zero_torques: bool = True
     period: float = 0.004
     stop_within: float = 5.0
     mass_within: float = 6.0

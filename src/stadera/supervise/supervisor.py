@@ -20,12 +20,14 @@ from stadera.estimate.protocol import TrunkEstimate
 from stadera.estimate.trunk import TrunkModel
 from stadera.robot.model import Robot
 from stadera.supervise.load_test import LoadCheck, LoadTest
+from stadera.supervise.offsets import SwingOffsets
 from stadera.supervise.payload import PayloadScale
 from stadera.supervise.rest import RestWatch
 from stadera.supervise.settings import SuperviseSettings
 from stadera.supervise.strength import hardest_effort
 from stadera.supervise.walker import State, Transition, Walker
 from stadera.supervise.weighing import Stage, StandingWeighing, require_poses
+from stadera.supervise.zeroed import ZeroedForces
 from stadera.weigh.payload import PayloadEstimate
 
 _SATURATED = 0.98  # share of a joint's limit from which its torque counts as at it
@@ -70,6 +72,7 @@ class Supervisor:
         self.load_test = LoadTest(robot.mass, self.believed.mass, self.forces.noise, self.settings.load_test)
         self._rest = RestWatch(self.forces, self.settings.rest)
         self._scale = PayloadScale(self.forces, self.believed)
+        self._swings = SwingOffsets(self.forces.legs, self.forces.noise)
         self._weighing: StandingWeighing | None = None
         self._estimate: TrunkEstimate | None = None
         self._payload: PayloadEstimate | None = None
@@ -120,6 +123,9 @@ class Supervisor:
             return
         if self._in_danger(m, min(elapsed, self.settings.period)):
             return
+        if self.settings.zero_torques:
+            for swing in self._swings.update(m):
+                self.load_test.zero(swing)
         change = self._check(m)
         match self.state:
             case State.WALKING:
@@ -190,8 +196,13 @@ class Supervisor:
         self._begin_weighing(f"{why}, the weighing begins anew")
 
     def _begin_weighing(self, reason: str) -> None:
-        self._weighing = StandingWeighing(self.forces, self.believed, self.walker, self.settings, self._time)
+        self._weighing = StandingWeighing(self._zeroed(), self.believed, self.walker, self.settings, self._time)
         self._become(State.WEIGHING_MASS, reason)
+
+    def _zeroed(self) -> ZeroedForces:
+        if not self.settings.zero_torques:
+            return ZeroedForces.none(self.forces)
+        return ZeroedForces.of(self.forces, self.load_test.offsets, self.load_test.offsets_std)
 
     def _converged(self, found: TrunkEstimate) -> None:
         trunk, self._weighing = found.trunk, None
@@ -207,7 +218,7 @@ class Supervisor:
             self._stand("controller and planner did not take the new trunk, both keep the last one")
         else:
             self.believed = trunk
-            self._payload = self._scale.payload(found)
+            self._payload = self._scale.payload(found, self._zeroed())
 
     def _take_over(self, m: Measurement, change: LoadCheck | None) -> None:
         if change is not None:

@@ -20,6 +20,7 @@ from stadera.estimate.static_poses import PoseOffset, static_poses
 from stadera.estimate.trunk import TrunkModel
 from stadera.supervise.settings import SuperviseSettings
 from stadera.supervise.walker import PosingWalker, Walker
+from stadera.supervise.zeroed import ZeroedForces
 
 POSED = ("poses", "combined")
 """Methods that live on several poses of the trunk."""
@@ -42,7 +43,7 @@ class StandingWeighing:
     """Mass, then centre of mass, of a robot that stands.
 
     Args:
-        forces: source of contact forces; its robot's legs are believed in.
+        scale: source of contact forces; its robot's legs are believed in.
         believed: the trunk that the controller reckons with, all the while.
         walker: asked to lean, by methods that live on poses, and for its posture by the method "orientation".
         settings: see there.
@@ -59,19 +60,19 @@ class StandingWeighing:
 
     def __init__(
         self,
-        forces: ContactForceEstimator,
+        scale: ZeroedForces,
         believed: TrunkModel,
         walker: Walker,
         settings: SuperviseSettings,
         begin: float,
     ) -> None:
-        self.forces, self.settings = forces, settings
+        self.scale, self.forces, self.settings = scale, scale.forces, settings
         self.stage, self.reason = Stage.MASS, ""
         self.estimate: TrunkEstimate | None = None
         self._believed, self._begin = believed, begin
         self._walker = require_poses(walker, settings.method) if settings.method != "contact" else None
-        self._estimator: Estimator = MassEstimator(forces.robot, believed, forces)
-        self._poses = list(_poses(forces, settings.method))
+        self._estimator: Estimator = MassEstimator(self.forces.robot, believed, self.forces)
+        self._poses = list(_poses(self.forces, settings.method))
         self._held_from, self._held_until = -np.inf, np.inf
 
     def update(self, m: Measurement) -> None:
@@ -79,7 +80,7 @@ class StandingWeighing:
         if self.stage in (Stage.DONE, Stage.FAILED):
             return
         if m.time >= self._held_from:
-            self._estimator.update(m)
+            self._estimator.update(self.scale.measurement(m))
             self.estimate = self._estimator.estimate()
         if self.stage is Stage.MASS:
             self._weigh(m)
