@@ -118,6 +118,21 @@ def test_settled_means_the_mean_innovation_not_one_sample() -> None:
     assert not rule.reached
 
 
+def test_noise_alone_does_not_keep_it_from_settling_nor_hide_a_way_to_go() -> None:
+    """Innovations of 9 mm noise at 100 Hz: their running mean is off by 2 mm for ever."""
+    rng, step = np.random.default_rng(8), step_size(1.5, 0.01)
+    at_rest, moving = Settled(5e-4), Settled(5e-4)
+    reached = []
+    for _ in range(1000):
+        noise = 0.009 * rng.standard_normal(3) / np.sqrt(3.0)
+        at_rest.take(noise, step)
+        moving.take(noise + np.array([0.01, 0.0, 0.0]), step)
+        reached.append((at_rest.reached, moving.reached))
+    settled, hidden = np.mean(reached[100:], axis=0)
+    assert settled > 0.9
+    assert hidden == 0.0
+
+
 # -- contact forces -------------------------------------------------------------------------------------------------
 @settings(max_examples=5, deadline=None)
 @given(roll=st.floats(-0.12, 0.12), pitch=st.floats(-0.12, 0.12), yaw=st.floats(-3.0, 3.0))

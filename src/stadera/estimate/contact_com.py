@@ -72,6 +72,7 @@ class ContactCom(RecursiveCom):
     def _interrupted(self) -> None:
         self._last = np.nan
         self._settled.restart()
+        self._mass_settled.restart()
 
     def _averaging(self) -> float:
         return self._step / (2.0 - self._step)

@@ -8,7 +8,9 @@ The update ĉ(k+1) = ĉ(k) + β (c - ĉ(k)) every T_s seconds leaves 1 - β of t
 Keeping t_a and taking T_s as it comes makes an estimate independent of the rate it is fed at.
 
 The paper calls an estimate converged when |c - ĉ|, the innovation, is below 0.0005 m (section V.C). One sample's
-innovation is noise around that; what has to be below is a running mean of it, five times quicker than the estimate.
+innovation is noise around that; what has to be below is a running mean of it, five times quicker than the estimate. At
+low rates even the mean is noise of millimetres: what twice its standard deviation, by the innovations' own scatter,
+explains does not count. An estimate is then as near as the noise lets it come, which its covariance says.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ TOLERANCE = 0.0005
 """[m], of the innovation: the paper's rule."""
 
 _QUICKER = 5.0
+_DEVIATIONS = 2.0
 
 
 def settling_time(step: float = STEP, period: float = PERIOD) -> float:
@@ -48,10 +51,10 @@ def step_size(settling: float, period: float) -> float:
 
 
 class Settled:
-    """The paper's rule: the running mean of the innovation is below the tolerance.
+    """The paper's rule: the running mean of the innovation is below the tolerance, noise aside.
 
     Args:
-        tolerance: [m].
+        tolerance: in the innovation's unit.
 
     Raises:
         ModelError: a tolerance that is not positive.
@@ -63,19 +66,24 @@ class Settled:
 
     def restart(self) -> None:
         """Forgets all innovations."""
-        self._mean, self._left = np.zeros(3), 1.0
+        self._mean: Array | float = 0.0
+        self._spread, self._noise, self._left = 0.0, 0.0, 1.0
 
     def take(self, innovation: Array, step: float) -> None:
-        """One more innovation (3,) [m]; `step` is the estimate's own."""
+        """One more innovation (k,); `step` is the estimate's own."""
         share = min(_QUICKER * step, 1.0)
-        self._mean = self._mean + share * (innovation - self._mean)
+        away = innovation - self._mean
+        self._mean = self._mean + share * away
+        self._spread += share * ((1.0 - share) * float(away @ away) - self._spread)
+        self._noise = self._spread * share / (2.0 - share)
         self._left *= 1.0 - share
 
     @property
     def reached(self) -> bool:
         """Whether it has settled; not before the mean is of a time constant's innovations."""
-        x, y, z = self._mean.tolist()
-        return self._left < exp(-1.0) and float(x * x + y * y + z * z) < self.tolerance**2
+        if self._left >= exp(-1.0):
+            return False
+        return float(np.sum(np.square(self._mean))) < self.tolerance**2 + _DEVIATIONS**2 * self._noise
 
 
 def positive(name: str, value: float) -> float:

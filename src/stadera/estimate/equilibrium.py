@@ -47,6 +47,7 @@ TRUNK: tuple[str, ...] = ("m", "mcx", "mcy", "mcz")
 ERRORS = 39
 """How many constant errors there are: 12 torques, 12 of feet, 3 of the vertical, 12 masses of links."""
 
+_FEWEST = 30  # samples whose scatter says something of a covariance
 _REPEATABLE = 1e-4  # share of the robot's weight (times 1 m): what a pose at rest leaves unexplained
 
 
@@ -137,6 +138,7 @@ def equilibrium_rows(
     errors: Array,
     names: tuple[str, ...],
     foot_variance: float = 0.0,
+    effort_covariance: Array | None = None,
 ) -> Rows:
     """Whitened rows of one pose, in `TRUNK` and the constant errors.
 
@@ -147,6 +149,8 @@ def equilibrium_rows(
         errors: (39,), values that the equations are made linear at.
         names: of the errors.
         foot_variance: of each component of the feet's mean positions, where these are measured by themselves [m²].
+        effort_covariance: (n, n), of the mean efforts by their own scatter [N²·m²]. Where the wrench's is larger by
+            that than the noise explains (sensors worse than thought, a controller that shakes the robot), it counts.
     """
     m, up = _without(measurement, errors, forces_of)
     forces, state = forces_of.at(m), forces_of.legs.at(m)
@@ -166,20 +170,35 @@ def equilibrium_rows(
     legs_only = np.concatenate([forces_of.legs.mass * up, np.cross(state.moment, up)]) * GRAVITY
     value = np.zeros(len(matrix))
     value[:6] = forces.wrench - legs_only
+    floor = np.eye(len(matrix)) * (_REPEATABLE * forces_of.robot.mass * GRAVITY) ** 2
     white = (forces.noise.torque_white**2 / count).ravel()
-    covariance = np.zeros((len(matrix), len(matrix)))
-    covariance[:6, :6] = (slope[:, :12] * white) @ slope[:, :12].T + foot_variance * slope[:, 12:] @ slope[:, 12:].T
+    by_torque = slope[:, :12]
+    covariance = floor.copy()
+    covariance[:6, :6] += (by_torque * white) @ by_torque.T
+    if effort_covariance is not None and count >= _FEWEST:
+        joints = forces_of.legs.columns.ravel()
+        scatter = by_torque @ effort_covariance[np.ix_(joints, joints)] @ by_torque.T
+        covariance[:6, :6] = _at_least(covariance[:6, :6], scatter)
+    covariance[:6, :6] += foot_variance * slope[:, 12:] @ slope[:, 12:].T
     for k, leg in enumerate(swing):
         at, own = slice(6 + 3 * k, 9 + 3 * k), slice(3 * leg, 3 * leg + 3)
         value[at] = forces.jacobian[leg].T @ forces.force[leg]
         matrix[at, 4:16][:, own] = np.eye(3)
-        covariance[at, at] = np.diag(white[own])
-    covariance += np.eye(len(matrix)) * (_REPEATABLE * forces_of.robot.mass * GRAVITY) ** 2
+        covariance[at, at] += np.diag(white[own])
     root = np.linalg.cholesky(covariance)
     linear_at = errors.copy()
     linear_at[27:] = 0.0  # links' masses are not taken off the measurement: their equations are linear
     target = matrix[:, 4:] @ linear_at - value
     return Rows((*TRUNK, *names), np.linalg.solve(root, matrix), np.linalg.solve(root, target))
+
+
+def _at_least(explained: Array, scatter: Array) -> Array:
+    """The covariance that is the larger one of two in every direction, as seen with the first one for a unit."""
+    root = np.linalg.cholesky(explained)
+    seen = np.linalg.solve(root, np.linalg.solve(root, scatter).T)
+    sizes, axes = np.linalg.eigh(0.5 * (seen + seen.T))
+    wide = root @ axes
+    return np.asarray((wide * np.maximum(sizes, 1.0)) @ wide.T)
 
 
 def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) -> tuple[Measurement, Array]:

@@ -216,6 +216,7 @@ class OrientationCom(RecursiveCom):
 
     def _interrupted(self) -> None:
         self._settled.restart()
+        self._mass_settled.restart()
         self._clear()
 
     def _clear(self) -> None:

@@ -45,7 +45,7 @@ class PoseMean:
         self._q, self._effort = first.joint_position.copy(), first.effort.copy()
         self._up = first.up.copy()
         self._feet = None if first.foot_position is None else first.foot_position.copy()
-        self._foot_squares = 0.0
+        self._foot_squares, self._effort_squares = 0.0, np.zeros((len(self._effort), len(self._effort)))
         self.count = 1
 
     def takes(self, m: Measurement, alike: Alike) -> bool:
@@ -60,13 +60,20 @@ class PoseMean:
         self.count += 1
         share = 1.0 / self.count
         self._q += share * (m.joint_position - self._q)
-        self._effort += share * (m.effort - self._effort)
+        scatter = m.effort - self._effort
+        self._effort += share * scatter
+        self._effort_squares += (1.0 - share) * np.outer(scatter, scatter)
         self._up += share * (up - self._up)
         if self._feet is not None and m.foot_position is not None:
             away = m.foot_position - self._feet
             self._feet += share * away
             self._foot_squares += (1.0 - share) * float((away * away).sum())
         return True
+
+    @property
+    def effort_covariance(self) -> Array:
+        """(n, n) of the mean efforts [N²·m²], by their scatter; 0 for a single sample."""
+        return np.asarray(self._effort_squares / (max(self.count - 1, 1) * self.count))
 
     @property
     def foot_variance(self) -> float:

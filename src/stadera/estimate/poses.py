@@ -135,7 +135,13 @@ class PosesCom(StaticEstimator):
 
     def _rows(self, pose: PoseMean) -> Rows:
         return equilibrium_rows(
-            self.forces, pose.measurement, pose.count, self._linear_at, self._names, pose.foot_variance
+            self.forces,
+            pose.measurement,
+            pose.count,
+            self._linear_at,
+            self._names,
+            pose.foot_variance,
+            pose.effort_covariance,
         )
 
     def _gathered(self) -> Information:

@@ -140,7 +140,7 @@ class RecursiveCom(StaticEstimator):
         self.height_std = positive("height_std", height_std)
         self.plane, self.phase = Plane(plane), Phase.PLANE
         self._errors = ConstantErrors.of(self.forces.noise, orientation_std)
-        self._settled = Settled(TOLERANCE)
+        self._settled, self._mass_settled = Settled(TOLERANCE), Settled(_MASS_SETTLED * robot.mass)
         self._known: Array | None = None
         self._seen_from: Instant | None = None
         self._seen_at = -np.inf
@@ -160,7 +160,8 @@ class RecursiveCom(StaticEstimator):
         """The trunk's mass [kg] after this step (eq. 7), and whether it has settled."""
         robot_mass = self._trunk.mass + self._leg_mass
         change = float(up @ forces.total_force) / GRAVITY - robot_mass
-        return robot_mass + step * change - self._leg_mass, abs(change) < _MASS_SETTLED * robot_mass
+        self._mass_settled.take(np.array([change]), step)
+        return robot_mass + step * change - self._leg_mass, self._mass_settled.reached
 
     def _selected(self, error: Array, up: Array) -> Array | None:
         """The innovation (3,) [m] from E δ of the trunk; None where phase two has too little tilt to tell."""

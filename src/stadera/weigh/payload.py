@@ -128,7 +128,9 @@ def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> PayloadEst
 def _rows(
     pose: PoseMean, forces: ContactForceEstimator, names: tuple[str, ...], columns: tuple[str, ...], *, loaded: bool
 ) -> Rows:
-    own = equilibrium_rows(forces, pose.measurement, pose.count, np.zeros(ERRORS), names, pose.foot_variance)
+    own = equilibrium_rows(
+        forces, pose.measurement, pose.count, np.zeros(ERRORS), names, pose.foot_variance, pose.effort_covariance
+    )
     trunk, sensed = own.matrix[:, :4], own.matrix[:, 4:]
     return Rows(columns, np.hstack([trunk, trunk if loaded else np.zeros_like(trunk), sensed]), own.target)
 

@@ -46,7 +46,7 @@ class Block:
         begin, end: [s], of its samples.
         count: of samples.
         mass: [kg], their mean.
-        variance: [kg²], of the mean by white noise alone.
+        variance: [kg²], of the mean by white noise, as stated or as the samples scatter, whatever is more.
         felt: (39,), s of constant errors.
         load: (4,) [N], vertical forces, mean.
     """
@@ -92,6 +92,7 @@ class _Gathering:
     begin: float
     count: int = 0
     mass: float = 0.0
+    squares: float = 0.0
     load: Array = field(default_factory=lambda: np.zeros(4))
     end: float = 0.0
     last: tuple[ContactForces, Measurement] | None = None
@@ -100,7 +101,9 @@ class _Gathering:
         up = m.up
         load = np.where(forces.stance, np.nan_to_num(forces.force) @ up, 0.0)
         self.count += 1
-        self.mass += float(load.sum()) / GRAVITY - leg_mass
+        away = float(load.sum()) / GRAVITY - leg_mass - self.mass
+        self.mass += away / self.count
+        self.squares += away**2 * (1.0 - 1.0 / self.count)
         self.load = self.load + load
         self.end, self.last = m.time, (forces, m)
 
@@ -110,7 +113,8 @@ class _Gathering:
         felt, noise = felt_by_mass(*self.last, robot), self.last[0].noise
         white = float(felt[:12] ** 2 @ noise.torque_white.ravel() ** 2)
         n = self.count
-        return Block(self.begin, self.end, n, self.mass / n, white / n, felt, self.load / n)
+        scatter = self.squares / (n - 1)
+        return Block(self.begin, self.end, n, self.mass, max(white, scatter) / n, felt, self.load / n)
 
 
 class _Refusing:
