@@ -7,15 +7,12 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
-from stadera.inertia import skew
 
 Array = NDArray[np.float64]
-
-_SMALL = 1e-4  # rad, below which a rotation vector's map is its series
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +42,7 @@ class TrunkPose:
         """At rest, shifted by (3,) [m] in the odometry frame and turned by the rotation vector (3,) [rad] in its own
         axes.
         """
-        return TrunkPose(self.position + shift, self.rotation @ Rotation.from_rotvec(turn).as_matrix())
+        return TrunkPose(self.position + shift, self.rotation @ pin.exp3(turn))
 
 
 class Reference(Protocol):
@@ -79,7 +76,7 @@ class Move:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
             raise ModelError(f"a move's duration must be positive, got {self.duration} s")
-        turn = Rotation.from_matrix(self.start.rotation.T @ self.goal.rotation).as_rotvec()
+        turn = pin.log3(self.start.rotation.T @ self.goal.rotation)
         # rows: zero, way; rates at both ends, over the move's duration
         way = np.stack([self.goal.position - self.start.position, turn])
         first = np.stack([self.start.velocity, self.start.angular_velocity]) * self.duration
@@ -100,7 +97,7 @@ class Move:
         rate_2 = x * (6.0 * a + x * (12.0 * b + 20.0 * x * c)) / self.duration**2
         return TrunkPose(
             self.start.position + gone[0],
-            self.start.rotation @ Rotation.from_rotvec(gone[1]).as_matrix(),
+            self.start.rotation @ pin.exp3(gone[1]),
             rate[0],
             turning_map(gone[1]) @ rate[1],
             rate_2[0],
@@ -110,7 +107,7 @@ class Move:
         goal = self.goal
         if goal.at_rest:
             return goal
-        turn = Rotation.from_rotvec(late * goal.angular_velocity).as_matrix()
+        turn = pin.exp3(late * goal.angular_velocity)
         return TrunkPose(
             goal.position + late * goal.velocity, goal.rotation @ turn, goal.velocity, goal.angular_velocity
         )
@@ -118,9 +115,4 @@ class Move:
 
 def turning_map(turn: Array) -> Array:
     """The map (3, 3) from a rotation vector's rate to the angular velocity in the turned axes (right Jacobian)."""
-    angle = float(np.linalg.norm(turn))
-    across = skew(turn)
-    if angle < _SMALL:
-        return np.asarray(np.eye(3) - 0.5 * across + across @ across / 6.0)
-    first, second = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) - first * across + second * (across @ across))
+    return np.asarray(pin.Jexp3(turn))

@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stadera.control.reference import TrunkPose, turning_map
 from stadera.errors import ModelError
@@ -29,6 +29,8 @@ _SHIFT = 0.03  # of the height of the trunk above its feet
 _EASE = 1.0  # s, in which the motion grows
 # Hz, of roll, pitch, yaw, x, y, z: within 0.5 to 2 Hz
 _FREQUENCIES = np.array([[0.61, 1.37], [0.73, 1.61], [0.53, 1.13], [0.67, 1.49], [0.79, 1.27], [0.57, 1.87]])
+
+_OMEGA, _ONES = 2.0 * np.pi * _FREQUENCIES, np.ones(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +69,17 @@ class Shake:
     def at(self, time: float) -> TrunkPose:
         """Where to be at a time [s]."""
         late = max(time - self.begin, 0.0)
-        omega, weights = 2.0 * np.pi * _FREQUENCIES, self._weights  # type: ignore[attr-defined]
-        sine, cosine = weights * np.sin(omega * late), weights * np.cos(omega * late)
-        x, rate, rate_2 = sine.sum(axis=1), (omega * cosine).sum(axis=1), -(omega**2 * sine).sum(axis=1)
-        e, e_1, e_2 = _eased(late)
-        rate_2 = e * rate_2 + 2.0 * e_1 * rate + e_2 * x
-        rate, x = e * rate + e_1 * x, e * x
+        weights = self._weights  # type: ignore[attr-defined]
+        phase = _OMEGA * late
+        sine, cosine = weights * np.sin(phase), weights * np.cos(phase)
+        x, rate, rate_2 = sine @ _ONES, (_OMEGA * cosine) @ _ONES, (-_OMEGA * _OMEGA * sine) @ _ONES
+        if late < _EASE:
+            e, e_1, e_2 = _eased(late)
+            rate_2 = e * rate_2 + 2.0 * e_1 * rate + e_2 * x
+            rate, x = e * rate + e_1 * x, e * x
         return TrunkPose(
             self.centre.position + x[3:],
-            self.centre.rotation @ Rotation.from_rotvec(x[:3]).as_matrix(),
+            self.centre.rotation @ pin.exp3(x[:3]),
             rate[3:],
             turning_map(x[:3]) @ rate[:3],
             rate_2[3:],
@@ -84,7 +88,7 @@ class Shake:
 
 def _eased(late: float) -> tuple[float, float, float]:
     """e and its first two derivatives."""
-    x = min(late / _EASE, 1.0)
+    x = late / _EASE
     return (
         x**3 * (10.0 - 15.0 * x + 6.0 * x * x),
         30.0 * (x * (1.0 - x)) ** 2 / _EASE,

@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _UP = np.array([0.0, 0.0, 1.0])
+_GRAVITY = np.array([0.0, 0.0, -GRAVITY])
 _EASE = 0.05  # s, in which the descent after the end reaches its speed
 _STICTION_VELOCITY = 0.1  # rad/s, over which friction's sign is smoothed
 _FREQUENCY = 60.0  # rad/s, of the spring between foot and trajectory
@@ -127,7 +128,7 @@ class SwingTorques:
     """What swinging legs need.
 
     Attributes:
-        torque: (4, 3) [N·m]; zero for legs that do not swing.
+        torque: (4, 3) [N·m]; of legs that do not swing, what would hold them in the air.
         wrench: (6,) force [N] and moment [N·m] at the trunk's origin, trunk axes, that their acceleration takes.
     """
 
@@ -161,33 +162,39 @@ class SwingLegs:
         self._columns, self._frequency = columns, frequency
         self._least = touch * robot.mass * GRAVITY
         nominal = np.linalg.norm(foot_jacobians(robot, standing_configuration(robot)[None])[0], axis=(1, 2)).max()
-        self._most_squared = 1.0 / (_SINGULAR * float(nominal)) ** 2
+        self._most_squared = 4.0 / (_SINGULAR * float(nominal)) ** 2
         self.trajectories: list[SwingTrajectory | None] = [None] * 4
         self.force, self.touched, self.error = np.zeros((4, 3)), np.zeros(4, dtype=bool), np.zeros(4)
         self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))
-        self._legs, self._fresh = np.zeros(0, dtype=int), np.ones(4, dtype=bool)
+        self._has_friction = bool(self._viscous.any() or self._coulomb.any())
+        self._legs: list[int] = []
+        self._new: list[int] = []  # that have begun since the last update
+        self._swings = np.zeros((4, 1))
 
     @property
     def any(self) -> bool:
         """Whether a leg swings."""
-        return len(self._legs) > 0
+        return bool(self._legs)
 
     def begin(self, leg: int, trajectory: SwingTrajectory) -> None:
         """Lets a leg swing, or changes the trajectory of one that does."""
         new = self.trajectories[leg] is None
         self.trajectories[leg] = trajectory
         if new:
-            self._fresh[leg] = True
+            self._new.append(leg)
             self._recount()
 
     def end(self, leg: int) -> None:
         """The leg swings no more."""
         self.trajectories[leg] = None
         self.force[leg], self.touched[leg], self.error[leg] = 0.0, False, 0.0
+        self._new = [one for one in self._new if one != leg]
         self._recount()
 
     def _recount(self) -> None:
-        self._legs = np.array([leg for leg, path in enumerate(self.trajectories) if path is not None], dtype=int)
+        self._legs = [leg for leg, path in enumerate(self.trajectories) if path is not None]
+        self._swings = np.zeros((4, 1))
+        self._swings[self._legs] = 1.0
 
     def update(
         self,
@@ -208,40 +215,36 @@ class SwingLegs:
             dt: [s], since the last update.
         """
         position, speed, rotation = trunk
-        legs, w = self._legs, self._frequency
-        wanted = np.array([self.trajectories[leg].at(measurement.time) for leg in legs])  # type: ignore[union-attr]
-        off = wanted[:, 0] - position - state.feet[legs] @ rotation.T
-        off_rate = wanted[:, 1] - speed - motion.velocity[legs] @ rotation.T
-        pull = wanted[:, 2] + w * w * off + 2.0 * w * off_rate
-        pull[:, 2] += GRAVITY
-        inverse = self._inverse(state.jacobians(state.feet)[legs])
-        joint = _times(inverse, pull @ rotation - motion.free_acceleration[legs])
-        columns, inertia = self._columns[legs], motion.inertia[legs]
-        rate = measurement.joint_velocity[columns]
-        friction = self._viscous[legs] * rate + self._coulomb[legs] * np.tanh(rate / _STICTION_VELOCITY)
-        held = state.bias[legs] + friction + self._offset[legs]
-        felt = self._felt(legs, measurement.effort[columns] - held, rate, inertia, dt)
-        force = -(felt[:, None, :] @ inverse)[:, 0] @ rotation.T
-        self.force[legs], self.touched[legs] = force, force @ normal > self._least
-        self.error[legs] = np.sqrt((off * off).sum(axis=1))
-        torque = np.zeros((4, 3))
-        torque[legs] = held + _times(inertia, joint)
-        return SwingTorques(torque, _times(motion.coupling[legs], joint).sum(axis=0))
+        wanted, w = np.zeros((4, 3, 3)), self._frequency
+        for leg in self._legs:
+            wanted[leg] = self.trajectories[leg].at(measurement.time)  # type: ignore[union-attr]
+        wanted = (wanted - np.array([position, speed, _GRAVITY])) @ rotation  # trunk axes from here on
+        off = wanted[:, 0] - state.feet
+        pull = wanted[:, 2] + w * w * off + 2.0 * w * (wanted[:, 1] - motion.velocity) - motion.free_acceleration
+        inverse = self._inverse(state.jacobians(state.feet))
+        joint = _times(inverse, pull) * self._swings
+        rate = measurement.joint_velocity[self._columns]
+        held = state.bias + self._offset
+        if self._has_friction:
+            held += self._viscous * rate + self._coulomb * np.tanh(rate / _STICTION_VELOCITY)
+        felt = self._felt(measurement.effort[self._columns] - held, rate, motion.inertia, dt)
+        self.force = (felt[:, None, :] @ inverse)[:, 0] @ (-rotation.T) * self._swings
+        self.touched = self.force @ normal > self._least
+        self.error = np.sqrt((off * off).sum(axis=1)) * self._swings[:, 0]
+        return SwingTorques(held + _times(motion.inertia, joint), _times(motion.coupling, joint).sum(axis=0))
 
-    def _felt(self, legs: NDArray[np.int_], torque: Array, rate: Array, inertia: Array, dt: float) -> Array:
-        """⟨τ - h - M q̈⟩ (legs, 3) [N·m]."""
-        if self._fresh[legs].any():
-            new = self._fresh[legs]
-            self._slow_rate[legs[new]], self._slow_torque[legs[new]] = rate[new], 0.0
-            self._fresh[legs] = False
+    def _felt(self, torque: Array, rate: Array, inertia: Array, dt: float) -> Array:
+        """⟨τ - h - M q̈⟩ (4, 3) [N·m]."""
+        if self._new:
+            self._slow_rate[self._new], self._slow_torque[self._new] = rate[self._new], 0.0
+            self._new = []
         share = dt / (_FILTER + dt)
-        slow_torque = self._slow_torque[legs] + share * (torque - self._slow_torque[legs])
-        slow_rate = self._slow_rate[legs] + share * (rate - self._slow_rate[legs])
-        self._slow_torque[legs], self._slow_rate[legs] = slow_torque, slow_rate
-        return slow_torque - _times(inertia, rate - slow_rate) / _FILTER
+        self._slow_torque += share * (torque - self._slow_torque)
+        self._slow_rate += share * (rate - self._slow_rate)
+        return self._slow_torque - _times(inertia, rate - self._slow_rate) / _FILTER
 
     def _inverse(self, jacobians: Array) -> Array:
-        """J⁻¹ (legs, 3, 3), damped where a leg is nearly stretched."""
+        """J⁻¹ (4, 3, 3), damped where a leg is nearly stretched."""
         try:
             inverse = np.linalg.inv(jacobians)
         except np.linalg.LinAlgError:

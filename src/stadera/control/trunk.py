@@ -54,6 +54,7 @@ from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.stillness import GRAVITY
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
+from stadera.inertia import skew
 from stadera.robot.dynamics import LegState
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
@@ -66,9 +67,6 @@ _LEAST_NORMAL = 0.02  # share of the robot's weight on every foot in stance
 _FIRST_LOAD = 0.05  # share of the weight that a foot may carry as soon as it lands
 _UP = np.array([0.0, 0.0, 1.0])
 _GRAVITY = GRAVITY * _UP
-
-
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class ControlError(StaderaError):
@@ -147,6 +145,7 @@ class TrunkController:
             TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0
         )
         self._below, self._ground_stance = np.zeros((4, 3)), np.zeros(4, dtype=bool)
+        self._across = skew(_UP)
         self._position, self._started = np.zeros(len(robot.tree.joints)), False
 
     # -- asked for ------------------------------------------------------------------------------------------------
@@ -296,6 +295,7 @@ class TrunkController:
         if self.stance is not self._ground_stance:
             self.normal = ground_normal(self.odometry.anchors, self.odometry.anchored, _UP)
             self._ground_stance, self._below = self.stance, self._radii * self.normal
+            self._across = skew(self.normal)  # turn x normal = turn @ this
             self._sharing.set_ground(self.normal)
             self._loads.changed()
         most = self._loads.most(time)
@@ -305,11 +305,11 @@ class TrunkController:
 
     def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:
         """θ x ρ n (4, 3) [m] of the feet since the last update, world axes; θ turns the last links."""
-        turned = rotation @ self.rotation.T  # of the trunk; small
-        trunk = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
+        r = (rotation @ self.rotation.T).tolist()  # by which the trunk turned: little
+        trunk = np.array([0.5 * (r[2][1] - r[1][2]), 0.5 * (r[0][2] - r[2][0]), 0.5 * (r[1][0] - r[0][1])])
         joints = (joint_position - self._position)[self.legs.columns]
         turn = (state.axes @ joints[:, :, None])[:, :, 0] @ rotation.T + trunk
-        return _crosses(turn, self._below)
+        return np.asarray((turn @ self._across) * self._radii)
 
     def _springs(self, com: Array, mass: float, omega: Array) -> tuple[Array, Array]:
         """Force and moment [N, N·m] of springs and dampers, odometry frame; com and ω in trunk axes."""
@@ -346,8 +346,3 @@ def _cross(a: Array, b: Array) -> Array:
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def _crosses(a: Array, b: Array) -> Array:
-    """Cross products of rows (4, 3)."""
-    return np.asarray(a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT])

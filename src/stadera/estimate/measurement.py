@@ -74,8 +74,8 @@ class Measurement:
         if not isfinite(q @ qd + effort @ effort + gyro @ accelerometer + orientation @ orientation):
             raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
         turn = mount.rotation
-        omega, force = turn @ gyro, turn @ accelerometer
-        force -= _centripetal(omega, mount.translation)
+        omega = turn @ gyro
+        force = _at_origin(turn @ accelerometer, omega, mount.translation)
         rotation = rotation_matrix(orientation) @ turn.T
         return cls(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance)
 
@@ -127,6 +127,8 @@ def rotation_matrix(quaternion: Array) -> Array:
     )
 
 
-def _centripetal(omega: Array, arm: Array) -> Array:
-    """ω x (ω x r) = ω (ω·r) - r (ω·ω)."""
-    return np.asarray((omega @ arm) * omega - (omega @ omega) * arm)
+def _at_origin(force: Array, omega: Array, arm: Array) -> Array:
+    """a - ω x (ω x r) = a - ω (ω·r) + r (ω·ω), written out for speed."""
+    (ax, ay, az), (x, y, z), (rx, ry, rz) = force.tolist(), omega.tolist(), arm.tolist()
+    along, square = x * rx + y * ry + z * rz, x * x + y * y + z * z
+    return np.array([ax - along * x + square * rx, ay - along * y + square * ry, az - along * z + square * rz])
