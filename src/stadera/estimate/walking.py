@@ -46,7 +46,8 @@ _LOUD = 9.0  # normalised innovation squared, per row, from which a block counts
 _JUMP = 0.3  # of the widest: the size of what a payload does to the ten parameters
 _SHIFTED = 0.005  # of the robot's mass: what changes by less was only moved
 _PAYLOAD_LIMIT = 0.1  # of the leg's length: a payload's centre of mass known less well is not observed
-_SCALE_MEMORY = 100  # blocks over which noise louder than stated is found out
+_FIRST_CAUTION = 9.0  # times the stated variances, that a change must beat before the noise has been heard
+_SCALE_MEMORY = 50  # blocks over which noise louder than stated is found out
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,14 @@ class WalkingSettings:
     Attributes:
         block: length of a block [s].
         drift: how much the parameters may wander in a second, as a share of the widest that they can be.
+        least_change: of the load, that counts as one: share of the robot's mass, or that mass times leg length, by
+            which the trunk's mass or first moment jumps.
         changes: when a change of the load counts.
     """
 
     block: float = 0.02
-    drift: float = 1e-4
+    drift: float = 3e-4
+    least_change: float = 0.01
     changes: ChangeLimits = field(default_factory=ChangeLimits)
 
     def __post_init__(self) -> None:
@@ -107,7 +111,8 @@ class WalkingEstimator:
         self._detector = ChangeDetector(THETA, np.diag(_JUMP * self._wide), self.settings.changes)
         self._changes: list[LoadChange] = []
         self._changing: ChangeBegun | None = None
-        self._learnt, self._since, self._scale = np.nan, np.nan, 1.0
+        self._learnt, self._since = np.nan, np.nan
+        self._scale, self._caution = 1.0, _FIRST_CAUTION
         self._status, self._reason = Status.WAITING, ""
 
     # -- feeding ----------------------------------------------------------------------------------------------
@@ -192,25 +197,40 @@ class WalkingEstimator:
         before = self._known.diffuse(THETA, np.diag(self.settings.drift * sqrt(rows.elapsed) * self._wide))
         innovation, spread = y - H @ before.mean, H @ before.inverse
         squared = float(innovation @ np.linalg.solve(np.eye(6) + spread @ spread.T, innovation)) / 6.0
-        jump = self._detector.look(Step(rows.time, before, H, y), max(self._scale, 1.0))
+        scale = max(self._scale, 1.0)
+        self._caution *= 1.0 - 1.0 / _SCALE_MEMORY
+        jump = self._detector.look(Step(rows.time, before, H, y), max(scale, self._caution))
         if jump is not None:
-            self._adopt(self._jumped(jump, rows.time), rows.time)
-            return
-        self._scale += (min(squared, _LOUD) - self._scale) / _SCALE_MEMORY
-        weight = 1.0 / sqrt(max(1.0, squared / (_LOUD * max(self._scale, 1.0))))
+            known = self._jumped(jump, scale)
+            if self._matters(jump.before, known):
+                self._begin_change(jump, rows.time)
+                self._adopt(known, rows.time)
+                return
+        self._scale += (min(squared, _LOUD * self._scale) - self._scale) / _SCALE_MEMORY
+        weight = 1.0 / sqrt(max(scale, squared / _LOUD))
         self._adopt(before.measure(weight * H, weight * y), rows.time)
 
-    def _jumped(self, jump: Jump, now: float) -> SquareRoot:
-        """What is known once a jump is believed: all from before it but the trunk, and what came after it."""
+    def _jumped(self, jump: Jump, scale: float) -> SquareRoot:
+        """What is known if a jump is believed: all from before it but the trunk, and what came after it."""
+        known = jump.before.diffuse(THETA, np.diag(_JUMP * self._wide))
+        weight = 1.0 / sqrt(scale)
+        for step in jump.after:
+            known = known.measure(weight * step.matrix, weight * step.target)
+        return known
+
+    def _matters(self, before: SquareRoot, after: SquareRoot) -> bool:
+        """Whether a jump of mass or first moment is worth a name; smaller ones come in by and by."""
+        change = np.abs(after.mean[:4] - before.mean[:4]) / self.robot.mass
+        return bool(
+            change[0] > self.settings.least_change or change[1:].max() > self.settings.least_change * self._length
+        )
+
+    def _begin_change(self, jump: Jump, now: float) -> None:
         if self._changing is not None:
             self._changes.append(self._changing.weighed(jump.before))
         self._changing = ChangeBegun(jump.time, now, jump.before, _SHIFTED * self.robot.mass)
         self._since = now
         self._detector.restart()
-        known = jump.before.diffuse(THETA, np.diag(_JUMP * self._wide))
-        for step in jump.after:
-            known = known.measure(step.matrix, step.target)
-        return known
 
     def _adopt(self, known: SquareRoot, time: float) -> None:
         """Makes it what is known; the trunk read from it becomes the estimate, unless it cannot be."""

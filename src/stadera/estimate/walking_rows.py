@@ -56,6 +56,7 @@ UNKNOWNS = 26
 
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
+_TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
 _SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg
 
 
@@ -91,7 +92,7 @@ class BlockRows:
         matrix = self.matrix.copy()
         matrix[:, BIAS] = -K
         covariance = self.noise + (_OVERLAP * self.averaged * noise.accelerometer**2) * (K @ K.T)
-        covariance += (self.differentiated * noise.gyro**2) * (L @ L.T)
+        covariance += (_TELESCOPED * self.differentiated * noise.gyro**2) * (L @ L.T)
         return matrix, covariance
 
 
@@ -205,7 +206,7 @@ class RowMaker:
         torque = _spread(rising.to_wrench, up, noise.torque) + _spread(falling.to_wrench, down, noise.torque)
         velocity, position = (0.5 * (a + b) for a, b in zip(rising.noise, falling.noise, strict=True))
         covariance = _OVERLAP * (torque + averaged * noise.joint_position**2 * position)
-        covariance += differentiated * noise.joint_velocity**2 * velocity
+        covariance += _TELESCOPED * differentiated * noise.joint_velocity**2 * velocity
         return BlockRows(
             time=float(falling.time[-1]),
             elapsed=elapsed,
