@@ -290,3 +290,10 @@ def test_an_export_that_fails_leaves_no_other_output(run, log, tmp_path, monkeyp
     outputs = ["--json", tmp_path / "o.json", "--export", tmp_path / "o.urdf"]
     _expect_error(run("identify", log, "--robot", "hyq", "--legs", "RH", *outputs), "cannot hold it")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("option", "value"), [("--torque-lag", "5"), ("--torque-lag", "soon"), ("--split", "3")])
+def test_an_option_out_of_range_is_named(run, tmp_path: Path, option: str, value: str) -> None:
+    finished = run("identify", tmp_path / "log.csv", "--robot", "hyq", option, value)
+    assert finished.code == 2
+    assert option in finished.err

@@ -16,6 +16,7 @@ from pyarrow import parquet
 
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.recording import Imu, Recording, read, split_gaps, stream, write_table
+from stadera.recording.assemble import LARGEST
 
 HEADER = "time,LF_HAA.position,LF_HAA.velocity,LF_HAA.effort"
 
@@ -26,7 +27,7 @@ def csv_of(folder: Path, *rows: str, header: str = HEADER) -> Path:
     return path
 
 
-finite = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=True)
+finite = st.floats(-LARGEST, LARGEST, allow_subnormal=True)
 
 
 @st.composite

@@ -128,7 +128,7 @@ def test_nothing_is_found_under_a_load(hyq: Robot, load: float) -> None:
 
 
 def test_nothing_is_found_in_another_robots_clean_log() -> None:
-    pytest.importorskip("example_robot_data")
+    pytest.importorskip("cmeel", reason="example-robot-data is not installed")
     go2 = load_robot("go2")
     assert diagnose(static_log(go2), go2) == ()
     wrong = legs_swapped(static_log(go2), go2, (("LF", "RF"), ("LH", "RH")), "position", "velocity", "effort")

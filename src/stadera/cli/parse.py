@@ -8,6 +8,9 @@ from typing import Literal
 
 import typer
 
+LONGEST_LAG = 0.2
+"""s; a torque later than this does not belong to the motion that it was recorded with."""
+
 
 def names(value: str | None) -> tuple[str, ...] | None:
     """A comma-separated list of names; None stays None."""
@@ -41,16 +44,21 @@ def torque_lag(value: str) -> float | None:
     """Seconds, or None for "auto"."""
     if value.lower() == "auto":
         return None
-    return _number(value, "seconds or 'auto'")
+    option, wanted = "'--torque-lag'", f"seconds between -{LONGEST_LAG:g} and {LONGEST_LAG:g}, or 'auto'"
+    lag = _number(value, wanted, option)
+    if abs(lag) > LONGEST_LAG:
+        raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
+    return lag
 
 
 def split(value: str) -> float:
     """The share of the log to fit, above 0 and below 1; 1 for "none"."""
     if value.lower() == "none":
         return 1.0
-    share = _number(value, "a share between 0 and 1, or 'none'")
+    option, wanted = "'--split'", "a share between 0 and 1, or 'none'"
+    share = _number(value, wanted, option)
     if not 0.0 < share < 1.0:
-        raise typer.BadParameter(f"{value!r} is not a share between 0 and 1, or 'none'")
+        raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
     return share
 
 
@@ -94,11 +102,11 @@ def tare(value: str) -> tuple[float, float] | Path:
     return begin, end
 
 
-def _number(value: str, wanted: str) -> float:
+def _number(value: str, wanted: str, option: str | None = None) -> float:
     try:
         number = float(value)
     except ValueError:
         number = float("nan")
     if not isfinite(number):
-        raise typer.BadParameter(f"{value!r} is not {wanted}")
+        raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
     return number

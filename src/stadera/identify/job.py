@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
+from stadera.errors import RecordingError
 from stadera.identify.lag import EARLIEST, LATEST, STEP, TorqueLag, estimate_lag
 from stadera.identify.log import Log, Part, Stretch, head, joints_with_effort, name_of, time_span
 from stadera.identify.prior import Prior, robot_prior
@@ -119,11 +120,13 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
     """Decides cut-off, vertical and torque lag from the beginning of each log.
 
     Raises:
-        RecordingError: logs that lack a joint or its torque, or are too short.
+        RecordingError: logs that lack a joint or its torque, or are too short; torques of a leg that are all zero.
         UnknownNameError: no such leg or joint.
     """
     wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))
     beginnings = [head(log, [joint for name in wanted for joint in robot.leg(name).joints]) for log in logs]
+    for beginning in beginnings:
+        _check_torques(beginning, robot, wanted)
     supporting = () if settings.spread is None else _also_recorded(robot, logs, wanted)
     tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in (*wanted, *supporting))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
@@ -150,6 +153,17 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
     preprocessing = Preprocessing(cutoff, drop_below=0.0, effort_delay=lag)
     return Job(robot, tasks, len(wanted), settings, preprocessing, rows_cutoff, DROP_BELOW, vertical, notes, progress)
+
+
+def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> None:
+    """Torques that are zero for a whole leg were not recorded: everything would follow from them with certainty."""
+    for name in legs:
+        joints = robot.leg(name).joints
+        if len(beginning) and not beginning.channel("effort", joints).any():
+            listed = ", ".join(joints)
+            raise RecordingError(
+                f"{beginning.source}: the efforts of leg {name} ({listed}) are all zero: no torque was recorded"
+            )
 
 
 def _also_recorded(robot: Robot, logs: Sequence[Log], wanted: Sequence[str]) -> tuple[str, ...]:

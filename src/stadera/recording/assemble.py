@@ -12,6 +12,9 @@ from stadera.errors import RecordingError
 from stadera.recording.columns import TIME, Layout
 from stadera.recording.recording import Array, Imu, Recording
 
+LARGEST = 1e15
+"""Beyond this a value is no measurement; squares of it are still far from overflow."""
+
 
 def recordings(batches: Iterable[pa.RecordBatch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
     """Recordings of `rows` samples each (the last shorter; None: one of all) from batches of any length.
@@ -63,6 +66,12 @@ def _recording(table: pa.Table, layout: Layout, source: str, first: int, last: f
             if not np.isfinite(values[i]).all():
                 at = int(np.argmin(np.isfinite(values[i])))
                 raise RecordingError(f"{source}: column {name!r} is {values[i, at]} at sample {samples[at]}")
+            if np.abs(values[i]).max() > LARGEST:
+                at = int(np.argmax(np.abs(values[i])))
+                raise RecordingError(
+                    f"{source}: column {name!r} is {values[i, at]:.3g} at sample {samples[at]}, more than any sensor "
+                    f"says in SI units (at most {LARGEST:g})"
+                )
         return values.T
 
     time = block((TIME,))[:, 0]

@@ -15,6 +15,7 @@ IMU_COLUMNS: dict[str, tuple[str, ...]] = {
     "linear_acceleration": tuple(f"imu.linear_acceleration.{axis}" for axis in "xyz"),
     "orientation": tuple(f"imu.orientation.{axis}" for axis in "xyzw"),
 }
+_SEPARATORS = (";", "\t", "|")
 REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
 
 
@@ -65,6 +66,14 @@ def layout(
     for item in require:
         if item not in REQUIRABLE:
             raise UnknownNameError("channel", item, REQUIRABLE)
+    if names.count("") > 1:
+        blank = ", ".join(str(k) for k, name in enumerate(names, start=1) if not name)
+        raise RecordingError(f"{source}: columns {blank} of the header have no name")
+    if len(names) == 1 and (sign := next((sign for sign in _SEPARATORS if sign in names[0]), None)):
+        raise RecordingError(
+            f"{source}: not a flat table: the separator looks like {sign!r}; columns are separated by ',', and "
+            "decimals written with '.'"
+        )
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise RecordingError(f"{source}: column {twice!r} is there {names.count(twice)} times")
     if TIME not in names:
@@ -146,5 +155,5 @@ def _is_joint_column(name: str) -> bool:
 
 
 def _listed(names: Sequence[str], most: int = 16) -> str:
-    shown = ", ".join(name if len(name) <= 60 else name[:57] + "..." for name in names[:most])
+    shown = ", ".join((name or "(no name)") if len(name) <= 60 else name[:57] + "..." for name in names[:most])
     return shown + (f" and {len(names) - most} more" if len(names) > most else "")

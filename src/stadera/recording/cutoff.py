@@ -44,7 +44,7 @@ def suggest_cutoff(recording: Recording, joints: Sequence[str] | None = None) ->
     """
     if recording.acceleration is not None:
         return None
-    sampling = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR)
+    sampling = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source)
     position = recording.channel("position", tuple(joints) if joints is not None else recording.joints).T
     blocks = segments([(recording.time, position)], sampling)
     longest = max(blocks if sampling.even else resampled(blocks, sampling.period), key=lambda block: len(block.time))
@@ -55,7 +55,7 @@ def suggest_cutoff(recording: Recording, joints: Sequence[str] | None = None) ->
 
 def highest_cutoff(recording: Recording) -> float:
     """The highest cut-off that the recording's sampling rate allows [Hz], rounded down to 0.1 Hz."""
-    rate_hz = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR).rate_hz
+    rate_hz = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source).rate_hz
     return float(np.floor(10 * rate_hz / RATES_PER_CUTOFF) / 10)
 
 

@@ -99,7 +99,7 @@ def preprocess_stream(
     head, rest = _head(iter(chunks))
     names = tuple(joints) if joints is not None else head.joints
     even = {"auto": None, "always": False, "never": True}[settings.resample]
-    sampling = sampling_of(head.time, settings.tolerance, settings.gap_factor, even)
+    sampling = sampling_of(head.time, settings.tolerance, settings.gap_factor, even, head.source)
     return _run(chain([head], rest), _plan(head, names, settings, sampling, imu))
 
 

@@ -51,20 +51,23 @@ class Sampling:
         return np.asarray(steps > self.gap_factor * self.period)
 
 
-def sampling_of(time: Array, tolerance: float, gap_factor: float, even: bool | None = None) -> Sampling:
+def sampling_of(
+    time: Array, tolerance: float, gap_factor: float, even: bool | None = None, source: str = "recording"
+) -> Sampling:
     """The sampling of a log from the beginning of its time stamps (the first HEAD of them are looked at).
 
     Args:
         time: (samples,) [s], increasing.
         tolerance, gap_factor: see Sampling.
         even: True or False where that is not left to the stamps.
+        source: of the log, for messages.
 
     Raises:
         RecordingError: fewer than two stamps.
     """
     steps = np.diff(time[:HEAD])
     if not len(steps):
-        raise RecordingError(f"too few samples: {len(time)}, at least 2 are needed")
+        raise RecordingError(f"{source}: too few samples: {len(time)}, at least 2 are needed")
     median = float(np.median(steps))
     alike = np.abs(steps - median) <= tolerance * median
     if even is None:

@@ -1,0 +1,58 @@
+"""What is wrong with a table, said so that one knows what to do: the file, the column, the sample."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stadera.errors import RecordingError
+from stadera.identify.legs import identify
+from stadera.identify.settings import IdentifySettings
+from stadera.recording import Preprocessing, Recording, preprocess, read
+from stadera.robot import load_robot
+
+
+def table(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_a_huge_value_names_column_and_sample(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "time,a.position,a.effort\n0,1,2\n1,1,-1e150\n2,1,2\n")
+    with pytest.raises(
+        RecordingError, match=r"log\.csv: column 'a\.effort' is -1e\+150 at sample 1, more than any sensor"
+    ):
+        read(path)
+
+
+@pytest.mark.parametrize("sign", [";", "\t"])
+def test_another_separator_is_named(tmp_path: Path, sign: str) -> None:
+    path = table(tmp_path / "log.csv", f"time{sign}a.position\n0{sign}1\n1{sign}2\n")
+    with pytest.raises(RecordingError, match="the separator looks like"):
+        read(path)
+
+
+def test_columns_without_a_name(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "time,,a.position,\n0,1,2,3\n1,1,2,3\n")
+    with pytest.raises(RecordingError, match="columns 2, 4 of the header have no name"):
+        read(path)
+    path = table(tmp_path / "log.csv", "time,a.position,\n0,1,2\n1,1,2\n")
+    assert any("(no name)" in note for note in read(path).notes)
+
+
+def test_too_few_samples_name_the_file() -> None:
+    one = Recording(np.zeros(1), ("a",), np.zeros((1, 1)), source="short.csv")
+    with pytest.raises(RecordingError, match=r"short\.csv: too few samples: 1"):
+        preprocess(one, Preprocessing(10.0))
+
+
+def test_torques_that_are_all_zero_identify_nothing() -> None:
+    robot = load_robot("hyq")
+    joints = robot.leg("RH").joints
+    time = np.arange(2000) * 1e-3
+    motion = 0.3 * np.sin(np.outer(2 * np.pi * time, [0.7, 0.9, 1.1]))
+    log = Recording(time, joints, motion, effort=np.zeros((2000, 3)), source="silent.csv")
+    with pytest.raises(RecordingError, match=r"silent\.csv: the efforts of leg RH .* are all zero"):
+        identify(robot, [log], IdentifySettings(legs=("RH",)))
