@@ -52,8 +52,8 @@ class DemoSettings:
 
     robot: str = "hyq"
     mass: float = 10.0
-    load_at: float = 4.0
-    seconds: float = 16.0
+    load_at: float = 5.5
+    seconds: float = 18.0
     speed: float = 0.1
     seed: int = 0
 

@@ -189,34 +189,34 @@ class LoadedWalk:
         self.judge = WalkJudge(plant)
         self.loaded_at = np.nan
         self._bare = plant.truth()
+        events = [(STAND, self.crawl.resume), (case.load_at, self._load), (case.unload_at, self._unload)]
+        self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: Supervisor | None = None
         if case.identify:
             forces = ContactForceEstimator(believed, legs=controller.legs)
             self.supervisor = Supervisor(believed, CrawlWalker(self.crawl), forces=forces, settings=case.settings)
 
     def run(self, watch: Watch | None = None) -> LoadedWalkOutcome:
-        """Runs it out, or until the robot has fallen; `watch` is called after every period.
-
-        A controller or a simulation that breaks down counts as a fall.
-        """
-        plant, case, judge = self.bed.plant, self.case, self.judge
-        events = [(STAND, self.crawl.resume), (case.load_at, self._load), (case.unload_at, self._unload)]
-        events.sort(key=lambda event: event[0])
-        for _ in range(round(case.seconds / plant.timestep)):
-            while events and events[0][0] <= plant.time + 1e-9:
-                events.pop(0)[1]()
-            try:
-                self.bed.step()
-                if self.supervisor is not None and self.bed.measurement is not None:
-                    self.supervisor.update(self.bed.measurement)
-            except (ControlError, PlanError, SimulationError) as error:
-                judge.fall = judge.fall or Fall(plant.time, str(error))
-            judge.look()
+        """Runs it out, or until the robot has fallen; `watch` is called after every period."""
+        for _ in range(round(self.case.seconds / self.bed.plant.timestep)):
+            self.step()
             if watch is not None:
                 watch(self)
-            if judge.fall is not None:
+            if self.judge.fall is not None:
                 break
-        return self._outcome()
+        return self.outcome()
+
+    def step(self) -> None:
+        """One period. A controller or a simulation that breaks down counts as a fall."""
+        while self._events and self._events[0][0] <= self.bed.plant.time + 1e-9:
+            self._events.pop(0)[1]()
+        try:
+            self.bed.step()
+            if self.supervisor is not None and self.bed.measurement is not None:
+                self.supervisor.update(self.bed.measurement)
+        except (ControlError, PlanError, SimulationError) as error:
+            self.judge.fall = self.judge.fall or Fall(self.bed.plant.time, str(error))
+        self.judge.look()
 
     def _load(self) -> None:
         if self.case.payload is not None:
@@ -226,7 +226,8 @@ class LoadedWalk:
     def _unload(self) -> None:
         self.bed.plant.remove_payload()
 
-    def _outcome(self) -> LoadedWalkOutcome:
+    def outcome(self) -> LoadedWalkOutcome:
+        """How it went so far."""
         judge, supervisor, plant = self.judge, self.supervisor, self.bed.plant
         return LoadedWalkOutcome(
             case=self.case,

@@ -106,6 +106,13 @@ class Supervisor:
         return self._weighing is not None
 
     @property
+    def zeroed(self) -> ZeroedForces:
+        """What it weighs with now: contact forces without the torque offsets known."""
+        if not self.settings.zero_torques:
+            return ZeroedForces.none(self.forces)
+        return ZeroedForces.of(self.forces, self.load_test.offsets, self.load_test.offsets_std)
+
+    @property
     def payload(self) -> PayloadEstimate | None:
         """What was put on since the beginning, by the last weighing that converged; None before."""
         return self._payload
@@ -196,13 +203,8 @@ class Supervisor:
         self._begin_weighing(f"{why}, the weighing begins anew")
 
     def _begin_weighing(self, reason: str) -> None:
-        self._weighing = StandingWeighing(self._zeroed(), self.believed, self.walker, self.settings, self._time)
+        self._weighing = StandingWeighing(self.zeroed, self.believed, self.walker, self.settings, self._time)
         self._become(State.WEIGHING_MASS, reason)
-
-    def _zeroed(self) -> ZeroedForces:
-        if not self.settings.zero_torques:
-            return ZeroedForces.none(self.forces)
-        return ZeroedForces.of(self.forces, self.load_test.offsets, self.load_test.offsets_std)
 
     def _converged(self, found: TrunkEstimate) -> None:
         trunk, self._weighing = found.trunk, None
@@ -218,7 +220,7 @@ class Supervisor:
             self._stand("controller and planner did not take the new trunk, both keep the last one")
         else:
             self.believed = trunk
-            self._payload = self._scale.payload(found, self._zeroed())
+            self._payload = self._scale.payload(found, self.zeroed)
 
     def _take_over(self, m: Measurement, change: LoadCheck | None) -> None:
         if change is not None:
