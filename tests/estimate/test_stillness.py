@@ -1,0 +1,132 @@
+"""The gate before every law of statics: pushes across the vertical, values that are not finite, gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stadera.estimate import (
+    ContactForceEstimator,
+    MassEstimator,
+    Measurement,
+    Status,
+    StillnessGate,
+    StillnessLimits,
+    TrunkBounds,
+)
+from stadera.robot import load_robot
+from stadera.robot.stance import standing_configuration
+from stadera.weigh.rest import times_at_rest
+from standing import StandingRobot
+
+ROBOT = load_robot("hyq")
+STANCE = standing_configuration(ROBOT)
+AT_REST = StandingRobot(ROBOT).measurement(0.0, STANCE)
+FORCES = ContactForceEstimator(ROBOT)
+DT = 0.01
+
+
+def said(gate: StillnessGate, measurements: list[Measurement]) -> list[str]:
+    return [gate.complaint(m, FORCES.at(AT_REST)) for m in measurements]
+
+
+def at_rest(count: int, start: float = 0.0) -> list[Measurement]:
+    return [replace(AT_REST, time=start + DT * k) for k in range(count)]
+
+
+def nan_in(name: str) -> Callable[[Measurement], Measurement]:
+    def spoil(m: Measurement) -> Measurement:
+        values = getattr(m, name).copy()
+        values.flat[-1] = np.nan
+        return replace(m, **{name: values})
+
+    return spoil
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_a_push_across_the_vertical_is_noticed(oriented: bool) -> None:
+    """By 0.8 m/s², the specific force's size changes by 0.03 m/s² only."""
+    gate = StillnessGate(FORCES.legs)
+    rotation = AT_REST.rotation if oriented else None
+    quiet = [replace(m, rotation=rotation) for m in at_rest(60)]
+    assert said(gate, quiet)[-1] == ""
+    pushed = AT_REST.specific_force + np.array([0.8, 0.0, 0.0])
+    assert abs(np.linalg.norm(pushed) - 9.81) < 0.04
+    reasons = said(gate, [replace(m, time=m.time + 0.6, specific_force=pushed) for m in quiet[:20]])
+    assert any("across the vertical" in reason for reason in reasons)
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_a_constant_error_of_the_accelerometer_or_a_slow_turn_is_no_push(oriented: bool) -> None:
+    """Turning at 0.2 rad/s, which these limits allow, the vertical is carried along."""
+    gate = StillnessGate(FORCES.legs, StillnessLimits(angular_velocity=0.3))
+    measurements = []
+    for k, m in enumerate(at_rest(150)):
+        R = Rotation.from_rotvec([0.0, 0.2 * DT * k, 0.0]).as_matrix()
+        force = 9.81 * R[2] + np.array([0.1, 0.0, 0.0])
+        measurements.append(
+            replace(
+                m,
+                rotation=R if oriented else None,
+                specific_force=force,
+                angular_velocity=np.array([0.0, 0.2, 0.0]),
+            )
+        )
+    assert said(gate, measurements)[15:] == [""] * 135
+
+
+@pytest.mark.parametrize(
+    "name", ["joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force", "rotation"]
+)
+def test_a_value_that_is_not_finite_is_named_and_forgotten(name: str) -> None:
+    gate = StillnessGate(FORCES.legs)
+    assert said(gate, at_rest(30))[-1] == ""
+    (reason,) = said(gate, [nan_in(name)(replace(AT_REST, time=0.305))])
+    assert reason.startswith("not finite: " + ("orientation" if name == "rotation" else name.replace("_", " ")))
+    assert said(gate, at_rest(30, 0.31))[-1] == ""
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (nan_in("effort"), "not finite: effort of joint"),
+        (nan_in("specific_force"), "not finite: specific force"),
+        (lambda m: replace(m, time=np.nan), "not finite: time"),
+        (lambda m: replace(m, time=m.time - 1.0), "time must increase"),
+        (lambda m: replace(m, stance=np.array([True, False, False, True])), "only 2 feet carry"),
+        (lambda m: replace(m, effort=m.effort + 1e3 * np.eye(12)[4]), "at its limit"),
+    ],
+)
+def test_the_mass_is_kept_through_bad_input(spoil: Callable[[Measurement], Measurement], words: str) -> None:
+    estimator = MassEstimator(ROBOT)
+    for m in at_rest(60):
+        estimator.update(m)
+    before = estimator.estimate()
+    assert before.status is not Status.REFUSED
+    estimator.update(spoil(replace(AT_REST, time=0.605)))
+    refused = estimator.estimate()
+    assert refused.status is Status.REFUSED
+    assert words in refused.reason
+    np.testing.assert_array_equal(refused.value, before.value)
+    np.testing.assert_array_equal(refused.covariance, before.covariance)
+    for m in at_rest(60, 0.61):
+        estimator.update(m)
+    after = estimator.estimate()
+    assert after.status is not Status.REFUSED
+    assert after.trunk.mass == pytest.approx(before.trunk.mass, rel=1e-9)
+    assert TrunkBounds.of(ROBOT).contains(after.trunk)
+
+
+def test_times_at_rest_name_what_is_not_finite_and_go_on() -> None:
+    measurements = at_rest(200)
+    measurements[100] = nan_in("joint_velocity")(measurements[100])
+    rest = times_at_rest(measurements, FORCES)
+    assert len(rest.blocks) >= 5
+    assert np.isfinite([block.mass for block in rest.blocks]).all()
+    (_, spoilt) = rest.refusals  # the first until it was seen at rest
+    assert spoilt.reason.startswith("not finite: joint velocity of joint")
+    assert spoilt.end - spoilt.begin < 0.2
