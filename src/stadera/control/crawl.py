@@ -23,15 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.control.crawl_body import BodyReference
-from stadera.control.crawl_settings import CrawlCommand, CrawlError, CrawlSettings
-from stadera.control.planner_feet import Footholds, GroundPlane, PathPose, facing
-from stadera.control.planner_steps import Airborne, Step, support_phases
+from stadera.control.crawl_settings import CrawlCommand, CrawlError, CrawlSettings, standing_height
+from stadera.control.planner_feet import Footholds, GroundPlane, facing
+from stadera.control.planner_steps import Airborne, Step, body_times, support_phases
 from stadera.control.planner_support import SupportPolygon
 from stadera.control.swing import SwingTrajectory
 from stadera.control.trunk import TrunkController
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.trunk import TrunkModel
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import LEG_NAMES, Robot
+from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -99,9 +101,10 @@ class Crawl:
         self.events: list[CrawlEvent] = []
         self._sequence = tuple(LEG_NAMES.index(name) for name in self.settings.sequence)
         self._turn, self._walks, self._stop = 0, False, ""
+        feet = foot_positions(controller.robot, standing_configuration(controller.robot)[None])[0]
+        self._footholds, self._path = Footholds.of(feet, 0.0)
         self.command = command or CrawlCommand()
         self._body: BodyReference | None = None
-        self._footholds, self._path = Footholds(np.zeros((4, 2))), PathPose(np.zeros(2), 0.0)
         self._height, self._normal = 0.0, np.array([0.0, 0.0, 1.0])
         self._due, self._put_off, self._target = 0.0, 0.0, np.zeros(3)
         self._lifted_from, self._at_limit = np.zeros(3), np.zeros(len(controller.robot.tree.joints))
@@ -115,7 +118,12 @@ class Crawl:
 
     @command.setter
     def command(self, command: CrawlCommand) -> None:
-        self._timing, self._command = self.settings.timing(command), command
+        settings = self.settings
+        self._timing, self._command = settings.timing(command), command
+        stride = abs(command.speed) * 4.0 * self._timing.step
+        height = standing_height(self.robot)  # about that of the centre of mass
+        offsets, sequence = self._footholds.offsets, self._sequence
+        self._body_times = body_times(offsets, sequence, stride, self._timing, height, settings.margin)
 
     def resume(self) -> None:
         """Walks, or walks on with the leg whose turn it is.
@@ -278,8 +286,8 @@ class Crawl:
     def _body_time(self, time: float) -> float:
         """For the coming body motion [s]: less after a late landing, so that the steps keep their pace."""
         timing = self._timing
-        late = time - self._lifted_at - timing.swing
-        return max(timing.body - late, _LEAST_BODY * timing.body)
+        late, body = time - self._lifted_at - timing.swing, float(self._body_times[self._turn % 4])
+        return max(body - late, _LEAST_BODY * body, 2.0 * timing.transfer)
 
     def _landed(self, time: float) -> bool:
         """Puts the swinging foot down where it has touched the ground."""
@@ -351,7 +359,7 @@ class Crawl:
         """
         timing, settings, feet = self._timing, self.settings, self.controller.feet
         phases = support_phases(feet, self._steps(airborne, body), timing, settings.margin, settings.lead, airborne)
-        self._planned.replan(time, phases, float(feet[self.stance, 2].mean()), settings.margin)
+        self._planned.replan(time, phases, float(feet[self.stance, 2].mean()), settings.margin, timing.rest)
 
     def _steps(self, airborne: Airborne | None, body: float | None) -> list[Step]:
         if body is None or self._stop:
@@ -366,7 +374,11 @@ class Crawl:
             path = path.ahead(command.speed, command.turn, timing.step)
             leg = self._sequence[turn % 4]
             steps.append(
-                Step(leg, self._footholds.next(leg, path, command.speed, command.turn, timing.step), timing.body)
+                Step(
+                    leg,
+                    self._footholds.next(leg, path, command.speed, command.turn, timing.step),
+                    float(self._body_times[turn % 4]),
+                )
             )
             turn += 1
         return steps

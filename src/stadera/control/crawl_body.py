@@ -88,12 +88,13 @@ class BodyReference:
             np.array([*acceleration, pose.acceleration[2]]),
         )
 
-    def replan(self, time: float, phases: Sequence[SupportPhase], ground: float, margin: float) -> None:
+    def replan(self, time: float, phases: Sequence[SupportPhase], ground: float, margin: float, rest: float) -> None:
         """Plans the centre of mass anew, with the belief of now, from where the reference is.
 
         Args:
             ground: [m], height of the feet.
-            margin: [m].
+            margin: [m], and
+            rest: as for `plan_com`.
 
         Raises:
             PlanError: there is no such plan.
@@ -103,7 +104,7 @@ class BodyReference:
         com = now.position + now.rotation @ self._lever()
         start = self.plan.at(time).copy()
         start[0] = com[:2]
-        self.plan = plan_com(time, start, phases, float(com[2]) - ground, margin)
+        self.plan = plan_com(time, start, phases, float(com[2]) - ground, margin, rest)
 
     def pose(self, time: float, rotation: Array, height: float, duration: float) -> None:
         """Turns the trunk to a rotation (3, 3) and lifts its origin to a height [m] within a duration [s]."""

@@ -52,6 +52,8 @@ class CrawlSettings:
         search_speed: [m/s].
         margin: [m], that centre of mass and zero-moment point are to keep to the support polygon's edges.
         least_margin: [m], of the believed centre of mass to the coming triangle's edges, below which no foot is lifted.
+        unhurried: [s], of body motion before a step, from which on the body rests while a leg swings; with less time it
+            rests less and less, for the sake of smaller accelerations.
         patience: [s], for which a step waits for that, before the crawl stops.
         lead: [s], that the body has before the first step from a stand.
 
@@ -70,6 +72,7 @@ class CrawlSettings:
     margin: float
     least_margin: float
     lead: float
+    unhurried: float
     patience: float = 3.0
     sequence: tuple[str, ...] = LATERAL_SEQUENCE
 
@@ -93,7 +96,7 @@ class CrawlSettings:
         time = float(np.sqrt(height / 9.81))
         return cls(
             cycle=13.0 * time,
-            longest_stride=0.5 * height,
+            longest_stride=0.6 * height,
             swing=1.4 * time,
             transfer=0.25 * time,
             clearance=0.12 * height,
@@ -103,6 +106,7 @@ class CrawlSettings:
             margin=0.04 * height,
             least_margin=0.01 * height,
             lead=3.0 * time,
+            unhurried=1.7 * time,
         )
 
     def timing(self, command: CrawlCommand) -> StepTiming:
@@ -115,7 +119,8 @@ class CrawlSettings:
         cycle = min(self.cycle, self.longest_stride / speed) if speed > 0 else self.cycle
         step = 0.25 * cycle
         swing = min(self.swing, _SWING_SHARE * step)
-        timing = StepTiming(step, swing, min(self.transfer, _TRANSFER_SHARE * (step - swing)))
+        transfer, rest = min(self.transfer, _TRANSFER_SHARE * (step - swing)), (step - swing) / self.unhurried
+        timing = StepTiming(step, swing, transfer, min(rest, 1.0) ** _RESTLESS)
         if swing < _SHORTEST * self.swing:
             fastest = _SWING_SHARE * self.longest_stride / (4.0 * _SHORTEST * self.swing)
             raise CrawlError(f"a crawl of {speed:.3g} m/s is too fast for this robot, the fastest is {fastest:.3g} m/s")
@@ -124,16 +129,23 @@ class CrawlSettings:
 
 _SWING_SHARE = 0.6  # of a step, at most, that the leg swings
 _TRANSFER_SHARE = 0.35  # of the rest, at most, that taking the load off takes
+_RESTLESS = 4  # power of the time for body motion, by which rest counts less where that is short
 _SHORTEST = 0.5  # share of a swing's time to which it may be shortened
 
 
 @dataclass(frozen=True)
 class StepTiming:
-    """Times of a step [s]: all of it, the leg's swing, and the transfer of its load before and after."""
+    """Times of a step, on the average of a cycle.
+
+    Attributes:
+        step: [s], all of it. swing: [s], of the leg. transfer: [s], of its load, before the swing and after it.
+        rest: how much it counts that the body rests in swings, up to 1.
+    """
 
     step: float
     swing: float
     transfer: float
+    rest: float = 1.0
 
     @property
     def body(self) -> float:

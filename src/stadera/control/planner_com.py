@@ -10,9 +10,9 @@ which must lie in the support polygon. The way is piecewise of constant jerk. Ov
     min  ∫ ‖τ² c̈‖² + β ‖τ³ c⃛‖² + γ ‖c - goal‖² + δ ‖τ ċ‖² [while a leg swings]  dt  +  penalty on what lacks of margins
     s.t. n_i · z ≤ d_i - margin + lacking,   n_i · c ≤ d_i - margin + lacking,       at rest at the end
 
-with τ = √(h / g). Slow walks come out as the paper's: the body moves while four feet carry, and rests over the next
-triangle while a leg swings. Where time is short it keeps moving, and the zero-moment point keeps the margin. Every
-plan ends at rest over four feet, so that one that is never followed by another stops safely.
+with τ = √(h / g) and δ to be chosen. Slow walks come out as the paper's: the body moves while four feet carry, and
+rests over the next triangle while a leg swings. Where time is short it keeps moving, and the zero-moment point keeps
+the margin. Every plan ends at rest over four feet, so that one that is never followed by another stops safely.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 _GRAVITY = 9.81
 _LONGEST = 0.08  # s, of a piece of constant jerk
-_JERK, _NEAR, _REST = 1e-3, 0.5, 20.0  # β, γ, δ
+_JERK, _NEAR, _REST = 1e-3, 0.5, 20.0  # β, γ, the largest δ
 _LACKING_ZMP, _LACKING_COM = (20.0, 2e3), (2.0, 2e2)  # linear [m], quadratic: what a missing margin costs
 _INFINITE = 1e20
 
@@ -100,7 +100,9 @@ class ComPlan:
         return ComPlan(self.times, states, self.jerks, self.lacking)
 
 
-def plan_com(time: float, start: Array, phases: Sequence[SupportPhase], height: float, margin: float) -> ComPlan:
+def plan_com(
+    time: float, start: Array, phases: Sequence[SupportPhase], height: float, margin: float, rest: float = 1.0
+) -> ComPlan:
     """The best way through the phases.
 
     Args:
@@ -109,6 +111,7 @@ def plan_com(time: float, start: Array, phases: Sequence[SupportPhase], height: 
         phases: in their order.
         height: [m], of the centre of mass over the contacts.
         margin: [m], that zero-moment point and centre of mass are to keep to the polygons' edges.
+        rest: how much it counts that the body rests while a leg swings, from 1 to 0 for not at all.
 
     Raises:
         PlanError: no phases, a height that is not positive, or no solution.
@@ -116,7 +119,7 @@ def plan_com(time: float, start: Array, phases: Sequence[SupportPhase], height: 
     if not phases or not height > 0:
         raise PlanError(f"a plan needs phases and a positive height, got {len(phases)} phases and {height} m")
     steps, owner = _pieces(phases)
-    programme = _Programme(steps, owner, phases, start, height, margin)
+    programme = _Programme(steps, owner, phases, start, height, margin, rest)
     jerks, lacking = programme.solved()
     states = [np.asarray(start, dtype=float)]
     for jerk, step in zip(jerks, steps, strict=True):
@@ -147,8 +150,9 @@ class _Programme:
         start: Array,
         height: float,
         margin: float,
+        rest: float,
     ) -> None:
-        self._phases, self._owner, self._margin = phases, owner, margin
+        self._phases, self._owner, self._margin, self._rest = phases, owner, margin, _REST * rest
         self._n = len(steps)
         self._tau2 = height / _GRAVITY
         self._steps = steps
@@ -181,7 +185,7 @@ class _Programme:
         weight = self._steps[:, None]
         hessian, gradient = np.zeros((2 * n + 2 * m,) * 2), np.zeros(2 * n + 2 * m)
         block = tau2**2 * push.T @ (weight * push) + _NEAR * position.T @ (weight * position)
-        block += _REST * tau2 * speed.T @ ((rests[:, None] * weight) * speed)
+        block += self._rest * tau2 * speed.T @ ((rests[:, None] * weight) * speed)
         block += np.diag(_JERK * tau2**3 * self._steps)
         for axis in range(2):
             free = [part[:, axis] for part in self._free]
@@ -189,7 +193,7 @@ class _Programme:
             hessian[part, part] = block
             gradient[part] = tau2**2 * push.T @ (self._steps * free[2])
             gradient[part] += _NEAR * position.T @ (self._steps * (free[0] - goals[:, axis]))
-            gradient[part] += _REST * tau2 * speed.T @ (self._steps * rests * free[1])
+            gradient[part] += self._rest * tau2 * speed.T @ (self._steps * rests * free[1])
         for k, (linear, quadratic) in enumerate((_LACKING_ZMP, _LACKING_COM)):
             part = slice(2 * n + k * m, 2 * n + (k + 1) * m)
             hessian[part, part] = quadratic * np.eye(m)

@@ -91,7 +91,7 @@ class GroundPlane:
 
 def facing(normal: Array, heading: float) -> Array:
     """The rotation (3, 3) of a trunk parallel to a plane of this unit normal (3,), its nose towards a heading [rad]."""
-    nose = np.array([np.cos(heading), np.sin(heading), 0.0])
-    left = np.cross(normal, nose)
-    left /= np.linalg.norm(left)
-    return np.column_stack([np.cross(left, normal), left, normal])
+    c, s = np.cos(heading), np.sin(heading)
+    nose = np.array([c, s, -(normal[0] * c + normal[1] * s) / normal[2]])
+    nose /= np.linalg.norm(nose)
+    return np.column_stack([nose, np.cross(normal, nose), normal])

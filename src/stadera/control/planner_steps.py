@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.control.crawl_settings import StepTiming
-from stadera.control.planner_com import SupportPhase
+from stadera.control.planner_com import SupportPhase, plan_com
 from stadera.control.planner_support import SupportPolygon
 
 Array = NDArray[np.float64]
@@ -67,6 +67,38 @@ def support_phases(
         landed = timing.transfer
     phases.append(SupportPhase(stand, SupportPolygon.of(feet), feet.mean(axis=0), rests=False))
     return phases
+
+
+def body_times(
+    offsets: Array, sequence: Sequence[int], stride: float, timing: StepTiming, height: float, margin: float
+) -> Array:
+    """How long the body has before each step of the sequence, (4,) [s]: more where it has farther to go.
+
+    Two cycles straight ahead are planned with equal times, and the ways from swing to swing are looked at: ways d in
+    times T with equal peak accelerations have T ∝ √d. The times' mean is the timing's; none is shorter than the
+    transfers of load take.
+
+    Args:
+        offsets: (4, 2) [m], nominal places of the feet.
+        sequence: the legs (indices) in the order in which they swing.
+        stride: [m], of a cycle.
+        height: [m], of the centre of mass over the feet.
+        margin: [m].
+    """
+    least = min(2.0 * timing.transfer + _LEAST, timing.body)
+    feet, steps = np.array(offsets), []
+    for k, leg in enumerate(sequence):  # as if they had just walked: the last to land is the farthest ahead
+        feet[leg, 0] += (k - 1.5) * 0.25 * stride
+    for k, leg in enumerate(2 * tuple(sequence)):
+        steps.append(Step(leg, feet[leg] + np.array([(k // 4 + 1) * stride, 0.0]), timing.body))
+    start = np.zeros((3, 2))
+    start[0] = feet.mean(axis=0)
+    phases = support_phases(feet, steps, timing, margin, timing.step)
+    plan = plan_com(0.0, start, phases, height, margin, timing.rest)
+    swings = timing.body + 0.5 * timing.swing + timing.step * np.arange(3, 8)
+    ways = np.diff([plan.at(time)[0] for time in swings], axis=0)  # to the swings 4, 5, 6, 7: a whole cycle
+    weights = np.sqrt(np.linalg.norm(ways, axis=1))
+    return np.asarray(least + 4.0 * (timing.body - least) * weights / weights.sum())
 
 
 def _on_three(feet: Array, leg: int, target: Array, duration: float, margin: float) -> SupportPhase:

@@ -6,7 +6,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from stadera.errors import MissingExtraError, UnknownNameError
-from stadera.experiments import fig4, fig5, fig6, survival, table1, table2, table3, table4, table5, walking
+from stadera.experiments import (
+    fig4,
+    fig5,
+    fig6,
+    inertial_share,
+    survival,
+    table1,
+    table2,
+    table3,
+    table4,
+    table5,
+    walking,
+)
 from stadera.experiments.real_logs import MissingDataError
 from stadera.experiments.result import Experiment, ExperimentResult, Progress, ReproduceSettings, Skipped
 
@@ -20,6 +32,7 @@ _EXPERIMENTS = (
     fig6.EXPERIMENT,
     table3.EXPERIMENT,
     table4.EXPERIMENT,
+    inertial_share.EXPERIMENT,
     table5.EXPERIMENT,
     survival.EXPERIMENT,
     walking.EXPERIMENT,
