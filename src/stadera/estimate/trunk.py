@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,16 +89,7 @@ class TrunkBounds:
         stand), in z half the standing height above and below the hips. The mass: a tenth of the prior trunk up to
         that trunk with twice the robot's mass on it.
         """
-        feet = foot_positions(robot, standing_configuration(robot)[None])[0]
-        hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
-        level = float(hips[:, 2].mean())
-        reach = _HEIGHT_SHARE * (level - float(feet[:, 2].mean()))
-        prior = robot.inertias[robot.trunk].mass
-        return cls(
-            mass=(_LEAST_MASS_SHARE * prior, prior + _MOST_MASS_SHARE * robot.mass),
-            low=np.array([*feet[:, :2].min(axis=0), level - reach]),
-            high=np.array([*feet[:, :2].max(axis=0), level + reach]),
-        )
+        return _bounds_of(robot)
 
     def contains(self, model: TrunkModel) -> bool:
         """Whether mass and centre of mass lie inside."""
@@ -122,3 +114,18 @@ class TrunkBounds:
         if (complaint := self.complaint(model)) is not None:
             raise ImplausibleError(complaint)
         return model
+
+
+@lru_cache(maxsize=16)
+def _bounds_of(robot: Robot) -> TrunkBounds:
+    """Kept for the last robots, values that never change: every estimator and controller asks for its own."""
+    feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+    hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
+    level = float(hips[:, 2].mean())
+    reach = _HEIGHT_SHARE * (level - float(feet[:, 2].mean()))
+    prior = robot.inertias[robot.trunk].mass
+    return TrunkBounds(
+        mass=(_LEAST_MASS_SHARE * prior, prior + _MOST_MASS_SHARE * robot.mass),
+        low=np.array([*feet[:, :2].min(axis=0), level - reach]),
+        high=np.array([*feet[:, :2].max(axis=0), level + reach]),
+    )
