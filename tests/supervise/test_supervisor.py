@@ -122,7 +122,11 @@ def test_a_load_taken_off_is_noticed_too():
 
 
 def test_payload_is_told_by_difference():
-    payload = Day().meets(0.0, 3.0).meets(10.0, 8.0).supervisor.payload
+    day = Day()
+    day.walker.walking = False
+    day.meets(0.0, 3.0)
+    day.walker.walking = True
+    payload = day.meets(0.0, 1.0).meets(10.0, 8.0).supervisor.payload
     assert payload is not None
     assert payload.mass == pytest.approx(10.0, abs=1e-3)
     assert payload.com[:2] == pytest.approx(PLACE[:2], abs=1e-3)

@@ -77,7 +77,7 @@ def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
 def headline(result: DemoResult) -> str:
     """What happened, in one sentence."""
     failed, went = verdict(result.without.outcome), verdict(result.identified.outcome)
-    return f"Without identification {failed}; with it {went}."
+    return f"Without identification {failed}. With it {went}."
 
 
 def verdict(outcome: LoadedWalkOutcome) -> str:
@@ -88,10 +88,10 @@ def verdict(outcome: LoadedWalkOutcome) -> str:
         return f"the robot is left {outcome.state}: {outcome.transitions[-1].reason}"
     if outcome.least_margin < 0.0:
         return (
-            f"its centre of mass left the support polygon by {-_CM * outcome.least_margin:.1f} cm, "
+            f"the robot's centre of mass left the support polygon by {-_CM * outcome.least_margin:.1f} cm, for "
             f"{outcome.outside:.1f} s in all"
         )
-    return f"it never came nearer than {_CM * outcome.least_margin:.1f} cm to the edge of its support"
+    return f"its centre of mass stayed {_CM * outcome.least_margin:.1f} cm and more inside the support polygon"
 
 
 def true_load(outcome: LoadedWalkOutcome) -> InertialParameters:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 import stadera
 from stadera.demo import DemoResult, DemoRun
-from stadera.experiments.loaded_walk import LoadedWalkOutcome
 from stadera.report.demo import comparison_rows, headline, true_load, verdict, weighed_rows
 from stadera.report.demo_plots import com_figure, force_figure, margin_figure, mass_figure
 from stadera.report.markup import Html, element, row, table, text
@@ -135,28 +134,26 @@ def _walk(run: DemoRun) -> Html:
 def _moments(result: DemoResult) -> Iterator[tuple[str, float]]:
     """Moments worth a look, in the order of time."""
     yield "the box lands", result.settings.load_at + 0.12
-    without = result.without.outcome
-    if without.least_margin < 0.0:
-        yield "the worst without identification", _worst(without)
+    if result.without.outcome.least_margin < 0.0:
+        yield "the worst without identification", float(result.without.film.time[_worst(result.without)])
     for transition in result.identified.outcome.transitions:
         if transition.after is not State.STOPPING or transition.time < result.settings.load_at + 3.0:
             yield str(transition.after) if transition.after is not State.WALKING else "walks on", transition.time + 0.04
     yield "the end", result.identified.outcome.seconds
 
 
-def _worst(outcome: LoadedWalkOutcome) -> float:
-    since = np.where(outcome.time >= outcome.loaded_at, outcome.margin, np.nan)
-    return float(outcome.time[int(np.nanargmin(since))])
+def _worst(run: DemoRun) -> int:
+    """The frame of the least margin since the load."""
+    since = run.film.time >= run.outcome.loaded_at
+    return int(np.argmin(np.where(since & np.isfinite(run.film.margin), run.film.margin, np.inf)))
 
 
 def _data(result: DemoResult) -> dict[str, Any]:
     robot, film = load_robot(result.settings.robot), result.without.film
     every = float(np.median(np.diff(film.time)))
-    without = result.without.outcome
-    start = _worst(without) if np.isfinite(without.least_margin) else result.settings.load_at
     return {
         "every": round(every, 6),
-        "start": round(start / every),
+        "start": _worst(result.without),
         "foot": max(leg.foot_radius for leg in robot.legs),
         "feet": [leg.name for leg in robot.legs],
         "films": [_film(run) for run in result.runs],

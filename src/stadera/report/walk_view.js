@@ -72,7 +72,7 @@
     for (let n = first; n * step < middle + w / 2 / scale; n++) {
       const x = to([n * step, 0, 0])[0];
       path(g, [[x, ground], [x, ground + 5]]); g.stroke();
-      g.fillText(`${(n * step).toFixed(1)} m`, x, ground + 19);
+      if (x > 24 && x < w - 24) g.fillText(`${(n * step).toFixed(1)} m`, x, ground + 19);
     }
     const leg = (n, colour, width) => {
       const points = film.legs[k][n].map(to);

@@ -165,7 +165,7 @@ class Supervisor:
             self._scale.new_load()
             self.walker.request_stop()
             self._become(State.STOPPING, _told(change))
-        elif not self._loaded:
+        elif not self._loaded and self.walker.stopped:  # it has not begun to walk yet
             self._scale.take(m, loaded=False)
 
     def _stop(self, m: Measurement) -> None:
