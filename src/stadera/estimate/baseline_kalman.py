@@ -51,7 +51,7 @@ class KalmanTrunk(SignalBaseline):
         self._P = (np.eye(3) - gain @ H) @ self._P
         if not self._theta[0] > 0:
             return np.array([self._theta[0], 0.0, 0.0, 0.0]), np.zeros((4, 4))
-        slope = centre_slope(self._theta)[:, :3]
+        slope = centre_slope(self._theta[:4])[:, :3]
         covariance = slope @ self._P @ slope.T
         covariance[3, :] = covariance[:, 3] = np.nan
         return np.array([self._theta[0], *self._theta[1:4] / self._theta[0]]), covariance

@@ -69,8 +69,8 @@ class RlsTrunk(SignalBaseline):
         self._weight = keep * self._weight + 6.0
         if not self._theta[0] > 0:
             return np.array([self._theta[0], 0.0, 0.0, 0.0]), np.zeros((4, 4))
-        slope = centre_slope(self._theta)
-        covariance = (self._square / self._weight + self._floor) * (slope @ self._P @ slope.T)
+        slope = centre_slope(self._theta[:4])
+        covariance = (self._square / self._weight + self._floor) * (slope @ self._P[:4, :4] @ slope.T)
         unknown = ~(np.sqrt(np.diag(covariance)) < self._limit)
         covariance[unknown, :] = covariance[:, unknown] = np.nan
         return np.array([self._theta[0], *self._theta[1:4] / self._theta[0]]), covariance

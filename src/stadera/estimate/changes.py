@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import islice
 from math import log
 
 import numpy as np
@@ -45,12 +46,20 @@ class ChangeLimits:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One block: what was known before it, and its rows, whitened; `time` [s] is the block's end."""
+    """One block.
+
+    Attributes:
+        time: [s], of its end.
+        before: what was known before it.
+        matrix, target: its rows, whitened.
+        squared: νᵀ S⁻¹ ν of its own innovations.
+    """
 
     time: float
     before: SquareRoot
     matrix: Array
     target: Array
+    squared: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +77,13 @@ class ChangeDetector:
 
     Args:
         which: the unknowns that jump.
-        root: square root of the covariance of a jump, (k, k).
+        std: of a jump, (k,).
         limits: None for the defaults.
     """
 
-    def __init__(self, which: slice, root: Array, limits: ChangeLimits | None = None) -> None:
+    def __init__(self, which: slice, std: Array, limits: ChangeLimits | None = None) -> None:
         self.limits = limits or ChangeLimits()
-        self._which, self._root = which, root
+        self._which, self._std = which, std
         self._steps: deque[Step] = deque(maxlen=max(self.limits.lengths))
 
     def restart(self) -> None:
@@ -84,21 +93,27 @@ class ChangeDetector:
     def look(self, step: Step, scale: float = 1.0) -> Jump | None:
         """A jump, if this block makes it believable; `scale` multiplies the rows' stated variances."""
         self._steps.append(step)
-        least = log(self.limits.bayes_factor)
-        ready = [n for n in self.limits.lengths if n <= len(self._steps)]
-        if not any(self.log_bayes_factor(n, scale) > least for n in ready):
+        if not any(self._jumped(n, scale) for n in self.limits.lengths):
             return None
         factors = {n: self.log_bayes_factor(n, scale) for n in range(1, len(self._steps) + 1)}
         best = max(factors, key=lambda n: factors[n])
         steps = tuple(self._steps)[-best:]
         return Jump(steps[0].time, steps[0].before, steps[self.limits.spoilt :], factors[best])
 
+    def _jumped(self, blocks: int, scale: float) -> bool:
+        """Whether the last so many blocks speak for a jump; log B is at most half of what their innovations come to."""
+        if blocks > len(self._steps):
+            return False
+        least = log(self.limits.bayes_factor)
+        most = 0.5 * sum(step.squared for step in islice(reversed(self._steps), blocks)) / scale
+        return most > least and self.log_bayes_factor(blocks, scale) > least
+
     def log_bayes_factor(self, blocks: int, scale: float) -> float:
         """log B of a jump before the last so many blocks."""
         steps = list(self._steps)[-blocks:]
         known = steps[0].before
         H, y = np.vstack([s.matrix for s in steps]), np.concatenate([s.target for s in steps])
-        T, M = H @ known.inverse, H[:, self._which] @ self._root
+        T, M = H @ known.inverse, H[:, self._which] * self._std
         root = lapack.dpotrf(scale * np.eye(len(y)) + T @ T.T, lower=1)[0]
         both = lapack.dtrtrs(root, np.column_stack((M, y - H @ known.mean)), lower=1)[0]
         M, nu = both[:, :-1], both[:, -1]

@@ -10,7 +10,7 @@ Every step is one QR, so the covariance R⁻¹ R⁻ᵀ is never less than positi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,12 +65,12 @@ class SquareRoot:
         triangle = _triangle(stacked)
         return SquareRoot(triangle[:n, :n], triangle[:n, n], self.cost + triangle[n, n] ** 2)
 
-    def diffuse(self, which: slice, root: Array) -> SquareRoot:
-        """With independent changes of these unknowns, w = root u, u of unit noise; root (k, k)."""
-        n, k = len(self), len(root)
+    def diffuse(self, which: slice, std: Array) -> SquareRoot:
+        """With independent changes of these unknowns, of standard deviations (k,)."""
+        n, k = len(self), len(std)
         stacked = np.zeros((k + n, k + n + 1))
         stacked[:k, :k] = np.eye(k)
-        stacked[k:, :k] = -self.R[:, which] @ root
+        stacked[k:, :k] = -self.R[:, which] * std
         stacked[k:, k:-1], stacked[k:, -1] = self.R, self.z
         triangle = _triangle(stacked)
         return SquareRoot(triangle[k : k + n, k:-1], triangle[k : k + n, -1], self.cost)
@@ -103,4 +103,9 @@ def _triangle(matrix: Array) -> Array:
     """The triangular factor, with as many rows as columns at most."""
     factor = lapack.dgeqrf(matrix)[0]
     top = min(matrix.shape)
-    return np.triu(factor[:top])
+    return np.asarray(factor[:top] * _upper(top, matrix.shape[1]))
+
+
+@lru_cache(maxsize=64)
+def _upper(rows: int, columns: int) -> Array:
+    return np.triu(np.ones((rows, columns)))

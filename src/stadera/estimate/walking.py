@@ -20,17 +20,17 @@ from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack
 
 from stadera.errors import StaderaError
 from stadera.estimate.changes import ChangeDetector, ChangeLimits, Jump, Step
 from stadera.estimate.measurement import Measurement
-from stadera.estimate.protocol import Status, TrunkEstimate
+from stadera.estimate.protocol import Status, TrunkEstimate, unobserved
 from stadera.estimate.square_root import SquareRoot
 from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.estimate.walking_ground import GroundNormal
 from stadera.estimate.walking_noise import WalkingNoise
-from stadera.estimate.walking_result import ChangeBegun, LoadChange, Payload, TrunkParameters, known_to, trunk_of
+from stadera.estimate.walking_result import Centre, ChangeBegun, LoadChange, Payload, TrunkParameters, known_to
 from stadera.estimate.walking_rows import BIAS, LAG, OFFSETS, THETA, UNKNOWNS, BlockRows, RowMaker
 from stadera.estimate.walking_samples import SampleBuffer, Samples
 from stadera.inertia import InertialParameters
@@ -40,6 +40,8 @@ from stadera.robot.model import Robot
 Array = NDArray[np.float64]
 
 _GRAVITY = 9.81  # m/s²
+_ROWS = np.eye(6)
+_RESHAPED = 10  # blocks after which the trunk that noise is reckoned with is read anew
 _TARE = slice(UNKNOWNS, UNKNOWNS + 10)
 _SETTLED = 0.5  # s of learning after which an estimate that is known well enough counts as converged
 _LOUD = 9.0  # normalised innovation squared, per row, from which a block counts for less
@@ -107,8 +109,9 @@ class WalkingEstimator:
         self._ground = GroundNormal(robot.mass * _GRAVITY)
         self._wide = _widest(robot.mass, self._length)
         self._known = _unknowns(self._start, self._wide, self.noise)
-        self._found = self._read(self._known)
-        self._detector = ChangeDetector(THETA, np.diag(_JUMP * self._wide), self.settings.changes)
+        self._good, self._shape, self._adopted = self._known, self._start, 0
+        self._found: TrunkParameters | None = None
+        self._detector = ChangeDetector(THETA, _JUMP * self._wide, self.settings.changes)
         self._changes: list[LoadChange] = []
         self._changing: ChangeBegun | None = None
         self._learnt, self._since = np.nan, np.nan
@@ -141,12 +144,15 @@ class WalkingEstimator:
     # -- asking -----------------------------------------------------------------------------------------------
     def estimate(self) -> TrunkEstimate:
         """Mass and centre of mass of the trunk; after a refusal the last good ones, and why."""
-        found = self._found
+        found = self.parameters()
         trunk = TrunkModel.of(found.inertial)
-        return TrunkEstimate(self._learnt, trunk, found.covariance, self._status, self._reason)
+        covariance = found.covariance if self._adopted else unobserved()
+        return TrunkEstimate(self._learnt, trunk, covariance, self._status, self._reason)
 
     def parameters(self) -> TrunkParameters:
         """All ten parameters of the trunk, payload included, and how well they are known."""
+        if self._found is None:
+            self._found = TrunkParameters.of(self._good, self._start, self._limit, self._length)
         return self._found
 
     def tare(self) -> None:
@@ -189,30 +195,30 @@ class WalkingEstimator:
             self._learn(made.rows)
 
     def _learn(self, rows: BlockRows) -> None:
-        matrix, covariance = rows.about(self._found.inertial, self.noise)
-        root = np.linalg.cholesky(covariance)
-        H = np.zeros((6, len(self._known)))
-        H[:, :UNKNOWNS] = solve_triangular(root, matrix, lower=True)
-        y = solve_triangular(root, rows.target, lower=True)
-        before = self._known.diffuse(THETA, np.diag(self.settings.drift * sqrt(rows.elapsed) * self._wide))
+        matrix, covariance = rows.about(self._shape, self.noise)
+        white = lapack.dtrtrs(np.linalg.cholesky(covariance), np.column_stack((matrix, rows.target)), lower=1)[0]
+        H, y = np.zeros((6, len(self._known))), white[:, -1]
+        H[:, :UNKNOWNS] = white[:, :-1]
+        before = self._known.diffuse(THETA, self.settings.drift * sqrt(rows.elapsed) * self._wide)
         innovation, spread = y - H @ before.mean, H @ before.inverse
-        squared = float(innovation @ np.linalg.solve(np.eye(6) + spread @ spread.T, innovation)) / 6.0
+        squared = float(innovation @ np.linalg.solve(_ROWS + spread @ spread.T, innovation))
         scale = max(self._scale, 1.0)
         self._caution *= 1.0 - 1.0 / _SCALE_MEMORY
-        jump = self._detector.look(Step(rows.time, before, H, y), max(scale, self._caution))
+        jump = self._detector.look(Step(rows.time, before, H, y, squared), max(scale, self._caution))
         if jump is not None:
             known = self._jumped(jump, scale)
             if self._matters(jump.before, known):
                 self._begin_change(jump, rows.time)
                 self._adopt(known, rows.time)
                 return
+        squared /= 6.0
         self._scale += (min(squared, _LOUD * self._scale) - self._scale) / _SCALE_MEMORY
         weight = 1.0 / sqrt(max(scale, squared / _LOUD))
         self._adopt(before.measure(weight * H, weight * y), rows.time)
 
     def _jumped(self, jump: Jump, scale: float) -> SquareRoot:
         """What is known if a jump is believed: all from before it but the trunk, and what came after it."""
-        known = jump.before.diffuse(THETA, np.diag(_JUMP * self._wide))
+        known = jump.before.diffuse(THETA, _JUMP * self._wide)
         weight = 1.0 / sqrt(scale)
         for step in jump.after:
             known = known.measure(weight * step.matrix, weight * step.target)
@@ -229,7 +235,7 @@ class WalkingEstimator:
         if self._changing is not None:
             self._changes.append(self._changing.weighed(jump.before))
         self._changing = ChangeBegun(jump.time, now, jump.before, _SHIFTED * self.robot.mass)
-        self._since = now
+        self._since, self._adopted = now, 1
         self._detector.restart()
 
     def _adopt(self, known: SquareRoot, time: float) -> None:
@@ -237,20 +243,20 @@ class WalkingEstimator:
         self._known = known
         if np.isnan(self._since):
             self._since = time
-        found = self._read(known)
+        centre = Centre.of(known, self._start, self._limit)
         try:
-            complaint = self.bounds.complaint(TrunkModel.of(found.inertial))
+            complaint = self.bounds.complaint(TrunkModel(float(centre.value[0]), centre.value[1:]))
         except ImplausibleError as error:
             complaint = str(error)
         if complaint:
             self._refuse(f"the estimate runs away: {complaint}")
             return
-        self._found, self._learnt, self._reason = found, time, ""
-        settled = time - self._since >= _SETTLED and bool(found.observed[:3].all())
+        self._good, self._found, self._learnt, self._reason = known, None, time, ""
+        settled = time - self._since >= _SETTLED and bool(centre.observed[:3].all())
         self._status = Status.CONVERGED if settled else Status.MOVING
-
-    def _read(self, known: SquareRoot) -> TrunkParameters:
-        return trunk_of(known.mean[THETA], known.covariance(THETA), self._start, self._limit, self._length)
+        self._adopted += 1
+        if self._adopted < _RESHAPED or self._adopted % _RESHAPED == 0:
+            self._shape = self.parameters().inertial
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason = Status.REFUSED, reason

@@ -53,7 +53,8 @@ class GroundNormal:
         normal = np.linalg.eigh(self._lines + _BELIEF * level)[1][:, 0]
         if normal @ self.up < 0.0:
             normal = -normal
-        return np.asarray(turned(angular_velocity, -0.5 * duration) @ normal)
+        back = 0.5 * duration * angular_velocity  # from the block's end to its middle
+        return np.asarray(normal + skew(back) @ normal)
 
     def learn(self, feet: Array, force: Array, duration: float) -> None:
         """Takes in where the feet (3, 4) [m] were at a block's end, under which forces (3, 4) [N]."""

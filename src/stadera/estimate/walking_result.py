@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.estimate.square_root import SquareRoot
+from stadera.estimate.walking_rows import UNKNOWNS
 from stadera.inertia import InertialParameters
 
 Array = NDArray[np.float64]
@@ -32,6 +33,49 @@ class TrunkParameters:
     covariance: Array
     inertia_std: Array
     observed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, known: SquareRoot, start: InertialParameters, limit: Array, length: float) -> TrunkParameters:
+        """Read from what is known, the ten parameters first; `start` for what was not observed."""
+        centre = Centre.of(known, start, limit)
+        std = np.linalg.norm(known.inverse[4:10], axis=1)
+        seen = std < limit[4:]
+        inertia = start.inertia_com
+        if seen.all():
+            least = _LEAST_SPREAD * centre.value[0] * length**2
+            inertia = _possible(InertialParameters(known.mean[:10]).inertia_com, least)
+        inertial = InertialParameters.from_com(float(centre.value[0]), centre.value[1:], inertia)
+        std = np.where(seen, std, np.nan)
+        return cls(inertial, centre.covariance, std, np.concatenate([centre.observed, seen]))
+
+
+class Centre(NamedTuple):
+    """Mass [kg] and centre of mass [m].
+
+    Attributes:
+        value: (4,), of the start where not observed.
+        covariance: (4, 4), NaN where not observed.
+        observed: (4,) bool.
+    """
+
+    value: Array
+    covariance: Array
+    observed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, known: SquareRoot, start: InertialParameters, limit: Array) -> Centre:
+        """Read from what is known; a mass that is not positive is handed on as it is."""
+        vector = known.mean[:4]
+        if not vector[0] > 0:
+            return cls(vector, np.full((4, 4), np.nan), np.zeros(4, dtype=bool))
+        root = centre_slope(vector) @ known.inverse[:4]
+        covariance = root @ root.T
+        observed = np.sqrt(np.diag(covariance)) < limit[:4]
+        value = np.array([vector[0], *(vector[1:] / vector[0])])
+        if not observed.all():
+            covariance[~observed, :] = covariance[:, ~observed] = np.nan
+            value = np.where(observed, value, [start.mass, *start.com])
+        return cls(value, covariance, observed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +103,8 @@ class Payload:
         mass, mass_std = float(vector[0]), float(np.sqrt(covariance[0, 0]))
         com = com_std = np.full(3, np.nan)
         if abs(mass) > 3.0 * mass_std:
-            slope = centre_slope(vector)[1:]
-            std = np.sqrt(np.diag(slope @ covariance @ slope.T))
+            slope = centre_slope(vector[:4])[1:]
+            std = np.sqrt(np.diag(slope @ covariance[:4, :4] @ slope.T))
             com, com_std = (np.where(std < limit, v, np.nan) for v in (vector[1:4] / mass, std))
         return cls(InertialParameters(vector), covariance, mass, mass_std, com, com_std)
 
@@ -105,12 +149,12 @@ class ChangeBegun:
         return LoadChange(self.time, self.noticed, InertialParameters(first), InertialParameters(last), mass, std, kind)
 
 
-def centre_slope(vector: Array) -> Array:
-    """(4, 10): how mass and centre of mass change with the ten parameters."""
-    slope = np.zeros((4, 10))
-    slope[0, 0] = 1.0
-    slope[1:, 0] = -vector[1:4] / vector[0] ** 2
-    slope[1:, 1:4] = np.eye(3) / vector[0]
+def centre_slope(moments: Array) -> Array:
+    """(4, 4): how mass and centre of mass change with mass and first moment (4,)."""
+    mass = moments[0]
+    slope = np.eye(4)
+    slope[1:] /= mass
+    slope[1:, 0] = -moments[1:4] / mass**2
     return slope
 
 
@@ -123,26 +167,6 @@ def known_to(robot_mass: float, length: float) -> Array:
             *[_INERTIA_LIMIT * robot_mass * length**2] * 6,
         ]
     )
-
-
-def trunk_of(
-    vector: Array, covariance: Array, start: InertialParameters, limit: Array, length: float
-) -> TrunkParameters:
-    """The trunk from ten parameters with their covariance (10, 10), what was not observed as at the start."""
-    if not vector[0] > 0:
-        return TrunkParameters(InertialParameters(vector), covariance[:4, :4], np.full(6, np.nan), np.zeros(10, bool))
-    slope = centre_slope(vector)
-    of_centre = slope @ covariance @ slope.T
-    inertia_std = np.sqrt(np.diag(covariance)[4:])
-    observed = np.concatenate([np.sqrt(np.diag(of_centre)), inertia_std]) < limit
-    mass = vector[0] if observed[0] else start.mass
-    com = np.where(observed[1:4], vector[1:4] / vector[0], start.com)
-    inertia = start.inertia_com
-    if observed[4:].all():
-        inertia = _possible(InertialParameters(vector).inertia_com, _LEAST_SPREAD * mass * length**2)
-    of_centre[~observed[:4], :] = of_centre[:, ~observed[:4]] = np.nan
-    inertia_std[~observed[4:]] = np.nan
-    return TrunkParameters(InertialParameters.from_com(mass, com, inertia), of_centre, inertia_std, observed)
 
 
 def _possible(inertia_com: Array, least: float) -> Array:
@@ -160,5 +184,4 @@ def _possible(inertia_com: Array, least: float) -> Array:
 
 def _white_mass_std(known: SquareRoot) -> float:
     """Of the mass, the constants taken as they are: what averages out [kg]."""
-    block = known.R[:10, :10]
-    return float(np.linalg.norm(np.linalg.inv(known.R[:10, :10])[0])) if block.any() else np.inf
+    return float(np.linalg.norm(np.linalg.inv(known.first(UNKNOWNS).R[:10, :10])[0]))
