@@ -10,7 +10,7 @@ import pytest
 from stadera.errors import RecordingError
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
-from stadera.recording import Preprocessing, Recording, preprocess, read
+from stadera.recording import Imu, Preprocessing, Recording, preprocess, read, write_table
 from stadera.robot import load_robot
 
 
@@ -56,3 +56,12 @@ def test_torques_that_are_all_zero_identify_nothing() -> None:
     log = Recording(time, joints, motion, effort=np.zeros((2000, 3)), source="silent.csv")
     with pytest.raises(RecordingError, match=r"silent\.csv: the efforts of leg RH .* are all zero"):
         identify(robot, [log], IdentifySettings(legs=("RH",)))
+
+
+def test_the_imu_frame_is_kept_where_a_table_has_a_place_for_it(tmp_path: Path) -> None:
+    imu = Imu(np.zeros((2, 3)), np.ones((2, 3)), frame="imu_link")
+    log = Recording(np.arange(2.0), ("a",), np.zeros((2, 1)), imu=imu)
+    for name, frame in (("log.parquet", "imu_link"), ("log.csv", None)):
+        back = read(write_table(log, tmp_path / name)).imu
+        assert back is not None
+        assert back.frame == frame

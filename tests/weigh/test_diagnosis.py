@@ -131,7 +131,7 @@ def test_nothing_is_found_in_another_robots_clean_log() -> None:
     pytest.importorskip("cmeel", reason="example-robot-data is not installed")
     go2 = load_robot("go2")
     assert diagnose(static_log(go2), go2) == ()
-    wrong = legs_swapped(static_log(go2), go2, (("LF", "RF"), ("LH", "RH")), "position", "velocity", "effort")
+    wrong = legs_swapped(static_log(go2), go2, (("LF", "LH"), ("RF", "RH")), "position", "velocity", "effort")
     assert [f.cause for f in diagnose(wrong, go2)] == ["joint_order"]
 
 
@@ -183,6 +183,11 @@ WRONG: dict[str, tuple[str, str, Callable[[Recording, Robot], Recording]]] = {
         "joint_order",
         "LF, RF, LH and RH",
         lambda log, r: legs_swapped(log, r, (("LF", "LH"), ("RF", "RH")), "position", "velocity", "effort"),
+    ),
+    "left and right": (
+        "joint_order",
+        "LF, RF, LH and RH",
+        lambda log, r: legs_swapped(log, r, (("LF", "RF"), ("LH", "RH")), "position", "velocity", "effort"),
     ),
     "IMU upside down": (
         "imu_frame",

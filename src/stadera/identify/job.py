@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
+import numpy as np
+
 from stadera.errors import RecordingError
 from stadera.identify.lag import EARLIEST, LATEST, STEP, TorqueLag, estimate_lag
 from stadera.identify.log import Log, Part, Stretch, head, joints_with_effort, name_of, time_span
@@ -156,10 +158,11 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
 
 
 def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> None:
-    """Torques that are zero for a whole leg were not recorded: everything would follow from them with certainty."""
+    """Torques that are zero for a whole leg that moves were not recorded, though all would follow from them surely."""
     for name in legs:
         joints = robot.leg(name).joints
-        if len(beginning) and not beginning.channel("effort", joints).any():
+        moves = bool(np.ptp(beginning.channel("position", joints), axis=0).any())
+        if moves and not beginning.channel("effort", joints).any():
             listed = ", ".join(joints)
             raise RecordingError(
                 f"{beginning.source}: the efforts of leg {name} ({listed}) are all zero: no torque was recorded"

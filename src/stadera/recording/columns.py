@@ -15,6 +15,8 @@ IMU_COLUMNS: dict[str, tuple[str, ...]] = {
     "linear_acceleration": tuple(f"imu.linear_acceleration.{axis}" for axis in "xyz"),
     "orientation": tuple(f"imu.orientation.{axis}" for axis in "xyzw"),
 }
+IMU_FRAME = "imu.frame"
+"""Key of a Parquet table's metadata: the frame that the IMU's values are in."""
 _SEPARATORS = (";", "\t", "|")
 REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
 

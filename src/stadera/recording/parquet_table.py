@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -10,7 +11,7 @@ from pyarrow import parquet
 
 from stadera.errors import RecordingError
 from stadera.recording.assemble import recordings
-from stadera.recording.columns import Layout, layout
+from stadera.recording.columns import IMU_FRAME, Layout, layout
 from stadera.recording.recording import Recording
 from stadera.recording.topics import Topics
 
@@ -38,10 +39,12 @@ class ParquetTable:
         """See `stadera.recording.stream`."""
         topics.refuse(str(path), self.name)
         try:
-            names = parquet.read_schema(path).names
+            schema = parquet.read_schema(path)
         except pa.ArrowException as error:
             raise _damaged(path, error) from None
-        found = layout(names, str(path), joints, require)
+        frame = (schema.metadata or {}).get(IMU_FRAME.encode())
+        found = layout(schema.names, str(path), joints, require)
+        found = replace(found, imu_frame=None if frame is None else frame.decode())
         return recordings(_batches(path, found, rows or BATCH_ROWS), found, str(path), rows)
 
 

@@ -14,7 +14,7 @@ from pyarrow import parquet
 
 from stadera.errors import RecordingError
 from stadera.files import written_together
-from stadera.recording.columns import CHANNELS, IMU_COLUMNS, TIME
+from stadera.recording.columns import CHANNELS, IMU_COLUMNS, IMU_FRAME, TIME
 from stadera.recording.recording import Recording
 
 SUFFIXES: tuple[str, ...] = (".csv", ".parquet", ".pq")
@@ -24,7 +24,8 @@ ROW_GROUP = 65536
 def write_table(recording: Recording | Iterable[Recording], path: str | PathLike[str]) -> Path:
     """Write a recording, or consecutive chunks of one, as a flat table; the suffix says CSV or Parquet.
 
-    Values come back bit for bit. The file appears whole or not at all; what was there before stays until then.
+    Values come back bit for bit. The name of the IMU frame goes into the metadata of Parquet; a CSV table, which has
+    no place for it, loses it. The file appears whole or not at all; what was there before stays until then.
 
     Raises:
         RecordingError: another suffix, no recording, chunks with differing columns.
@@ -73,4 +74,6 @@ def to_arrow(recording: Recording) -> pa.Table:
         columns |= {f"{foot}.force.{axis}": force[:, i] for i, axis in enumerate("xyz")}
     for foot, contact in recording.foot_contact.items():
         columns[f"{foot}.contact"] = contact.astype(np.float64)
-    return pa.table({name: pa.array(np.ascontiguousarray(values)) for name, values in columns.items()})
+    table = pa.table({name: pa.array(np.ascontiguousarray(values)) for name, values in columns.items()})
+    frame = recording.imu.frame if recording.imu is not None else None
+    return table if frame is None else table.replace_schema_metadata({IMU_FRAME: frame})

@@ -5,7 +5,8 @@ sign: each of these gives a robot that weighs something, only not what it does. 
 robot on its feet can do (`stadera.weigh.consistency`), and the usual mistakes are tried on it (`suspects`).
 
 What cannot be told: on a robot that stands symmetrically, left and right or front and hind legs that are swapped, and
-an IMU turned about the vertical, look right; they show once the trunk tilts.
+an IMU turned about the vertical, look right; they show once the trunk tilts. Left and right swapped may hide even then,
+where the hips' roll axes point the same way on both sides (Go2).
 """
 
 from __future__ import annotations
