@@ -122,6 +122,10 @@ class RestWatch:
         self._specific += float(up @ m.specific_force)
         return self._finished() if m.time - self._begin >= self.limits.longest else None
 
+    def restart(self) -> None:
+        """Drops the moment under way."""
+        self._count, self._force, self._specific, self._last = 0, 0.0, 0.0, None
+
     def _smoothen(self, m: Measurement) -> None:
         values = np.concatenate([m.joint_velocity, m.angular_velocity, m.specific_force])
         dt, self._time = m.time - self._time, m.time
@@ -143,7 +147,7 @@ class RestWatch:
         """The moment that is over, if there was one that lasted for long enough."""
         count, last = self._count, self._last
         force, specific = self._force, self._specific
-        self._count, self._force, self._specific, self._last = 0, 0.0, 0.0, None
+        self.restart()
         if last is None or self._end - self._begin < self.limits.shortest:
             return None
         forces, up = last

@@ -142,7 +142,7 @@ class Supervisor:
             case State.WEIGHING_MASS | State.WEIGHING_COM:
                 self._weigh(m, change)
             case State.CONVERGED:
-                self._take_over(m, change)
+                self._take_over(m)
 
     def weigh(self, reason: str) -> None:
         """Stop and weigh, for a reason of the caller's; from WALKING or STANDING.
@@ -222,18 +222,18 @@ class Supervisor:
             self.believed = trunk
             self._payload = self._scale.payload(found, self.zeroed)
 
-    def _take_over(self, m: Measurement, change: LoadCheck | None) -> None:
-        if change is not None:
-            self._restarts = 0
-            self._scale.new_load()
-            self._become(State.STOPPING, _told(change))
-        elif m.time - self._since >= _TAKE_OVER:
+    def _take_over(self, m: Measurement) -> None:
+        """Waits: the trunk moves with its new belief, so nothing is checked meanwhile."""
+        self._rest.restart()
+        if m.time - self._since >= _TAKE_OVER:
             self.walker.resume()
             self._become(State.WALKING, "controller and planner have taken the new trunk")
 
     # -- in every state -------------------------------------------------------------------------------------------
     def _check(self, m: Measurement) -> LoadCheck | None:
         """The check of this instant if it says that the load has changed."""
+        if self.state is State.CONVERGED:
+            return None
         moment = self._rest.update(m)
         check = None if moment is None else self.load_test.check(moment)
         if check is None:
