@@ -171,3 +171,5 @@ def test_an_estimator_is_fed_and_heard() -> None:
     assert moved(start, test.plant.state)[0] < 1e-3
     with pytest.raises(SimulationError, match="at least one"):
         TestBed(test.plant, test.sensors, test.controller, every=0)
+    with pytest.raises(SimulationError, match="at least one"):
+        TestBed(test.plant, test.sensors, test.controller, hold=0)

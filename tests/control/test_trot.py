@@ -16,13 +16,13 @@ from stadera.robot.stance import standing_configuration
 from stadera.sim import HARSH, IDEAL, Plant, RigidMass, SensorErrors, Sensors, estimator_model, plant_model
 
 
-def trotting(name: str, errors: SensorErrors, seed: int = 5) -> tuple[TestBed, Trot]:
+def trotting(name: str, errors: SensorErrors, seed: int = 5, hold: int = 1) -> tuple[TestBed, Trot]:
     robot = robot_named(name)
     real = plant_model(robot, errors)
     plant = Plant(real)
     plant.reset(standing_configuration(robot))
     trot = Trot.of(estimator_model(real, errors, seed), TrunkModel.prior(robot))
-    bed = TestBed(plant, Sensors(errors, seed, robot), trot)
+    bed = TestBed(plant, Sensors(errors, seed, robot), trot, hold=hold)
     bed.run(0.2)
     return bed, trot
 
@@ -39,7 +39,7 @@ def corner_load(robot: Robot, share: float, forwards: float, left: float) -> Rig
     ("name", "forwards", "left"), [("hyq", -0.5, 0.5), ("go2", 0.5, 0.5), ("anymal_c", -0.5, -0.5), ("b1", 0.5, 0.0)]
 )
 def test_it_goes_where_it_is_told_and_carries_on_with_a_load(name: str, forwards: float, left: float) -> None:
-    bed, trot = trotting(name, HARSH)
+    bed, trot = trotting(name, HARSH, hold=2)
     trot.walk((0.4, 0.0), 0.3)
     bed.run(0.8)
     speeds, yaws, tilts = [], [], []

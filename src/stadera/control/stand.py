@@ -51,12 +51,14 @@ class TestBed:
         estimator: fed with measurements before the controller; None for none.
         feed_back: hand its estimates to the controller.
         every: feed the estimator in one period out of so many.
+        hold: ask the controller in one period out of so many, and hold its torques meanwhile; two nearly halve the
+            time that a walk takes.
 
     Attributes:
         measurement: the last one.
 
     Raises:
-        SimulationError: `every` is less than one.
+        SimulationError: `every` or `hold` is less than one.
     """
 
     __test__ = False  # not a test case, whatever a test runner makes of its name
@@ -70,29 +72,40 @@ class TestBed:
         *,
         feed_back: bool = False,
         every: int = 1,
+        hold: int = 1,
     ) -> None:
         if every < 1:
             raise SimulationError(f"an estimator is fed every so many periods, at least one; got {every}")
+        if hold < 1:
+            raise SimulationError(f"torques are held for so many periods, at least one; got {hold}")
         self.plant, self.sensors, self.controller = plant, sensors, controller
         self.estimator, self.feed_back = estimator, feed_back
-        self._every, self._periods = every, 0
+        self._every, self._hold, self._periods = every, hold, 0
+        self._torque: Array = plant.effort
         self._mount = ImuMount.of(controller.robot)
         self.measurement: Measurement | None = None
 
     def step(self) -> None:
         """One period: measure, estimate, control, simulate."""
-        controller = self.controller
-        measurement = Measurement.from_sample(self.sensors.read(self.plant), self._mount, controller.stance)
-        self.measurement = measurement
-        due = self._periods % self._every == 0
+        sample = self.sensors.read(self.plant)
+        estimator = self.estimator if self._periods % self._every == 0 else None
+        asked = self._periods % self._hold == 0
         self._periods += 1
-        if self.estimator is not None and due:
-            self.estimator.update(measurement)
-            if self.feed_back:
-                estimate = self.estimator.estimate()
-                if estimate.status in (Status.MOVING, Status.CONVERGED):
-                    controller.believe(estimate.trunk)
-        self.plant.step(controller.update(measurement))
+        if asked or estimator is not None:
+            measurement = Measurement.from_sample(sample, self._mount, self.controller.stance)
+            self.measurement = measurement
+            if estimator is not None:
+                self._feed(estimator, measurement)
+            if asked:
+                self._torque = self.controller.update(measurement)
+        self.plant.step(self._torque)
+
+    def _feed(self, estimator: Estimator, measurement: Measurement) -> None:
+        estimator.update(measurement)
+        if self.feed_back:
+            estimate = estimator.estimate()
+            if estimate.status in (Status.MOVING, Status.CONVERGED):
+                self.controller.believe(estimate.trunk)
 
     def run(self, seconds: float, watch: Watcher | None = None) -> None:
         """Steps until that much time [s] has passed; `watch` is called after every step."""

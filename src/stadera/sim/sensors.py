@@ -85,11 +85,13 @@ class Sensors:
     def read(self, plant: Plant) -> Sample:
         """One sample of the plant's present instant; read every step, as late torques are kept here meanwhile."""
         n, time = self._joint_count, plant.time
-        effort = self._arriving(time, plant.effort)
-        imu = self._from_nominal @ plant.imu_motion
-        values = np.concatenate([plant.joint_position, plant.joint_velocity, effort, imu])
+        values = self._white.standard_normal(3 * n + 6)
+        values *= self._scale
         values += self._offset
-        values += self._scale * self._white.standard_normal(len(values))
+        values[:n] += plant.joint_position
+        values[n : 2 * n] += plant.joint_velocity
+        values[2 * n : 3 * n] += self._arriving(time, plant.effort)
+        values[3 * n :] += self._from_nominal @ plant.imu_motion
         orientation = np.empty(4)
         mujoco.mju_mulQuat(orientation, plant.imu_quaternion_wxyz, self._turn)
         return Sample(

@@ -94,7 +94,7 @@ def simulate(
     plant.reset(standing_configuration(robot))
     sensors = _KeptSensors(errors, settings.seed, robot)
     sensors.keep(settings.every)
-    bed = TestBed(plant, sensors, scenario.controller(believed, TrunkModel.prior(robot)))
+    bed = TestBed(plant, sensors, scenario.controller(believed, TrunkModel.prior(robot)), hold=settings.hold)
     moments = _played(bed, sorted(scenario.script(robot, settings, duration), key=_when), duration, progress)
     source = f"simulated {robot.name}, {name}"
     truth = Truth(

@@ -64,6 +64,7 @@ class SimulateSettings:
         turn: of a walk, to the left [rad/s].
         amplitude: of a shake, times 3° and 3 % of the robot's height.
         stones: [m], the ground is made of stepping stones whose heights differ by ± so much; 0 for a plane.
+        hold: periods of the test-bed for which the controller's torques are held, see `TestBed`.
 
     Raises:
         StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
@@ -82,6 +83,7 @@ class SimulateSettings:
     turn: float = 0.0
     amplitude: float = 1.0
     stones: float = 0.0
+    hold: int = 1
 
     def __post_init__(self) -> None:
         _ = self.sensor_errors
