@@ -15,6 +15,7 @@ import json
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -35,11 +36,11 @@ _STIFFNESS, _DAMPING = 5.0, 0.03  # 1/rad of a joint's effort limit; s
 _SETTLE = 0.5  # s, simulated before anything is timed
 
 
-def made(robot: Robot, controller: Controller, estimator: ContactCom | None = None) -> TestBed:
+def made(robot: Robot, controller: Controller, estimator: ContactCom | None = None, hold: int = 1) -> TestBed:
     """The robot at the beginning of a run."""
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
-    bed = TestBed(plant, Sensors(STANDARD, 0, robot), controller, estimator, every=10)
+    bed = TestBed(plant, Sensors(STANDARD, 0, robot), controller, estimator, every=10, hold=hold)
     bed.run(_SETTLE)
     return bed
 
@@ -72,16 +73,22 @@ def shaking(robot: Robot) -> Callable[[float], None]:
     return bed.run
 
 
-def trotting(robot: Robot) -> Callable[[float], None]:
-    """At 0.3 m/s."""
+def trotting(robot: Robot, hold: int = 1) -> Callable[[float], None]:
+    """At 0.3 m/s; with `hold`, the controller is asked every so many periods."""
     trot = Trot.of(robot)
-    bed = made(robot, trot)
+    bed = made(robot, trot, hold=hold)
     trot.walk((0.3, 0.0))
     bed.run(_SETTLE)
     return bed.run
 
 
-RUNS = {"plant_alone": plant_alone, "stand": standing, "shake": shaking, "trot": trotting}
+RUNS = {
+    "plant_alone": plant_alone,
+    "stand": standing,
+    "shake": shaking,
+    "trot": trotting,
+    "trot_hold_2": partial(trotting, hold=2),
+}
 
 
 def ratios(run: Callable[[float], None], chunk: float, chunks: int) -> dict[str, float]:
