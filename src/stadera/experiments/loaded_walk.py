@@ -80,6 +80,8 @@ class LoadedWalkOutcome:
         time, margin, position: (k,) [s], (k,) [m], (k, 3) [m], by the truth: of the centre of mass inside the support
             polygon (negative outside, NaN on fewer than three feet), and of the trunk.
         loaded_at: when the load came on [s]; NaN if none did.
+        judged_from: the first time after it with four feet in stance [s]: what a load does to the step under way, no
+            one can help; NaN if it never came.
         transitions, checks, state: of the supervisor; empty, and WALKING, without one.
         said: why the crawl stands, if it does.
         believed: the trunk that controller and planner reckon with at the end.
@@ -94,6 +96,7 @@ class LoadedWalkOutcome:
     margin: Array
     position: Array
     loaded_at: float
+    judged_from: float
     transitions: tuple[Transition, ...]
     checks: tuple[LoadCheck, ...]
     state: State
@@ -105,8 +108,8 @@ class LoadedWalkOutcome:
 
     @property
     def least_margin(self) -> float:
-        """[m], since the load came on; NaN if it was never seen."""
-        since = self.margin[self.time >= self._from]
+        """[m], as judged; NaN if it was never seen."""
+        since = self.margin[self.time >= self._judged]
         return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
 
     @property
@@ -117,13 +120,13 @@ class LoadedWalkOutcome:
 
     @property
     def outside(self) -> float:
-        """For how long the centre of mass was outside the support polygon since the load came on [s]."""
-        since = self.margin[self.time >= self._from]
+        """For how long the centre of mass was outside the support polygon, as judged [s]."""
+        since = self.margin[self.time >= self._judged]
         return float((since < 0.0).sum()) * float(np.median(np.diff(self.time)))
 
     @property
     def survived(self) -> bool:
-        """Neither a fall, nor the centre of mass ever outside the support polygon."""
+        """Neither a fall, nor the centre of mass outside the support polygon, as judged."""
         return self.fall is None and not self.least_margin < 0.0
 
     @property
@@ -136,6 +139,10 @@ class LoadedWalkOutcome:
     def false_alarms(self) -> int:
         """Changes noticed where there was none: before the load."""
         return sum(check.changed and not check.time >= self.loaded_at for check in self.checks)
+
+    @property
+    def _judged(self) -> float:
+        return -np.inf if np.isnan(self.judged_from) else self.judged_from
 
     @property
     def _from(self) -> float:
@@ -171,7 +178,7 @@ class LoadedWalk:
 
     Attributes:
         bed, crawl, judge, supervisor: its parts; no supervisor without identification.
-        loaded_at: when the load came on [s]; NaN before.
+        loaded_at, judged_from: as in the outcome; NaN before.
 
     Raises:
         StaderaError: it cannot be set up.
@@ -187,7 +194,7 @@ class LoadedWalk:
         self.crawl = Crawl(controller, command=CrawlCommand(case.speed))
         self.bed = TestBed(plant, Sensors(case.errors, case.seed, robot), self.crawl)
         self.judge = WalkJudge(plant)
-        self.loaded_at = np.nan
+        self.loaded_at = self.judged_from = np.nan
         self._bare = plant.truth()
         events = [(STAND, self.crawl.resume), (case.load_at, self._load), (case.unload_at, self._unload)]
         self._events = sorted(events, key=lambda event: event[0])
@@ -217,6 +224,8 @@ class LoadedWalk:
         except (ControlError, PlanError, SimulationError) as error:
             self.judge.fall = self.judge.fall or Fall(self.bed.plant.time, str(error))
         self.judge.look()
+        if np.isnan(self.judged_from) and self.bed.plant.time > self.loaded_at and self.crawl.stance.all():
+            self.judged_from = self.bed.plant.time
 
     def _load(self) -> None:
         if self.case.payload is not None:
@@ -237,6 +246,7 @@ class LoadedWalk:
             margin=judge.margins,
             position=judge.positions,
             loaded_at=self.loaded_at,
+            judged_from=self.judged_from,
             transitions=() if supervisor is None else supervisor.transitions,
             checks=() if supervisor is None else supervisor.checks,
             state=State.WALKING if supervisor is None else supervisor.state,
