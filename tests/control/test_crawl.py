@@ -62,7 +62,7 @@ def test_walks_at_the_speed_it_is_told_with_a_load_it_knows(name: str) -> None:
 def test_an_unknown_load_takes_the_centre_of_mass_out_of_the_support() -> None:
     robot = robot_named("hyq")
     test, _, judge = crawler(robot, load=corner_load(robot, 100.0), known=False)
-    fall = walk_on(test, 4.0, judge)
+    fall = walk_on(test, 5.2, judge)
     assert fall is not None or np.nanmin(judge.margins) < 0.0
 
 
@@ -96,6 +96,18 @@ def test_stops_takes_a_new_belief_without_a_jump_walks_on_and_sits() -> None:
     assert test.plant.state.position[2] < 0.6 * height
     with pytest.raises(CrawlError, match="sits"):
         crawl.resume()
+
+
+def test_a_belief_that_comes_on_the_way_is_walked_by() -> None:
+    robot = robot_named("hyq")
+    test, crawl, judge = crawler(robot)
+    walk_on(test, 0.5, judge)
+    assert crawl.phase is Phase.BODY
+    test.plant.apply_payload(corner_load(robot, 100.0))
+    assert crawl.believe(TrunkModel.of(test.plant.truth()))
+    assert walk_on(test, 2.5, judge) is None
+    assert np.nanmin(judge.margins) > 0.5 * crawl.settings.margin
+    assert sum(event.phase is Phase.SWING for event in crawl.events) >= 2
 
 
 def test_turns_and_takes_the_sequence_it_is_given() -> None:

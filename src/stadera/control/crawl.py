@@ -41,7 +41,6 @@ Bools = NDArray[np.bool_]
 _AHEAD = 4  # steps that are planned
 _EARLIEST = 0.5  # share of a swing after which a touch counts
 _LEAST_BODY = 0.7  # share of a body motion's time that it has after a late landing
-_WAIT = 0.1  # s, by which a step is put off when the body is not there yet
 _FOLLOWS = 0.5  # share of the way to the ground's inclination that one step takes
 _FOREVER = 5.0  # s, that a plan holds the body over three feet, for a leg that may be long in the air
 _SITTING = 0.45  # height of a sitting trunk, share of the standing one
@@ -226,6 +225,8 @@ class Crawl:
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
         """Body motion, so that the next leg can swing after `body` [s]; `landed` is the leg that just did."""
         command, timing, feet = self._command, self._timing, self.controller.feet
+        if self._planned.outdated:
+            body = max(body, self.settings.lead)
         self._due, self._put_off = time + body, 0.0
         self._path = self._path.ahead(command.speed, command.turn, timing.step)
         target = self._footholds.next(self._leg, self._path, command.speed, command.turn, timing.step)
@@ -236,26 +237,46 @@ class Crawl:
         self._enter(Phase.BODY, self._leg, "")
 
     def _shift_body(self, time: float) -> None:
+        leg, controller, timing = self._leg, self.controller, self._timing
         if self._stop:
             self._stand(time, self._stop)
-            return
-        leg, controller = self._leg, self.controller
-        if not self._relieving and time >= self._due - self._timing.transfer:
-            controller.relieve(leg, self._timing.transfer)
-            self._relieving = True
-        if time < self._due or not controller.relieved[leg]:
-            return
-        triangle = SupportPolygon.of(np.delete(controller.feet, leg, axis=0))
-        margin, least = triangle.margin(self._planned.com), self.settings.least_margin
-        if margin >= least:
-            self._lift(time)
-        elif self._put_off < self.settings.patience:
-            self._due, self._put_off = time + _WAIT, self._put_off + _WAIT
-            self._replan(time, None, _WAIT)
-        else:
-            place = f"the triangle without {LEG_NAMES[leg]}"
+        elif not self._relieving and self._planned.outdated:
+            self._put_step_off(time)
+        elif not self._relieving and time >= self._due - timing.transfer:
+            if self._over_triangle():
+                controller.relieve(leg, timing.transfer)
+                self._relieving = True
+            else:
+                self._put_step_off(time)
+        elif time >= self._due and controller.relieved[leg]:
+            if self._over_triangle():
+                self._lift(time)
+            else:
+                self._put_step_off(time)
+
+    def _margin(self) -> float:
+        """Of the believed centre of mass in the coming triangle [m]."""
+        return SupportPolygon.of(np.delete(self.controller.feet, self._leg, axis=0)).margin(self._planned.com)
+
+    def _over_triangle(self) -> bool:
+        return self._margin() >= self.settings.least_margin
+
+    def _put_step_off(self, time: float) -> None:
+        """Gives the body time once more; gives up when it has had enough."""
+        settings, timing = self.settings, self._timing
+        if self._put_off >= settings.patience:
+            place, margin = f"the triangle without {LEG_NAMES[self._leg]}", self._margin()
+            least = settings.least_margin
             self._fail(f"the centre of mass does not get over {place}: margin {margin:.3f} m, needed {least:.3f} m")
             self._stand(time, self._stop)
+            return
+        if self._relieving:
+            self.controller.land(self._leg, timing.transfer)
+            self._relieving = False
+        wait = max(settings.lead, 3.0 * timing.transfer)
+        self._put_off += max(time + wait - self._due, 0.0)
+        self._due = time + wait
+        self._replan(time, None, wait)
 
     def _lift(self, time: float) -> None:
         leg, settings, duration = self._leg, self.settings, self._timing.swing

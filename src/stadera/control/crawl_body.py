@@ -25,6 +25,7 @@ from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
 
+_OUTDATED = 0.004  # m, that the believed centre of mass may have moved in the trunk since the plan
 _STRETCHED = 0.35  # of |det J|, as a share of what it is in the nominal stance, below which a leg is stretched out
 
 
@@ -67,6 +68,14 @@ class BodyReference:
     def _lever(self) -> Array:
         """c, with the belief of the plan."""
         return np.asarray((self._moment + self._legs) / (self._mass + self._controller.legs.mass))
+
+    @property
+    def outdated(self) -> bool:
+        """Whether the belief has changed by so much since the plan that the centre of mass is elsewhere."""
+        belief = self._controller.belief
+        lever = (belief.moment + self._legs) / (belief.mass + self._controller.legs.mass)
+        off = lever - self._lever()
+        return bool(off @ off > _OUTDATED**2)
 
     @property
     def com(self) -> Array:
