@@ -7,10 +7,10 @@ what a jump of unit size does to them::
     S1 = S0 + M Mᵀ,     log B = ½ (νᵀ S0⁻¹ ν - νᵀ S1⁻¹ ν) - ½ log (det S1 / det S0)
 
 B is the Bayes factor, the generalised likelihood ratio with the jump averaged over instead of maximised. Where nothing
-changed its mean is one, so by Markov's inequality it exceeds a threshold B* by chance at most once in B* looks: at
-three lengths and 50 blocks a second, 1e9 is less than once in 1800 hours, if the rows' noise is as stated. Noise
-that proves louder than stated is allowed for by `scale`. A push that lasts is a change too: nothing tells it from a
-load, until it is over.
+changed and the noise is as stated its mean is one, so by Markov's inequality a look exceeds B* with a chance of 1 / B*
+at most. With three lengths, 50 blocks a second and B* = 1e15 that is less than once in a million years; the margin is
+for noise that is neither white nor Gaussian, and `scale` for noise louder than stated. A push that lasts is a
+change too: nothing tells it from a load, until it is over.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ChangeLimits:
         spoilt: how many blocks from the jump on are left out afterwards, for they saw both loads.
     """
 
-    bayes_factor: float = 1e9
+    bayes_factor: float = 1e15
     lengths: tuple[int, ...] = (3, 6, 12)
     spoilt: int = 2
 

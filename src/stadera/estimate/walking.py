@@ -1,10 +1,10 @@
 """Weighing while walking: the trunk's ten parameters from every block of 20 ms, whatever the robot does.
 
 Rows of a block (`stadera.estimate.walking_rows`) are whitened by their noise at the trunk as believed and taken into a
-square-root information of 26 unknowns: the trunk's ten parameters, which may drift a little, and what is constant
-over a run, torque offsets, accelerometer bias and torque lag, each about zero to its stated size. So the absolute error
-bars contain the constants, and as a reference (the tare) is kept as ten more unknowns beside them, what constants do
-alike to both cancels in the payload and in its covariance.
+square-root information of 27 unknowns: the trunk's ten parameters, which may drift a little, and what is constant
+over a run (torque offsets, accelerometer bias, torque lag, depth of the soles), each about zero to its stated size. So
+the absolute error bars contain the constants, and as a reference (the tare) is kept as ten more unknowns beside them,
+what constants do alike to both cancels in the payload and in its covariance.
 
 When the load changes (`stadera.estimate.changes`), the ten parameters start anew from what was known before the change,
 widened by what a payload can do; offsets, bias, lag and the tare stay as known.
@@ -31,7 +31,7 @@ from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.estimate.walking_ground import GroundNormal
 from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_result import Centre, ChangeBegun, LoadChange, Payload, TrunkParameters, known_to
-from stadera.estimate.walking_rows import BIAS, LAG, OFFSETS, THETA, UNKNOWNS, BlockRows, RowMaker
+from stadera.estimate.walking_rows import BIAS, LAG, OFFSETS, SOLE, THETA, UNKNOWNS, BlockRows, RowMaker
 from stadera.estimate.walking_samples import SampleBuffer, Samples
 from stadera.inertia import InertialParameters
 from stadera.robot.imu import ImuMount
@@ -42,6 +42,8 @@ Array = NDArray[np.float64]
 _GRAVITY = 9.81  # m/s²
 _ROWS = np.eye(6)
 _RESHAPED = 10  # blocks after which the trunk that noise is reckoned with is read anew
+_CONSTANTS = slice(10, UNKNOWNS)
+_WANDERED = 0.5  # s
 _TARE = slice(UNKNOWNS, UNKNOWNS + 10)
 _SETTLED = 0.5  # s of learning after which an estimate that is known well enough counts as converged
 _LOUD = 9.0  # normalised innovation squared, per row, from which a block counts for less
@@ -59,19 +61,21 @@ class WalkingSettings:
     Attributes:
         block: length of a block [s].
         drift: how much the parameters may wander in a second, as a share of the widest that they can be.
+        wander: how much offsets, bias, lag and soles may wander in a second, as a share of their stated sizes.
         least_change: of the load, that counts as one: share of the robot's mass, or that mass times leg length, by
             which the trunk's mass or first moment jumps.
         changes: when a change of the load counts.
     """
 
     block: float = 0.02
-    drift: float = 3e-4
-    least_change: float = 0.01
+    drift: float = 2e-4
+    wander: float = 0.02
+    least_change: float = 0.015
     changes: ChangeLimits = field(default_factory=ChangeLimits)
 
     def __post_init__(self) -> None:
-        if not (0.001 <= self.block <= 0.2 and self.drift >= 0.0):
-            raise StaderaError(f"walking needs a block of 1 to 200 ms and a drift ≥ 0, got {self.block}, {self.drift}")
+        if not (0.001 <= self.block <= 0.2 and min(self.drift, self.wander, self.least_change) >= 0.0):
+            raise StaderaError(f"walking needs a block of 1 to 200 ms and drifts ≥ 0, got {self}")
 
 
 class WalkingEstimator:
@@ -108,7 +112,9 @@ class WalkingEstimator:
         self._waiting: list[Measurement] = []
         self._ground = GroundNormal(robot.mass * _GRAVITY)
         self._wide = _widest(robot.mass, self._length)
-        self._known = _unknowns(self._start, self._wide, self.noise)
+        self._constants = _constants(self.noise)
+        self._known = _unknowns(self._start, self._wide, self._constants)
+        self._constant_for = 0.0
         self._good, self._shape, self._adopted = self._known, self._start, 0
         self._found: TrunkParameters | None = None
         self._detector = ChangeDetector(THETA, _JUMP * self._wide, self.settings.changes)
@@ -171,7 +177,7 @@ class WalkingEstimator:
     @property
     def torque_lag(self) -> tuple[float, float]:
         """By how much torques are found to arrive late, and its standard deviation [s]."""
-        return float(self._known.mean[LAG][0]), float(np.linalg.norm(self._known.inverse[LAG]))
+        return float(self._known.mean[LAG]), float(np.linalg.norm(self._known.inverse[LAG]))
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
@@ -199,7 +205,7 @@ class WalkingEstimator:
         white = lapack.dtrtrs(np.linalg.cholesky(covariance), np.column_stack((matrix, rows.target)), lower=1)[0]
         H, y = np.zeros((6, len(self._known))), white[:, -1]
         H[:, :UNKNOWNS] = white[:, :-1]
-        before = self._known.diffuse(THETA, self.settings.drift * sqrt(rows.elapsed) * self._wide)
+        before = self._wandered(rows.elapsed)
         innovation, spread = y - H @ before.mean, H @ before.inverse
         squared = float(innovation @ np.linalg.solve(_ROWS + spread @ spread.T, innovation))
         scale = max(self._scale, 1.0)
@@ -215,6 +221,15 @@ class WalkingEstimator:
         self._scale += (min(squared, _LOUD * self._scale) - self._scale) / _SCALE_MEMORY
         weight = 1.0 / sqrt(max(scale, squared / _LOUD))
         self._adopt(before.measure(weight * H, weight * y), rows.time)
+
+    def _wandered(self, elapsed: float) -> SquareRoot:
+        """What is known after so long [s]: the trunk drifts; the constants wander, which is reckoned now and then."""
+        known = self._known.diffuse(THETA, self.settings.drift * sqrt(elapsed) * self._wide)
+        self._constant_for += elapsed
+        if self._constant_for > _WANDERED:
+            known = known.diffuse(_CONSTANTS, self.settings.wander * sqrt(self._constant_for) * self._constants)
+            self._constant_for = 0.0
+        return known
 
     def _jumped(self, jump: Jump, scale: float) -> SquareRoot:
         """What is known if a jump is believed: all from before it but the trunk, and what came after it."""
@@ -267,9 +282,14 @@ def _widest(mass: float, length: float) -> Array:
     return mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
 
 
-def _unknowns(start: InertialParameters, wide: Array, noise: WalkingNoise) -> SquareRoot:
-    mean, std = np.zeros(UNKNOWNS), np.empty(UNKNOWNS)
-    mean[THETA], std[THETA] = start.vector, wide
+def _constants(noise: WalkingNoise) -> Array:
+    """Standard deviations of what is constant over a run, in the unknowns' order."""
+    std = np.empty(UNKNOWNS)
     std[OFFSETS] = noise.torque_constant.ravel()
-    std[BIAS], std[LAG] = noise.accelerometer_constant, noise.torque_lag
-    return SquareRoot.prior(mean, std)
+    std[BIAS], std[LAG], std[SOLE] = noise.accelerometer_constant, noise.torque_lag, noise.sole
+    return std[_CONSTANTS]
+
+
+def _unknowns(start: InertialParameters, wide: Array, constants: Array) -> SquareRoot:
+    mean = np.concatenate([start.vector, np.zeros(len(constants))])
+    return SquareRoot.prior(mean, np.concatenate([wide, constants]))

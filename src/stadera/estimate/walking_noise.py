@@ -13,6 +13,8 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
+_KNOWN_SOLE, _UNKNOWN_SOLE = 1e-3, 5e-3  # m
+
 
 @dataclass(frozen=True, eq=False)
 class WalkingNoise:
@@ -25,6 +27,7 @@ class WalkingNoise:
         gyro: white [rad/s].
         accelerometer, accelerometer_constant: [m/s²], each axis.
         torque_lag: by how much torques may arrive later or earlier than they are thought to [s].
+        sole: by how much further from the feet's centres the ground may touch than the model's radius says [m].
 
     Raises:
         ModelError: a wrong shape, a value that is not positive and finite.
@@ -38,6 +41,7 @@ class WalkingNoise:
     accelerometer: float = 0.05
     accelerometer_constant: float = 0.03
     torque_lag: float = 5e-4
+    sole: float = 1e-3
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -52,8 +56,9 @@ class WalkingNoise:
         """As good robots have them: torques to 0.33 % of the joints' limits, white and constant, the rest as above.
 
         Args:
-            robot: for its limits; half of its joints' Coulomb friction counts into the constant part.
-            scale: of all of them but the lag.
+            robot: for its limits; half of its joints' Coulomb friction counts into the constant part. Where it does
+                not know its feet's radius, their soles may lie anywhere within some millimetres.
+            scale: of all of them but lag and soles.
         """
         share = ForceNoise.of(robot, 0.0033 * scale, 0.0033 * scale)
         return cls(
@@ -65,4 +70,5 @@ class WalkingNoise:
             accelerometer=0.05 * scale,
             accelerometer_constant=0.03 * scale,
             torque_lag=torque_lag,
+            sole=_KNOWN_SOLE if all(leg.foot_radius for leg in robot.legs) else _UNKNOWN_SOLE,
         )

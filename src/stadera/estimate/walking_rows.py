@@ -9,10 +9,11 @@ falling half is the next one's rising half, so that each is summed once. The hal
 
 Beside the ten parameters a row has columns for what is constant and unknown:
 
-    A θ - E o + E τ̇ d - K β = b
+    A θ - E o + E τ̇ d - K β - B r = b
 
 o: torque offsets, τ measured = τ + o. d: lag of the torques, τ measured(t) = τ(t - d). β: accelerometer bias,
-a measured = a + β, with K = ∂(inertial wrench of the whole robot, feet held)/∂a.
+a measured = a + β, with K = ∂(inertial wrench of the whole robot, feet held)/∂a. r: how much further down than the
+model's soles the ground touches, with B = ∂b/∂r.
 
 The white noise of what is averaged (Σ w² of a sample's) and of what is differentiated (Σ ẇ²)::
 
@@ -50,9 +51,9 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
-THETA, OFFSETS, BIAS, LAG = slice(0, 10), slice(10, 22), slice(22, 25), slice(25, 26)
-UNKNOWNS = 26
-"""The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, torque lag."""
+THETA, OFFSETS, BIAS, LAG, SOLE = slice(0, 10), slice(10, 22), slice(22, 25), 25, 26
+UNKNOWNS = 27
+"""The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, torque lag, soles."""
 
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
@@ -66,7 +67,7 @@ class BlockRows:
 
     Attributes:
         time: [s], of the last sample in it. elapsed: [s], since the block before.
-        matrix: (6, 26), see `UNKNOWNS`; the bias' columns are the legs' part alone.
+        matrix: (6, 27), see `UNKNOWNS`; the bias' columns are the legs' part alone.
         target: (6,) [N, N·m].
         noise: (6, 6), white, without the trunk's own part in what IMU noise does.
         averaged, differentiated: Σ w² and Σ ẇ² [1/s²].
@@ -85,7 +86,7 @@ class BlockRows:
     lever: Array
 
     def about(self, trunk: InertialParameters, noise: WalkingNoise) -> tuple[Array, Array]:
-        """Matrix (6, 26) and covariance (6, 6) for a trunk about as believed."""
+        """Matrix (6, 27) and covariance (6, 6) for a trunk about as believed."""
         K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - self.matrix[:, BIAS]
         L = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia) + self.by_angular_acceleration
         L += K @ skew(self.lever)
@@ -150,12 +151,14 @@ class RowMaker:
         by_leg = wrenches.target(effort)
         probes = by_leg[:, n:-1] - by_leg[:, -1:]
         E = wrenches.to_wrench
-        columns = np.empty((n, 12 + 6 + 72 + 6))
+        columns = np.empty((n, 12 + 6 + 72 + 6 + 6))
         columns[:, :12] = trunk_signals(motion[5][:, :n], motion[3][:, :n], motion[4][:, :n]).T
         columns[:, 12:18] = by_leg[:, :n].sum(axis=2).T
         columns[:, 18:90] = E[:, :n].transpose(1, 0, 2, 3).reshape(n, 72)
-        columns[:, 90:] = (E[:, :n] * lag).sum(axis=(2, 3)).T
-        force = wrenches.forces(effort)[:, :n]
+        columns[:, 90:96] = (E[:, :n] * lag).sum(axis=(2, 3)).T
+        force = wrenches.forces(effort)
+        columns[:, 96:] = wrenches.by_contact(force, -motion.normal)[:, :n].T
+        force = force[:, :n]
         omega = samples.angular_velocity[inside].mean(axis=0)
         noise = self._noise(probes, force, wrenches, n)
         half = _Half.of(samples.time[inside], columns, E[:, :n], noise, probes, omega)
@@ -194,7 +197,7 @@ class RowMaker:
         columns = up @ rising.columns + down @ falling.columns
         matrix = np.empty((6, UNKNOWNS))
         E = columns[18:90].reshape(6, 12)
-        matrix[:, OFFSETS], matrix[:, 25] = -E, columns[90:]
+        matrix[:, OFFSETS], matrix[:, LAG], matrix[:, SOLE] = -E, columns[90:96], -columns[96:]
         matrix[:, BIAS] = 0.5 * (rising.probes[:, :3] + falling.probes[:, :3]).sum(axis=2)
         averaged = float(up @ up + down @ down)
         differentiated = rising.differentiated + falling.differentiated

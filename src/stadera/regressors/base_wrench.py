@@ -86,6 +86,7 @@ class LegWrenches:
         to_wrench: (6, samples, 4, 3), E: wrench on the trunk for a unit of h - τ.
         feet: (3, samples, 4) [m], centres of the feet.
         volume: (samples, 4) [m³], det J: near zero where a leg is singular.
+        axis: (3, samples, 4, 3), unit vectors of the joints.
     """
 
     torque: Array
@@ -93,6 +94,7 @@ class LegWrenches:
     to_wrench: Array
     feet: Array
     volume: Array
+    axis: Array
 
     def target(self, effort: Array) -> Array:
         """b by leg (6, samples, 4), from efforts (samples, 4, 3) [N·m]."""
@@ -102,6 +104,22 @@ class LegWrenches:
     def forces(self, effort: Array) -> Array:
         """Contact forces (3, samples, 4) [N]."""
         return np.asarray((self.to_wrench[:3] * (self.torque - effort)).sum(axis=-1))
+
+    def by_contact(self, force: Array, shift: Array) -> Array:
+        """How b changes when each contact point lies elsewhere, (6, samples).
+
+        A force f that acts at p + δ turns joint k by s_k · (δ x f) more, and the trunk by δ x f::
+
+            δb = Σ_legs [0 ; δ x f] - Σ_k E_k s_k · (δ x f)
+
+        Args:
+            force: (3, samples, 4) [N], as by `forces`.
+            shift: (3, samples) [m], δ of every foot.
+        """
+        moment = cross(np.broadcast_to(shift[:, :, None], force.shape), force)
+        change = -(self.to_wrench * (self.axis * moment[..., None]).sum(axis=0)).sum(axis=(2, 3))
+        change[3:] += moment.sum(axis=2)
+        return np.asarray(change)
 
 
 class BaseWrenchRegressor:
@@ -165,7 +183,7 @@ class BaseWrenchRegressor:
         contact = feet - self._radius * motion.normal[:, :, None]
         to_wrench, volume = _inverse_transposed(axis, origin, contact)
         inertial = np.concatenate([carried_force[..., 0], carried_moment[..., 0]])
-        return LegWrenches(torque, inertial, to_wrench, feet, volume)
+        return LegWrenches(torque, inertial, to_wrench, feet, volume, axis)
 
     def _placed(self, position: Array) -> tuple[Array, Array]:
         """Rotations (3, 3, samples, leg, joint) of the links, and where each joint lies from the one before."""
@@ -220,7 +238,7 @@ def _first(values: Array) -> Array:
 
 
 def _along(trunk: Array, added: Array) -> tuple[Array, Array]:
-    """Of each link and of the one before: the trunk's (3, samples) with what the joints add (3, samples, leg, joint)."""
+    """Of each link and of the one before: the trunk's (3, samples) and what joints add (3, samples, leg, joint)."""
     chain = np.empty((*added.shape[:-1], 4))
     chain[..., 0], chain[..., 1:] = trunk[:, :, None], added
     np.cumsum(chain, axis=-1, out=chain)
