@@ -9,9 +9,13 @@ towards what was before; the wrench gives way by no more than about their size, 
 it.
 The pyramid lies inside the friction cone. Everything is in one frame's axes, any one.
 
-The programme is strictly convex: where the minimiser x_0 of the objective alone keeps the constraints G x ≤ b, it is
-the solution. Else, with the Hessian UᵀU and y = U (x - x_0), it is the least y with G U⁻¹ y ≤ b - G x_0, and such a
-least-distance problem is a non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23)::
+With W f the wrench, β' = β / (ε + β) and t what is asked for, the minimiser x_0 of the objective alone is
+
+    x_0 = β' f_before + Wᵀ (W Wᵀ + (ε + β) 1)⁻¹ (t - β' W f_before)
+
+The programme is strictly convex: where x_0 keeps the constraints G x ≤ b, it is the solution. Else, with the Hessian
+UᵀU and y = U (x - x_0), it is the least y with G U⁻¹ y ≤ b - G x_0, and such a least-distance problem is a
+non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23)::
 
     u = argmin_{u ≥ 0} ‖E u - e_last‖,     E = [-G U⁻¹ | G x_0 - b]ᵀ,     r = E u - e_last,     y = -r / r_last
 
@@ -24,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg.lapack import dposv, dtrtrs
+from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import nnls
 
 from stadera.errors import ModelError
@@ -74,7 +78,7 @@ class ForceDistribution:
 
     def __init__(self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4) -> None:
         self.limits, self.length = limits, length
-        self._small, self._smooth = small, smooth
+        self._keeping, self._six = smooth / (small + smooth), (small + smooth) * np.eye(6)
         self.forces = np.zeros((4, 3))
         self.solved = True
         self._skew = -_SKEW / length  # minus, as the rows of [r]x are taken for columns
@@ -129,20 +133,22 @@ class ForceDistribution:
         wrench[3:] = (levers @ self._skew).reshape(12, 3).T * self._carrying
         target = self._target
         target[:3], target[3:] = force, moment / self.length
-        hessian = wrench.T @ wrench
-        hessian += self._diagonal
-        wanted = target @ wrench + self._smooth * self._before  # minus the gradient at zero
-        upper, best, failed = dposv(hessian, wanted)
+        near = self._keeping * self._before
+        square = wrench @ wrench.T
+        square += self._six
+        _, pull, failed = dposv(square, target - wrench @ near)
         if failed:
             self.solved = False
             return self.forces
+        best = near + pull @ wrench
         slack = self._bounds - self._sides @ best
         if slack.min() >= -_KEPT:
             return self._found(best)
-        return self._constrained(upper, best, slack)
+        return self._constrained(best, slack)
 
-    def _constrained(self, upper: Array, best: Array, slack: Array) -> Array:
-        """The nearest forces to the best ones that leave no slack (24,) negative; upper: U."""
+    def _constrained(self, best: Array, slack: Array) -> Array:
+        """The nearest forces to the best ones that leave no slack (24,) negative."""
+        upper, _ = dpotrf(self._wrench.T @ self._wrench + self._diagonal)
         counted = np.isfinite(slack) & np.repeat(self._carrying[::3] > 0.0, _ROWS)
         across, _ = dtrtrs(upper, self._sides[counted].T, trans=1)  # U⁻ᵀ Gᵀ, its columns the constraints
         sizes = np.sqrt((across * across).sum(axis=0))

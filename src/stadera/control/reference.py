@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +12,8 @@ from numpy.typing import NDArray
 from stadera.errors import ModelError
 
 Array = NDArray[np.float64]
+
+_NOT_MOVING = [0.0, 0.0, 0.0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +34,11 @@ class TrunkPose:
     angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
     acceleration: Array = field(default_factory=lambda: np.zeros(3))
 
-    @cached_property
+    @property
     def at_rest(self) -> bool:
         """Whether it is not moving."""
-        return not (self.velocity.any() or self.angular_velocity.any() or self.acceleration.any())
+        rates = (self.velocity, self.angular_velocity, self.acceleration)
+        return all(rate.tolist() == _NOT_MOVING for rate in rates)
 
     def moved(self, shift: Array, turn: Array) -> TrunkPose:
         """At rest, shifted by (3,) [m] in the odometry frame and turned by the rotation vector (3,) [rad] in its own

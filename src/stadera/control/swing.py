@@ -162,7 +162,7 @@ class SwingLegs:
         self._columns, self._frequency = columns, frequency
         self._least = touch * robot.mass * GRAVITY
         nominal = np.linalg.norm(foot_jacobians(robot, standing_configuration(robot)[None])[0], axis=(1, 2)).max()
-        self._most_squared = 4.0 / (_SINGULAR * float(nominal)) ** 2
+        self._most_squared = 1.0 / (_SINGULAR * float(nominal)) ** 2
         self.trajectories: list[SwingTrajectory | None] = [None] * 4
         self.force, self.touched, self.error = np.zeros((4, 3)), np.zeros(4, dtype=bool), np.zeros(4)
         self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))
@@ -222,13 +222,13 @@ class SwingLegs:
         off = wanted[:, 0] - state.feet
         pull = wanted[:, 2] + w * w * off + 2.0 * w * (wanted[:, 1] - motion.velocity) - motion.free_acceleration
         inverse = self._inverse(state.jacobians(state.feet))
-        joint = _times(inverse, pull) * self._swings
+        joint = _times(inverse, pull)
         rate = measurement.joint_velocity[self._columns]
         held = state.bias + self._offset
         if self._has_friction:
             held += self._viscous * rate + self._coulomb * np.tanh(rate / _STICTION_VELOCITY)
         felt = self._felt(measurement.effort[self._columns] - held, rate, motion.inertia, dt)
-        self.force = (felt[:, None, :] @ inverse)[:, 0] @ (-rotation.T) * self._swings
+        self.force = (felt[:, None, :] @ inverse)[:, 0] @ -rotation.T
         self.touched = self.force @ normal > self._least
         self.error = np.sqrt((off * off).sum(axis=1)) * self._swings[:, 0]
         return SwingTorques(held + _times(motion.inertia, joint), _times(motion.coupling, joint).sum(axis=0))
@@ -244,13 +244,24 @@ class SwingLegs:
         return self._slow_torque - _times(inertia, rate - self._slow_rate) / _FILTER
 
     def _inverse(self, jacobians: Array) -> Array:
-        """J⁻¹ (4, 3, 3), damped where a leg is nearly stretched."""
-        try:
-            inverse = np.linalg.inv(jacobians)
-        except np.linalg.LinAlgError:
-            return _damped(jacobians)
-        flat = inverse.ravel()
-        return np.asarray(inverse if flat @ flat < self._most_squared else _damped(jacobians))
+        """J⁻¹ (4, 3, 3) of the swinging legs, damped where one is nearly stretched; by the adjugate, for speed."""
+        inverse = np.zeros((4, 3, 3))
+        for leg in self._legs:
+            (a, b, c), (d, e, f), (g, h, i) = jacobians[leg].tolist()
+            adjugate = np.array(
+                [
+                    (e * i - f * h, c * h - b * i, b * f - c * e),
+                    (f * g - d * i, a * i - c * g, c * d - a * f),
+                    (d * h - e * g, b * g - a * h, a * e - b * d),
+                ]
+            )
+            determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+            size = adjugate.ravel()
+            if size @ size < self._most_squared * determinant**2 or not isfinite(determinant):
+                inverse[leg] = adjugate / determinant
+            else:
+                inverse[leg] = _damped(jacobians[leg])
+        return inverse
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
@@ -258,8 +269,7 @@ def _times(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
 
 
-def _damped(jacobians: Array) -> Array:
-    u, s, vt = np.linalg.svd(jacobians)
-    least = _SINGULAR * s[:, :1]
-    scaled = s / (s * s + np.where(s < least, least**2, 0.0))
-    return np.asarray((np.swapaxes(vt, 1, 2) * scaled[:, None, :]) @ np.swapaxes(u, 1, 2))
+def _damped(jacobian: Array) -> Array:
+    u, s, vt = np.linalg.svd(jacobian)
+    least = _SINGULAR * s[0]
+    return np.asarray((vt.T * (s / (s * s + np.where(s < least, least**2, 0.0)))) @ u.T)
