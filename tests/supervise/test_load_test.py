@@ -42,7 +42,7 @@ class Walk:
 
 
 def settings_of(alpha: float) -> LoadTestSettings:
-    return LoadTestSettings(false_alarms=alpha * 3600.0 / 0.15)
+    return LoadTestSettings(false_alarms=alpha * 3600.0 / 0.1)
 
 
 def test_false_alarms_come_at_the_stated_rate():
@@ -118,4 +118,4 @@ def test_settings_that_make_no_sense(bad: dict[str, float]):
 
 def test_a_false_alarm_in_every_check_is_refused():
     with pytest.raises(StaderaError, match="false alarms an hour"):
-        LoadTestSettings(false_alarms=24000.0)
+        LoadTestSettings(false_alarms=36000.0)

@@ -35,7 +35,7 @@ def test_mass_at_rest(rotation: np.ndarray):
     assert len(found) >= 3
     for moment in found:
         assert moment.mass == pytest.approx(HYQ.inertias[HYQ.trunk].mass + 7.0, abs=1e-6)
-        assert moment.end - moment.begin <= 0.25 + 0.004 + 1e-9
+        assert moment.end - moment.begin <= 0.12 + 0.004 + 1e-9
 
 
 def test_constant_offsets_move_the_mass_as_felt():

@@ -80,8 +80,8 @@ class LoadedWalkOutcome:
         time, margin, position: (k,) [s], (k,) [m], (k, 3) [m], by the truth: of the centre of mass inside the support
             polygon (negative outside, NaN on fewer than three feet), and of the trunk.
         loaded_at: when the load came on [s]; NaN if none did.
-        judged_from: the first time after it with four feet in stance [s]: what a load does to the step under way, no
-            one can help; NaN if it never came.
+        judged_from: the first time with four feet in stance that is a step's time and more after the load [s]: what a
+            load does to the step that is taken before it can be noticed, no one can help; NaN if it never came.
         transitions, checks, state: of the supervisor; empty, and WALKING, without one.
         said: why the crawl stands, if it does.
         believed: the trunk that controller and planner reckon with at the end.
@@ -110,6 +110,12 @@ class LoadedWalkOutcome:
     def least_margin(self) -> float:
         """[m], as judged; NaN if it was never seen."""
         since = self.margin[self.time >= self._judged]
+        return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
+
+    @property
+    def least_margin_ever(self) -> float:
+        """[m], since the load came on, whether anyone could have helped it or not."""
+        since = self.margin[self.time >= self._from]
         return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
 
     @property
@@ -195,7 +201,7 @@ class LoadedWalk:
         self.bed = TestBed(plant, Sensors(case.errors, case.seed, robot), self.crawl)
         self.judge = WalkJudge(plant)
         self.loaded_at = self.judged_from = np.nan
-        self._bare = plant.truth()
+        self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
         events = [(STAND, self.crawl.resume), (case.load_at, self._load), (case.unload_at, self._unload)]
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: Supervisor | None = None
@@ -224,8 +230,9 @@ class LoadedWalk:
         except (ControlError, PlanError, SimulationError) as error:
             self.judge.fall = self.judge.fall or Fall(self.bed.plant.time, str(error))
         self.judge.look()
-        if np.isnan(self.judged_from) and self.bed.plant.time > self.loaded_at and self.crawl.stance.all():
-            self.judged_from = self.bed.plant.time
+        time = self.bed.plant.time
+        if np.isnan(self.judged_from) and time > self.loaded_at + self._step_time and self.crawl.stance.all():
+            self.judged_from = time
 
     def _load(self) -> None:
         if self.case.payload is not None:

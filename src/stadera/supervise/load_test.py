@@ -59,7 +59,7 @@ class LoadTestSettings:
     """
 
     false_alarms: float = 0.1
-    interval: float = 0.15
+    interval: float = 0.1
     unexplained: float = 0.003
     prior: float = 0.005
     drift: float = 0.1

@@ -5,13 +5,14 @@ the vertical u (trunk axes) weighs the trunk. With F = u · Σ f_i of the feet a
 
     m_tr = mean F / mean a - m_l
 
-which is the paper's eq. 7 but for a in the place of g: what is left of a common acceleration of trunk and legs cancels.
-A moment is the mean over a quiet window. Constant torque offsets n (12) move it by s n with s = uᵀ (∂F/∂n) / a, and s
-changes from moment to moment, as the legs are never in the same pose; white noise moves it by
+which is the paper's eq. 7 but for a in the place of g: what is left of a common acceleration of trunk and legs cancels,
+so a trunk that moves evenly over its feet weighs as well as one at rest. A moment is the mean over a quiet window.
+Constant torque offsets n (12) move it by s n with s = uᵀ (∂F/∂n) / a, and s changes from moment to moment, as the legs
+are never in the same pose. Of k samples, white noise and legs that accelerate half as much as the trunk come to
 
-    σ² = Σ_j s_j² σ_τ² / k + (m_r σ_a / a)² / k
+    σ² = Σ_j s_j² σ_τ² / k + (m_r σ_a / a)² / k + (m_l (a - g) / 2g)²
 
-of k samples. The constant error of the accelerometer is like one of the mass.
+The constant error of the accelerometer is like one of the mass.
 """
 
 from __future__ import annotations
@@ -50,12 +51,12 @@ class RestLimits:
         accelerometer: white noise of one sample [m/s²].
     """
 
-    angular_velocity: float = 0.15
-    joint_velocity: float = 0.4
-    specific_force: float = 0.4
+    angular_velocity: float = 0.25
+    joint_velocity: float = 0.8
+    specific_force: float = 0.6
     smoothing: float = 0.02
     shortest: float = 0.05
-    longest: float = 0.25
+    longest: float = 0.12
     accelerometer: float = 0.05
 
     def __post_init__(self) -> None:
@@ -73,7 +74,7 @@ class RestMoment:
     Attributes:
         begin, end: [s].
         mass: [kg], of trunk and load.
-        variance: [kg²], by white noise alone.
+        variance: [kg²], by all but constant errors.
         felt: (12,) [kg/(N·m)], s: change of the mass with each leg's torque offsets, leg by leg.
     """
 
@@ -156,4 +157,6 @@ class RestWatch:
         felt = up @ wrench_slope(forces)[:3, :_TORQUES] / acceleration
         white = float(felt**2 @ self.forces.noise.torque_white.ravel() ** 2)
         white += (robot_mass * self.limits.accelerometer / acceleration) ** 2
-        return RestMoment(self._begin, self._end, robot_mass - self.forces.legs.mass, white / count, felt)
+        leg_mass = self.forces.legs.mass
+        legs_lag = (0.5 * leg_mass * (acceleration / GRAVITY - 1.0)) ** 2
+        return RestMoment(self._begin, self._end, robot_mass - leg_mass, white / count + legs_lag, felt)
