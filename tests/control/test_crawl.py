@@ -35,7 +35,7 @@ def crawler(
     belief = TrunkModel.of(plant.truth()) if known else TrunkModel.prior(robot)
     crawl = Crawl(TrunkController(robot, belief=belief), settings, command)
     crawl.resume()
-    return TestBed(plant, Sensors(errors, 3, robot), crawl), crawl, WalkJudge(plant)
+    return TestBed(plant, Sensors(errors, 3, robot), crawl, hold=2), crawl, WalkJudge(plant)
 
 
 def corner_load(robot: Robot, force: float) -> VirtualForce:

@@ -23,24 +23,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.control.crawl_body import BodyReference
-from stadera.control.crawl_settings import CrawlCommand, CrawlError, CrawlSettings, standing_height
-from stadera.control.planner_feet import Footholds, GroundPlane, facing
-from stadera.control.planner_steps import Airborne, Step, body_times, support_phases
+from stadera.control.crawl_settings import CrawlCommand, CrawlError, CrawlSettings, StepTiming
+from stadera.control.crawl_steps import StepSequence
+from stadera.control.planner_feet import GroundPlane, facing
+from stadera.control.planner_steps import Airborne, support_phases
 from stadera.control.planner_support import SupportPolygon
 from stadera.control.swing import SwingTrajectory
 from stadera.control.trunk import TrunkController
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.trunk import TrunkModel
-from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import LEG_NAMES, Robot
-from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-_AHEAD = 4  # steps that are planned
 _EARLIEST = 0.5  # share of a swing after which a touch counts
-_LEAST_BODY = 0.7  # share of a body motion's time that it has after a late landing
 _FOLLOWS = 0.5  # share of the way to the ground's inclination that one step takes
 _FOREVER = 5.0  # s, that a plan holds the body over three feet, for a leg that may be long in the air
 _SITTING = 0.45  # height of a sitting trunk, share of the standing one
@@ -98,11 +95,8 @@ class Crawl:
         self.settings = settings or CrawlSettings.of(controller.robot)
         self.phase, self.reason, self.failed = Phase.STAND, "not asked to walk yet", False
         self.events: list[CrawlEvent] = []
-        self._sequence = tuple(LEG_NAMES.index(name) for name in self.settings.sequence)
-        self._turn, self._walks, self._stop = 0, False, ""
-        feet = foot_positions(controller.robot, standing_configuration(controller.robot)[None])[0]
-        self._footholds, self._path = Footholds.of(feet, 0.0)
-        self.command = command or CrawlCommand()
+        self._steps = StepSequence(controller.robot, self.settings, command or CrawlCommand())
+        self._walks, self._stop = False, ""
         self._body: BodyReference | None = None
         self._height, self._normal = 0.0, np.array([0.0, 0.0, 1.0])
         self._due, self._put_off, self._target = 0.0, 0.0, np.zeros(3)
@@ -113,16 +107,11 @@ class Crawl:
     @property
     def command(self) -> CrawlCommand:
         """Where to walk; a new one counts from the next step on."""
-        return self._command
+        return self._steps.command
 
     @command.setter
     def command(self, command: CrawlCommand) -> None:
-        settings = self.settings
-        self._timing, self._command = settings.timing(command), command
-        stride = abs(command.speed) * 4.0 * self._timing.step
-        height = standing_height(self.robot)  # about that of the centre of mass
-        offsets, sequence = self._footholds.offsets, self._sequence
-        self._body_times = body_times(offsets, sequence, stride, self._timing, height, settings.margin)
+        self._steps.command = command
 
     def resume(self) -> None:
         """Walks, or walks on with the leg whose turn it is.
@@ -196,7 +185,11 @@ class Crawl:
     # -- the state machine ----------------------------------------------------------------------------------------
     @property
     def _leg(self) -> int:
-        return self._sequence[self._turn % 4]
+        return self._steps.leg
+
+    @property
+    def _timing(self) -> StepTiming:
+        return self._steps.timing
 
     def _start(self, measurement: Measurement) -> None:
         controller = self.controller
@@ -205,7 +198,7 @@ class Crawl:
         self._body.begin()
         controller.follow(self._body)
         nose = controller.rotation[:, 0]
-        self._footholds, self._path = Footholds.of(controller.feet, float(np.arctan2(nose[1], nose[0])))
+        self._steps.start(controller.feet, float(np.arctan2(nose[1], nose[0])))
         plane = GroundPlane.of(controller.feet)
         self._normal, self._height = plane.normal, float(controller.position[2] - plane.at(controller.position))
         self._last = measurement.time
@@ -224,12 +217,10 @@ class Crawl:
 
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
         """Body motion, so that the next leg can swing after `body` [s]; `landed` is the leg that just did."""
-        command, timing, feet = self._command, self._timing, self.controller.feet
+        timing, feet, target = self._timing, self.controller.feet, self._steps.target
         if self._planned.outdated:
             body = max(body, self.settings.lead)
         self._due, self._put_off = time + body, 0.0
-        self._path = self._path.ahead(command.speed, command.turn, timing.step)
-        target = self._footholds.next(self._leg, self._path, command.speed, command.turn, timing.step)
         self._target = np.array([*target, GroundPlane.of(feet).at(target)])
         before = None if landed is None else Airborne(landed, feet[landed, :2], timing.transfer)
         self._replan(time, before, body)
@@ -293,22 +284,17 @@ class Crawl:
     def _watch_swing(self, time: float) -> None:
         leg = self._leg
         if self._landed(time):
-            self._turn += 1
+            self._steps.done()
             if self._stop:
                 self._stand(time, self._stop)
             else:
-                self._begin_step(time, self._body_time(time), leg)
+                late = time - self._lifted_at - self._timing.swing
+                self._begin_step(time, self._steps.body_time(late), leg)
         elif time >= self._lifted_at + self._timing.swing and self._out_of_reach():
             self._retreat(time)
         elif time >= self._due + 0.5 * self._timing.transfer:  # late: the body waits over the three feet
             self._due = np.inf
             self._replan(time, Airborne(leg, self._target[:2], _FOREVER), None)
-
-    def _body_time(self, time: float) -> float:
-        """For the coming body motion [s]: less after a late landing, so that the steps keep their pace."""
-        timing = self._timing
-        late, body = time - self._lifted_at - timing.swing, float(self._body_times[self._turn % 4])
-        return max(body - late, _LEAST_BODY * body, 2.0 * timing.transfer)
 
     def _landed(self, time: float) -> bool:
         """Puts the swinging foot down where it has touched the ground."""
@@ -379,30 +365,9 @@ class Crawl:
         None for no steps, a stand.
         """
         timing, settings, feet = self._timing, self.settings, self.controller.feet
-        phases = support_phases(feet, self._steps(airborne, body), timing, settings.margin, settings.lead, airborne)
+        steps = [] if body is None or self._stop else self._steps.ahead(body)
+        phases = support_phases(feet, steps, timing, settings.margin, settings.lead, airborne)
         self._planned.replan(time, phases, float(feet[self.stance, 2].mean()), settings.margin, timing.rest)
-
-    def _steps(self, airborne: Airborne | None, body: float | None) -> list[Step]:
-        if body is None or self._stop:
-            return []
-        command, timing, path, turn = self._command, self._timing, self._path, self._turn
-        steps = []
-        if self._sequence[turn % 4] != (airborne.leg if airborne else None):
-            steps, turn = [Step(self._leg, self._target[:2], body)], turn + 1
-        else:
-            turn += 1
-        while len(steps) < _AHEAD:
-            path = path.ahead(command.speed, command.turn, timing.step)
-            leg = self._sequence[turn % 4]
-            steps.append(
-                Step(
-                    leg,
-                    self._footholds.next(leg, path, command.speed, command.turn, timing.step),
-                    float(self._body_times[turn % 4]),
-                )
-            )
-            turn += 1
-        return steps
 
     def _pose_trunk(self, time: float, duration: float) -> None:
         """Parallel to the ground under the feet, headed along the path, at its height."""
@@ -411,4 +376,4 @@ class Crawl:
         self._normal = normal / np.linalg.norm(normal)
         way = body.plan.at(time + duration)[0] - body.plan.at(time)[0]
         height = plane.at(body.at(time).position[:2] + way) + self._height
-        body.pose(time, facing(self._normal, self._path.heading), height, duration)
+        body.pose(time, facing(self._normal, self._steps.heading), height, duration)
