@@ -11,6 +11,7 @@ from control.testbed import robot_named
 from stadera.control import TestBed, Trot, TrotSettings
 from stadera.errors import ModelError
 from stadera.estimate import TrunkBounds, TrunkModel
+from stadera.estimate.stillness import GRAVITY
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.sim import HARSH, IDEAL, Plant, RigidMass, SensorErrors, Sensors, estimator_model, plant_model
@@ -59,6 +60,10 @@ def test_it_goes_where_it_is_told_and_carries_on_with_a_load(name: str, forwards
     bed.run(1.5, watch)
     assert max(tilts) < np.deg2rad(15.0)
     assert not bed.plant.trunk_on_ground
+    low = bed.plant.state.position[2]
+    assert trot.believe(TrunkModel.of(bed.plant.truth()))
+    bed.run(0.7)
+    assert bed.plant.state.position[2] - low > 0.7 * 0.25 / 1.25 * GRAVITY / 12.0**2  # the springs' sag is gone
 
 
 def test_it_stops_and_stands_and_knows_how_far_it_came() -> None:
