@@ -1,8 +1,8 @@
 """Weighing while walking: the trunk's ten parameters from every block of 20 ms, whatever the robot does.
 
 Rows of a block (`stadera.estimate.walking_rows`) are whitened by their noise at the trunk as believed and taken into a
-square-root information of 27 unknowns: the trunk's ten parameters, which may drift a little, and what is constant
-over a run (torque offsets, accelerometer bias, torque lag, depth of the soles), each about zero to its stated size. So
+square-root information of 28 unknowns: the trunk's ten parameters, which may drift a little, and what is constant
+over a run (torque offsets, accelerometer bias, lags, depth of the soles), each about zero to its stated size. So
 the absolute error bars contain the constants, and as a reference (the tare) is kept as ten more unknowns beside them,
 what constants do alike to both cancels in the payload and in its covariance.
 
@@ -31,7 +31,7 @@ from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.estimate.walking_ground import GroundNormal
 from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_result import Centre, ChangeBegun, LoadChange, Payload, TrunkParameters, known_to
-from stadera.estimate.walking_rows import BIAS, LAG, OFFSETS, SOLE, THETA, UNKNOWNS, BlockRows, RowMaker
+from stadera.estimate.walking_rows import BIAS, LAG, OFFSETS, RATES, SOLE, THETA, UNKNOWNS, BlockRows, RowMaker
 from stadera.estimate.walking_samples import SampleBuffer, Samples
 from stadera.inertia import InertialParameters
 from stadera.robot.imu import ImuMount
@@ -287,6 +287,7 @@ def _constants(noise: WalkingNoise) -> Array:
     std = np.empty(UNKNOWNS)
     std[OFFSETS] = noise.torque_constant.ravel()
     std[BIAS], std[LAG], std[SOLE] = noise.accelerometer_constant, noise.torque_lag, noise.sole
+    std[RATES] = noise.velocity_lag
     return std[_CONSTANTS]
 
 

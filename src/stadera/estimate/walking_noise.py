@@ -27,6 +27,7 @@ class WalkingNoise:
         gyro: white [rad/s].
         accelerometer, accelerometer_constant: [m/s²], each axis.
         torque_lag: by how much torques may arrive later or earlier than they are thought to [s].
+        velocity_lag: by how much velocities' differences may come late or early, likewise [s].
         sole: by how much further from the feet's centres the ground may touch than the model's radius says [m].
 
     Raises:
@@ -41,6 +42,7 @@ class WalkingNoise:
     accelerometer: float = 0.05
     accelerometer_constant: float = 0.03
     torque_lag: float = 5e-4
+    velocity_lag: float = 5e-4
     sole: float = 1e-3
 
     def __post_init__(self) -> None:

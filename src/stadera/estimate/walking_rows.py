@@ -9,20 +9,18 @@ falling half is the next one's rising half, so that each is summed once. The hal
 
 Beside the ten parameters a row has columns for what is constant and unknown:
 
-    A θ - E o + E τ̇ d - K β - B r = b
-
-Accelerations are the velocities' differences over the step before: the torque told with a sample is what acted up to
-it. (In a simulation at 1 kHz central differences leave a lag of 0.2 ms, and 0.1 % of mass; true accelerations nothing.)
+    A θ - E o + E τ̇ d - K β - B r + (L α̇ - G q⃛) e = b
 
 o: torque offsets, τ measured = τ + o. d: lag of the torques, τ measured(t) = τ(t - d). β: accelerometer bias,
 a measured = a + β, with K = ∂(inertial wrench of the whole robot, feet held)/∂a. r: how much further down than the
-model's soles the ground touches, with B = ∂b/∂r.
+model's soles the ground touches, with B = ∂b/∂r. e: lag of the velocities' differences behind all else, half a step
+where torques are those that acted up to the sample, more where drives smooth their velocities.
 
 The white noise of what is averaged (Σ w² of a sample's) and of what is differentiated (Σ ẇ²)::
 
     E Στ Eᵀ Σw² + K Σa Kᵀ Σw² + (G Σq̇ Gᵀ + L Σω Lᵀ) Σẇ² + (lever of the feet's forces) Σq Σw²
 
-with G = ∂b/∂q̈ and L = ∂b/∂α, found by feeding each acceleration alone at the block's last posture.
+with G = ∂b/∂q̈ and L = -∂(b - A θ)/∂α, found by feeding each acceleration alone at the block's last posture.
 """
 
 from __future__ import annotations
@@ -54,9 +52,9 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
-THETA, OFFSETS, BIAS, LAG, SOLE = slice(0, 10), slice(10, 22), slice(22, 25), 25, 26
-UNKNOWNS = 27
-"""The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, torque lag, soles."""
+THETA, OFFSETS, BIAS, LAG, SOLE, RATES = slice(0, 10), slice(10, 22), slice(22, 25), 25, 26, 27
+UNKNOWNS = 28
+"""The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, two lags, soles."""
 
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
@@ -70,11 +68,12 @@ class BlockRows:
 
     Attributes:
         time: [s], of the last sample in it. elapsed: [s], since the block before.
-        matrix: (6, 27), see `UNKNOWNS`; the bias' columns are the legs' part alone.
+        matrix: (6, 28), see `UNKNOWNS`; the columns of bias and velocities' lag are the legs' part alone.
         target: (6,) [N, N·m].
         noise: (6, 6), white, without the trunk's own part in what IMU noise does.
         averaged, differentiated: Σ w² and Σ ẇ² [1/s²].
         by_angular_acceleration: (6, 3), the legs' part of L.
+        jerk: (3,) [rad/s³], α̇.
         lever: (3,) [m], of the IMU: noise in α moves what is taken for the trunk's specific force, by lever x α.
     """
 
@@ -86,15 +85,17 @@ class BlockRows:
     averaged: float
     differentiated: float
     by_angular_acceleration: Array
+    jerk: Array
     lever: Array
 
     def about(self, trunk: InertialParameters, noise: WalkingNoise) -> tuple[Array, Array]:
-        """Matrix (6, 27) and covariance (6, 6) for a trunk about as believed."""
+        """Matrix (6, 28) and covariance (6, 6) for a trunk about as believed."""
         K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - self.matrix[:, BIAS]
         L = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia) + self.by_angular_acceleration
         L += K @ skew(self.lever)
         matrix = self.matrix.copy()
         matrix[:, BIAS] = -K
+        matrix[:, RATES] += L @ self.jerk
         covariance = self.noise + (_OVERLAP * self.averaged * noise.accelerometer**2) * (K @ K.T)
         covariance += (_TELESCOPED * self.differentiated * noise.gyro**2) * (L @ L.T)
         return matrix, covariance
@@ -142,7 +143,7 @@ class RowMaker:
             normal: (3,), of the ground, trunk axes.
         """
         n = len(samples) - 2
-        motion, lag = self._motion(samples, normal)
+        motion, torque_rate, jerk = self._motion(samples, normal)
         wrenches = self.regressor.at(motion)
         flat = np.abs(wrenches.volume) < self._flat
         if flat.any():
@@ -154,13 +155,14 @@ class RowMaker:
         by_leg = wrenches.target(effort)
         probes = by_leg[:, n:-1] - by_leg[:, -1:]
         E = wrenches.to_wrench
-        columns = np.empty((n, 12 + 6 + 72 + 6 + 6))
+        columns = np.empty((n, 12 + 6 + 72 + 6 + 6 + 15))
         columns[:, :12] = trunk_signals(motion[5][:, :n], motion[3][:, :n], motion[4][:, :n]).T
         columns[:, 12:18] = by_leg[:, :n].sum(axis=2).T
         columns[:, 18:90] = E[:, :n].transpose(1, 0, 2, 3).reshape(n, 72)
-        columns[:, 90:96] = (E[:, :n] * lag).sum(axis=(2, 3)).T
+        columns[:, 90:96] = (E[:, :n] * torque_rate).sum(axis=(2, 3)).T
         force = wrenches.forces(effort)
-        columns[:, 96:] = wrenches.by_contact(force, -motion.normal)[:, :n].T
+        columns[:, 96:102] = wrenches.by_contact(force, -motion.normal)[:, :n].T
+        columns[:, 102:] = jerk
         force = force[:, :n]
         omega = samples.angular_velocity[inside].mean(axis=0)
         noise = self._noise(probes, force, wrenches, n)
@@ -169,12 +171,13 @@ class RowMaker:
         self._rising = half
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, -1])
 
-    def _motion(self, samples: Samples, normal: Array) -> tuple[LegMotions, Array]:
-        """The block's motion, followed by the probes at its last posture; and the torques' rates (n, 4, 3)."""
+    def _motion(self, samples: Samples, normal: Array) -> tuple[LegMotions, Array, Array]:
+        """The block's motion, followed by the probes at its last posture; the torques' rates (n, 4, 3), and the rates
+        of the joints' and the trunk's accelerations (n, 15).
+        """
         n, columns = len(samples) - 2, self.regressor.columns
-        span, before = (samples.time[2:] - samples.time[:-2])[:, None], np.diff(samples.time)[:-1, None]
-        rates = [(v[1:-1] - v[:-2]) / before for v in (samples.velocity, samples.angular_velocity)]
-        rates.append((samples.effort[2:] - samples.effort[:-2]) / span)
+        span = (samples.time[2:] - samples.time[:-2])[:, None]
+        rates = [(v[2:] - v[:-2]) / span for v in (samples.velocity, samples.angular_velocity, samples.effort)]
         inside = slice(1, -1)
         omega, alpha = samples.angular_velocity[inside].T, rates[1].T
         specific = samples.specific_force[inside].T - cross(alpha, np.broadcast_to(self._lever[:, None], (3, n)))
@@ -186,7 +189,10 @@ class RowMaker:
         trunk[2, :, n : n + 3] = trunk[1, :, n + 3 : n + 6] = np.eye(3)
         acceleration[n + 6 : n + 9] = np.eye(3)[:, None, :]
         normals = np.broadcast_to(normal[:, None], (3, n + _PROBES))
-        return LegMotions(position, velocity, acceleration, trunk[0], trunk[1], trunk[2], normals), rates[2][:, columns]
+        motion = LegMotions(position, velocity, acceleration, trunk[0], trunk[1], trunk[2], normals)
+        turning = np.hstack([samples.velocity[:, columns.ravel()], samples.angular_velocity])
+        jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
+        return motion, rates[2][:, columns], jerk
 
     def _noise(self, probes: Array, force: Array, wrenches: LegWrenches, n: int) -> tuple[Array, Array]:
         """(6, 6) each, of one sample: from the joints' velocities per Σẇ², from positions per Σw²."""
@@ -201,8 +207,10 @@ class RowMaker:
         columns = up @ rising.columns + down @ falling.columns
         matrix = np.empty((6, UNKNOWNS))
         E = columns[18:90].reshape(6, 12)
-        matrix[:, OFFSETS], matrix[:, LAG], matrix[:, SOLE] = -E, columns[90:96], -columns[96:]
-        matrix[:, BIAS] = 0.5 * (rising.probes[:, :3] + falling.probes[:, :3]).sum(axis=2)
+        matrix[:, OFFSETS], matrix[:, LAG], matrix[:, SOLE] = -E, columns[90:96], -columns[96:102]
+        probes = 0.5 * (rising.probes + falling.probes)  # (6, probes, leg)
+        matrix[:, RATES] = -np.einsum("ijl,lj->i", probes[:, 6:9], columns[102:114].reshape(4, 3))
+        matrix[:, BIAS] = probes[:, :3].sum(axis=2)
         averaged = float(up @ up + down @ down)
         differentiated = rising.differentiated + falling.differentiated
         imu = np.repeat([averaged * noise.accelerometer**2, differentiated * noise.gyro**2], 3)
@@ -222,7 +230,8 @@ class RowMaker:
             noise=covariance,
             averaged=averaged,
             differentiated=differentiated,
-            by_angular_acceleration=-0.5 * (rising.probes[:, 3:6] + falling.probes[:, 3:6]).sum(axis=2),
+            by_angular_acceleration=-probes[:, 3:6].sum(axis=2),
+            jerk=columns[114:],
             lever=self._lever,
         )
 

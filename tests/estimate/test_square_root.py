@@ -1,0 +1,62 @@
+"""The square-root information filter against the Kalman filter's covariance form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stadera.estimate.square_root import SquareRoot
+
+RNG = np.random.default_rng(0)
+MEAN, STD = RNG.standard_normal(5), RNG.uniform(0.5, 2.0, 5)
+
+
+def some_rows(rows: int = 3, unknowns: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    return RNG.standard_normal((rows, unknowns)), RNG.standard_normal(rows)
+
+
+def kalman(x: np.ndarray, P: np.ndarray, H: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    gain = P @ H.T @ np.linalg.inv(np.eye(len(y)) + H @ P @ H.T)
+    return x + gain @ (y - H @ x), P - gain @ H @ P
+
+
+def test_measuring_and_diffusing_are_the_kalman_filter() -> None:
+    known, x, P = SquareRoot.prior(MEAN, STD), MEAN, np.diag(STD**2)
+    std = np.array([0.3, 0.7])
+    for _ in range(4):
+        H, y = some_rows()
+        known = known.diffuse(slice(1, 3), std).measure(H, y)
+        P = P + np.diag([0.0, *std**2, 0.0, 0.0])
+        x, P = kalman(x, P, H, y)
+    np.testing.assert_allclose(known.mean, x, atol=1e-12)
+    np.testing.assert_allclose(known.covariance(), P, atol=1e-12)
+
+
+def test_a_copy_stays_while_the_original_goes_on() -> None:
+    H, y = some_rows(6)
+    known = SquareRoot.prior(MEAN, STD).measure(H, y)
+    both = known.repeat(slice(0, 2))
+    np.testing.assert_allclose(both.mean[5:], known.mean[:2], atol=1e-9)
+    np.testing.assert_allclose(both.covariance(slice(5, 7)), known.covariance(slice(0, 2)), rtol=1e-5)
+    root = both.inverse[:2] - both.inverse[5:]
+    assert np.abs(root @ root.T).max() < 1e-10
+    moved = both.diffuse(slice(0, 2), np.array([1.0, 2.0]))
+    root = moved.inverse[:2] - moved.inverse[5:]
+    np.testing.assert_allclose(root @ root.T, np.diag([1.0, 4.0]), atol=1e-8)
+    np.testing.assert_allclose(moved.first(5).diffuse(slice(0, 0), np.zeros(0)).mean, moved.mean[:5], atol=1e-9)
+
+
+def test_the_first_unknowns_alone_are_the_marginal() -> None:
+    H, y = some_rows(6)
+    known = SquareRoot.prior(MEAN, STD).measure(H, y)
+    np.testing.assert_allclose(known.first(2).covariance(), known.covariance(slice(0, 2)), atol=1e-12)
+    np.testing.assert_allclose(known.first(2).mean, known.mean[:2], atol=1e-12)
+
+
+@pytest.mark.parametrize("rows", [1, 3, 20])
+def test_any_number_of_rows(rows: int) -> None:
+    H, y = some_rows(rows)
+    x, P = kalman(MEAN, np.diag(STD**2), H, y)
+    known = SquareRoot.prior(MEAN, STD).measure(H, y)
+    np.testing.assert_allclose(known.mean, x, atol=1e-12)
+    np.testing.assert_allclose(known.covariance(), P, atol=1e-12)

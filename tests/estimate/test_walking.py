@@ -1,0 +1,260 @@
+"""Weighing while walking, fed with motion and forces that Pinocchio worked out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stadera.errors import ModelError, RecordingError, StaderaError
+from stadera.estimate import (
+    Measurement,
+    Samples,
+    Status,
+    TrunkModel,
+    WalkingEstimator,
+    WalkingNoise,
+    WalkingSettings,
+    measurements_of,
+)
+from stadera.estimate.baseline_kalman import KalmanTrunk
+from stadera.estimate.baseline_rls import RlsTrunk
+from stadera.inertia import InertialParameters
+from stadera.recording import Recording
+from stadera.robot import JointDynamics, Robot, load_robot
+from stadera.sim import IDEAL, STANDARD, RigidMass, SensorErrors
+from walking import Motion, Walk, recorded, walked
+
+RATE = 500.0
+TARED = 1.5  # s
+STILL = Walk(seconds=3.0, rate_hz=RATE, speed=0.0, period=0.0, tilt=0.0, sway=0.0)
+
+
+@cache
+def robot() -> Robot:
+    plain = load_robot("hyq")
+    return plain.with_dynamics({joint: JointDynamics(0.02, 0.3, 0.5, 0.0) for joint in plain.tree.joints})
+
+
+def trunk() -> InertialParameters:
+    return robot().inertias[robot().trunk]
+
+
+@cache
+def load() -> InertialParameters:
+    return RigidMass.box(0.08 * robot().mass, (0.2, 0.2, 0.1), (-0.2, 0.1, 0.2)).parameters
+
+
+@cache
+def motion(walk: Walk | None = None) -> Motion:
+    return walked(robot(), walk or Walk(seconds=3.0, rate_hz=RATE, load=load(), loaded_at=TARED))
+
+
+def recording(m: Motion, errors: SensorErrors = IDEAL, seed: int = 0) -> Recording:
+    return recorded(robot(), m, errors, seed)
+
+
+def quiet() -> WalkingNoise:
+    """For sensors without errors: an estimator that reckons with noise takes what is like it for noise."""
+    return WalkingNoise.of(robot(), 0.05)
+
+
+def samples(m: Motion, errors: SensorErrors = IDEAL, seed: int = 0) -> Samples:
+    return Samples.of_recording(recording(m, errors, seed), robot())
+
+
+def before(s: Samples, time: float) -> Samples:
+    return s[: int(np.searchsorted(s.time, time))]
+
+
+def after(s: Samples, time: float) -> Samples:
+    return s[int(np.searchsorted(s.time, time)) :]
+
+
+def error(estimator: WalkingEstimator, truth: InertialParameters) -> np.ndarray:
+    return estimator.estimate().value - np.array([truth.mass, *truth.com])
+
+
+def test_finds_a_trunk_that_nothing_was_told_of() -> None:
+    start = TrunkModel(40.0, np.array([0.1, -0.05, 0.05]))
+    estimator = WalkingEstimator(robot(), quiet(), start)
+    estimator.add(before(samples(motion()), TARED))
+    found = estimator.parameters()
+    assert estimator.estimate().status is Status.CONVERGED
+    assert found.observed.all()
+    assert abs(error(estimator, trunk())[0]) < 1e-4 * robot().mass
+    assert np.abs(error(estimator, trunk())[1:]).max() < 2e-4
+    np.testing.assert_allclose(found.inertial.vector[4:], trunk().vector[4:], atol=0.1)
+    assert found.inertial.is_physical()
+
+
+def test_neither_slope_nor_heading_enters() -> None:
+    estimator = WalkingEstimator(robot(), quiet())
+    estimator.add(samples(motion(Walk(seconds=1.5, rate_hz=RATE, slope=0.2))))
+    assert np.abs(error(estimator, trunk())[1:]).max() < 1e-3
+
+
+def test_weighs_a_payload_put_on_while_walking() -> None:
+    s, estimator = samples(motion(), STANDARD, 3), WalkingEstimator(robot())
+    estimator.add(before(s, TARED - 0.02))
+    assert estimator.payload() is None
+    estimator.tare()
+    estimator.add(after(s, TARED - 0.02))
+    payload = estimator.payload()
+    assert payload is not None
+    assert abs(payload.mass - load().mass) < 0.002 * robot().mass
+    assert np.abs(payload.com - load().com)[:2].max() < 5e-3
+    assert abs(payload.mass - load().mass) < 4.0 * payload.mass_std
+    assert (np.abs(payload.com - load().com) < 4.0 * payload.com_std).all()
+    absolute = estimator.estimate().std[0]
+    assert payload.mass_std < absolute  # constant errors of both are alike
+    (change,) = estimator.changes
+    assert change.kind == "on"
+    assert abs(change.time - TARED) < 0.05
+    assert change.noticed - TARED < 0.2
+    assert abs(change.mass - load().mass) < 4.0 * change.mass_std + 1e-3 * robot().mass
+
+
+def test_notices_a_load_that_is_taken_off_and_one_that_is_shifted() -> None:
+    loaded = Walk(seconds=3.0, rate_hz=RATE, load=load(), loaded_at=0.0)
+    bare = replace(loaded, loaded_at=np.inf)
+    moved = replace(loaded, load=load().shifted((0.25, 0.0, 0.0)))
+    for second, kind in ((bare, "off"), (moved, "shifted")):
+        efforts = motion(loaded).effort.copy()
+        late = motion(loaded).time >= TARED
+        efforts[late] = motion(second).effort[late]
+        estimator = WalkingEstimator(robot())
+        estimator.add(samples(replace(motion(loaded), effort=efforts), STANDARD, 5))
+        (change,) = estimator.changes
+        assert change.kind == kind
+        assert change.noticed - TARED < 0.2
+
+
+def test_is_as_sure_as_it_may_be() -> None:
+    squares = []
+    for seed in range(8):
+        estimator = WalkingEstimator(robot())
+        estimator.add(before(samples(motion(), STANDARD, 100 + seed), TARED))
+        assert not estimator.changes
+        off = error(estimator, trunk())
+        squares.append(off @ np.linalg.solve(estimator.estimate().covariance, off))
+    # 32 degrees of freedom: within four standard deviations
+    assert 0.0 < np.sum(squares) / 32.0 < 1.0 + 4.0 * np.sqrt(2.0 / 32.0)
+    assert np.sum(squares) / 32.0 > 1.0 - 4.0 * np.sqrt(2.0 / 32.0) / 1.4
+
+
+def test_says_that_a_robot_standing_still_shows_neither_height_nor_inertia() -> None:
+    estimator = WalkingEstimator(robot())
+    estimator.add(samples(motion(STILL), STANDARD, 1))
+    estimate, found = estimator.estimate(), estimator.parameters()
+    assert estimate.observed.tolist() == [True, True, True, False]
+    assert not found.observed[4:].any()
+    assert np.isnan(estimate.covariance[3]).all()
+    assert estimate.trunk.com_trunk[2] == trunk().com[2]  # of the model file
+    assert (np.abs(error(estimator, trunk())[:3]) < 4.0 * estimate.std[:3]).all()
+
+
+def test_a_small_sway_shows_the_height() -> None:
+    estimator = WalkingEstimator(robot())
+    estimator.add(before(samples(motion(replace(STILL, tilt=0.04, sway=0.01)), STANDARD, 1), 2.0))
+    assert estimator.estimate().observed.all()
+    assert abs(error(estimator, trunk())[3]) < 4.0 * estimator.estimate().std[3] < 0.02
+
+
+def test_finds_by_how_much_torques_are_late() -> None:
+    m, late = motion(), 2
+    effort = np.vstack([np.repeat(m.effort[:1], late, axis=0), m.effort[:-late]])
+    noise = WalkingNoise.of(robot(), torque_lag=5e-3)
+    estimator = WalkingEstimator(robot(), noise)
+    estimator.add(before(samples(replace(m, effort=effort), STANDARD, 2), TARED))
+    lag, std = estimator.torque_lag
+    assert lag == pytest.approx(late / RATE, abs=5e-4)
+    assert std < 5e-4
+
+
+def test_one_by_one_is_all_at_once() -> None:
+    log = recording(motion(), STANDARD, 4)
+    one, whole = WalkingEstimator(robot()), WalkingEstimator(robot())
+    for measurement in measurements_of(log, robot()):
+        one.update(measurement)
+    whole.add(Samples.of_recording(log, robot()))
+    np.testing.assert_allclose(one.estimate().value, whole.estimate().value, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(one.estimate().covariance, whole.estimate().covariance, rtol=1e-6)
+    assert one.estimate().time == whole.estimate().time
+    assert [c.time for c in one.changes] == [c.time for c in whole.changes]
+
+
+def test_goes_on_over_what_is_missing_and_names_it() -> None:
+    s = before(samples(motion(), STANDARD, 6), TARED)
+    effort, time = s.effort.copy(), s.time.copy()
+    effort[100:103, 4] = np.nan
+    time[300] = time[299]
+    holed = Samples(time, s.position, s.velocity, effort, s.angular_velocity, s.specific_force)
+    keep = np.ones(len(s), dtype=bool)
+    keep[400:450] = False
+    estimator = WalkingEstimator(robot())
+    estimator.add(holed[keep])
+    assert (np.abs(error(estimator, trunk())) < 4.0 * estimator.estimate().std).all()
+    assert not estimator.changes
+    last = estimator.estimate()
+    estimator.add(holed[100:101])
+    refused = estimator.estimate()
+    assert refused.status is Status.REFUSED
+    assert "not finite: effort of joint" in refused.reason
+    np.testing.assert_array_equal(last.value, refused.value)
+    estimator.add(s[0:1])
+    assert "time must increase" in estimator.estimate().reason
+
+
+def test_a_leg_that_is_stretched_is_named() -> None:
+    s = before(samples(motion(), IDEAL), 0.2)
+    estimator = WalkingEstimator(robot())
+    estimator.add(replace(s, position=np.zeros_like(s.position)))
+    assert estimator.estimate().status is Status.REFUSED
+    assert "stretched" in estimator.estimate().reason
+
+
+def test_torques_of_the_wrong_sign_never_make_a_trunk() -> None:
+    s = before(samples(motion(), STANDARD), TARED)
+    estimator = WalkingEstimator(robot())
+    estimator.add(replace(s, effort=-s.effort))
+    assert estimator.estimate().status is Status.REFUSED
+    assert "runs away" in estimator.estimate().reason
+    assert not estimator.estimate().observed.any()
+
+
+@pytest.mark.parametrize("method", [RlsTrunk, KalmanTrunk])
+def test_baselines_come_near(method: type[RlsTrunk] | type[KalmanTrunk]) -> None:
+    estimator = method(robot())
+    for measurement in measurements_of(recording(motion()), robot()):
+        estimator.update(measurement)
+    off = estimator.estimate().value - np.array([(trunk() + load()).mass, *(trunk() + load()).com])
+    assert abs(off[0]) < 0.05 * robot().mass
+    assert np.abs(off[1:3]).max() < 0.03
+    assert estimator.estimate().observed[3] == (method is RlsTrunk)
+
+
+def test_bad_settings_are_named() -> None:
+    with pytest.raises(ModelError, match="gyro"):
+        replace(WalkingNoise.of(robot()), gyro=0.0)
+    with pytest.raises(ModelError, match=r"torque.*\(4, 3\)"):
+        replace(WalkingNoise.of(robot()), torque=np.ones(12))
+    with pytest.raises(StaderaError, match="block"):
+        WalkingSettings(block=0.0)
+    with pytest.raises(StaderaError, match="memory"):
+        RlsTrunk(robot(), memory=0.0)
+    s = before(samples(motion()), 0.1)
+    with pytest.raises(RecordingError, match="effort"):
+        Samples(s.time, s.position, s.velocity, s.effort[:-1], s.angular_velocity, s.specific_force)
+    with pytest.raises(RecordingError, match="no IMU"):
+        Samples.of_recording(replace(recording(motion()), imu=None), robot())
+
+
+def test_measurements_make_the_same_samples() -> None:
+    log = recording(motion(), STANDARD, 4)
+    made: list[Measurement] = list(measurements_of(log, robot()))[:7]
+    direct = Samples.of_recording(log, robot())[:7]
+    for name in ("time", "position", "velocity", "effort", "angular_velocity", "specific_force"):
+        np.testing.assert_allclose(getattr(Samples.of(made), name), getattr(direct, name), atol=1e-12)
