@@ -45,11 +45,8 @@ def test_the_bayes_factor_is_the_ratio_of_the_densities(scale: float) -> None:
 def test_a_jump_is_noticed_placed_and_its_first_blocks_left_out() -> None:
     detector = ChangeDetector(JUMPING, SIZE, ChangeLimits(bayes_factor=1e6))
     steps = blocks(60, 40, np.array([6.0, -4.0]), 1)
-    found = None
-    for k, step in enumerate(steps):
-        if (found := detector.look(step)) is not None:
-            break
-    assert found is not None
+    looks = [(k, jump) for k, step in enumerate(steps) if (jump := detector.look(step)) is not None]
+    k, found = looks[0]
     assert 40 <= k <= 43
     assert found.time == pytest.approx(steps[40].time)
     assert found.before is steps[40].before
