@@ -198,6 +198,10 @@ def test_goes_on_over_what_is_missing_and_names_it() -> None:
     estimator.add(holed[keep])
     assert (np.abs(error(estimator, trunk())) < 4.0 * estimator.estimate().std).all()
     assert not estimator.changes
+    (_, unread), (ended, lasted) = estimator.gaps
+    assert unread == pytest.approx(4 / RATE, abs=1e-6)
+    assert ended == pytest.approx(s.time[450])
+    assert lasted == pytest.approx(51 / RATE, abs=1e-6)
     last = estimator.estimate()
     estimator.add(holed[100:101])
     refused = estimator.estimate()

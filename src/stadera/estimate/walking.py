@@ -15,6 +15,7 @@ it was started, and counts as not observed.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from math import inf, sqrt
 
@@ -42,6 +43,7 @@ Array = NDArray[np.float64]
 _GRAVITY = 9.81  # m/s²
 _ROWS = np.eye(6)
 _RESHAPED = 10  # blocks after which the trunk that noise is reckoned with is read anew
+_LOST_GROUND = 0.2  # s
 _CONSTANTS = slice(10, UNKNOWNS)
 _WANDERED = 0.5  # s
 _TARE = slice(UNKNOWNS, UNKNOWNS + 10)
@@ -110,6 +112,8 @@ class WalkingEstimator:
         self._limit = known_to(robot.mass, self._length)
         self._buffer = SampleBuffer(robot.tree.joints, self.settings.block)
         self._waiting: list[Measurement] = []
+        self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
+        self._told: TrunkEstimate | None = None
         self._ground = GroundNormal(robot.mass * _GRAVITY)
         self._wide = _widest(robot.mass, self._length)
         self._constants = _constants(self.noise)
@@ -143,17 +147,19 @@ class WalkingEstimator:
             if stretch.reason:
                 self._refuse(stretch.reason)
             if stretch.gap:
-                self._maker.restart()
+                self._interrupted(stretch.begin, stretch.gap)
             for block in stretch.blocks:
                 self._block(block)
 
     # -- asking -----------------------------------------------------------------------------------------------
     def estimate(self) -> TrunkEstimate:
         """Mass and centre of mass of the trunk; after a refusal the last good ones, and why."""
-        found = self.parameters()
-        trunk = TrunkModel.of(found.inertial)
-        covariance = found.covariance if self._adopted else unobserved()
-        return TrunkEstimate(self._learnt, trunk, covariance, self._status, self._reason)
+        if self._told is None:
+            found = self.parameters()
+            covariance = found.covariance if self._adopted else unobserved()
+            trunk = TrunkModel.of(found.inertial)
+            self._told = TrunkEstimate(self._learnt, trunk, covariance, self._status, self._reason)
+        return self._told
 
     def parameters(self) -> TrunkParameters:
         """All ten parameters of the trunk, payload included, and how well they are known."""
@@ -186,7 +192,19 @@ class WalkingEstimator:
             return tuple(self._changes)
         return (*self._changes, self._changing.weighed(self._known))
 
+    @property
+    def gaps(self) -> tuple[tuple[float, float], ...]:
+        """The last hundred gaps between samples: when each ended and how long it was [s]."""
+        return tuple(self._gaps)
+
     # -- inside -----------------------------------------------------------------------------------------------
+    def _interrupted(self, time: float, gap: float) -> None:
+        """Nothing is differentiated over a gap; after a long one the ground is looked at anew."""
+        self._maker.restart()
+        self._gaps.append((time, gap))
+        if gap > _LOST_GROUND:
+            self._ground = GroundNormal(self.robot.mass * _GRAVITY)
+
     def _block(self, samples: Samples) -> None:
         inside = slice(1, -1)
         duration = float(samples.time[-1] - samples.time[1])
@@ -268,13 +286,13 @@ class WalkingEstimator:
             return
         self._good, self._found, self._learnt, self._reason = known, None, time, ""
         settled = time - self._since >= _SETTLED and bool(centre.observed[:3].all())
-        self._status = Status.CONVERGED if settled else Status.MOVING
+        self._status, self._told = Status.CONVERGED if settled else Status.MOVING, None
         self._adopted += 1
         if self._adopted < _RESHAPED or self._adopted % _RESHAPED == 0:
             self._shape = self.parameters().inertial
 
     def _refuse(self, reason: str) -> None:
-        self._status, self._reason = Status.REFUSED, reason
+        self._status, self._reason, self._told = Status.REFUSED, reason, None
 
 
 def _widest(mass: float, length: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, isfinite
+from math import inf, isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,11 +106,13 @@ class Stretch:
         blocks: complete ones, each with one sample more before and after it.
         reason: why samples before them were left out, one sentence; else empty.
         gap: how long nothing came before them [s]; 0 where they follow on.
+        begin: time of the first of them [s].
     """
 
     blocks: tuple[Samples, ...] = ()
     reason: str = ""
     gap: float = 0.0
+    begin: float = nan
 
 
 class SampleBuffer:
@@ -158,7 +160,7 @@ class SampleBuffer:
             gap = float(steps[start]) if start in cuts else 0.0
             if gap:
                 self._pending = None
-            yield Stretch(tuple(self._completed(good[start:stop])), gap=gap)
+            yield Stretch(tuple(self._completed(good[start:stop])), gap=gap, begin=float(time[start]))
 
     def _completed(self, samples: Samples) -> Iterator[Samples]:
         pending = samples if self._pending is None else self._pending + samples
