@@ -42,13 +42,13 @@ EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EX
 
 
 def experiments_named(name: str) -> tuple[Experiment, ...]:
-    """The experiment of that name, or all.
+    """The experiment of that name, or all that are no studies of hundreds of runs.
 
     Raises:
         UnknownNameError: no such experiment.
     """
     if name.lower() == ALL:
-        return _EXPERIMENTS
+        return tuple(experiment for experiment in _EXPERIMENTS if not experiment.study)
     if name.lower() not in EXPERIMENTS:
         raise UnknownNameError("experiment", name, (*EXPERIMENTS, ALL))
     return (EXPERIMENTS[name.lower()],)

@@ -250,8 +250,15 @@ class Steps:
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment as the registry holds it: `run(settings, progress)` is pure, and neither prints nor writes."""
+    """An experiment as the registry holds it.
+
+    Attributes:
+        name, title: of it.
+        run: pure, it neither prints nor writes.
+        study: hundreds of runs, for which an hour is needed: asked for by name, and left out of all.
+    """
 
     name: str
     title: str
     run: Callable[[ReproduceSettings, Progress], ExperimentResult]
+    study: bool = False

@@ -264,4 +264,4 @@ def _failures(cases: Sequence[SurvivalCase], found: _Found) -> TableData:
     )
 
 
-EXPERIMENT = Experiment(NAME, "who survives a load on the way", run)
+EXPERIMENT = Experiment(NAME, "who survives a load on the way", run, study=True)

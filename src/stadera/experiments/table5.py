@@ -46,6 +46,7 @@ _NOTES = (
     "‖δ‖ is the distance in the trunk's x-y.",
     "Legs in the air tell the constant offsets of their torques on the way, and these are taken off before weighing. "
     "As the paper has it, without that, is (c) on torques as measured: the same moments of the same runs.",
+    "Without a load the weighing begins at the model file's centre of mass, which is the true one.",
     "The load is a body fixed to the trunk, a cube of a decimetre on the corner of the back, above the hip.",
 )
 

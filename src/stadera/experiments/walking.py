@@ -264,4 +264,4 @@ def _behaviour(groups: Mapping[tuple[str, str], _Pairs]) -> TableData:
     return TableData("Noticing, walking on, and error bars", head, (("", tuple(rows)),))
 
 
-EXPERIMENT = Experiment(NAME, "Weighing without stopping, all methods on the same runs", run)
+EXPERIMENT = Experiment(NAME, "Weighing without stopping, all methods on the same runs", run, study=True)
