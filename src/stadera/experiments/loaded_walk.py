@@ -202,7 +202,7 @@ class LoadedWalk:
         self.judge = WalkJudge(plant)
         self.loaded_at = self.judged_from = np.nan
         self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
-        events = [(STAND, self.crawl.resume), (case.load_at, self._load), (case.unload_at, self._unload)]
+        events = [(STAND, self._begin), (case.load_at, self._load), (case.unload_at, self._unload)]
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: Supervisor | None = None
         if case.identify:
@@ -233,6 +233,10 @@ class LoadedWalk:
         time = self.bed.plant.time
         if np.isnan(self.judged_from) and time > self.loaded_at + self._step_time and self.crawl.stance.all():
             self.judged_from = time
+
+    def _begin(self) -> None:
+        if self.supervisor is None or self.supervisor.state is State.WALKING:
+            self.crawl.resume()
 
     def _load(self) -> None:
         if self.case.payload is not None:
