@@ -1,4 +1,4 @@
-# make demo   sets up everything needed and runs the main job on the built-in robot
+# make demo   sets up everything needed and shows a walking robot that weighs what lands on its back
 # make test   sets up everything needed and runs the tests and checks
 # Both need git, make and Python 3.11 or newer with pip; PYTHON=python3.12 chooses another interpreter.
 
@@ -12,8 +12,7 @@ DEVELOPMENT := $(VENV)/.development
 .PHONY: demo test check lock docs clean
 
 demo: $(RUNTIME)
-	mkdir -p out
-	$(BIN)/stadera reproduce table1 --report out/table1.html
+	$(BIN)/stadera demo
 
 test: $(DEVELOPMENT)
 	$(BIN)/ruff check .

@@ -85,9 +85,7 @@ def add_to_mjcf(document: minidom.Document, trunk: minidom.Element, origin: Arra
     _append(document, trunk, payload, body)
 
 
-def _append(
-    document: minidom.Document, parent: minidom.Element, payload: PayloadLink, *nodes: minidom.Element
-) -> None:
+def _append(document: minidom.Document, parent: minidom.Element, payload: PayloadLink, *nodes: minidom.Element) -> None:
     what = f" {payload.name}: the load that was weighed. {payload.note} ".replace("--", "- -")
     parent.appendChild(document.createTextNode("\n  "))
     parent.appendChild(document.createComment(what))
