@@ -32,6 +32,7 @@ _GRAVITY = 9.81
 _LONGEST = 0.08  # s, of a piece of constant jerk
 _JERK, _NEAR, _REST = 1e-3, 0.5, 20.0  # β, γ, the largest δ
 _LACKING_ZMP, _LACKING_COM = (20.0, 2e3), (2.0, 2e2)  # linear [m], quadratic: what a missing margin costs
+_ATTEMPTS = ((1e-6, 500), (1e-4, 5000))  # accuracy [SI units] and iterations; a coarse plan is better than none
 _INFINITE = 1e20
 
 
@@ -170,12 +171,13 @@ class _Programme:
         for k, (what, axis) in enumerate(((1, 0), (1, 1), (2, 0), (2, 1))):
             last[k, axis * n : (axis + 1) * n] = self._maps[what][-1]
             rest[k] = -self._free[what][-1, axis]
-        result = proxsuite.proxqp.dense.solve(
-            H=hessian, g=gradient, A=last, b=rest, C=rows, l=least, u=bounds, eps_abs=1e-6, max_iter=500
-        )
-        if result.info.status != proxsuite.proxqp.PROXQP_SOLVED or not np.isfinite(result.x).all():
-            raise PlanError("no way of the centre of mass found through the phases ahead")
-        return result.x[: 2 * n].reshape(2, n).T, float(result.x[2 * n : 2 * n + m].max())
+        for accuracy, most in _ATTEMPTS:
+            result = proxsuite.proxqp.dense.solve(
+                H=hessian, g=gradient, A=last, b=rest, C=rows, l=least, u=bounds, eps_abs=accuracy, max_iter=most
+            )
+            if result.info.status == proxsuite.proxqp.PROXQP_SOLVED and np.isfinite(result.x).all():
+                return result.x[: 2 * n].reshape(2, n).T, float(result.x[2 * n : 2 * n + m].max())
+        raise PlanError("no way of the centre of mass found through the phases ahead")
 
     def _cost(self) -> tuple[Array, Array]:
         n, m = self._n, len(self._phases)

@@ -243,20 +243,20 @@ def _add_band(
     place = {} if row is None else {"row": row, "col": 1}
     first = row in (None, 1)
     x, y, s = (_broken(v, breaks) for v in (time, value, std))
-    for sign in (1.0, -1.0):
-        figure.add_scatter(
-            x=short(x),
-            y=short(y + sign * 2.0 * s),
-            mode="lines",
-            line={"width": 0},
-            fill="tonexty" if sign < 0 else None,
-            fillcolor=_BAND,
-            name="two standard deviations",
-            legendgroup="band",
-            showlegend=first and sign < 0,
-            hoverinfo="skip",
-            **place,
-        )
+    edge_x, edge_y = _outlines(x, y + 2.0 * s, y - 2.0 * s)
+    figure.add_scatter(
+        x=short(edge_x),
+        y=short(edge_y),
+        mode="lines",
+        line={"width": 0},
+        fill="toself",
+        fillcolor=_BAND,
+        name="two standard deviations",
+        legendgroup="band",
+        showlegend=first,
+        hoverinfo="skip",
+        **place,
+    )
     figure.add_scatter(
         x=short(x),
         y=short(y),
@@ -269,6 +269,20 @@ def _add_band(
         hovertemplate="%{y:.4g}<extra></extra>",
         **place,
     )
+
+
+def _outlines(x: Array, high: Array, low: Array) -> tuple[Array, Array]:
+    """Outlines of a band, one for each stretch in which it is known, NaN between them."""
+    known = np.isfinite(high) & np.isfinite(low)
+    starts = np.flatnonzero(known & ~np.concatenate([[False], known[:-1]]))
+    stops = np.flatnonzero(known & ~np.concatenate([known[1:], [False]])) + 1
+    gap = np.array([np.nan])
+    xs: list[Array] = []
+    ys: list[Array] = []
+    for a, b in zip(starts, stops, strict=True):
+        xs += [x[a:b], x[a:b][::-1], gap]
+        ys += [high[a:b], low[a:b][::-1], gap]
+    return (np.concatenate(xs), np.concatenate(ys)) if xs else (np.zeros(0), np.zeros(0))
 
 
 def _shade_refused(figure: go.Figure, result: OverTime) -> None:
