@@ -27,7 +27,7 @@ ROBOTS = ("hyq", "go2", "anymal_c", "b1")
 GAITS: tuple[Gait, ...] = ("crawl", "trot", "shake")
 SHARES = (0.05, 0.10, 0.25)
 SEEDS = 5
-OTHERS: tuple[str, ...] = ("contact",)
+OTHERS: tuple[str, ...] = ("contact", "rls", "kalman")
 
 _WALKS = ("crawl", "trot")
 _HARSHER = 3.0  # how much more `harsh` may cost than `standard`
@@ -35,7 +35,7 @@ _HEAVY = 0.10  # share from which a payload's place is judged
 _NAMES = {
     WALKING: "walking",
     "contact": "(c) contact forces",
-    "recursive-least-squares": "recursive least squares",
+    "rls": "recursive least squares",
     "kalman": "Kalman filter, m and m c",
 }
 _LEAD = (
