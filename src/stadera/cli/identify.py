@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
+from stadera.cli.outputs import check_outputs, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
-    from stadera.robot import Robot
 
 
 class Method(StrEnum):
@@ -78,12 +77,15 @@ def identify(
     from stadera.regressors.friction import FrictionModel
     from stadera.report.tables import identification_tables
     from stadera.robot import load_robot
+    from stadera.robot.export import check_export
 
     settings = IdentifySettings(
         chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
     )
     model = load_robot(robot)
-    _check_outputs(model, json, report, export, inputs=[*logs, *(validate or ())])
+    check_outputs((json, report, export), inputs=[*logs, *(validate or ())])
+    if export is not None:
+        check_export(model, export)
     with progress() as watch:
         files = [log_file(path, joint_topic, imu_topic) for path in logs]
         others = [log_file(path, joint_topic, imu_topic) for path in validate or ()]
@@ -92,45 +94,18 @@ def identify(
     show(*identification_tables(result))
 
 
-def _check_outputs(
-    robot: Robot, json: Path | None, report: Path | None, export: Path | None, inputs: Sequence[Path]
-) -> None:
-    """What can be known of the outputs before the work.
-
-    Raises:
-        StaderaError: an output that cannot be written, is named twice, or would replace a log.
-    """
-    from stadera.errors import StaderaError
-    from stadera.files import require_writable
-
-    outputs = [require_writable(path) for path in (json, report, export) if path is not None]
-    taken = {path.resolve(): "an input" for path in inputs}
-    for path in outputs:
-        if path.resolve() in taken:
-            raise StaderaError(f"{path}: would replace {taken[path.resolve()]}")
-        taken[path.resolve()] = "another output"
-    if export is not None:
-        from stadera.robot.export import check_export
-
-        check_export(robot, export)
-
-
 def _write(result: Identification, json: Path | None, report: Path | None, export: Path | None) -> None:
-    """All outputs or none: every one is drafted before the first takes its place."""
-    from stadera.files import written_together
+    """All outputs or none."""
     from stadera.report.json import identification_json, json_text
+    from stadera.robot.export import export_model
 
-    wanted = {"json": json, "report": report, "export": export}
-    paths = {kind: path for kind, path in wanted.items() if path is not None}
-    with written_together(list(paths.values())) as drafts:
-        for kind, draft in zip(paths, drafts, strict=True):
-            if kind == "json":
-                draft.write_text(json_text(identification_json(result)), encoding="utf-8")
-            elif kind == "report":
-                from stadera.report.html import identification_html
+    def page() -> str:
+        from stadera.report.html import identification_html
 
-                draft.write_text(identification_html(result), encoding="utf-8")
-            else:
-                from stadera.robot.export import export_model
+        return identification_html(result)
 
-                export_model(result.identified_robot(), draft)
+    write_outputs(
+        (json, text_of(lambda: json_text(identification_json(result)))),
+        (report, text_of(page)),
+        (export, lambda draft: export_model(result.identified_robot(), draft)),
+    )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from stadera.cli import parse
+from stadera.cli.outputs import check_outputs, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
@@ -57,90 +59,100 @@ def weigh(
     upward force (eq. 7) where the robot stands still, and refused elsewhere. --tare tells the payload by the
     difference.
     """
-    chosen_tare: tuple[float, float] | Path | LogFile | None = None if tare is None else parse.tare(tare)
-    springs = None if stiffness is None else parse.point(stiffness)
     if export is not None and tare is None:
         raise typer.BadParameter("needs --tare: a payload is told by the difference", param_hint="--export")
+    if export is not None and method == "walking":
+        raise typer.BadParameter("is for robots weighed at rest, by another --method", param_hint="--export")
+    springs = None if stiffness is None else parse.point(stiffness)
+    chosen_tare = None if tare is None else _tare(tare, joint_topic, imu_topic)
 
-    from stadera.report.weighing import weighing_tables
-    from stadera.robot import load_robot
     from stadera.simulate.truth import read_truth
     from stadera.weigh import WeighSettings
-    from stadera.weigh import weigh as weigh_log
 
-    if isinstance(chosen_tare, Path):
-        chosen_tare = log_file(chosen_tare, joint_topic, imu_topic)
     settings = WeighSettings(method, chosen_tare, imu_frame, springs)
-    model = load_robot(robot)
-    if legs is not None:
-        from stadera.robot.identified import with_identified_legs
-
-        model = with_identified_legs(model, legs)
-    if method == "walking" and export is not None:
-        raise typer.BadParameter("is for robots weighed at rest, by another --method", param_hint="--export")
-    _check_outputs(log, json, report, export)
-    if export is not None:
-        from stadera.robot.export import check_export
-
-        check_export(model, export)
+    model = _robot(robot, legs)
+    outputs = _Outputs(json, report, export)
+    outputs.check(log, model)
     known = None if truth is None else read_truth(truth)
-    if method == "walking":
-        _in_motion(model, log_file(log, joint_topic, imu_topic), settings, known, json, report)
-        return
-    with progress() as watch:
-        result = weigh_log(model, log_file(log, joint_topic, imu_topic), settings, watch)
-    _write(result, known, json, report, export)
-    show(*weighing_tables(result, known))
+    weigh_and_show = _in_motion if method == "walking" else _at_rest
+    weigh_and_show(model, log_file(log, joint_topic, imu_topic), settings, known, outputs)
 
 
-def _in_motion(
-    robot: Robot, log: LogFile, settings: WeighSettings, truth: Truth | None, json: Path | None, report: Path | None
-) -> None:
+@dataclass(frozen=True)
+class _Outputs:
+    """The files asked for."""
+
+    json: Path | None
+    report: Path | None
+    export: Path | None
+
+    def check(self, log: Path, robot: Robot) -> None:
+        """What can be known of them before the work."""
+        check_outputs((self.json, self.report, self.export), inputs=[log])
+        if self.export is not None:
+            from stadera.robot.export import check_export
+
+            check_export(robot, self.export)
+
+
+def _tare(given: str, joint_topic: str | None, imu_topic: str | None) -> tuple[float, float] | LogFile:
+    """A range of time, or another log."""
+    chosen = parse.tare(given)
+    return log_file(chosen, joint_topic, imu_topic) if isinstance(chosen, Path) else chosen
+
+
+def _robot(name: str, legs: Path | None) -> Robot:
+    """The robot, with its legs as identified where they are given."""
+    from stadera.robot import load_robot
+    from stadera.robot.identified import with_identified_legs
+
+    robot = load_robot(name)
+    return robot if legs is None else with_identified_legs(robot, legs)
+
+
+def _in_motion(robot: Robot, log: LogFile, settings: WeighSettings, truth: Truth | None, outputs: _Outputs) -> None:
     """Weighs a robot that moves, writes all outputs or none, and shows what was found."""
-    from stadera.files import written_together
     from stadera.report.json import json_text
     from stadera.report.motion import motion_json, motion_tables
     from stadera.weigh import weigh_in_motion
 
+    def page() -> str:
+        from stadera.report.motion_html import motion_html
+
+        return motion_html(result, truth)
+
     with progress() as watch:
         result = weigh_in_motion(robot, log, settings.tare, settings.imu_frame, watch)
-    with written_together([path for path in (json, report) if path is not None]) as drafts:
-        waiting = iter(drafts)
-        if json is not None:
-            next(waiting).write_text(json_text(motion_json(result)), encoding="utf-8")
-        if report is not None:
-            from stadera.report.motion_html import motion_html
-
-            next(waiting).write_text(motion_html(result, truth), encoding="utf-8")
+    write_outputs((outputs.json, text_of(lambda: json_text(motion_json(result)))), (outputs.report, text_of(page)))
     show(*motion_tables(result, truth))
 
 
-def _check_outputs(log: Path, *outputs: Path | None) -> None:
-    from stadera.errors import StaderaError
-    from stadera.files import require_writable
-
-    for path in outputs:
-        if path is not None and require_writable(path).resolve() == log.resolve():
-            raise StaderaError(f"{path}: would replace an input")
-
-
-def _write(result: Weighing, truth: Truth | None, json: Path | None, report: Path | None, export: Path | None) -> None:
-    """All outputs or none."""
-    from stadera.files import written_together
+def _at_rest(robot: Robot, log: LogFile, settings: WeighSettings, truth: Truth | None, outputs: _Outputs) -> None:
+    """Weighs a robot at its times at rest, writes all outputs or none, and shows what was found."""
     from stadera.report.json import json_text
-    from stadera.report.weighing import weighing_json
+    from stadera.report.weighing import weighing_json, weighing_tables
+    from stadera.weigh import weigh as weigh_log
 
-    with written_together([path for path in (json, report, export) if path is not None]) as drafts:
-        waiting = iter(drafts)
-        if json is not None:
-            next(waiting).write_text(json_text(weighing_json(result)), encoding="utf-8")
-        if report is not None:
-            from stadera.report.weighing_html import weighing_html
+    def page() -> str:
+        from stadera.report.weighing_html import weighing_html
 
-            next(waiting).write_text(weighing_html(result, truth), encoding="utf-8")
-        if export is not None and result.payload is not None:
-            from stadera.robot.export import export_model
-            from stadera.weigh import payload_link
+        return weighing_html(result, truth)
 
-            link = payload_link(result.payload, result.robot.inertias[result.robot.trunk].com)
-            export_model(result.robot, next(waiting), link)
+    with progress() as watch:
+        result = weigh_log(robot, log, settings, watch)
+    write_outputs(
+        (outputs.json, text_of(lambda: json_text(weighing_json(result)))),
+        (outputs.report, text_of(page)),
+        (outputs.export, lambda draft: _export(result, draft)),
+    )
+    show(*weighing_tables(result, truth))
+
+
+def _export(result: Weighing, path: Path) -> None:
+    """The model with the payload as a link."""
+    from stadera.robot.export import export_model
+    from stadera.weigh import payload_link
+
+    if result.payload is not None:
+        link = payload_link(result.payload, result.robot.inertias[result.robot.trunk].com)
+        export_model(result.robot, path, link)
