@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from stadera.experiments.grid import Outcome, run_grid
+from stadera.experiments.motion import Gait
 from stadera.experiments.result import (
     Cell,
     Experiment,
@@ -19,7 +20,7 @@ from stadera.experiments.result import (
     ReproduceSettings,
     TableData,
 )
-from stadera.experiments.walking_runs import PLACES, WALKING, Gait, WalkingCase, weigh_in_motion
+from stadera.experiments.walking_runs import PLACES, WALKING, WalkingCase, weigh_in_motion
 
 NAME = "walking"
 

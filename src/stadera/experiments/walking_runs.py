@@ -7,31 +7,26 @@ hips' half spacing, and are told when the load comes on only so far as that the 
 
 from __future__ import annotations
 
-import time
 import zlib
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.control import Shake, TestBed, Trot, TrunkController
+from stadera.control import Trot, TrunkController
 from stadera.control.crawl import Crawl
 from stadera.control.crawl_run import WalkJudge, walk
-from stadera.control.crawl_settings import CrawlCommand
 from stadera.control.stand import Controller
-from stadera.estimate import Estimator, Measurement, TrunkModel, WalkingEstimator, WalkingNoise, make_estimator
+from stadera.estimate import Estimator, Measurement, TrunkModel, WalkingEstimator, make_estimator
 from stadera.estimate.registry import Setup
-from stadera.estimate.trusted import TrustedEstimator
+from stadera.experiments.motion import Gait, RobotInMotion, sway, walk_on
 from stadera.inertia import InertialParameters
 from stadera.robot import Robot, load_robot
-from stadera.robot.stance import standing_configuration
-from stadera.sim import Plant, RigidMass, SensorErrors, Sensors, estimator_model, plant_model, sensor_errors
+from stadera.sim import RigidMass
 from stadera.sim.payload import Tray
 
 Array = NDArray[np.float64]
-
-Gait = Literal["crawl", "trot", "shake"]
 
 PLACES = ("middle", "left front", "right front", "left hind", "right hind")
 """Of a load on the back: over the tray's middle, or over three quarters of the way to a corner."""
@@ -44,7 +39,6 @@ _STILL = 0.3  # s, before it moves
 _BEFORE: dict[Gait, float] = {"crawl": 6.0, "trot": 3.0, "shake": 3.0}  # s in motion until the load comes on
 _SOON, _LATE = 1.0, 3.0  # s after the load, when figures are taken
 _SLOWER = 10  # periods from one sample of the other methods to the next: 100 Hz
-_LIGHT, _OFF = 0.9, 0.15  # what the start believes of the trunk
 _EDGE = 0.04  # of a box's edge [m] at 1 kg, which grows with the cube root of the mass
 
 
@@ -78,8 +72,8 @@ def weigh_in_motion(case: WalkingCase) -> dict[str, Any]:
     `false_alarms`: changes found that were none. `share_of_time`: the estimator's processor time in the simulated
     time. `methods`: errors by method, see `compared`; of the walking estimator its error bars besides.
     """
-    robot, errors = load_robot(case.robot), sensor_errors(case.errors)
-    run = _Run(case, robot, errors)
+    robot = load_robot(case.robot)
+    run = _Run(case, robot)
     fall = run.until_loaded()
     if fall is None:
         fall = run.after_load()
@@ -89,7 +83,7 @@ def weigh_in_motion(case: WalkingCase) -> dict[str, Any]:
         "robot_mass": robot.mass,
         "noticed": run.noticed,
         "false_alarms": run.false_alarms,
-        "share_of_time": run.cost / max(run.bed.plant.time, 1e-3),
+        "share_of_time": run.motion.cost / max(run.bed.plant.time, 1e-3),
         "methods": judged,
     }
 
@@ -97,27 +91,18 @@ def weigh_in_motion(case: WalkingCase) -> dict[str, Any]:
 class _Run:
     """The robot on its way, with the walking estimator beside it."""
 
-    def __init__(self, case: WalkingCase, robot: Robot, errors: SensorErrors) -> None:
+    def __init__(self, case: WalkingCase, robot: Robot) -> None:
         self.case, self.robot = case, robot
-        real = plant_model(robot, errors)
         draw = zlib.crc32(repr(replace(case, others=())).encode())  # no two cases share a draw
-        self.believed = estimator_model(real, errors, draw)
-        self.start = wrong_start(robot)
-        harsh = case.errors == "harsh"
-        noise = WalkingNoise.of(self.believed, 2.0, 3e-3) if harsh else WalkingNoise.of(self.believed)
-        self.inner = WalkingEstimator(self.believed, noise, self.start)
-        timed = _Timed(self.inner)
-        trusted = TrustedEstimator(timed, robot)
-        plant = Plant(real)
-        plant.reset(standing_configuration(robot))
-        self._timed = timed
-        self.controller = _controller(case.gait, self.believed, TrunkModel.prior(robot))
-        sensors, self._commands = Sensors(errors, draw, robot), np.random.default_rng(draw)
-        self.bed = TestBed(plant, sensors, self.controller, _Remembering(trusted, self), feed_back=True)
+        self.motion = RobotInMotion(robot, case.gait, case.errors, draw)
+        self.believed, self.start = self.motion.believed, self.motion.start
+        self.inner, self.controller, self.bed = self.motion.inner, self.motion.controller, self.motion.bed
+        self.bed.estimator = _Remembering(self.motion.trusted, self)
+        self._commands = np.random.default_rng(draw)
         self.kept: list[Measurement] = []
         self.figures: dict[str, Any] = {}
         self.loaded_at = np.inf
-        self.bare, self.loaded = plant.truth(), plant.truth()
+        self.bare, self.loaded = self.bed.plant.truth(), self.bed.plant.truth()
 
     # -- running --------------------------------------------------------------------------------------------------
     def until_loaded(self) -> str | None:
@@ -162,11 +147,6 @@ class _Run:
         return figures
 
     @property
-    def cost(self) -> float:
-        """Seconds of processor time that the estimator took."""
-        return self._timed.seconds
-
-    @property
     def noticed(self) -> float | None:
         """Seconds from the load to the first change that was found after it."""
         after = [change.noticed - self.loaded_at for change in self.inner.changes if change.noticed > self.loaded_at]
@@ -178,21 +158,6 @@ class _Run:
         before = sum(change.noticed <= self.loaded_at for change in self.inner.changes)
         after = len(self.inner.changes) - before
         return before + max(after - (self.case.share > 0), 0)
-
-
-class _Timed:
-    """An estimator with a clock."""
-
-    def __init__(self, inner: WalkingEstimator) -> None:
-        self.inner, self.seconds = inner, 0.0
-
-    def update(self, measurement: Measurement) -> None:
-        begin = time.process_time()
-        self.inner.update(measurement)
-        self.seconds += time.process_time() - begin
-
-    def estimate(self) -> Any:
-        return self.inner.estimate()
 
 
 class _Remembering:
@@ -209,13 +174,6 @@ class _Remembering:
 
     def estimate(self) -> Any:
         return self.inner.estimate()
-
-
-def wrong_start(robot: Robot) -> TrunkModel:
-    """What estimators believe of the trunk at first."""
-    prior, tray = TrunkModel.prior(robot), Tray.of(robot)
-    shift = _OFF * np.array([*tray.half_size[:2], 0.0])
-    return TrunkModel(_LIGHT * prior.mass, prior.com_trunk + shift)
 
 
 def payload_of(case: WalkingCase, robot: Robot) -> RigidMass:
@@ -264,23 +222,15 @@ def _absolute(estimator: WalkingEstimator, truth: InertialParameters, when: str)
     }
 
 
-def _controller(gait: Gait, believed: Robot, belief: TrunkModel) -> Controller:
-    if gait == "trot":
-        return Trot.of(believed, belief)
-    controller = TrunkController(believed, belief=belief)
-    return Crawl(controller) if gait == "crawl" else controller
-
-
 def _set_out(controller: Controller, rng: np.random.Generator) -> None:
     """Lets it move: ahead, and a little to one side, as drawn."""
     if isinstance(controller, Trot):
         speed = rng.uniform(0.1, 0.8) * controller.settings.pendulum  # 0.6 m/s for HyQ's legs at most
-        controller.walk((speed, 0.0), rng.uniform(-0.2, 0.2))
+        walk_on(controller, speed, rng.uniform(-0.2, 0.2))
     elif isinstance(controller, Crawl):
-        controller.command = CrawlCommand(0.12 * rng.uniform(0.3, 0.8), rng.uniform(-0.02, 0.02))
-        controller.resume()
+        walk_on(controller, 0.12 * rng.uniform(0.3, 0.8), rng.uniform(-0.02, 0.02))
     elif isinstance(controller, TrunkController):
-        controller.follow(Shake.of(controller.robot, controller.reference, controller.time))
+        sway(controller)
 
 
 def _other(name: str, run: _Run) -> dict[str, Any]:
