@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.cli.outputs import check_outputs, text_of, write_outputs
 from stadera.cli.terminal import show
 
 if TYPE_CHECKING:
@@ -28,25 +29,19 @@ def demo(
     Takes about a minute on two cores. The report has both walks to watch.
     """
     from stadera.demo import DemoSettings, run_demo
-    from stadera.files import require_writable
-    from stadera.report.demo import demo_tables
-
-    if report == _REPORT:
-        report.parent.mkdir(exist_ok=True)
-    for path in (report, json):
-        if path is not None:
-            require_writable(path)
-    with _progress() as watch:
-        result = run_demo(DemoSettings(seed=seed), watch)
-    from stadera.files import written_together
-    from stadera.report.demo import demo_json
+    from stadera.report.demo import demo_json, demo_tables
     from stadera.report.demo_html import demo_html
     from stadera.report.json import json_text
 
-    with written_together([report] if json is None else [report, json]) as drafts:
-        drafts[0].write_text(demo_html(result), encoding="utf-8")
-        if json is not None:
-            drafts[1].write_text(json_text(demo_json(result)), encoding="utf-8")
+    if report == _REPORT:
+        report.parent.mkdir(exist_ok=True)
+    check_outputs((report, json))
+    with _progress() as watch:
+        result = run_demo(DemoSettings(seed=seed), watch)
+    write_outputs(
+        (report, text_of(lambda: demo_html(result))),
+        (json, text_of(lambda: json_text(demo_json(result)))),
+    )
     show(*demo_tables(result), f"report: {report}")
 
 

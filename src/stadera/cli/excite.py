@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.cli.outputs import check_outputs, check_table, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -45,49 +46,33 @@ def excite(
     from stadera.robot import load_robot
 
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
-    _check_outputs(out, report, json)
+    check_outputs((out, report, json))
+    if out is not None:
+        check_table(out)
     with progress() as watch:
         result = design(load_robot(robot), leg, settings, watch)
     _write(result, out, report, json, leg_only)
     show(*excitation_tables(result))
 
 
-def _check_outputs(out: Path | None, report: Path | None, json: Path | None) -> None:
-    """What can be known of the outputs before the work.
-
-    Raises:
-        StaderaError: an output that cannot be written, or a table of an unknown kind.
-    """
-    from stadera.errors import RecordingError
-    from stadera.files import require_writable
-    from stadera.recording.writer import SUFFIXES
-
-    for path in (out, report, json):
-        if path is not None:
-            require_writable(path)
-    if out is not None and out.suffix.lower() not in SUFFIXES:
-        raise RecordingError(f"{out}: a table is written as one of {', '.join(SUFFIXES)}")
-
-
 def _write(result: Excitation, out: Path | None, report: Path | None, json: Path | None, leg_only: bool) -> None:
     """All outputs or none."""
-    from stadera.files import written_together
     from stadera.identify.excite import motion_table
     from stadera.recording import write_table
+    from stadera.report.excitation_summary import excitation_json
     from stadera.report.json import json_text
 
-    wanted = {"out": out, "report": report, "json": json}
-    paths = {kind: path for kind, path in wanted.items() if path is not None}
-    with written_together(list(paths.values())) as drafts:
-        for kind, draft in zip(paths, drafts, strict=True):
-            if kind == "out":
-                reference = result.chosen.motion.sample(result.settings.rate)
-                write_table(motion_table(result.experiment.bounds.robot, reference, whole=not leg_only), draft)
-            elif kind == "report":
-                from stadera.report.excitation import excitation_html
+    def table(draft: Path) -> None:
+        reference = result.chosen.motion.sample(result.settings.rate)
+        write_table(motion_table(result.experiment.bounds.robot, reference, whole=not leg_only), draft)
 
-                draft.write_text(excitation_html(result), encoding="utf-8")
-            else:
-                from stadera.report.excitation_summary import excitation_json
+    def page() -> str:
+        from stadera.report.excitation import excitation_html
 
-                draft.write_text(json_text(excitation_json(result)), encoding="utf-8")
+        return excitation_html(result)
+
+    write_outputs(
+        (out, table),
+        (report, text_of(page)),
+        (json, text_of(lambda: json_text(excitation_json(result)))),
+    )

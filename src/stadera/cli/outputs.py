@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from stadera.errors import StaderaError
+from stadera.errors import RecordingError, StaderaError
 from stadera.files import require_writable, written_together
 
 Writer = Callable[[Path], object]
@@ -26,6 +26,18 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path] = ()) -
         if place in taken:
             raise StaderaError(f"{path}: would replace {taken[place]}")
         taken[place] = "another output"
+
+
+def check_table(path: Path) -> None:
+    """Whether tables are written as files of that name.
+
+    Raises:
+        RecordingError: a table of an unknown kind.
+    """
+    from stadera.recording.writer import SUFFIXES
+
+    if path.suffix.lower() not in SUFFIXES:
+        raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
 
 
 def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:

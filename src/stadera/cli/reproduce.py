@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.cli.outputs import check_outputs, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -39,13 +40,10 @@ def reproduce(
     A bound that is not met is said, on the terminal, in the report and in the JSON; it is a measurement and no error.
     """
     from stadera.experiments import ReproduceSettings, experiments_named, run_experiments
-    from stadera.files import require_writable
     from stadera.report.experiments import experiment_renderables
 
     experiments = experiments_named(name)
-    for path in (json, report):
-        if path is not None:
-            require_writable(path)
+    check_outputs((json, report))
     results = []
     with progress() as watch:
         settings = ReproduceSettings(seed, quick, data, keep)
@@ -61,16 +59,8 @@ def reproduce(
 def _write(results: list[ExperimentResult | Skipped], json: Path | None, report: Path | None) -> None:
     """Both outputs or none."""
     from stadera.experiments.result import ExperimentResult
-    from stadera.files import written_together
     from stadera.report.experiments_html import experiments_html
     from stadera.report.json import json_text
 
-    with written_together([path for path in (json, report) if path is not None]) as drafts:
-        waiting = iter(drafts)
-        if json is not None:
-            records = [
-                r.to_dict() for result in results if isinstance(result, ExperimentResult) for r in result.records
-            ]
-            next(waiting).write_text(json_text(records), encoding="utf-8")
-        if report is not None:
-            next(waiting).write_text(experiments_html(results), encoding="utf-8")
+    records = [r.to_dict() for result in results if isinstance(result, ExperimentResult) for r in result.records]
+    write_outputs((json, text_of(lambda: json_text(records))), (report, text_of(lambda: experiments_html(results))))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
+from stadera.cli.outputs import check_outputs, check_table, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -80,41 +81,28 @@ def simulate(
         stones,
     )
     model = load_robot(robot)
-    _check(out, believed)
+    check_table(out)
+    check_outputs((out, believed))
     with progress() as watch:
         run = run_scenario(model, scenario, settings, watch)
     _write(run, out, believed)
     _tell(run, out)
 
 
-def _check(out: Path, believed: Path | None) -> None:
-    from stadera.errors import RecordingError
-    from stadera.files import require_writable
-    from stadera.recording.writer import SUFFIXES
-
-    if out.suffix.lower() not in SUFFIXES:
-        raise RecordingError(f"{out}: a table is written as one of {', '.join(SUFFIXES)}")
-    require_writable(out)
-    if believed is not None:
-        require_writable(believed)
-
-
 def _write(run: Run, out: Path, believed: Path | None) -> None:
     """All files or none."""
-    from stadera.files import written_together
     from stadera.recording import write_table
     from stadera.report.json import json_text
+    from stadera.robot.export import export_model
     from stadera.simulate import truth_json, truth_paths
 
-    paths = [out, *truth_paths(out)] + ([] if believed is None else [believed])
-    with written_together(paths) as drafts:
-        write_table(run.recording, drafts[0])
-        drafts[1].write_text(json_text(truth_json(run.truth)), encoding="utf-8")
-        write_table(run.true_motion, drafts[2])
-        if believed is not None:
-            from stadera.robot.export import export_model
-
-            export_model(run.believed, drafts[3])
+    truth, motion = truth_paths(out)
+    write_outputs(
+        (out, lambda draft: write_table(run.recording, draft)),
+        (truth, text_of(lambda: json_text(truth_json(run.truth)))),
+        (motion, lambda draft: write_table(run.true_motion, draft)),
+        (believed, lambda draft: export_model(run.believed, draft)),
+    )
 
 
 def _tell(run: Run, out: Path) -> None:
