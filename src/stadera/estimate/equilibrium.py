@@ -16,6 +16,13 @@ Link k, mass m_k with centre of mass c_k, has the part J_kᵀ m_k g u of h; so b
 
     dF_k = J_c^-T J_kᵀ m_k g u,    d(m_l g u) = m_k g u,    d(h_l x g u) = c_k x m_k g u      (J_k: Jacobian of c_k)
 
+and all links together, by du in the place of u, are what a wrong vertical does to the forces.
+
+Without an IMU the vertical is itself found from the forces, anew in each pose (`stadera.estimate.vertical`), so that
+its error is no constant one but two unknowns of the pose, of which nothing else is known. They are taken out of the
+six equations: of those, whitened, what is normal to their two columns is left, four equations a pose, in which offsets
+count by what they do through the vertical, too.
+
 Whether a foot carries is not asked of its force, which the errors may hide: the equations hold for all feet, loaded or
 not. A leg that is known to be held in the air is left out, and adds its joints' own equations, h_j - τ_j = 0, in which
 nothing but the offsets is unknown.
@@ -34,6 +41,7 @@ from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.noise import ForceNoise
 from stadera.estimate.stillness import GRAVITY
+from stadera.estimate.vertical import vertical_of
 from stadera.inertia import skew
 from stadera.regressors.rows import Rows
 from stadera.robot.kinematics import forward_kinematics, joint_axes
@@ -113,22 +121,55 @@ def wrench_slope(forces: ContactForces) -> Array:
 
 def leg_mass_slope(forces: ContactForces, robot: Robot, joint_position: Array, up: Array) -> Array:
     """(6, 12): change of (F - m_l g u, μ - h_l x g u), at rest, with the masses of the legs' links, as shares."""
+    return np.asarray(link_weights(forces, robot, joint_position) @ up)
+
+
+def link_weights(forces: ContactForces, robot: Robot, joint_position: Array) -> Array:
+    """(6, 12, 3): what each link of the legs does to (F - m_l g u, μ - h_l x g u), at rest, linear in u."""
     rotations, translations = (pose[0] for pose in forward_kinematics(robot.tree, joint_position[None]))
     axes, origins = joint_axes(robot, joint_position[None])
-    slope = np.zeros((6, 12))
+    slope = np.zeros((6, 12, 3))
     for leg, parts in enumerate(robot.legs):
         for k, link in enumerate(parts.links):
             index, own = robot.tree.links.index(link), robot.inertias[link]
-            weight = own.mass * GRAVITY * up
+            weight = own.mass * GRAVITY
             com = translations[index] + rotations[index] @ own.com
             J = np.cross(axes[0, leg].T, com - origins[0, leg].T).T
             J[:, k + 1 :] = 0.0  # joints below it
-            force = np.zeros(3)
+            force = np.zeros((3, 3))
             if forces.stance[leg]:
-                force = -forces.torque_to_force[leg] @ (J.T @ weight)
-            slope[:3, 3 * leg + k] = force - weight
-            slope[3:, 3 * leg + k] = np.cross(forces.contact[leg], force) - np.cross(com, weight)
+                force = -weight * forces.torque_to_force[leg] @ J.T
+            slope[:3, 3 * leg + k] = force - weight * np.eye(3)
+            slope[3:, 3 * leg + k] = skew(forces.contact[leg]) @ force - weight * skew(com)
     return slope
+
+
+def vertical_slope(links: Array, trunk: Array, up: Array) -> Array:
+    """(6, 3): change of (F - (m + m_l) g u, μ - (h + h_l) x g u) with a small rotation ε, u = u_measured + u x ε.
+
+    Args:
+        links: `link_weights`.
+        trunk: (4,), m [kg] and h [kg·m].
+        up: u_measured, (3,).
+    """
+    by_up = links.sum(axis=1)
+    by_up[:3] -= GRAVITY * trunk[0] * np.eye(3)
+    by_up[3:] -= GRAVITY * skew(trunk[1:])
+    return np.asarray(by_up @ skew(up))
+
+
+def weight_felt(forces: ContactForces, robot: Robot, joint_position: Array, up: Array) -> Array:
+    """(4, 39): how far the trunk's mass [kg] and the vertical are off by constant errors, the vertical the forces' own.
+
+    By the differential of F - (m + m_l) g u = 0, three equations, in m and in u across itself.
+    """
+    links = link_weights(forces, robot, joint_position)
+    by_error = np.hstack([wrench_slope(forces)[:3], np.zeros((3, 3)), links[:3] @ up])
+    mass = float(up @ forces.total_force) / GRAVITY - robot.mass + robot.inertias[robot.trunk].mass
+    across = _across(up)
+    by_up = links[:3].sum(axis=1) - GRAVITY * mass * np.eye(3)
+    felt = np.linalg.solve(np.column_stack([GRAVITY * up, -by_up @ across]), by_error)
+    return np.vstack([felt[:1], across @ felt[1:]])
 
 
 def equilibrium_rows(
@@ -164,9 +205,9 @@ def equilibrium_rows(
     matrix[3:6, 1:4] = GRAVITY * skew(up)
     matrix[:6, 4:28] = -slope
     trunk = _estimated_trunk(forces, state.moment, forces_of.legs.mass, up)
-    matrix[:6, 31:] = -leg_mass_slope(forces, forces_of.robot, m.joint_position, up)
-    matrix[:3, 28:31] = -(trunk[0] + forces_of.legs.mass) * GRAVITY * skew(up)
-    matrix[3:6, 28:31] = -GRAVITY * skew(trunk[1:] + state.moment) @ skew(up)
+    links = link_weights(forces, forces_of.robot, m.joint_position)
+    matrix[:6, 31:] = -links @ up
+    matrix[:6, 28:31] = vertical_slope(links, trunk, up)
     legs_only = np.concatenate([forces_of.legs.mass * up, np.cross(state.moment, up)]) * GRAVITY
     value = np.zeros(len(matrix))
     value[:6] = forces.wrench - legs_only
@@ -189,7 +230,23 @@ def equilibrium_rows(
     linear_at = errors.copy()
     linear_at[27:] = 0.0  # links' masses are not taken off the measurement: their equations are linear
     target = matrix[:, 4:] @ linear_at - value
-    return Rows((*TRUNK, *names), np.linalg.solve(root, matrix), np.linalg.solve(root, target))
+    white_rows, white_target = np.linalg.solve(root, matrix), np.linalg.solve(root, target)
+    if m.vertical_by_forces:
+        white_rows, white_target = _without_vertical(white_rows, white_target, up)
+    return Rows((*TRUNK, *names), white_rows, white_target)
+
+
+def _without_vertical(matrix: Array, target: Array, up: Array) -> tuple[Array, Array]:
+    """What whitened equations say whatever the vertical is: their part normal to its two columns."""
+    rest = np.linalg.qr(matrix[:, 28:31] @ _across(up), mode="complete")[0][:, 2:].T
+    left = rest @ matrix
+    left[:, 28:31] = 0.0
+    return left, rest @ target
+
+
+def _across(up: Array) -> Array:
+    """(3, 2), an orthonormal basis of the plane across a unit vector."""
+    return np.asarray(np.linalg.svd(up[None])[2][1:].T)
 
 
 def _at_least(explained: Array, scatter: Array) -> Array:
@@ -205,7 +262,10 @@ def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) ->
     """The measurement with these errors taken off, as one at rest, and its vertical."""
     torque, foot, turn = np.zeros(len(m.effort)), errors[12:24].reshape(4, 3), errors[24:27]
     torque[forces_of.legs.columns] = errors[:12].reshape(4, 3)
+    effort = m.effort - torque
     up = m.up - np.cross(turn, m.up)
+    if m.vertical_by_forces:
+        up = vertical_of(replace(m, effort=effort), forces_of.robot)
     up /= np.linalg.norm(up)
     feet = m.foot_position
     if foot.any():
@@ -217,7 +277,7 @@ def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) ->
         angular_velocity=np.zeros(3),
         specific_force=GRAVITY * up,
         rotation=None,
-        effort=m.effort - torque,
+        effort=effort,
         foot_position=feet,
     )
     return corrected, up

@@ -36,7 +36,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 JacobianOf = Literal["feet", "encoders"]
 
-_CARRIES = 0.03  # share of the robot's weight that a foot in stance has along the normal
+CARRIES = 0.03
+"""Share of the robot's weight that a foot in stance has along the normal."""
+
 _LEAST_VOLUME = 0.01  # of det J_c, as a share of the cubed length of the leg: below it a direction is not felt
 _GRAVITY = 9.81  # m/s²
 _STICTION_VELOCITY = 0.1  # rad/s, over which friction's sign is smoothed, well above the noise of a joint's velocity
@@ -69,8 +71,8 @@ class ContactForceEstimator:
         self.noise = noise or ForceNoise.of(robot)
         self.jacobian = jacobian
         self._radii = _radii(robot)
-        self._least = _CARRIES * robot.mass * _GRAVITY
-        self._flat = _least_determinant(robot)
+        self._least = CARRIES * robot.mass * _GRAVITY
+        self._flat = least_determinant(robot)
         joints = [robot.dynamics[joint] for joint in robot.tree.joints]
         self._viscous = np.array([d.viscous for d in joints])
         self._coulomb = np.array([d.coulomb for d in joints])
@@ -139,7 +141,7 @@ def contact_forces(
     up = specific / np.linalg.norm(specific, axis=-1, keepdims=True)
     axes, origins = joint_axes(robot, joints.position)
 
-    flat = _least_determinant(robot)
+    flat = least_determinant(robot)
 
     def solved(stance: Bools) -> tuple[Array, Array, Array, Array]:
         normal = ground_normal(centres, stance, up)
@@ -151,9 +153,16 @@ def contact_forces(
         return normal, contact, jacobian, forces
 
     normal, _, _, force = solved(allowed)
-    loaded = allowed & ((force * normal[:, None, :]).sum(axis=-1) > _CARRIES * robot.mass * _GRAVITY)
+    loaded = allowed & ((force * normal[:, None, :]).sum(axis=-1) > CARRIES * robot.mass * _GRAVITY)
     normal, contact, jacobian, force = solved(loaded)
     return ContactForces(force, contact, loaded, normal, jacobian, axes, noise or ForceNoise.of(robot))
+
+
+def friction_torque(robot: Robot, velocity: Array) -> Array:
+    """(..., n) [N·m], what friction and offsets of the joints take at velocities (..., n) [rad/s], as believed."""
+    joints = [robot.dynamics[joint] for joint in robot.tree.joints]
+    viscous, coulomb, offset = np.array([[d.viscous, d.coulomb, d.offset] for d in joints]).T
+    return np.asarray(viscous * velocity + coulomb * np.tanh(velocity / _STICTION_VELOCITY) + offset)
 
 
 def _normal(feet: Array, stance: Bools, measurement: Measurement) -> Array:
@@ -196,7 +205,7 @@ def _radii(robot: Robot) -> Array:
     return np.array([[leg.foot_radius] for leg in robot.legs])
 
 
-def _least_determinant(robot: Robot) -> float:
+def least_determinant(robot: Robot) -> float:
     """The determinant [m³] below which a leg's Jacobian counts as singular."""
     spans = [robot.tree.translations[robot.tree.joints.index(leg.joints[2])] for leg in robot.legs]
     length = min(

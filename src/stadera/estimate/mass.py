@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.convergence import positive
-from stadera.estimate.equilibrium import ConstantErrors, leg_mass_slope, wrench_slope
+from stadera.estimate.equilibrium import ConstantErrors, leg_mass_slope, weight_felt, wrench_slope
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.protocol import unobserved
@@ -48,6 +48,8 @@ class MassEstimator(StaticEstimator):
         ImplausibleError: an implausible start.
         ModelError: a time constant that is not positive.
     """
+
+    _WITHOUT_IMU = True
 
     def __init__(
         self,
@@ -109,8 +111,13 @@ class MassEstimator(StaticEstimator):
 
 
 def felt_by_mass(forces: ContactForces, measurement: Measurement, robot: Robot) -> Array:
-    """(39,): how far the trunk's mass is off [kg], by constant errors; one of the vertical changes nothing."""
+    """(39,): how far the trunk's mass is off [kg], by constant errors; one of the vertical changes nothing.
+
+    Where the vertical is the forces' own, it is tilted by the errors as well.
+    """
     up = measurement.up
+    if measurement.vertical_by_forces:
+        return weight_felt(forces, robot, measurement.joint_position, up)[0]
     by_legs = leg_mass_slope(forces, robot, measurement.joint_position, up)[:3]
     slope = np.hstack([wrench_slope(forces)[:3], np.zeros((3, 3)), by_legs])
     return np.asarray(up @ slope / GRAVITY)

@@ -42,6 +42,8 @@ class Measurement:
         foot_position: (4, 3) [m], centres of the feet in the trunk frame, where something else than the encoders says
             them; None for forward kinematics.
         stance: (4,) bool, the legs that are meant to carry; None where nobody says.
+        vertical_by_forces: there is no IMU: `specific_force` is gravity along what the feet's own forces say is up
+            (`stadera.estimate.vertical`), true at rest alone, and `angular_velocity` is zero.
     """
 
     time: float
@@ -53,6 +55,7 @@ class Measurement:
     rotation: Array | None = None
     foot_position: Array | None = None
     stance: NDArray[np.bool_] | None = None
+    vertical_by_forces: bool = False
 
     @property
     def up(self) -> Array:
@@ -99,8 +102,7 @@ def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = 
     mount = ImuMount.of(robot, named)
     omega = imu.angular_velocity @ mount.rotation.T
     force = imu.linear_acceleration @ mount.rotation.T - np.cross(omega, np.cross(omega, mount.translation))
-    contacts = [recording.foot_contact.get(leg.foot) for leg in robot.legs]
-    stance = None if any(c is None for c in contacts) else np.column_stack([c for c in contacts if c is not None])
+    stance = meant_stance(recording, robot)
     for k, time in enumerate(recording.time):
         yield Measurement(
             time=float(time),
@@ -112,6 +114,12 @@ def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = 
             rotation=None if imu.orientation is None else rotation_matrix(imu.orientation[k]) @ mount.rotation.T,
             stance=None if stance is None else stance[k],
         )
+
+
+def meant_stance(recording: Recording, robot: Robot) -> NDArray[np.bool_] | None:
+    """(samples, 4), the legs that a log says are on the ground; None where it does not say so of all."""
+    contacts = [recording.foot_contact.get(leg.foot) for leg in robot.legs]
+    return None if any(c is None for c in contacts) else np.column_stack([c for c in contacts if c is not None])
 
 
 def rotation_matrix(quaternion: Array) -> Array:

@@ -19,7 +19,8 @@ class Alike:
 
     Attributes:
         joint: of any joint [rad].
-        tilt: of the vertical [rad].
+        tilt: of the vertical [rad]; where the feet's forces say it, sample by sample noisier than a pose turns, it is
+            left to the joints.
     """
 
     joint: float = 0.02
@@ -55,7 +56,7 @@ class PoseMean:
         if float(np.abs(m.joint_position - self._q).max()) > alike.joint:
             return False
         up = m.up
-        if float(np.abs(up - self._up).max()) > alike.tilt:
+        if not m.vertical_by_forces and float(np.abs(up - self._up).max()) > alike.tilt:
             return False
         self.count += 1
         share = 1.0 / self.count

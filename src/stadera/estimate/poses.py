@@ -70,6 +70,7 @@ class PosesCom(StaticEstimator):
         ImplausibleError: an implausible start.
     """
 
+    _WITHOUT_IMU = True
     _KEPT = 0  # closed poses that are made linear anew every time
 
     def __init__(

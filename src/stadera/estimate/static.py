@@ -32,6 +32,8 @@ class StaticEstimator(ABC):
         ImplausibleError: the start lies outside `TrunkBounds.of(robot)`.
     """
 
+    _WITHOUT_IMU = False  # whether its covariance reckons with a vertical that comes from the forces themselves
+
     def __init__(
         self,
         robot: Robot,
@@ -97,6 +99,8 @@ class StaticEstimator(ABC):
 
     # -- what cannot be a measurement at rest -----------------------------------------------------------------
     def _complaint(self, m: Measurement) -> str:
+        if m.vertical_by_forces and not self._WITHOUT_IMU:
+            return f"{type(self).__name__} needs an IMU: it takes the vertical for independent of the feet's forces"
         if reason := not_finite(m, self.robot.tree.joints):
             return reason
         if not m.time > self._seen:
