@@ -54,14 +54,3 @@ def written_together(paths: Sequence[AnyPath]) -> Iterator[tuple[Path, ...]]:
     finally:
         for draft in drafts:
             draft.unlink(missing_ok=True)
-
-
-def write_text(path: AnyPath, text: str) -> Path:
-    """Write a text file (UTF-8), whole or not at all.
-
-    Raises:
-        StaderaError: it cannot be written there.
-    """
-    with written_together([path]) as (draft,):
-        draft.write_text(text, encoding="utf-8")
-    return Path(path)

@@ -245,6 +245,8 @@ def test_orientation_finds_the_height_once_tilted() -> None:
     assert estimate.observed.all()
     # a constant error of the orientation is the same in both phases, and nearly cancels in the height
     assert estimate.std[3] < 0.05
+    estimator.look_in_plane(LEVEL)
+    assert estimator.phase is Phase.PLANE
 
 
 def test_orientation_works_with_a_controller_that_keeps_its_belief() -> None:

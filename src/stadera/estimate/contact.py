@@ -85,14 +85,6 @@ class ContactForces:
         rows = np.cross(np.nan_to_num(self.force)[..., None, :], np.swapaxes(self.axes, -1, -2))  # f x a_j
         return np.asarray(self.torque_to_force @ rows)
 
-    def force_covariance(self, source: Source) -> Array:
-        """Covariance of each foot's force from one source of error, (..., 4, 3, 3) [N²].
-
-        Raises:
-            UnknownNameError: no such source.
-        """
-        return _squared(self._to_force(source), self._variances(source))
-
     def wrench_covariance(self, source: Source) -> Array:
         """Covariance of `wrench` from one source of error, (..., 6, 6).
 

@@ -42,10 +42,6 @@ class ReproduceSettings:
         if self.seed < 0:
             raise StaderaError(f"a seed needs to be at least 0, got {self.seed}")
 
-    def generators(self, count: int) -> list[np.random.Generator]:
-        """Independent generators, the same for the same seed."""
-        return [np.random.default_rng(s) for s in np.random.SeedSequence(self.seed).spawn(count)]
-
 
 @dataclass(frozen=True)
 class Record:

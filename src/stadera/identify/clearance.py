@@ -79,7 +79,7 @@ class Clearance:
         tree = robot.leg_tree(leg)
         moving = tuple(_with_foot(own, [shape for shape in robot.shapes if shape.link in own.links]))
         still = tuple(_standing(robot, [link for link in robot.tree.links if link not in own.links]))
-        bare = cls(tree, moving, still, tuple(_candidates(robot, tree, moving, still)), ground, margin)
+        bare = cls(tree, moving, still, tuple(_candidates(tree, moving, still)), ground, margin)
         at_rest = np.asarray(rest, dtype=float)[None]
         height = float(bare.height(at_rest)[0])
         if height < margin:
@@ -224,7 +224,7 @@ def _standing(robot: Robot, links: list[str]) -> Iterator[Shape]:
             yield Shape(shape.link, shape.kind, shape.size, R @ shape.rotation, p + R @ shape.translation)
 
 
-def _candidates(robot: Robot, tree: Tree, moving: tuple[Shape, ...], still: tuple[Shape, ...]) -> Iterator[_Pair]:
+def _candidates(tree: Tree, moving: tuple[Shape, ...], still: tuple[Shape, ...]) -> Iterator[_Pair]:
     """Pairs of shapes whose links are neither the same nor neighbours."""
     parent = {link: tree.links[tree.parents[i]] for i, link in enumerate(tree.links[1:])}
     solid = [k for k, shape in enumerate(moving) if shape.size[0] > 0]

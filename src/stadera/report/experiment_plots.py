@@ -52,7 +52,8 @@ def _add(figure: go.Figure, line: Line, row: int, first: bool) -> None:
 
 
 def _axes(figure: go.Figure, panel: Panel, row: int, last: bool) -> None:
-    figure.update_yaxes(title_text=panel.y_title, row=row, col=1)
+    scale = "log" if panel.log_y else "linear"
+    figure.update_yaxes(title_text=panel.y_title, type=scale, row=row, col=1)
     if panel.labels:
         figure.update_xaxes(
             tickvals=np.arange(len(panel.labels)), ticktext=list(panel.labels), tickangle=-35, row=row, col=1

@@ -23,10 +23,10 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
     """A whole page. Loads nothing from anywhere."""
     done = [r for r in results if isinstance(r, ExperimentResult)]
     title = done[0].title if len(done) == 1 else "Reproduced tables and figures"
-    return page_html(title, _header(title, results, done), _verdict(results), *(_experiment(r, done) for r in done))
+    return page_html(title, _header(title, done), _verdict(results), *(_experiment(r, done) for r in done))
 
 
-def _header(title: str, results: Sequence[ExperimentResult | Skipped], done: list[ExperimentResult]) -> Html:
+def _header(title: str, done: list[ExperimentResult]) -> Html:
     parts: list[str] = [element("p", text(f"stadera {stadera.__version__}"), css="brand"), element("h1", text(title))]
     if len(done) == 1:
         parts += [element("p", text(done[0].lead), css="lead"), _facts(done[0])]

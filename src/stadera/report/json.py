@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
-from stadera.files import write_text
 from stadera.identify.observability import Verdict
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
 from stadera.inertia import ORDER
@@ -61,15 +58,6 @@ def json_text(value: Any) -> str:
         ValueError: a number that JSON does not have (NaN, infinity).
     """
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def write_json(path: str | PathLike[str], value: Any) -> Path:
-    """Write plain values as JSON, whole or not at all.
-
-    Raises:
-        StaderaError: it cannot be written there.
-    """
-    return write_text(path, json_text(value))
 
 
 def _link(leg: LegIdentification, link: str) -> dict[str, Any]:

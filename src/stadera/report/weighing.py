@@ -24,9 +24,9 @@ _MOST_REASONS = 3
 def weighing_json(result: Weighing) -> dict[str, Any]:
     """What `weigh` found, as plain values: SI units, trunk frame, null for what was not observable.
 
-    Keys: robot, source, method, status, trunk, payload, changes, timeline, refused, notes, units.
+    Keys: robot, source, method, status, trunk, payload, changes, timeline, vertical, refused, notes, units.
     """
-    line, payload = result.timeline, result.payload
+    line, payload, vertical = result.timeline, result.payload, result.vertical
     return {
         "robot": result.robot.name,
         "source": result.source,
@@ -52,9 +52,14 @@ def weighing_json(result: Weighing) -> dict[str, Any]:
             "com": [plain(com) for com in line.com],
             "com_std": [plain(std) for std in line.com_std],
         },
+        "vertical": {
+            "source": vertical.source,
+            "up": {"value": plain(vertical.up), "std": plain(vertical.std)},
+            "tilt_std": vertical.tilt_std,
+        },
         "refused": [{"begin": r.begin, "end": r.end, "reason": r.reason} for r in result.refusals],
         "notes": list(result.notes),
-        "units": {"time": "s", "mass": "kg", "com": "m"},
+        "units": {"time": "s", "mass": "kg", "com": "m", "tilt_std": "rad"},
     }
 
 

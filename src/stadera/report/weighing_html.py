@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import degrees
 
 import plotly.graph_objects as go
 
@@ -18,6 +19,7 @@ from stadera.weigh.changes import DEVIATIONS, LEAST_SHARE
 from stadera.weigh.result import Weighing
 
 _MOST_REFUSALS = 12
+_VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forces, for the log has no IMU"}
 _TERMS = {
     "Trunk": "The base link of the model with all that is fixed to it or lies on it. Centres of mass are in its frame.",
     "Mass": "The ground's upward force, from joint torques, over gravity, less the legs of the model (eq. 7).",
@@ -42,6 +44,7 @@ def _header(result: Weighing, title: str) -> Html:
         "Time": f"{result.begin:.2f} to {result.end:.2f} s; {rested(result)}",
         "Method": f"{result.method}: {METHODS[result.method].summary}",
         "State": result.status,
+        "Vertical": _VERTICAL[result.vertical.source] + f", ±{degrees(result.vertical.tilt_std):.2g}°",
     }
     listed = (element("div", element("dt", text(name)), element("dd", text(fact))) for name, fact in facts.items())
     cards = [_card("Trunk with all on it", with_std(result.mass, result.mass_std), "kg")]
