@@ -1,7 +1,8 @@
 """The controllers that the test-bed stands and walks by."""
 
 from stadera.control.belief import SmoothBelief
-from stadera.control.crawl import Crawl, CrawlEvent, Phase
+from stadera.control.crawl import Crawl
+from stadera.control.crawl_phase import CrawlEvent, Phase
 from stadera.control.crawl_run import Fall, WalkJudge, walk
 from stadera.control.crawl_settings import CrawlCommand, CrawlError, CrawlSettings
 from stadera.control.distribution import ContactLimits, ForceDistribution

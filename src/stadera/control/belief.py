@@ -33,6 +33,7 @@ class SmoothBelief:
     Attributes:
         mass: [kg], and
         moment: (3,) [kg·m], in use now.
+        target_mass, target_moment: the same of the last belief taken, whole at once: for who plans ahead.
         rejected: why the last belief handed in was not taken, one sentence; empty if it was.
 
     Raises:
@@ -47,7 +48,7 @@ class SmoothBelief:
         self.bounds, self.time_constant = bounds, time_constant
         self.rejected = ""
         self.mass, self.moment = start.mass, start.mass * start.com_trunk
-        self._target_mass, self._target_moment = self.mass, self.moment
+        self.target_mass, self.target_moment = self.mass, self.moment
         self._settled = True
 
     @property
@@ -60,7 +61,7 @@ class SmoothBelief:
         self.rejected = self.bounds.complaint(model) or ""
         if self.rejected:
             return False
-        self._target_mass, self._target_moment = model.mass, model.mass * model.com_trunk
+        self.target_mass, self.target_moment = model.mass, model.mass * model.com_trunk
         self._settled = False
         return True
 
@@ -69,7 +70,7 @@ class SmoothBelief:
         if self._settled:
             return
         share = dt / (self.time_constant + dt)
-        self.mass += share * (self._target_mass - self.mass)
-        left = self._target_moment - self.moment
+        self.mass += share * (self.target_mass - self.mass)
+        left = self.target_moment - self.moment
         self.moment = self.moment + share * left
-        self._settled = abs(self._target_mass - self.mass) + float(np.abs(left).max()) < _NEGLIGIBLE
+        self._settled = abs(self.target_mass - self.mass) + float(np.abs(left).max()) < _NEGLIGIBLE

@@ -6,7 +6,8 @@ origin, and c the whole robot's centre of mass in trunk axes (the legs' part as 
     b_xy = p - (R c)_xy,      b_z = z.
 
 c reckons with the trunk that was believed when the plan was made. A new belief therefore moves nothing; the next plan
-begins with the new centre of mass, wherever that is, and moves it over the supports.
+begins with the new centre of mass, wherever that is, and moves it over the supports. Plans reckon with the belief that
+the controller is on its way to, so that one new belief is one new plan.
 """
 
 from __future__ import annotations
@@ -17,15 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.control.planner_com import ComPlan, SupportPhase, plan_com
+from stadera.control.planner_feet import GroundPlane, facing
+from stadera.control.planner_support import SupportPolygon
 from stadera.control.reference import Move, TrunkPose
 from stadera.control.trunk import TrunkController
 from stadera.estimate.measurement import Measurement
+from stadera.estimate.stillness import GRAVITY
 from stadera.robot.kinematics import foot_jacobians
 from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]
 
-_OUTDATED = 0.004  # m, that the believed centre of mass may have moved in the trunk since the plan
+_FOLLOWS = 0.5  # share of the way to the ground's inclination that one step takes
+_LOOKS = 8  # at a plan, over the time that a leg is off the ground
 _STRETCHED = 0.35  # of |det J|, as a share of what it is in the nominal stance, below which a leg is stretched out
 
 
@@ -37,6 +42,7 @@ class BodyReference:
 
     Attributes:
         plan: of the centre of mass.
+        normal: (3,), of the ground that the trunk is to be parallel to.
     """
 
     def __init__(self, controller: TrunkController) -> None:
@@ -46,10 +52,12 @@ class BodyReference:
         self._nominal = _determinants(
             foot_jacobians(controller.robot, standing_configuration(controller.robot)[None])[0]
         )
-        self._mass, self._moment = controller.belief.mass, controller.belief.moment
+        self._mass, self._moment = controller.belief.target_mass, controller.belief.target_moment
         pose = TrunkPose(np.array([0.0, 0.0, here.position[2]]), here.rotation)
         self._pose = Move(pose, pose, controller.time, 1.0)
         self.plan = ComPlan.standing(controller.time, here.position[:2])
+        plane = GroundPlane.of(controller.feet)
+        self.normal, self._height = plane.normal, float(controller.position[2] - plane.at(controller.position))
 
     def see(self, measurement: Measurement) -> None:
         """Takes in where the legs are; before each use of a new measurement."""
@@ -69,20 +77,32 @@ class BodyReference:
         """c, with the belief of the plan."""
         return np.asarray((self._moment + self._legs) / (self._mass + self._controller.legs.mass))
 
-    @property
-    def outdated(self) -> bool:
-        """Whether the belief has changed by so much since the plan that the centre of mass is elsewhere."""
+    def _believed(self) -> Array:
+        """The same with the belief of now."""
         belief = self._controller.belief
-        lever = (belief.moment + self._legs) / (belief.mass + self._controller.legs.mass)
-        off = lever - self._lever()
-        return bool(off @ off > _OUTDATED**2)
+        return np.asarray((belief.target_moment + self._legs) / (belief.target_mass + self._controller.legs.mass))
+
+    @property
+    def moved(self) -> float:
+        """How far off the centre of mass is believed to be from what the plan reckons with, seen from above [m]."""
+        away = self._controller.rotation @ (self._believed() - self._lever())
+        return float(np.hypot(away[0], away[1]))
 
     @property
     def com(self) -> Array:
         """Where the robot's centre of mass is believed to be now, (3,) [m], odometry frame."""
-        controller, belief = self._controller, self._controller.belief
-        lever = (belief.moment + self._legs) / (belief.mass + controller.legs.mass)
-        return np.asarray(controller.position + controller.rotation @ lever)
+        return np.asarray(self._controller.position + self._controller.rotation @ self._believed())
+
+    def least_margin(self, support: SupportPolygon, begin: float, end: float, ground: float) -> float:
+        """Of the planned centre of mass and zero-moment point inside a polygon, over a time [s]; [m].
+
+        Args:
+            ground: [m], height of the feet.
+        """
+        tau2 = (float(self.com[2]) - ground) / GRAVITY
+        states = np.array([self.plan.at(time) for time in np.linspace(begin, end, _LOOKS)])
+        points = np.concatenate([states[:, 0], states[:, 0] - tau2 * states[:, 2]])
+        return float(np.min(support.distances - points @ support.normals.T))
 
     def at(self, time: float) -> TrunkPose:
         """Where to be at a time [s]."""
@@ -109,14 +129,30 @@ class BodyReference:
             PlanError: there is no such plan.
         """
         now = self.at(time)
-        self._mass, self._moment = self._controller.belief.mass, self._controller.belief.moment.copy()
+        belief = self._controller.belief
+        self._mass, self._moment = belief.target_mass, belief.target_moment
         com = now.position + now.rotation @ self._lever()
         start = self.plan.at(time).copy()
         start[0] = com[:2]
         self.plan = plan_com(time, start, phases, float(com[2]) - ground, margin, rest)
 
-    def pose(self, time: float, rotation: Array, height: float, duration: float) -> None:
-        """Turns the trunk to a rotation (3, 3) and lifts its origin to a height [m] within a duration [s]."""
+    def follow_ground(self, time: float, heading: float, duration: float) -> None:
+        """Turns the trunk parallel to the ground under the feet, headed along a direction [rad], and brings it to its
+        height over where it is going, within a duration [s]. An inclination is followed half of the way each time.
+        """
+        plane = GroundPlane.of(self._controller.feet)
+        normal = self.normal + _FOLLOWS * (plane.normal - self.normal)
+        self.normal = normal / np.linalg.norm(normal)
+        way = self.plan.at(time + duration)[0] - self.plan.at(time)[0]
+        height = plane.at(self.at(time).position[:2] + way) + self._height
+        self._move(time, facing(self.normal, heading), height, duration)
+
+    def lower(self, time: float, share: float, duration: float) -> None:
+        """Lowers the trunk to a share of its height over the ground, within a duration [s]."""
+        ground = GroundPlane.of(self._controller.feet).at(self._controller.position)
+        self._move(time, self.at(time).rotation, ground + share * self._height, duration)
+
+    def _move(self, time: float, rotation: Array, height: float, duration: float) -> None:
         goal = TrunkPose(np.array([0.0, 0.0, height]), rotation)
         self._pose = Move(self._pose.at(time), goal, time, duration)
 

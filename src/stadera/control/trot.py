@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stadera.control.gains import composite
+from stadera.control.gait import Gait
 from stadera.control.reference import TrunkPose
 from stadera.control.swing import SwingTrajectory
 from stadera.control.trunk import TrunkController
@@ -100,7 +101,7 @@ class TrotSettings:
         )
 
 
-class Trot:
+class Trot(Gait):
     """Trots by a trunk controller; stands before the first `walk` and after `stop`.
 
     Args:
@@ -112,7 +113,7 @@ class Trot:
     """
 
     def __init__(self, controller: TrunkController, settings: TrotSettings | None = None) -> None:
-        self.controller = controller
+        super().__init__(controller)
         self.settings = settings or TrotSettings.of(controller.robot)
         feet = foot_positions(controller.robot, standing_configuration(controller.robot)[None])[0, :, :2]
         self._nominal = (feet - feet.mean(axis=0)).tolist()
@@ -136,20 +137,6 @@ class Trot:
         pendulum = TrotSettings.of(robot).pendulum
         length = 0.15 * pendulum**2 * GRAVITY
         return cls(TrunkController(robot, belief=belief, velocity_time=0.12 * pendulum, moment_length=length))
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that it believes in."""
-        return self.controller.robot
-
-    @property
-    def stance(self) -> Bools:
-        """(4,) bool, the legs that are to carry."""
-        return self.controller.stance
-
-    def believe(self, trunk: TrunkModel) -> bool:
-        """Takes a new belief of the trunk; False where it is not plausible."""
-        return self.controller.believe(trunk)
 
     def walk(self, velocity: ArrayLike, turn: float = 0.0) -> None:
         """Trots; with zeros, on the spot.

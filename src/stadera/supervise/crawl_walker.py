@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from stadera.control.crawl import Crawl, Phase
+from stadera.control.crawl import Crawl
+from stadera.control.crawl_phase import Phase
 from stadera.estimate.trunk import TrunkModel
 
 

@@ -1,0 +1,96 @@
+"""A crawl's leg in the air: lifted, put down where it feels the ground, taken back where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.control.crawl_settings import CrawlSettings, StepTiming
+from stadera.control.planner_steps import Airborne
+from stadera.control.swing import SwingTrajectory
+from stadera.control.trunk import TrunkController
+
+Array = NDArray[np.float64]
+
+_EARLIEST = 0.5  # share of a swing after which a touch counts
+_FOREVER = 5.0  # s, that a plan holds the body over three feet, for a leg that may be long in the air
+
+
+class LegSwing:
+    """One leg at a time, on its way by the trunk controller.
+
+    Args:
+        controller: after its first update.
+        settings: sizes of the way.
+
+    Attributes:
+        leg: its index.
+        target: (3,) [m], where the foot is to land.
+        late: whether it has been told that its ground is late; see `wait`.
+    """
+
+    def __init__(self, controller: TrunkController, settings: CrawlSettings) -> None:
+        self._controller, self._settings = controller, settings
+        self.leg, self.target, self.late = 0, np.zeros(3), False
+        self._from, self._ends, self._swing, self._transfer, self._above = np.zeros(3), 0.0, 1.0, 1.0, False
+
+    def lift(self, time: float, leg: int, target: Array, normal: Array, timing: StepTiming) -> None:
+        """Off to a target (3,) [m], pressed into the ground of that normal (3,) a little."""
+        self.leg, self.target, self.late = leg, target, False
+        self._swing, self._transfer, self._from = timing.swing, timing.transfer, self._foot
+        goal = target - self._settings.press * normal
+        self._go(time, goal, self._settings.clearance, self._settings.search_speed)
+
+    def landed(self, time: float, stretched: bool) -> bool:
+        """Puts the foot down where it has touched the ground; torques of a stretched leg do not tell it."""
+        controller = self._controller
+        trajectory = controller.swinging.trajectories[self.leg]
+        if trajectory is None or trajectory.progress(time) < _EARLIEST or not controller.touched[self.leg]:
+            return False
+        if stretched:
+            return False
+        controller.land(self.leg, self._transfer)
+        return True
+
+    def overdue(self, time: float) -> float:
+        """How long ago the foot was to land [s]; negative before."""
+        return time - self._ends
+
+    def overdue_long(self, time: float) -> bool:
+        """Whether the body had better wait for it."""
+        return self.overdue(time) >= 0.5 * self._transfer
+
+    def out_of_reach(self, time: float, stretched: bool) -> bool:
+        """Whether it has felt for the ground deep enough, or can get no farther."""
+        deep = self.target[2] - float(self._foot[2]) > self._settings.search
+        return self.overdue(time) >= 0 and (deep or stretched)
+
+    def retreat(self, time: float) -> None:
+        """Straight up out of the hole first; `back` does the rest."""
+        here = self._foot
+        high = max(self.target[2], self._from[2]) + self._settings.clearance
+        self.target, self.late, self._above = self._from, True, True
+        self._go(time, np.array([*here[:2], high]), 0.0, 0.0)
+
+    def back(self, time: float, stretched: bool) -> bool:
+        """From above the hole to where the foot stood; True as it stands there again."""
+        if self._above:
+            if time >= self._ends:
+                self._above = False
+                self._go(time, self.target, 0.0, self._settings.search_speed)
+            return False
+        return self.landed(time, stretched)
+
+    def airborne(self, time: float) -> Airborne:
+        """For the body's plan: where the foot lands, and how long the others carry."""
+        left = _FOREVER if self.late else self._transfer - self.overdue(time)
+        return Airborne(self.leg, self.target[:2], left)
+
+    @property
+    def _foot(self) -> Array:
+        return np.array(self._controller.feet[self.leg])
+
+    def _go(self, time: float, goal: Array, clearance: float, descent: float) -> None:
+        self._ends = time + self._swing
+        way = SwingTrajectory(self._foot, goal, time, self._swing, clearance, descent=descent)
+        self._controller.swing(self.leg, way)
