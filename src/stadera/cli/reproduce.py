@@ -18,8 +18,8 @@ def reproduce(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|all",
-            help="Which table or figure; survival and walking are studies of an hour, which all leaves out.",
+            metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|all",
+            help="Which table or figure; survival, walking and alarms are studies of an hour, which all leaves out.",
         ),
     ],
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of every random draw.")] = 0,

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from stadera.errors import MissingExtraError, UnknownNameError
 from stadera.experiments import (
+    alarms,
     fig4,
     fig5,
     fig6,
@@ -36,6 +37,7 @@ _EXPERIMENTS = (
     table5.EXPERIMENT,
     survival.EXPERIMENT,
     walking.EXPERIMENT,
+    alarms.EXPERIMENT,
 )
 
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
