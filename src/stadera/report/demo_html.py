@@ -8,16 +8,15 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-import stadera
 from stadera.demo import DemoResult, DemoRun
 from stadera.report.demo import comparison_rows, headline, true_load, verdict, weighed_rows
 from stadera.report.demo_plots import com_figure, force_figure, margin_figure, mass_figure
 from stadera.report.markup import Html, element, row, table, text
 from stadera.report.numbers import number, with_std
-from stadera.report.page import figure_html, page_html
+from stadera.report.page import page_html
+from stadera.report.sections import card, cards, facts, header, plot, words
 from stadera.robot import load_robot
 from stadera.supervise import LoadTestSettings, State
 
@@ -41,40 +40,24 @@ def demo_html(result: DemoResult) -> str:
 def _header(result: DemoResult) -> Html:
     settings, identified = result.settings, result.identified.outcome
     load = true_load(identified)
-    facts = {
+    about = {
         "Robot": f"{settings.robot}, crawls at {100 * settings.speed:.0f} cm/s",
         "Load": f"a box of {settings.mass:g} kg, dropped on its back's left-hind corner at {settings.load_at:g} s",
         "Sensors": f"standard errors, seed {settings.seed}; nothing of the truth reaches controller or estimators",
         "Simulation": "MuJoCo, 1 kHz",
     }
-    listed = (element("div", element("dt", text(name)), element("dd", text(fact))) for name, fact in facts.items())
-    cards = [_card("Noticed after", f"{identified.noticed_after:.2f}", "s", identified.noticed_after > 0)]
+    figures = [card("Noticed after", f"{identified.noticed_after:.2f}", "s", good=identified.noticed_after > 0)]
     if (payload := identified.payload) is not None:
-        cards.append(
-            _card(f"Load weighed, truth {number(load.mass)} kg", with_std(payload.mass, payload.mass_std), "kg")
+        figures.append(
+            card(f"Load weighed, truth {number(load.mass)} kg", with_std(payload.mass, payload.mass_std), "kg")
         )
         error = 100.0 * float(np.linalg.norm((identified.believed.com_trunk - identified.truth.com)[:2]))
-        cards.append(_card("Trunk's centre of mass off by", f"{error:.2f}", "cm in x-y"))
+        figures.append(card("Trunk's centre of mass off by", f"{error:.2f}", "cm in x-y"))
     back = next((t.time for t in reversed(identified.transitions) if t.after is State.WALKING), None)
     if back is not None:
-        cards.append(_card("Walks on after", f"{back - identified.loaded_at:.1f}", "s"))
-    return element(
-        "header",
-        element("p", text(f"stadera {stadera.__version__}"), css="brand"),
-        element("h1", text("A load on the way")),
-        element("p", text(headline(result)), css="lead"),
-        element("dl", *listed, css="facts"),
-        element("div", *cards, css="cards"),
-    )
-
-
-def _card(label: str, figure: str, unit: str, good: bool = True) -> Html:
-    return element(
-        "div",
-        element("p", text(label), css="label"),
-        element("p", text(figure), " ", element("small", text(unit)), css="figure"),
-        css="card identified" if good else "card",
-    )
+        figures.append(card("Walks on after", f"{back - identified.loaded_at:.1f}", "s"))
+    lead = element("p", text(headline(result)), css="lead")
+    return header("A load on the way", lead, facts(about), cards(figures))
 
 
 # -- the walks ----------------------------------------------------------------------------------------------------
@@ -212,28 +195,22 @@ def _numbers(result: DemoResult) -> Iterator[Html]:
 
 
 def _plots(result: DemoResult) -> Iterator[Html]:
-    yield _plot(
+    yield plot(
         "Margin of the true centre of mass",
         "Its distance from the nearest edge of the support polygon; below zero the robot tips. Shaded: what the "
         "supervisor does, stopping (orange), weighing (blue), taking over (green).",
         margin_figure(result),
     )
     settings = LoadTestSettings()
-    yield _plot(
+    yield plot(
         "Mass",
         "With identification. At each moment near rest the mass is tested against what is believed; with "
         f"{settings.deviations:.2f} standard deviations, {settings.false_alarms:g} false alarms an hour are expected.",
         mass_figure(result),
     )
-    yield _plot("Centre of mass of the trunk with its load", "With identification, trunk frame.", com_figure(result))
+    yield plot("Centre of mass of the trunk with its load", "With identification, trunk frame.", com_figure(result))
     for run in result.runs:
-        yield _plot(f"Forces on the feet, {run.name}", "As they were.", force_figure(run, result))
-
-
-def _plot(title: str, note: str, figure: go.Figure) -> Html:
-    return element(
-        "section", element("h2", text(title)), element("p", text(note), css="lead"), figure_html(figure, title)
-    )
+        yield plot(f"Forces on the feet, {run.name}", "As they were.", force_figure(run, result))
 
 
 def _words() -> Html:
@@ -245,5 +222,4 @@ def _words() -> Html:
         "(c); both have to converge before controller and planner get either.",
         "Not observed": "A level trunk at rest does not show how high a centre of mass is.",
     }
-    listed = (element("div", element("dt", text(name)), element("dd", text(is_))) for name, is_ in terms.items())
-    return element("section", element("h2", text("How to read this")), element("dl", *listed, css="terms"))
+    return words(terms, "How to read this")

@@ -7,13 +7,13 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-import stadera
 from stadera.identify.excite import Excitation
 from stadera.report.excitation_summary import appraisals, verdict
-from stadera.report.markup import Html, element, items, row, table, text
+from stadera.report.markup import Html, element, row, table, text
 from stadera.report.numbers import number
 from stadera.report.page import figure_html, page_html
 from stadera.report.plots import short, styled
+from stadera.report.sections import facts, header, words
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def excitation_html(result: Excitation) -> str:
         _header(result),
         _worth(result),
         _motion(result),
-        _how(),
+        words(_TERMS),
     )
 
 
@@ -111,7 +111,7 @@ def _header(result: Excitation) -> Html:
     height = settings.stand_height
     ground = "not given" if height is None else f"{number(height)} m below the trunk's origin"
     noise = ", ".join(number(float(value), 3) for value in result.experiment.noise)
-    facts = {
+    about = {
         "Robot": bounds.robot.name,
         "Leg": f"{bounds.leg}, trunk held level",
         "Motion": "the paper's random draw" if settings.random else "Fourier series, optimised",
@@ -122,15 +122,9 @@ def _header(result: Excitation) -> Html:
         "Least distance": _distance(result.peaks.distance),
         "Seed": str(settings.seed),
     }
-    listed = (element("div", element("dt", text(name)), element("dd", text(fact))) for name, fact in facts.items())
-    return element(
-        "header",
-        element("p", text(f"stadera {stadera.__version__}"), css="brand"),
-        element("h1", text(f"Excitation: {bounds.robot.name} {bounds.leg}")),
-        element("p", text(verdict(result)), css="lead"),
-        element("dl", *listed, css="facts"),
-        items(bounds.clearance.notes, css="steps") if bounds.clearance.notes else Html(""),
-    )
+    lead = element("p", text(verdict(result)), css="lead")
+    title = f"Excitation: {bounds.robot.name} {bounds.leg}"
+    return header(title, lead, facts(about), notes=bounds.clearance.notes)
 
 
 def _worth(result: Excitation) -> Html:
@@ -198,11 +192,6 @@ def _motion(result: Excitation) -> Html:
         table(head, rows),
         figure_html(motion_figure(result), "Position, velocity and predicted torque of the three joints over time"),
     )
-
-
-def _how() -> Html:
-    listed = (element("div", element("dt", text(name)), element("dd", text(is_))) for name, is_ in _TERMS.items())
-    return element("section", element("h2", text("How to read the numbers")), element("dl", *listed, css="terms"))
 
 
 def _distance(value: float) -> str:

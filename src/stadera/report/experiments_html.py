@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import stadera
 from stadera.experiments.result import Cell, ExperimentResult, FigureData, Skipped, TableData
 from stadera.report.experiment_plots import panels_figure
 from stadera.report.judged import judged_records, judgement, record_table
 from stadera.report.markup import Html, element, items, text
 from stadera.report.page import figure_html, page_html
 from stadera.report.quantities import MARKS
+from stadera.report.sections import facts, header
 
 _MEANINGS = {
     "observable": "the data fix it",
@@ -27,13 +27,10 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
 
 
 def _header(title: str, done: list[ExperimentResult]) -> Html:
-    parts: list[str] = [element("p", text(f"stadera {stadera.__version__}"), css="brand"), element("h1", text(title))]
     if len(done) == 1:
-        parts += [element("p", text(done[0].lead), css="lead"), _facts(done[0])]
-    else:
-        nav = (element("a", text(r.title), href=f"#{r.name}") for r in done)
-        parts.append(element("nav", *nav))
-    return element("header", *parts)
+        return header(title, element("p", text(done[0].lead), css="lead"), facts(done[0].facts))
+    nav = (element("a", text(r.title), href=f"#{r.name}") for r in done)
+    return header(title, element("nav", *nav))
 
 
 def _verdict(results: Sequence[ExperimentResult | Skipped]) -> Html:
@@ -58,7 +55,7 @@ def _finding(level: str, word: str, sentence: str) -> Html:
 def _experiment(result: ExperimentResult, done: list[ExperimentResult]) -> Html:
     top: list[str] = []
     if len(done) > 1:
-        top = [element("h2", text(result.title)), element("p", text(result.lead), css="lead"), _facts(result)]
+        top = [element("h2", text(result.title)), element("p", text(result.lead), css="lead"), facts(result.facts)]
     records = judged_records(result)
     tables = [*result.tables, *([record_table(records)] if records else [])]
     coloured = next((table for table in tables if table.has_verdicts), None)
@@ -70,11 +67,6 @@ def _experiment(result: ExperimentResult, done: list[ExperimentResult]) -> Html:
         *((element("h3", text("How to read this")), items(result.notes)) if result.notes else ()),
         id=result.name,
     )
-
-
-def _facts(result: ExperimentResult) -> Html:
-    listed = (element("div", element("dt", text(n)), element("dd", text(f))) for n, f in result.facts.items())
-    return element("dl", *listed, css="facts")
 
 
 def _table(data: TableData, legend: bool) -> Html:

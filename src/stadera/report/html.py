@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import stadera
 from stadera.identify.result import MODELS, Identification, LegIdentification, Quantity
 from stadera.inertia import ORDER
 from stadera.report.findings import findings, is_alarming, judged_part, overall_rmse, torque_rms
@@ -14,6 +13,7 @@ from stadera.report.numbers import number, percent
 from stadera.report.page import figure_html, page_html
 from stadera.report.plots import error_figure, rmse_figure, spread_figure, torque_figure
 from stadera.report.quantities import MARKS, MODEL_NAMES, is_held, shown
+from stadera.report.sections import facts, header, words
 
 _LEVEL_WORDS = {"bad": "Problem", "warning": "Warning", "note": "Note"}
 _METHODS = {
@@ -35,7 +35,7 @@ def identification_html(result: Identification) -> str:
         _findings(result),
         _errors(result),
         *(_leg(leg, result) for leg in result.legs),
-        _words(),
+        words(TERMS, id="how"),
     )
 
 
@@ -43,7 +43,7 @@ def identification_html(result: Identification) -> str:
 def _header(result: Identification, title: str) -> Html:
     model = "made in memory" if result.robot.source is None else result.robot.source.name
     names = ", ".join(leg.leg.name for leg in result.legs)
-    facts = {
+    about = {
         "Robot": f"{result.robot.name}, {number(result.robot.mass)} kg (model {model})",
         "Log": result.source,
         "Moving": _spans(result),
@@ -53,22 +53,14 @@ def _header(result: Identification, title: str) -> Html:
         "Torque lag": f"{1000.0 * result.torque_lag:.1f} ms",
         "Physically possible": "yes, every link and joint" if result.is_physical else "NO",
     }
-    listed = (element("div", element("dt", text(name)), element("dd", text(fact))) for name, fact in facts.items())
     links = [
         ("errors", "Torque errors"),
         *((leg.leg.name, leg.leg.name) for leg in result.legs),
         ("how", "How to read the numbers"),
     ]
     nav = (element("a", text(label), href=f"#{anchor}") for anchor, label in links)
-    return element(
-        "header",
-        element("p", text(f"stadera {stadera.__version__}"), css="brand"),
-        element("h1", text(title)),
-        element("dl", *listed, css="facts"),
-        element("h3", text("What was done to the log")),
-        items(result.notes, css="steps"),
-        element("nav", *nav),
-    )
+    done = element("h3", text("What was done to the log"))
+    return header(title, facts(about), done, items(result.notes, css="steps"), element("nav", *nav))
 
 
 def _spans(result: Identification) -> str:
@@ -266,11 +258,3 @@ def _combinations(leg: LegIdentification) -> Iterator[Html]:
         css="lead",
     )
     yield table(head, rows, css="quantities combinations")
-
-
-# -- the end ------------------------------------------------------------------------------------------------------
-def _words() -> Html:
-    terms = (element("div", element("dt", text(term)), element("dd", text(meaning))) for term, meaning in TERMS.items())
-    return element(
-        "section", element("h2", text("How to read the numbers")), element("dl", *terms, css="terms"), id="how"
-    )

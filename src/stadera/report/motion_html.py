@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import plotly.graph_objects as go
-
-import stadera
-from stadera.report.markup import Html, element, items, row, table, text
+from stadera.report.markup import Html, element, row, table, text
 from stadera.report.motion import inertia_rows, lag_text, motion_rows
 from stadera.report.numbers import number, with_std
-from stadera.report.page import figure_html, page_html
+from stadera.report.page import page_html
+from stadera.report.sections import card, cards, facts, header, listing, plot, words
 from stadera.report.weighing_plots import com_figure, mass_figure
 from stadera.simulate.truth import Truth
 from stadera.weigh.in_motion import MotionWeighing
@@ -31,11 +29,11 @@ _TERMS = {
 def motion_html(result: MotionWeighing, truth: Truth | None = None) -> str:
     """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
     title = f"Weighing in motion: {result.robot.name}"
-    return page_html(title, _header(result, title), _found(result, truth), *_times(result, truth), _words())
+    return page_html(title, _header(result, title), _found(result, truth), *_times(result, truth), words(_TERMS))
 
 
 def _header(result: MotionWeighing, title: str) -> Html:
-    facts = {
+    about = {
         "Robot": f"{result.robot.name}, {number(result.robot.mass)} kg by its model",
         "Log": result.source,
         "Time": f"{result.begin:.2f} to {result.end:.2f} s",
@@ -43,29 +41,12 @@ def _header(result: MotionWeighing, title: str) -> Html:
         "State": result.status,
         "Torques": lag_text(result),
     }
-    listed = (element("div", element("dt", text(name)), element("dd", text(fact))) for name, fact in facts.items())
     mass_std = float(result.trunk.covariance[0, 0]) ** 0.5
-    cards = [_card("Trunk with all on it", with_std(result.trunk.inertial.mass, mass_std))]
+    figures = [card("Trunk with all on it", with_std(result.trunk.inertial.mass, mass_std))]
     if result.payload is not None:
-        cards.append(_card("Payload since the tare", with_std(result.payload.mass, result.payload.mass_std)))
-    cards += [_card(f"{c.kind} at {c.time:.2f} s", with_std(c.mass, c.mass_std)) for c in result.changes[-2:]]
-    return element(
-        "header",
-        element("p", text(f"stadera {stadera.__version__}"), css="brand"),
-        element("h1", text(title)),
-        element("dl", *listed, css="facts"),
-        element("div", *cards, css="cards"),
-        items(result.notes, css="steps") if result.notes else Html(""),
-    )
-
-
-def _card(label: str, figure: str) -> Html:
-    return element(
-        "div",
-        element("p", text(label), css="label"),
-        element("p", text(figure), " ", element("small", text("kg")), css="figure"),
-        css="card identified",
-    )
+        figures.append(card("Payload since the tare", with_std(result.payload.mass, result.payload.mass_std)))
+    figures += [card(f"{c.kind} at {c.time:.2f} s", with_std(c.mass, c.mass_std)) for c in result.changes[-2:]]
+    return header(title, facts(about), cards(figures), notes=result.notes)
 
 
 def _found(result: MotionWeighing, truth: Truth | None) -> Html:
@@ -83,9 +64,9 @@ def _found(result: MotionWeighing, truth: Truth | None) -> Html:
 
 
 def _times(result: MotionWeighing, truth: Truth | None) -> Iterator[Html]:
-    yield _plot("Mass over time", "As it was known at that time.", mass_figure(result, truth))
+    yield plot("Mass over time", "As it was known at that time.", mass_figure(result, truth))
     if len((figure := com_figure(result, truth)).data):
-        yield _plot("Centre of mass over time", "As it was known at that time; a gap where it was not.", figure)
+        yield plot("Centre of mass over time", "As it was known at that time; a gap where it was not.", figure)
     if result.changes:
         head = [text(t) for t in ("about [s]", "noticed [s]", "kind", "mass [kg]")]
         shown = result.changes[:_MOST_LISTED]
@@ -93,27 +74,11 @@ def _times(result: MotionWeighing, truth: Truth | None) -> Iterator[Html]:
             row(text(f"{c.time:.2f}"), text(f"{c.noticed:.2f}"), text(c.kind), text(with_std(c.mass, c.mass_std)))
             for c in shown
         )
-        yield _listing("Changes of the load", table(head, rows, css="numbers"), len(result.changes) - len(shown))
+        yield listing("Changes of the load", table(head, rows, css="numbers"), len(result.changes) - len(shown))
     if result.refusals:
         refused = result.refusals[:_MOST_LISTED]
         rows = (
             row(text(f"{r.begin:.2f} to {r.end:.2f} s"), element("td", text(r.reason), css="reason")) for r in refused
         )
         listed = table([text("time"), text("because")], rows, css="combinations")
-        yield _listing("Nothing learnt", listed, len(result.refusals) - len(refused))
-
-
-def _listing(title: str, listed: Html, more: int) -> Html:
-    below = [element("p", text(f"and {more} more"), css="lead")] if more > 0 else []
-    return element("section", element("h2", text(title)), listed, *below)
-
-
-def _plot(title: str, note: str, figure: go.Figure) -> Html:
-    return element(
-        "section", element("h2", text(title)), element("p", text(note), css="lead"), figure_html(figure, title)
-    )
-
-
-def _words() -> Html:
-    listed = (element("div", element("dt", text(name)), element("dd", text(is_))) for name, is_ in _TERMS.items())
-    return element("section", element("h2", text("How to read the numbers")), element("dl", *listed, css="terms"))
+        yield listing("Nothing learnt", listed, len(result.refusals) - len(refused))

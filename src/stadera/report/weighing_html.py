@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees
 
-import plotly.graph_objects as go
-
-import stadera
 from stadera.estimate.registry import METHODS
-from stadera.report.markup import Html, element, items, row, table, text
+from stadera.report.markup import Html, element, row, table, text
 from stadera.report.numbers import number, with_std
 from stadera.report.page import figure_html, page_html
+from stadera.report.sections import card, cards, facts, header, listing, plot, words
 from stadera.report.weighing import body_rows, rested
 from stadera.report.weighing_plots import balance_figure, com_figure, force_figure, mass_figure
 from stadera.simulate.truth import Truth
@@ -34,11 +32,11 @@ _TERMS = {
 def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
     """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
     title = f"Weighing: {result.robot.name}"
-    return page_html(title, _header(result, title), _found(result, truth), *_times(result, truth), _words())
+    return page_html(title, _header(result, title), _found(result, truth), *_times(result, truth), words(_TERMS))
 
 
 def _header(result: Weighing, title: str) -> Html:
-    facts = {
+    about = {
         "Robot": f"{result.robot.name}, {number(result.robot.mass)} kg by its model",
         "Log": result.source,
         "Time": f"{result.begin:.2f} to {result.end:.2f} s; {rested(result)}",
@@ -46,28 +44,11 @@ def _header(result: Weighing, title: str) -> Html:
         "State": result.status,
         "Vertical": _VERTICAL[result.vertical.source] + f", ±{degrees(result.vertical.tilt_std):.2g}°",
     }
-    listed = (element("div", element("dt", text(name)), element("dd", text(fact))) for name, fact in facts.items())
-    cards = [_card("Trunk with all on it", with_std(result.mass, result.mass_std), "kg")]
+    figures = [card("Trunk with all on it", with_std(result.mass, result.mass_std))]
     if result.payload is not None:
-        cards.append(_card("Payload since the tare", with_std(result.payload.mass, result.payload.mass_std), "kg"))
-    cards += [_card(f"Change at {c.time:.2f} s", with_std(c.mass, c.mass_std), "kg") for c in result.changes[-2:]]
-    return element(
-        "header",
-        element("p", text(f"stadera {stadera.__version__}"), css="brand"),
-        element("h1", text(title)),
-        element("dl", *listed, css="facts"),
-        element("div", *cards, css="cards"),
-        items(result.notes, css="steps") if result.notes else Html(""),
-    )
-
-
-def _card(label: str, figure: str, unit: str) -> Html:
-    return element(
-        "div",
-        element("p", text(label), css="label"),
-        element("p", text(figure), " ", element("small", text(unit)), css="figure"),
-        css="card identified",
-    )
+        figures.append(card("Payload since the tare", with_std(result.payload.mass, result.payload.mass_std)))
+    figures += [card(f"Change at {c.time:.2f} s", with_std(c.mass, c.mass_std)) for c in result.changes[-2:]]
+    return header(title, facts(about), cards(figures), notes=result.notes)
 
 
 def _found(result: Weighing, truth: Truth | None) -> Html:
@@ -90,35 +71,18 @@ def _found(result: Weighing, truth: Truth | None) -> Html:
 
 
 def _times(result: Weighing, truth: Truth | None) -> Iterator[Html]:
-    yield _plot("Mass over time", "Each point a quarter of a second at rest.", mass_figure(result, truth))
+    yield plot("Mass over time", "Each point a quarter of a second at rest.", mass_figure(result, truth))
     if len(com_figure(result).data):
         note = (
             "As the method had it at that time; it starts from the model's value, and anew after each change. The "
             "bands do not reckon with a way that it is still on."
         )
-        yield _plot("Centre of mass over time", note, com_figure(result, truth))
-    yield _plot("Forces of the ground", "Vertical, foot by foot, from joint torques.", force_figure(result))
+        yield plot("Centre of mass over time", note, com_figure(result, truth))
+    yield plot("Forces of the ground", "Vertical, foot by foot, from joint torques.", force_figure(result))
     if result.refusals:
         shown = result.refusals[:_MOST_REFUSALS]
         rows = (
             row(text(f"{r.begin:.2f} to {r.end:.2f} s"), element("td", text(r.reason), css="reason")) for r in shown
         )
-        more = len(result.refusals) - len(shown)
-        below = [element("p", text(f"and {more} more"), css="lead")] if more else []
-        yield element(
-            "section",
-            element("h2", text("Not weighed")),
-            table([text("time"), text("because")], rows, css="combinations"),
-            *below,
-        )
-
-
-def _plot(title: str, note: str, figure: go.Figure) -> Html:
-    return element(
-        "section", element("h2", text(title)), element("p", text(note), css="lead"), figure_html(figure, title)
-    )
-
-
-def _words() -> Html:
-    listed = (element("div", element("dt", text(name)), element("dd", text(is_))) for name, is_ in _TERMS.items())
-    return element("section", element("h2", text("How to read the numbers")), element("dl", *listed, css="terms"))
+        listed = table([text("time"), text("because")], rows, css="combinations")
+        yield listing("Not weighed", listed, len(result.refusals) - len(shown))
