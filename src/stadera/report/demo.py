@@ -14,7 +14,7 @@ from stadera.demo import DemoResult, DemoRun
 from stadera.experiments.loaded_walk import LoadedWalkOutcome
 from stadera.inertia import InertialParameters
 from stadera.report.numbers import number, with_std
-from stadera.report.weighing import plain
+from stadera.report.weighed import place, plain
 from stadera.supervise import State
 
 _CM = 100.0
@@ -120,11 +120,8 @@ def weighed_rows(outcome: LoadedWalkOutcome) -> Iterator[tuple[str, ...]]:
     """Name, mass and centre of mass of the payload as weighed, and as it is."""
     payload, load = outcome.payload, true_load(outcome)
     if payload is not None:
-        places = (
-            with_std(c, s) if np.isfinite(c) else "not observed"
-            for c, s in zip(payload.com, payload.com_std, strict=True)
-        )
-        yield "payload as weighed", with_std(payload.mass, payload.mass_std), *places
+        mass = with_std(payload.mass, payload.mass_std)
+        yield "payload as weighed", mass, *place(payload.com, payload.com_std)
     yield "truth", number(load.mass), *(number(round(c, 5)) for c in load.com.tolist())
 
 

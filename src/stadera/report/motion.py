@@ -13,14 +13,24 @@ from rich.text import Text
 
 from stadera.estimate.walking_result import Payload, TrunkParameters
 from stadera.report.numbers import number, with_std
-from stadera.report.weighing import plain
+from stadera.report.weighed import (
+    Body,
+    bodies_table,
+    figure,
+    place,
+    plain,
+    prior_body,
+    refusal_lines,
+    refusals_json,
+    timeline_json,
+    true_bodies,
+)
 from stadera.simulate.truth import Truth
 from stadera.weigh.in_motion import MotionWeighing
 
 METHOD = "walking"
 
 _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
-_MOST_REASONS = 3
 
 
 def motion_json(result: MotionWeighing) -> dict[str, Any]:
@@ -29,7 +39,6 @@ def motion_json(result: MotionWeighing) -> dict[str, Any]:
     Keys: robot, source, method, status, trunk, payload, changes, timeline, torque_lag, refused, notes, units. The
     inertia is about the trunk frame's origin, in its axes.
     """
-    line = result.timeline
     return {
         "robot": result.robot.name,
         "source": result.source,
@@ -46,15 +55,9 @@ def motion_json(result: MotionWeighing) -> dict[str, Any]:
             }
             for c in result.changes
         ],
-        "timeline": {
-            "time": plain(line.time),
-            "mass": plain(line.mass),
-            "mass_std": plain(line.mass_std),
-            "com": [plain(com) for com in line.com],
-            "com_std": [plain(std) for std in line.com_std],
-        },
+        "timeline": timeline_json(result.timeline),
         "torque_lag": {"value": result.torque_lag[0], "std": result.torque_lag[1]},
-        "refused": [{"begin": r.begin, "end": r.end, "reason": r.reason} for r in result.refusals],
+        "refused": refusals_json(result.refusals),
         "notes": list(result.notes),
         "units": {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_lag": "s"},
     }
@@ -64,22 +67,12 @@ def motion_tables(result: MotionWeighing, truth: Truth | None = None) -> Iterato
     """Trunk and payload, then the changes of the load, then what to be wary of."""
     whole = f"{result.begin:.2f} to {result.end:.2f} s, {result.status}"
     yield Text(f"{result.robot.name}, {result.source}: {whole}", style="bold")
-    table = Table(title="Weighed in motion", title_justify="left", title_style="bold")
-    table.add_column("trunk frame")
-    for heading in ("mass [kg]", "com x [m]", "com y [m]", "com z [m]"):
-        table.add_column(heading, justify="right")
-    for name, *figures in motion_rows(result, truth):
-        table.add_row(name, *figures)
-    yield table
+    yield bodies_table("Weighed in motion", motion_rows(result, truth))
     if result.changes:
         yield _changes(result)
     yield Text(lag_text(result), style="dim")
     yield from (Text(f"note: {note}", style="dim") for note in result.notes)
-    longest = sorted(result.refusals, key=lambda r: r.begin - r.end)[:_MOST_REASONS]
-    for refusal in sorted(longest, key=lambda r: r.begin):
-        yield Text(f"nothing learnt from {refusal.begin:.2f} to {refusal.end:.2f} s: {refusal.reason}", style="yellow")
-    if (more := len(result.refusals) - len(longest)) > 0:
-        yield Text(f"and {more} shorter times", style="yellow")
+    yield from refusal_lines("nothing learnt", result.refusals)
 
 
 def lag_text(result: MotionWeighing) -> str:
@@ -88,21 +81,16 @@ def lag_text(result: MotionWeighing) -> str:
     return f"torques arrive {with_std(lag, std)} ms late, as found; it is allowed for"
 
 
-def motion_rows(result: MotionWeighing, truth: Truth | None = None) -> Iterator[tuple[str, str, str, str, str]]:
+def motion_rows(result: MotionWeighing, truth: Truth | None = None) -> Iterator[Body]:
     """Name, mass, and centre of mass of the trunk of the model file, the trunk found, the payload, and the truth."""
-    prior, found = result.robot.inertias[result.robot.trunk], result.trunk
-    yield "trunk, CAD", number(prior.mass), *_exact(prior.com)
+    found, payload = result.trunk, result.payload
     std = np.sqrt(np.diag(found.covariance))
-    texts = [_figure(v, s) for v, s in zip([found.inertial.mass, *found.inertial.com], std, strict=True)]
-    yield "trunk with all on it", texts[0], texts[1], texts[2], texts[3]
-    if (payload := result.payload) is not None:
-        x, y, z = (_figure(v, s) for v, s in zip(payload.com, payload.com_std, strict=True))
-        yield "payload since the tare", with_std(payload.mass, payload.mass_std), x, y, z
-    if truth is not None:
-        last = truth.at(result.end)
-        yield "truth: trunk with all on it", number(last.mass), *_exact(np.array(last.com))
-        if last.payload_com is not None:
-            yield "truth: payload", number(last.payload_mass), *_exact(np.array(last.payload_com))
+    yield prior_body(result.robot.inertias[result.robot.trunk])
+    yield "trunk with all on it", figure(found.inertial.mass, std[0]), *place(found.inertial.com, std[1:])
+    if payload is not None:
+        mass = with_std(payload.mass, payload.mass_std)
+        yield "payload since the tare", mass, *place(payload.com, payload.com_std)
+    yield from true_bodies(truth, result.end)
 
 
 def inertia_rows(result: MotionWeighing) -> Iterator[tuple[str, str, str]]:
@@ -111,17 +99,8 @@ def inertia_rows(result: MotionWeighing) -> Iterator[tuple[str, str, str]]:
     for name, (i, j), std in zip(
         _TENSOR, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), found.inertia_std, strict=True
     ):
-        value = _figure(found.inertial.inertia_com[i, j], std)
+        value = figure(found.inertial.inertia_com[i, j], std)
         yield f"I{name}", number(prior.inertia_com[i, j]), value
-
-
-def _exact(com: Any) -> tuple[str, str, str]:
-    x, y, z = (number(round(float(value), 6)) for value in com)
-    return x, y, z
-
-
-def _figure(value: float, std: float) -> str:
-    return with_std(float(value), float(std)) if isfinite(std) and isfinite(value) else "not observed"
 
 
 def _quantity(value: float, std: float) -> dict[str, float | None]:

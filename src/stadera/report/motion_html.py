@@ -9,6 +9,7 @@ from stadera.report.motion import inertia_rows, lag_text, motion_rows
 from stadera.report.numbers import number, with_std
 from stadera.report.page import page_html
 from stadera.report.sections import card, cards, facts, header, listing, plot, words
+from stadera.report.weighed import HEADINGS
 from stadera.report.weighing_plots import com_figure, mass_figure
 from stadera.simulate.truth import Truth
 from stadera.weigh.in_motion import MotionWeighing
@@ -50,7 +51,7 @@ def _header(result: MotionWeighing, title: str) -> Html:
 
 
 def _found(result: MotionWeighing, truth: Truth | None) -> Html:
-    head = [text(title) for title in ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")]
+    head = [text(heading) for heading in HEADINGS]
     bodies = (row(text(name), *(text(figure) for figure in figures)) for name, *figures in motion_rows(result, truth))
     tensor = (row(text(name), text(prior), text(found)) for name, prior, found in inertia_rows(result))
     about = "The trunk's inertia about its centre of mass, trunk axes; the error bars are of that about the origin."

@@ -10,6 +10,7 @@ from stadera.report.markup import Html, element, row, table, text
 from stadera.report.numbers import number, with_std
 from stadera.report.page import figure_html, page_html
 from stadera.report.sections import card, cards, facts, header, listing, plot, words
+from stadera.report.weighed import HEADINGS
 from stadera.report.weighing import body_rows, rested
 from stadera.report.weighing_plots import balance_figure, com_figure, force_figure, mass_figure
 from stadera.simulate.truth import Truth
@@ -52,7 +53,7 @@ def _header(result: Weighing, title: str) -> Html:
 
 
 def _found(result: Weighing, truth: Truth | None) -> Html:
-    head = [text(title) for title in ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")]
+    head = [text(heading) for heading in HEADINGS]
     rows = (row(text(name), *(text(figure) for figure in figures)) for name, *figures in body_rows(result, truth))
     return element(
         "section",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from stadera.report.plots import short, styled
+from stadera.report.weighed import Known
 from stadera.simulate.truth import Truth
 from stadera.weigh.result import Refusal, Weighing
 
@@ -23,21 +24,6 @@ _AROUND = (0, 1, 3, 2)  # LF, RF, RH, LH: the feet in a row around the robot
 _GAP = 0.35  # s between blocks, from which a line breaks
 _MARGIN = 0.005  # m, around what is enlarged
 _LARGEST = 46  # px, the marker of the most loaded foot
-
-
-class Known(Protocol):
-    """What was known over time: mass and centre of mass with standard deviations, NaN where not observed."""
-
-    @property
-    def time(self) -> Array: ...
-    @property
-    def mass(self) -> Array: ...
-    @property
-    def mass_std(self) -> Array: ...
-    @property
-    def com(self) -> Array: ...
-    @property
-    def com_std(self) -> Array: ...
 
 
 class Timed(Protocol):
