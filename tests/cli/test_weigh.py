@@ -180,7 +180,6 @@ def without_orientation(recording: Recording) -> Recording:
 @pytest.mark.parametrize(
     ("spoil", "arguments", "said"),
     [
-        (lambda r: without(r, "imu"), (), "imu.angular_velocity.x"),
         (lambda r: without(r, "effort"), (), "lf_haa_joint.effort"),
         (lambda r: without(r, "velocity"), (), "lf_haa_joint.velocity"),
         (fewer_joints, (), "no column 'lf_haa_joint.position'"),

@@ -24,8 +24,12 @@ def weigh(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Of a robot that stands still, at least at times.")],
     robot: Annotated[str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.")],
     method: Annotated[
-        str, typer.Option(metavar="walking|contact|orientation|poses|combined", help="How; 'walking' needs no rest.")
-    ] = "contact",
+        str | None,
+        typer.Option(
+            metavar="walking|contact|orientation|poses|combined",
+            help="How; walking needs no rest, poses and combined no IMU [default: contact, or poses without an IMU].",
+        ),
+    ] = None,
     tare: Annotated[
         str | None,
         typer.Option(metavar="T0:T1|LOG", help="Time [s] in LOG, or another log, without the payload."),

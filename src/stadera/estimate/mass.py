@@ -117,7 +117,7 @@ def felt_by_mass(forces: ContactForces, measurement: Measurement, robot: Robot) 
     """
     up = measurement.up
     if measurement.vertical_by_forces:
-        return weight_felt(forces, robot, measurement.joint_position, up)[0]
+        return np.asarray(weight_felt(forces, robot, measurement.joint_position, up)[0])
     by_legs = leg_mass_slope(forces, robot, measurement.joint_position, up)[:3]
     slope = np.hstack([wrench_slope(forces)[:3], np.zeros((3, 3)), by_legs])
     return np.asarray(up @ slope / GRAVITY)

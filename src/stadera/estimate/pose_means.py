@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stadera.errors import ModelError
 from stadera.estimate.measurement import Measurement
+from stadera.estimate.stillness import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -90,7 +91,7 @@ class PoseMean:
             joint_velocity=np.zeros_like(self._q),
             effort=self._effort.copy(),
             angular_velocity=np.zeros(3),
-            specific_force=self._up / np.linalg.norm(self._up),
+            specific_force=GRAVITY * self._up / np.linalg.norm(self._up),
             rotation=None,
             foot_position=None if self._feet is None else self._feet.copy(),
         )

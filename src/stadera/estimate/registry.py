@@ -44,10 +44,12 @@ class Method:
     Attributes:
         summary: what it lives on, one line.
         make: an estimator of this kind.
+        needs_imu: it does not weigh by joints alone.
     """
 
     summary: str
     make: Callable[[Setup], Estimator]
+    needs_imu: bool = True
 
 
 def _orientation(setup: Setup) -> Estimator:
@@ -58,13 +60,17 @@ def _orientation(setup: Setup) -> Estimator:
 
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
-        "poses": Method("least squares over static poses", lambda s: PosesCom(s.robot, s.start, s.forces)),
+        "poses": Method(
+            "least squares over static poses", lambda s: PosesCom(s.robot, s.start, s.forces), needs_imu=False
+        ),
         "orientation": Method("steps by the trunk's orientation error under a known controller", _orientation),
         "contact": Method(
             "steps by the contact forces' line of action", lambda s: ContactCom(s.robot, s.start, s.forces)
         ),
         "combined": Method(
-            "static poses, with torque offsets and feet as unknowns", lambda s: CombinedCom(s.robot, s.start, s.forces)
+            "static poses, with torque offsets and feet as unknowns",
+            lambda s: CombinedCom(s.robot, s.start, s.forces),
+            needs_imu=False,
         ),
         "walking": Method(
             "every instant, whatever the motion; torque offsets as unknowns",

@@ -9,6 +9,9 @@ well, against the vertical v that the orientation, or else the gyro, carries alo
     v̇ = -ω x v + (f / |f| - v) / T,      a ≈ |f x v|      (f: specific force, trunk axes)
 
 so that a constant error of either is no acceleration.
+
+Without an IMU (`stadera.estimate.vertical`) ω = 0 and f is along the feet's forces: where feet do not slip, joints at
+rest hold the trunk at rest, and what is left to be watched is whether the forces' direction sways.
 """
 
 from __future__ import annotations
@@ -102,7 +105,7 @@ class StillnessGate:
             if reason:  # whatever moves or errs now says nothing of where the vertical will be
                 self._vertical = None
             else:
-                reason = self._pushed()
+                reason = self._pushed(by_forces=measurement.vertical_by_forces)
         if reason:
             self._reason, self._well_since = reason, np.inf
             return reason
@@ -150,11 +153,11 @@ class StillnessGate:
             joint = int(speed.argmax())
             return f"joint {self._joints[joint]!r} moves at {speed[joint]:.3f} rad/s, more than {limits.joint_velocity}"
         push = sqrt(ax * ax + ay * ay + az * az) - GRAVITY
-        if abs(push) > limits.specific_force:
+        if abs(push) > limits.specific_force and not m.vertical_by_forces:
             return f"the trunk accelerates: specific force {push:+.2f} m/s² off gravity"
         return self._slipped(m, forces)
 
-    def _pushed(self) -> str:
+    def _pushed(self, *, by_forces: bool) -> str:
         """Across the vertical."""
         if self._vertical is None:
             return ""
@@ -163,6 +166,8 @@ class StillnessGate:
         across = sqrt(max(square, 0.0))
         if across <= self.limits.specific_force:
             return ""
+        if by_forces:
+            return f"the direction of the feet's forces sways by {np.degrees(across / GRAVITY):.1f}°"
         return f"the trunk accelerates: specific force {across:.2f} m/s² across the vertical"
 
     def _slipped(self, m: Measurement, forces: ContactForces) -> str:

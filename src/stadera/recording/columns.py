@@ -133,7 +133,8 @@ def _imu(names: Sequence[str], source: str, required: bool) -> tuple[dict[str, t
     needed = absent["angular_velocity"] + absent["linear_acceleration"]
     if needed:
         if required:
-            raise _missing(needed[0], names, source)
+            others = f"; nor {_listed(needed[1:])}" if needed[1:] else ""
+            raise RecordingError(f"{_missing(needed[0], names, source)}{others}")
         some = any(column in names for columns in IMU_COLUMNS.values() for column in columns)
         return {}, (f"left out the IMU: no column {_listed(needed)}",) if some else ()
     kept = {key: columns for key, columns in IMU_COLUMNS.items() if not absent[key]}

@@ -25,6 +25,7 @@ from stadera.estimate.walking_samples import Samples
 from stadera.recording import LogFile, stream
 from stadera.robot.model import Robot
 from stadera.weigh.diagnosis import checked
+from stadera.weigh.imu import require_imu
 from stadera.weigh.result import Refusal
 
 Array = NDArray[np.float64]
@@ -145,6 +146,7 @@ class _Reading:
     def read(self, log: LogFile, tare: tuple[float, float] | None = None) -> None:
         """Takes a log in; a new tare at the end of its time, if there is one."""
         told = f"weighing {log.name}"
+        require_imu(log, self.robot, "walking")
         for chunk in stream(log, joints=self.robot.tree.joints, require=("velocity", "effort", "imu")):
             self._notes |= dict.fromkeys((*chunk.notes, *checked(chunk, self.robot, self._frame)))
             samples = Samples.of_recording(chunk, self.robot, self._frame)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +90,26 @@ class Balance:
 
 
 @dataclass(frozen=True, eq=False)
+class Vertical:
+    """Where up was in the trunk at the end, and who says so.
+
+    Attributes:
+        source: "imu", or "forces" of the feet where there is no IMU.
+        up: (3,), unit vector, trunk axes.
+        std: (3,), of its components, constant errors included.
+    """
+
+    source: Literal["imu", "forces"]
+    up: Array
+    std: Array
+
+    @property
+    def tilt_std(self) -> float:
+        """By how much it may be tilted, root of the mean square of both directions [rad]."""
+        return float(np.linalg.norm(self.std) / np.sqrt(2.0))
+
+
+@dataclass(frozen=True, eq=False)
 class Weighing:
     """What a weighing found. Trunk: with all that is on it, as it was at the end of the log.
 
@@ -105,6 +126,7 @@ class Weighing:
         refusals: when the log could not be weighed by, and why, in order.
         begin, end: of the log [s].
         balance: see `Balance`.
+        vertical: see `Vertical`.
         notes: one sentence each.
     """
 
@@ -123,6 +145,7 @@ class Weighing:
     begin: float
     end: float
     balance: Balance
+    vertical: Vertical
     notes: tuple[str, ...] = ()
 
     @property

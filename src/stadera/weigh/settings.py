@@ -17,7 +17,8 @@ class WeighSettings:
     """How to weigh.
 
     Attributes:
-        method: of finding the centre of mass, a name of `stadera.estimate.registry.METHODS`.
+        method: of finding the centre of mass, a name of `stadera.estimate.registry.METHODS`; None for "contact", or
+            "poses" where the log has no IMU.
         tare: a range of the log's time [s], or another log, in which the robot stands without its payload.
         imu_frame: in which the IMU's values are; None for the log's own, else the model's.
         stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method "orientation".
@@ -28,13 +29,13 @@ class WeighSettings:
             of time that is none.
     """
 
-    method: str = "contact"
+    method: str | None = None
     tare: tuple[float, float] | Path | LogFile | None = None
     imu_frame: str | None = None
     stiffness: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
+        if self.method is not None and self.method not in METHODS:
             raise UnknownNameError("method", self.method, METHODS)
         if self.method == "orientation" and self.stiffness is None:
             raise IdentificationError(

@@ -23,10 +23,12 @@ from stadera.estimate.orientation import PostureLaw
 from stadera.estimate.pose_means import Alike, PoseMean
 from stadera.estimate.protocol import Estimator, Status, TrunkEstimate
 from stadera.estimate.registry import Setup, make_estimator
+from stadera.estimate.vertical import measurements_without_imu
 from stadera.recording import LogFile, stream
 from stadera.robot.model import Robot
 from stadera.weigh.changes import changes_between, levels, loads
 from stadera.weigh.diagnosis import checked
+from stadera.weigh.imu import has_imu, method_for, vertical_at, without_imu_note
 from stadera.weigh.payload import PayloadEstimate, payload_between
 from stadera.weigh.rest import Block, MeanMass, Rest, times_at_rest
 from stadera.weigh.result import Balance, Timeline, Weighing
@@ -45,12 +47,14 @@ def weigh(robot: Robot, log: Log, settings: WeighSettings | None = None, progres
 
     Args:
         robot: whose legs are believed in; its trunk is where the centre of mass is looked for from.
-        log: of joint positions, velocities and torques and of an IMU; a LogFile chooses among a bag's topics.
+        log: of joint positions, velocities and torques, and of an IMU where there is one; a LogFile chooses among a
+            bag's topics.
         settings: None for the defaults.
         progress: told how many samples are done.
 
     Raises:
-        RecordingError: a log that cannot be read or lacks a joint, its velocity or torque, or the IMU.
+        RecordingError: a log that cannot be read or lacks a joint, its velocity or torque, or the IMU that the
+            method needs.
         IdentificationError: signs, orders or frames of the log are wrong, the robot never stands still, or not in the
             tare's time.
     """
@@ -89,6 +93,7 @@ class _Weighing:
         self.robot, self.log, self.settings = robot, LogFile.of(log), settings
         self.forces = ContactForceEstimator(robot, legs=MeasuredLegs(robot))
         self.errors = ConstantErrors.of(self.forces.noise)
+        self.method = method_for(self.log, robot, self.settings)
         self._progress = progress
         self._notes: dict[str, None] = {}
 
@@ -106,10 +111,12 @@ class _Weighing:
         covariance = final.covariance[1:, 1:]
         com = np.where(np.isnan(np.diag(covariance)), np.nan, final.trunk.com_trunk)
         changes = changes_between(means, self.errors)
+        vertical = vertical_at(load_poses.means[-1], self.forces, self.errors)
+        said = (without_imu_note(vertical),) if vertical.source == "forces" else ()
         return Weighing(
             robot=self.robot,
             source=str(self.log),
-            method=self.settings.method,
+            method=self.method,
             status=str(final.status),
             mass=means[-1].mass,
             mass_std=means[-1].std(self.errors),
@@ -122,15 +129,24 @@ class _Weighing:
             begin=rest.begin,
             end=rest.end,
             balance=self._balance(load_poses.means[-1].measurement, final, means[-1].mass),
-            notes=tuple(self._notes),
+            vertical=vertical,
+            notes=(*said, *self._notes),
         )
 
     # -- the log ----------------------------------------------------------------------------------------------
     def _measurements(self, log: LogFile, what: str) -> Iterator[Measurement]:
         joints, done = self.robot.tree.joints, 0
-        for chunk in stream(log, joints=joints, require=("velocity", "effort", "imu")):
+        for chunk in stream(log, joints=joints, require=("velocity", "effort")):
             self._notes |= dict.fromkeys((*chunk.notes, *checked(chunk, self.robot, self.settings.imu_frame)))
-            for m in measurements_of(chunk, self.robot, self.settings.imu_frame):
+            if chunk.imu is None:
+                if log is not self.log:
+                    self._notes["no IMU in the tare's log: its vertical is by the direction of the feet's forces"] = (
+                        None
+                    )
+                measurements = measurements_without_imu(chunk, self.robot)
+            else:
+                measurements = measurements_of(chunk, self.robot, self.settings.imu_frame)
+            for m in measurements:
                 done += 1
                 if self._progress and done % _TOLD_EVERY == 0:
                     self._progress(what, done, 0)
@@ -139,7 +155,10 @@ class _Weighing:
     def _rest(self, log: LogFile) -> Rest:
         rest = times_at_rest(self._measurements(log, f"looking for rest in {log.name}"), self.forces)
         if not rest.blocks:
-            raise IdentificationError(f"{log}: the robot never stands still, nothing to weigh by: {rest.usual_reason}")
+            alone = "" if has_imu(log, self.robot) else "; the log has no IMU, without which only rest is weighed by"
+            raise IdentificationError(
+                f"{log}: the robot never stands still, nothing to weigh by: {rest.usual_reason}{alone}"
+            )
         return rest
 
     # -- tare -------------------------------------------------------------------------------------------------
@@ -199,7 +218,7 @@ class _Weighing:
                     reference = m.rotation
                 else:
                     starts.pop(0)
-                estimator = make_estimator(self.settings.method, self._setup(reference))
+                estimator = make_estimator(self.method, self._setup(reference))
             estimator.update(m)
             for blocks, poses in within:
                 if blocks.has(m.time):
@@ -210,7 +229,7 @@ class _Weighing:
 
     def _setup(self, reference: Array | None) -> Setup:
         stiffness = self.settings.stiffness
-        if self.settings.method != "orientation" or stiffness is None:
+        if self.method != "orientation" or stiffness is None:
             return Setup(self.robot, forces=self.forces)
         if reference is None:
             raise IdentificationError(f"{self.log}: the method 'orientation' needs columns imu.orientation.x, ...")
@@ -220,14 +239,12 @@ class _Weighing:
 
     def _judge(self, final: TrunkEstimate) -> None:
         if isnan(final.time):
-            self._notes[f"the method {self.settings.method!r} found no centre of mass: {final.reason or 'no rest'}"] = (
-                None
-            )
+            self._notes[f"the method {self.method!r} found no centre of mass: {final.reason or 'no rest'}"] = None
         elif final.status is Status.REFUSED:
             self._notes[f"the centre of mass is the last good one: {final.reason}"] = None
         elif final.status is not Status.CONVERGED:
             self._notes[
-                f"the method {self.settings.method!r} had not settled by its own rule at the end of the log; a longer "
+                f"the method {self.method!r} had not settled by its own rule at the end of the log; a longer "
                 "rest, or poses with the trunk tilted for those that live on poses, would tell more"
             ] = None
 
