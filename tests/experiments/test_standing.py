@@ -23,7 +23,8 @@ from stadera.experiments import (
 )
 from stadera.experiments.fig6 import Trajectory
 from stadera.experiments.result import Record
-from stadera.experiments.standing import StandingCase, StandingOutcome, hip_spacing, load_point, stand, start_belief
+from stadera.experiments.standing import stand
+from stadera.experiments.standing_case import StandingCase, StandingOutcome, hip_spacing, load_point, start_belief
 from stadera.experiments.standing_runs import run_cases
 from stadera.robot import load_robot
 from stadera.sim import Gaussian

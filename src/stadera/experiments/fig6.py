@@ -24,7 +24,7 @@ from stadera.experiments.result import (
     Steps,
     TableData,
 )
-from stadera.experiments.standing import load_point
+from stadera.experiments.standing_case import load_point
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.sim import IDEAL, Plant, Sensors, VirtualForce

@@ -11,7 +11,8 @@ import numpy as np
 
 from stadera.errors import StaderaError
 from stadera.experiments.result import Cell, Progress, Record
-from stadera.experiments.standing import StandingCase, StandingOutcome, stand
+from stadera.experiments.standing import stand
+from stadera.experiments.standing_case import StandingCase, StandingOutcome
 
 _PROCESSES = 2
 _ALONE = 2  # cases, up to which starting processes takes longer than it saves

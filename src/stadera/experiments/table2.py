@@ -19,7 +19,7 @@ from stadera.experiments.result import (
     ReproduceSettings,
     TableData,
 )
-from stadera.experiments.standing import StandingCase, StandingOutcome
+from stadera.experiments.standing_case import StandingCase, StandingOutcome
 from stadera.experiments.standing_runs import METHOD_NAMES, error_cell, run_cases
 from stadera.robot import load_robot
 from stadera.sim.model import GRAVITY
@@ -49,6 +49,8 @@ _NOTES = (
     "(a) and (b) find the height as well: (a) tilts the trunk from pose to pose, (b) in its second phase. Forces in "
     "one pose, (c), do not show it.",
 )
+_PLANE_NOTE = f"In brackets the paper's. Bound: {_BOUND:.2f} cm in every cell."
+_HEIGHT_NOTE = f"In brackets the paper's, which names one figure a method. Bound: {_HEIGHT_BOUND:.1f} cm."
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
@@ -65,9 +67,9 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     shares = {id(o): o.case.load / weights[o.case.robot] for o in rest}
     plane = [_plane_record(o) for o in hyq]
     height = [_height_record(o) for o in hyq if o.case.method in _PAPER_HEIGHT]
-    tables = [_plane_table(plane)]
+    tables = [_by_method("Error in x-y", "‖δ‖ [cm]", plane, _PLANE_NOTE)]
     if height:
-        tables.append(_height_table(height))
+        tables.append(_by_method("Error of the height", "|δ_z| [cm]", height, _HEIGHT_NOTE))
     if rest:
         tables.append(_robots_table(rest, shares))
     return ExperimentResult(
@@ -133,24 +135,14 @@ def _robot_records(o: StandingOutcome, share: float) -> Iterator[Record]:
     yield Record(NAME, case, "error of the trunk's mass", "kg", abs(o.mass_error))
 
 
-def _plane_table(records: list[Record]) -> TableData:
+def _by_method(title: str, error: str, records: list[Record], note: str) -> TableData:
+    """A row a method, a column a load."""
     loads = tuple(dict.fromkeys(r.case["load [N]"] for r in records))
-    rows = []
-    for method in dict.fromkeys(r.case["method"] for r in records):
-        rows.append((Cell(str(method)), *(error_cell(r) for r in records if r.case["method"] == method)))
-    head = ("‖δ‖ [cm]", *(f"{load:g} N" for load in loads))
-    note = f"In brackets the paper's. Bound: {_BOUND:.2f} cm in every cell."
-    return TableData("Error in x-y", head, (("", tuple(rows)),), note)
-
-
-def _height_table(records: list[Record]) -> TableData:
-    loads = tuple(dict.fromkeys(r.case["load [N]"] for r in records))
-    rows = []
-    for method in dict.fromkeys(r.case["method"] for r in records):
-        rows.append((Cell(str(method)), *(error_cell(r) for r in records if r.case["method"] == method)))
-    head = ("|δ_z| [cm]", *(f"{load:g} N" for load in loads))
-    note = f"In brackets the paper's, which names one figure a method. Bound: {_HEIGHT_BOUND:.1f} cm."
-    return TableData("Error of the height", head, (("", tuple(rows)),), note)
+    rows = tuple(
+        (Cell(str(method)), *(error_cell(r) for r in records if r.case["method"] == method))
+        for method in dict.fromkeys(r.case["method"] for r in records)
+    )
+    return TableData(title, (error, *(f"{load:g} N" for load in loads)), (("", rows),), note)
 
 
 def _robots_table(outcomes: list[StandingOutcome], shares: Mapping[int, float]) -> TableData:

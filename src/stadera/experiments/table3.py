@@ -16,7 +16,7 @@ from stadera.experiments.result import (
     ReproduceSettings,
     TableData,
 )
-from stadera.experiments.standing import START, StandingCase, StandingOutcome
+from stadera.experiments.standing_case import START, StandingCase, StandingOutcome
 from stadera.experiments.standing_runs import error_cell, run_cases
 
 NAME = "table3"

@@ -21,7 +21,8 @@ from stadera.experiments.result import (
     ReproduceSettings,
     TableData,
 )
-from stadera.experiments.standing import StandingCase, StandingOutcome, poses_of
+from stadera.experiments.standing import poses_of
+from stadera.experiments.standing_case import StandingCase, StandingOutcome
 from stadera.experiments.standing_runs import METHOD_NAMES, error_cell, median, run_cases
 from stadera.robot import Robot, load_robot
 from stadera.sim import Gaussian, with_foot_position, with_torque_offset

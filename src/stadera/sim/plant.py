@@ -23,18 +23,18 @@ from numpy.typing import ArrayLike, NDArray
 from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Robot
+from stadera.sim.contacts import Contacts
 from stadera.sim.model import joint_offsets, set_body_inertia
 from stadera.sim.payload import DroppedBox, Payload, RigidMass, Tray, VirtualForce
 from stadera.sim.state import TrueState
 from stadera.sim.terrain import Terrain
-from stadera.sim.world import GROUND, TRAY, box_body, build_world, foot_geom, foot_radius
+from stadera.sim.world import box_body, build_world, foot_radius
 
 Array = NDArray[np.float64]
 
 _FREE_POSITIONS, _FREE_VELOCITIES = 7, 6
 _XYZW = np.array([1, 2, 3, 0])
 _WXYZ = np.array([3, 0, 1, 2])
-_LEAST_NORMAL = 1e-9  # N, that a contact counts by when its place is averaged
 
 
 class SimulationError(StaderaError):
@@ -85,7 +85,7 @@ class Plant:
             mujoco.mju_normalize4(quat)
         self._data.qpos[3:7], self._data.qpos[self._q] = quat, q
         mujoco.mj_kinematics(self._model, self._data)
-        gaps = self.terrain.clearance(self._data.geom_xpos[self._feet]) - self._radii
+        gaps = self.terrain.clearance(self._data.geom_xpos[self._contacts.feet]) - self._radii
         if not isfinite(gaps.min()):
             raise SimulationError("there is no ground under the robot to be reset on")
         self._data.qpos[2] -= gaps.min() / self.terrain.normal[2]
@@ -140,7 +140,7 @@ class Plant:
         boxes = 0
         for payload in self._payloads:
             if isinstance(payload, DroppedBox):
-                if self._on_tray(boxes):
+                if self._contacts.box_on_tray(self._data, boxes):
                     total = total + payload.parameters.transformed(*self._box_pose(boxes))
                 boxes += 1
             else:
@@ -183,8 +183,7 @@ class Plant:
     @property
     def trunk_on_ground(self) -> bool:
         """Whether the trunk's back, the tray, touches the ground: the robot lies."""
-        pairs = self._data.contact.geom.tolist()
-        return any(self._tray_geom in pair and not self._ground.isdisjoint(pair) for pair in pairs)
+        return self._contacts.tray_on_ground(self._data)
 
     @property
     def boxes(self) -> tuple[tuple[Array, Array], ...]:
@@ -196,7 +195,7 @@ class Plant:
     def state(self) -> TrueState:
         """Everything that is true now."""
         data = self._data
-        points, forces, touching = self._ground_contacts()
+        points, forces, touching = self._contacts.of_feet(data)
         return TrueState(
             time=self.time,
             position=np.array(data.qpos[:3]),
@@ -209,7 +208,7 @@ class Plant:
             joint_velocity=self.joint_velocity,
             joint_acceleration=np.array(data.qacc[self._v]),
             effort=self.effort,
-            foot_position=np.array(data.geom_xpos[self._feet]),
+            foot_position=np.array(data.geom_xpos[self._contacts.feet]),
             contact_point=points,
             foot_force=forces,
             foot_contact=touching,
@@ -224,10 +223,7 @@ class Plant:
         self._q = slice(_FREE_POSITIONS, _FREE_POSITIONS + n)
         self._v = slice(_FREE_VELOCITIES, _FREE_VELOCITIES + n)
         self._trunk = self._model.body(self.robot.trunk).id
-        self._tray_geom = self._model.geom(TRAY).id
-        self._ground = frozenset(g for g in range(self._model.ngeom) if self._model.geom(g).name.startswith(GROUND))
-        self._feet = np.array([self._model.geom(foot_geom(leg)).id for leg in self.robot.legs])
-        self._leg_of_geom = {int(geom): k for k, geom in enumerate(self._feet)}
+        self._contacts = Contacts(self._model, self.robot)
         self._radii = np.array([foot_radius(leg) for leg in self.robot.legs])
         self._load_trunk()
         self._data.qfrc_applied[self._v] = -joint_offsets(self.robot, self.robot.tree)
@@ -281,38 +277,6 @@ class Plant:
         trunk = np.array(self._data.xmat[self._trunk]).reshape(3, 3)
         rotation = trunk.T @ np.array(self._data.xmat[body]).reshape(3, 3)
         return rotation, trunk.T @ (self._data.xpos[body] - self._data.xpos[self._trunk])
-
-    def _on_tray(self, index: int) -> bool:
-        pair = {self._tray_geom, self._model.geom(box_body(index)).id}
-        return any({int(a), int(b)} == pair for a, b in self._data.contact.geom)
-
-    def _ground_contacts(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Where the ground acts on the feet, how, and whether; a foot on several stones gets their sum, at the mean of
-        their points by normal force.
-        """
-        count = len(self._feet)
-        points, forces, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
-        touching = np.zeros(count, dtype=bool)
-        contact, efc_force = self._data.contact, self._data.efc_force
-        geoms, frames, positions = contact.geom, contact.frame.reshape(-1, 3, 3), contact.pos
-        for k, address in enumerate(contact.efc_address):
-            first, second = geoms[k].tolist()
-            # MuJoCo sorts the pair by the kind of geom: a plane comes before a sphere, a box after it
-            sign, foot = (1.0, second) if first in self._ground else (-1.0, first)
-            leg = self._leg_of_geom.get(foot)
-            if leg is None or address < 0 or not (first in self._ground or second in self._ground):
-                continue
-            # The frame's rows are its axes in the world, the first from the first geom to the second. With elliptic
-            # cones the constraint forces are the contact force on the second in this frame.
-            force = efc_force[address : address + 3]
-            weight = max(float(force[0]), _LEAST_NORMAL)
-            forces[leg] += sign * (force @ frames[k])
-            points[leg] += weight * positions[k]
-            weights[leg] += weight
-            touching[leg] = True
-        points[touching] /= weights[touching, None]
-        points[~touching] = np.nan
-        return points, forces, touching
 
     def _checked(self, values: ArrayLike, what: str) -> Array:
         array = np.asarray(values, dtype=float)
