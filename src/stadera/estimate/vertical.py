@@ -60,10 +60,12 @@ def vertical_by_forces(
     feet = foot_positions(robot, position)
     radii = np.array([[leg.foot_radius] for leg in robot.legs])
     flat = least_determinant(robot)
+    away = -feet.mean(axis=1)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
 
     def solved(carrying: Bools) -> tuple[Array, Array, Array]:
         """Vertical, sum of the forces, and each foot's force along the ground's normal."""
-        normal = ground_normal(feet, carrying, -feet.mean(axis=1))
+        normal = ground_normal(feet, carrying, away)
         jacobian = point_jacobians(axes, origins, feet - radii * normal[:, None, :])
         felt = carrying & (np.abs(np.linalg.det(jacobian)) >= flat)
         transposed = np.where(felt[..., None, None], np.swapaxes(jacobian, -1, -2), np.eye(3))

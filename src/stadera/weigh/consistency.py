@@ -3,8 +3,8 @@
 Three witnesses speak of the vertical in trunk axes, and none of them needs the others: the accelerometer, along â; the
 ground's forces that the torques say, Σ f = m a on average; the plane through the feet that the encoders say, up to the
 ground's slope. The forces tell besides what the robot weighs, Σ f · â / |a|, what each leg carries, and by their moment
-where the centre of mass is. A `Picture` holds these figures, `faults` says which of them are impossible, `cost` how
-unlikely they are together.
+where the centre of mass is. Without an IMU two witnesses are left, and â is along the forces themselves. A `Picture`
+holds these figures, `faults` says which of them are impossible, `cost` how unlikely they are together.
 
 Legs' accelerations are left out: over steps they cancel, and at rest there are none.
 """
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.estimate.contact import ground_normal
+from stadera.estimate.vertical import vertical_by_forces
 from stadera.regressors.motion import STANDARD_GRAVITY
 from stadera.robot.kinematics import foot_positions, forward_kinematics, joint_axes, point_jacobians
 from stadera.robot.model import Robot
@@ -46,13 +47,13 @@ class Sensed:
     Attributes:
         time: (samples,) [s].
         position: (samples, n) [rad]. effort: (samples, n) [N·m].
-        specific_force: (samples, 3) [m/s²], trunk axes.
+        specific_force: (samples, 3) [m/s²], trunk axes; None without an IMU.
     """
 
     time: Array
     position: Array
     effort: Array
-    specific_force: Array
+    specific_force: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,7 @@ class Picture:
         alike: how much the feet's plane tilts as it does: 1 the same, 0 otherwise, -1 the other way round.
         alike_turned: the most of that, were the plane turned by a multiple of 90° or mirrored.
         size: of the feet's rectangle in the nominal stance, half its diagonal [m].
+        imu: whether there is one; else the forces' direction is taken for the accelerometer's.
     """
 
     robot: Robot
@@ -90,6 +92,7 @@ class Picture:
     alike: float
     alike_turned: float
     size: float
+    imu: bool = True
 
     @property
     def weight(self) -> float:
@@ -134,8 +137,9 @@ class Picture:
         if self.force_angle > _FORCE_ANGLE:
             yield f"the feet's forces are {np.degrees(self.force_angle):.0f}° off the accelerometer's vertical"
         if self.plane_angle > _PLANE_ANGLE:
-            yield f"the feet's plane is {np.degrees(self.plane_angle):.0f}° off the accelerometer's vertical"
-        if self.tilt > _TILT and self.alike < _UNLIKE and self.alike_turned > _LIKE:
+            other = "the accelerometer's vertical" if self.imu else "the direction of their forces"
+            yield f"the feet's plane is {np.degrees(self.plane_angle):.0f}° off {other}"
+        if self.imu and self.tilt > _TILT and self.alike < _UNLIKE and self.alike_turned > _LIKE:
             yield f"the feet's plane does not tilt as the IMU does, which tilts by {np.degrees(self.tilt):.1f}°"
         off = float(np.linalg.norm(self.off_centre))
         if off > _OFF_CENTRE * self.size and self.weighs > _LIGHTEST * robot.mass:
@@ -164,8 +168,9 @@ class Painter:
 
     def paint(self, sensed: Sensed) -> Picture:
         """The figures of what was sensed."""
-        force, contact = self._forces(sensed)
-        mean_a = sensed.specific_force.mean(axis=0)
+        a = self._by_forces(sensed) if sensed.specific_force is None else sensed.specific_force
+        force, contact = self._forces(sensed, a)
+        mean_a = a.mean(axis=0)
         up = mean_a / np.linalg.norm(mean_a)
         legs = force.mean(axis=0)
         total = legs.sum(axis=0)
@@ -178,7 +183,7 @@ class Painter:
         model = self._share * self._com + (1.0 - self._share) * middle
         off = (centre - model) - up * ((centre - model) @ up)
         normal = _plane(contact)
-        tilt, alike, turned = _tilts(sensed, contact)
+        tilt, alike, turned = _tilts(sensed.time, a, contact)
         beyond = np.maximum(np.maximum(sensed.position - self._upper, self._lower - sensed.position), 0.0)
         return Picture(
             robot=self.robot,
@@ -195,14 +200,19 @@ class Painter:
             alike=alike,
             alike_turned=turned,
             size=self._size,
+            imu=sensed.specific_force is not None,
         )
 
-    def _forces(self, sensed: Sensed) -> tuple[Array, Array]:
+    def _by_forces(self, sensed: Sensed) -> Array:
+        """What an accelerometer would have read if the feet's forces were along the vertical, (samples, 3)."""
+        still = np.zeros_like(sensed.position)
+        return STANDARD_GRAVITY * vertical_by_forces(self.robot, sensed.position, still, sensed.effort)[0]
+
+    def _forces(self, sensed: Sensed, a: Array) -> tuple[Array, Array]:
         """Forces on the feet [N] and contacts [m], trunk frame, (samples, 4, 3), at rest in the specific force a.
 
         A joint bears the links below it, h_j = s_j · Σ (c_l - o_j) x m_l a, and f = J^-T (h - τ).
         """
-        a = sensed.specific_force
         rotations, origins = forward_kinematics(self.robot.tree, sensed.position)
         axes, places = joint_axes(self.robot, sensed.position)  # (samples, 4, 3, joints)
         bears = np.zeros((len(a), 4, 3))
@@ -231,19 +241,19 @@ def _plane(contact: Array) -> Array:
     return np.asarray(ground_normal(feet, np.ones(4, dtype=bool), -feet.mean(axis=0)))
 
 
-def _tilts(sensed: Sensed, contact: Array) -> tuple[float, float, float]:
+def _tilts(time: Array, specific_force: Array, contact: Array) -> tuple[float, float, float]:
     """How much the accelerometer tilts [rad], how alike the feet's plane does, and were it turned or mirrored at most.
 
     By the means of blocks in which the trunk is hardly accelerated, trunk's x-y; no tilt where there are too few.
     """
-    block = blocks_of(sensed.time)
-    size = np.linalg.norm(sensed.specific_force, axis=1)
+    block = blocks_of(time)
+    size = np.linalg.norm(specific_force, axis=1)
     loud = np.zeros(block[-1] + 1)
     np.maximum.at(loud, block, np.abs(size - STANDARD_GRAVITY))
     quiet = loud < _QUIET
     if quiet.sum() < _FEWEST_BLOCKS:
         return 0.0, 1.0, 1.0
-    a = block_means(sensed.specific_force, block)[quiet]
+    a = block_means(specific_force, block)[quiet]
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     feet = block_means(contact.reshape(len(contact), 12), block)[quiet].reshape(-1, 4, 3)
     plane = ground_normal(feet, np.ones((len(feet), 4), dtype=bool), -feet.mean(axis=1))

@@ -63,8 +63,8 @@ def diagnose(recording: Recording, robot: Robot, imu_frame: str | None = None) -
     """What is wrong with a log of a robot that is on its feet, standing or walking.
 
     Args:
-        recording: with all of the robot's joints for more than dropouts to be found; with efforts and an IMU for more
-            than limits of joints.
+        recording: with all of the robot's joints and efforts for more than dropouts to be found; without an IMU torques
+            are held against the encoders alone.
         robot: its model.
         imu_frame: in which the IMU's values are; None for the recording's own, else the model's.
 
@@ -79,10 +79,13 @@ def diagnose(recording: Recording, robot: Robot, imu_frame: str | None = None) -
         return tuple(found)
     gravity = tuple(_gravity(recording.imu)) if recording.imu is not None else ()
     found += gravity
-    if recording.imu is not None and recording.effort is not None and not gravity:
-        mount = ImuMount.of(robot, imu_frame or recording.imu.frame)
+    if recording.effort is None or gravity:
+        return tuple(found)
+    if recording.imu is None:
+        found += _contradictions(recording, robot, None)
+    else:
         found += _orientation(recording.imu, recording.time)
-        found += _contradictions(recording, robot, mount)
+        found += _contradictions(recording, robot, ImuMount.of(robot, imu_frame or recording.imu.frame))
     return tuple(found)
 
 
@@ -215,7 +218,7 @@ def _up(xyzw: Array) -> Array:
 # -- all sensors together -------------------------------------------------------------------------------------------
 
 
-def _contradictions(recording: Recording, robot: Robot, mount: ImuMount) -> Iterator[Finding]:
+def _contradictions(recording: Recording, robot: Robot, mount: ImuMount | None) -> Iterator[Finding]:
     painter = Painter(robot)
     now = painter.paint(_sensed(recording, robot, mount, MOST_SAMPLES))
     faults = list(now.faults())
@@ -234,11 +237,14 @@ def _contradictions(recording: Recording, robot: Robot, mount: ImuMount) -> Iter
         said = f"{found.suspect.text}{others}: as recorded, {_told(faults)}; otherwise {_fits(found.picture)}"
         yield Finding(found.suspect.cause, said)
         return
-    yield Finding("contradiction", f"encoders, torques and IMU contradict each other: {_told(faults)}{_witness(now)}")
+    who = "encoders, torques and IMU" if now.imu else "encoders and torques"
+    yield Finding("contradiction", f"{who} contradict each other: {_told(faults)}{_witness(now)}")
 
 
 def _witness(now: Picture) -> str:
     """Which one of three witnesses of the vertical stands alone."""
+    if not now.imu:
+        return "; check the joints' names, and the torques' signs and units"
     close, far = np.radians(15.0), np.radians(25.0)
     if now.plane_force_angle < close and now.plane_angle > far:
         return "; the feet's plane and their forces agree, so that it is the IMU's frame that seems wrong"
@@ -249,15 +255,16 @@ def _witness(now: Picture) -> str:
     return "; check the joints' names, the torques' signs and units, and the IMU's frame"
 
 
-def _sensed(recording: Recording, robot: Robot, mount: ImuMount, most: int) -> Sensed:
+def _sensed(recording: Recording, robot: Robot, mount: ImuMount | None, most: int) -> Sensed:
     joints = robot.tree.joints
-    imu = recording.imu
-    assert imu is not None
+    imu, force = recording.imu, None
+    if imu is not None and mount is not None:
+        force = _thin(imu.linear_acceleration, most) @ mount.rotation.T
     return Sensed(
         time=_thin(recording.time, most),
         position=_thin(recording.channel("position", joints), most),
         effort=_thin(recording.channel("effort", joints), most),
-        specific_force=_thin(imu.linear_acceleration, most) @ mount.rotation.T,
+        specific_force=force,
     )
 
 

@@ -60,7 +60,7 @@ class Verdict:
 def verdict(sensed: Sensed, painter: Painter, now: Picture) -> Verdict | None:
     """Which suspect explains the contradictions; None where none does."""
     fitting: list[tuple[float, Suspect, Picture]] = []
-    for suspect in suspects(painter.robot):
+    for suspect in suspects(painter.robot, imu=now.imu):
         picture = painter.paint(suspect.undo(sensed))
         if picture.cost <= MUCH_BETTER * now.cost and not any(picture.faults()):
             fitting.append((picture.cost, suspect, picture))
@@ -73,11 +73,12 @@ def verdict(sensed: Sensed, painter: Painter, now: Picture) -> Verdict | None:
     return Verdict(best, picture, others)
 
 
-def suspects(robot: Robot) -> Iterator[Suspect]:
-    """All suspects, simpler ones first."""
+def suspects(robot: Robot, *, imu: bool = True) -> Iterator[Suspect]:
+    """All suspects, simpler ones first; those of the IMU where there is one."""
     yield from _signs(robot)
     yield from _orders(robot)
-    yield from _turns()
+    if imu:
+        yield from _turns()
 
 
 def _signs(robot: Robot) -> Iterator[Suspect]:
@@ -136,7 +137,7 @@ def _turns() -> Iterator[Suspect]:
     yield Suspect(
         "imu_frame",
         "the accelerometer's sign is reversed, gravity instead of the specific force",
-        lambda s: replace(s, specific_force=-s.specific_force),
+        lambda s: _turned(s, -np.eye(3)),
     )
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         turn = np.zeros((3, 3))
@@ -147,8 +148,13 @@ def _turns() -> Iterator[Suspect]:
         yield Suspect(
             "imu_frame",
             f"the IMU's frame is wrong: its axes ({axes}) are what is taken for (x, y, z) of the trunk",
-            lambda s, turn=turn: replace(s, specific_force=s.specific_force @ turn.T),  # type: ignore[misc]
+            lambda s, turn=turn: _turned(s, turn),  # type: ignore[misc]
         )
+
+
+def _turned(sensed: Sensed, turn: Array) -> Sensed:
+    force = sensed.specific_force
+    return sensed if force is None else replace(sensed, specific_force=force @ turn.T)
 
 
 def _cycle(order: tuple[int, ...], names: tuple[str, ...] | list[str]) -> str:
