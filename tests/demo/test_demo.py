@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,9 @@ import pytest
 
 import stadera.demo
 from stadera.cli import main
-from stadera.demo import RUNS, DemoResult, DemoSettings, one_run, run_demo
+from stadera.demo import DemoResult, DemoSettings, one_run, run_demo
 from stadera.errors import StaderaError
-from stadera.report.demo import demo_json, true_load
+from stadera.report.demo import demo_json, known_after, true_load
 from stadera.report.demo_html import demo_html
 from stadera.supervise import State
 
@@ -22,7 +23,7 @@ SHORT = DemoSettings(load_at=1.3, seconds=7.6, seed=1)
 
 @pytest.fixture(scope="module")
 def result() -> DemoResult:
-    return DemoResult(SHORT, *(one_run(SHORT, name) for name in RUNS))
+    return DemoResult(SHORT, *(one_run(SHORT, way) for way in SHORT.identifications))
 
 
 def test_the_load_is_noticed_weighed_and_walked_on_with(result: DemoResult):
@@ -112,3 +113,60 @@ def test_runs_in_processes_tell_what_went_wrong():
 def test_settings_that_make_no_sense(bad: dict[str, float]):
     with pytest.raises(StaderaError):
         DemoSettings(**bad)  # type: ignore[arg-type]
+
+
+# -- without a stop -----------------------------------------------------------------------------------------------
+NONSTOP = DemoSettings(load_at=2.2, seconds=5.0, seed=1, nonstop=True)
+
+
+@pytest.fixture(scope="module")
+def nonstop(result: DemoResult) -> DemoResult:
+    return DemoResult(NONSTOP, result.without, one_run(NONSTOP, NONSTOP.identifications[1]))
+
+
+def test_the_load_is_taken_over_on_the_way_and_no_step_is_lost(nonstop: DemoResult):
+    outcome = nonstop.identified.outcome
+    assert outcome.survived
+    assert [transition.after for transition in outcome.transitions] == [State.WEIGHING, State.WALKING]
+    assert len(outcome.noticed) == 1
+    assert 0 < outcome.noticed_after < 0.5
+    assert outcome.taken_over_after is not None
+    assert outcome.noticed_after <= outcome.taken_over_after < 1.0
+    assert outcome.steps_lost == 0
+    assert np.diff(outcome.steps).max() < 1.3 * outcome.step_time
+    payload, load = outcome.payload, true_load(outcome)
+    assert payload is not None
+    assert abs(payload.mass - load.mass) < 4.0 * payload.mass_std + 0.05
+    assert (np.abs(payload.com - load.com)[:2] < 4.0 * payload.com_std[:2]).all()
+    assert outcome.believed.mass == pytest.approx(outcome.truth.mass, abs=0.6)
+    assert outcome.believed.com_trunk[:2] == pytest.approx(outcome.truth.com[:2], abs=0.005)
+
+
+def test_what_is_known_on_the_way_has_bands_that_hold_the_truth(nonstop: DemoResult):
+    film = nonstop.identified.film
+    late = film.time > NONSTOP.load_at + 1.0
+    assert np.isfinite(film.std[late]).all()
+    found = np.column_stack([film.mass[late, 2], film.trunk_com[late, 2]])
+    error = found - np.column_stack([film.mass[late, 0], film.trunk_com[late, 0]])
+    assert (np.abs(error) < 4.0 * film.std[late]).all()
+    known = known_after(nonstop.identified)
+    assert known is not None
+    assert known < 1.5
+    assert known_after(nonstop.without) is None
+
+
+def test_page_and_json_without_a_stop(nonstop: DemoResult):
+    page = demo_html(nonstop)
+    assert "Taken over after" in page
+    assert "Weighing on the way" in page
+    assert page.count("<canvas") == 4
+    run = json.loads(json.dumps(demo_json(nonstop), allow_nan=False))["runs"]["without a stop"]
+    assert run["steps_lost"] == 0
+    assert run["noticed_after"] < run["taken_over_after"] < run["known_after"]
+    assert len(run["steps"]) >= 3
+
+
+def test_a_step_that_does_not_come_is_lost(nonstop: DemoResult):
+    outcome = nonstop.identified.outcome
+    assert replace(outcome, steps=outcome.steps[:-1]).steps_lost == 1
+    assert replace(outcome, steps=outcome.steps[:-1], loaded_at=np.nan).steps_lost == 0

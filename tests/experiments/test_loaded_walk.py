@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from stadera.experiments import ReproduceSettings, survival, table5
-from stadera.experiments.loaded_walk import CORNERS, LoadedWalk, LoadedWalkCase, box_at, corner_of, weight_at
+from stadera.experiments.loaded_walk import (
+    CORNERS,
+    Identification,
+    LoadedWalk,
+    LoadedWalkCase,
+    box_at,
+    corner_of,
+    weight_at,
+)
 from stadera.experiments.result import ExperimentResult
 from stadera.experiments.survival import SurvivalCase
 from stadera.experiments.table5 import Table5Case
@@ -44,7 +52,8 @@ def test_loads_lie_on_their_corner(corner: str):
 
 
 def test_a_run_is_judged_from_a_step_after_the_load():
-    walk = LoadedWalk(LoadedWalkCase(payload=weight_at(HYQ, "LH", 50.0), load_at=0.3, seconds=1.6, identify=False))
+    payload, nothing = weight_at(HYQ, "LH", 50.0), Identification.NONE
+    walk = LoadedWalk(LoadedWalkCase(payload=payload, load_at=0.3, seconds=1.6, identification=nothing))
     outcome = walk.run()
     assert outcome.loaded_at == pytest.approx(0.3)
     assert outcome.judged_from == pytest.approx(0.3 + walk.crawl.settings.timing(walk.crawl.command).step, abs=0.01)

@@ -22,11 +22,15 @@ _REPORT = Path("out") / "demo.html"
 def demo(
     report: Annotated[Path, typer.Option(metavar="F.html", help="Write the report, to open in a browser.")] = _REPORT,
     json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")] = None,
+    nonstop: Annotated[
+        bool, typer.Option("--nonstop", help="Weigh the load on the way, without a stop, instead of at rest.")
+    ] = False,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the sensors' errors.")] = 0,
 ) -> None:
     """HyQ crawls, and a box of 10 kg lands on its back's left-hind corner: without identification, and with.
 
-    Takes about a minute on two cores. The report has both walks to watch.
+    With it, the robot stops to weigh the box and walks on; or it never stops (--nonstop). Takes about a minute on two
+    cores. The report has both walks to watch.
     """
     from stadera.demo import DemoSettings, run_demo
     from stadera.report.demo import demo_json, demo_tables
@@ -37,7 +41,7 @@ def demo(
         report.parent.mkdir(exist_ok=True)
     check_outputs((report, json))
     with _progress() as watch:
-        result = run_demo(DemoSettings(seed=seed), watch)
+        result = run_demo(DemoSettings(seed=seed, nonstop=nonstop), watch)
     write_outputs(
         (report, text_of(lambda: demo_html(result))),
         (json, text_of(lambda: json_text(demo_json(result)))),

@@ -196,7 +196,7 @@ class Crawl(Gait):
         return later
 
     def _reaches(self, lift: float) -> bool:
-        """Whether the plan is inside the coming triangle, centre of mass and zero-moment point, for a lift at that time."""
+        """Whether centre of mass and zero-moment point are planned inside the coming triangle, for a lift at a time."""
         timing, ground = self._timing, self._ground
         begin, end = lift - 0.5 * timing.transfer, lift + timing.swing
         return self._planned.least_margin(self._triangle(), begin, end, ground) >= self.settings.least_margin

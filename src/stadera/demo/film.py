@@ -12,6 +12,7 @@ from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
 from stadera.sim import DroppedBox
 from stadera.sim.payload import Tray
+from stadera.supervise import NonstopSupervisor, Supervisor
 
 Array = NDArray[np.float64]
 
@@ -33,10 +34,9 @@ class Film:
         force: (k, 4) [N], vertical, on the feet.
         down: (k, 4) bool, feet of the support polygon.
         margin: (k,), of the true centre of mass inside it; NaN on fewer than three feet.
-        mass: (k, 3) [kg], of the trunk with its load: true, as controller and planner have it, as the load test
-            has it (NaN without one).
-        trunk_com: (k, 3, 2), the same of its centre of mass in x and y, trunk frame; the last is the weighing under
-            way, NaN while there is none.
+        mass: (k, 3) [kg], of the trunk with its load: true, as controller and planner have it, as it is weighed.
+        trunk_com: (k, 3, 2), the same of its centre of mass in x and y, trunk frame.
+        std: (k, 3), of what is weighed, mass [kg], x and y. NaN for all that is not weighed at the time.
         state: (k,) what the supervisor is doing; the crawl's phase without one.
     """
 
@@ -51,6 +51,7 @@ class Film:
     margin: Array
     mass: Array
     trunk_com: Array
+    std: Array
     state: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -98,11 +99,7 @@ class Camera:
         # the legs' share is the same in both, so the two differ by the trunk's
         moment = robot_mass * (R.T @ (com - p)) - truth.first_moment + belief.mass * belief.com_trunk
         believed = p + R @ (moment / (belief.mass + controller.legs.mass))
-        weighed, tested = np.full(2, np.nan), np.nan
-        if supervisor is not None:
-            tested = supervisor.load_test.mass
-            if supervisor.weighing and supervisor.estimate is not None:
-                weighed = supervisor.estimate.trunk.com_trunk[:2]
+        weighed, std = _weighed(supervisor)
         values = {
             "time": state.time,
             "legs": legs,
@@ -113,8 +110,9 @@ class Camera:
             "force": state.foot_force[:, 2],
             "down": state.foot_force[:, 2] > _CARRIES * self._robot.mass * 9.81,
             "margin": walk.judge.margin(),
-            "mass": [truth.mass, belief.mass, tested],
-            "trunk_com": [truth.com[:2], belief.com_trunk[:2], weighed],
+            "mass": [truth.mass, belief.mass, weighed[0]],
+            "trunk_com": [truth.com[:2], belief.com_trunk[:2], weighed[1:]],
+            "std": std,
         }
         for name, value in values.items():
             self._frames[name].append(np.array(value, dtype=float))
@@ -134,3 +132,18 @@ class Camera:
             return np.full((8, 3), np.nan)
         rotation, translation = walk.bed.plant.boxes[0]
         return np.asarray(0.5 * np.asarray(boxes[0].size) * _CORNERS @ rotation.T + translation)
+
+
+def _weighed(supervisor: Supervisor | NonstopSupervisor | None) -> tuple[Array, Array]:
+    """Mass, x and y of the trunk as weighed at the time, and their standard deviations; NaN where they are not.
+
+    A supervisor that stops tests the mass all the way, and weighs the centre of mass at rest.
+    """
+    value, std = np.full(3, np.nan), np.full(3, np.nan)
+    if isinstance(supervisor, NonstopSupervisor):
+        return supervisor.estimate.value[:3], supervisor.estimate.std[:3]
+    if supervisor is not None:
+        value[0] = supervisor.load_test.mass
+        if supervisor.weighing and supervisor.estimate is not None:
+            value[1:], std[1:] = supervisor.estimate.value[1:3], supervisor.estimate.std[1:3]
+    return value, std

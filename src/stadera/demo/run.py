@@ -1,7 +1,7 @@
 """The demo: the same walk twice, at the same time, once without identification and once with.
 
 HyQ crawls; a box lands on the left-hind corner of its back. Both runs have the same sensors, the same errors, the same
-box; in one of them a supervisor watches.
+box; in one of them a supervisor watches, and either stops to weigh or has it weighed on the way.
 """
 
 from __future__ import annotations
@@ -17,16 +17,13 @@ import numpy as np
 
 from stadera.demo.film import Camera, Film
 from stadera.errors import StaderaError
-from stadera.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, LoadedWalkOutcome, box_at
+from stadera.experiments.loaded_walk import Identification, LoadedWalk, LoadedWalkCase, LoadedWalkOutcome, box_at
 from stadera.robot import load_robot
 
 Progress = Callable[[str, float, str], None]
 """Told a run's name, how much of it is done (0 to 1), and what the robot is doing."""
 
 Message = tuple[str, float, str]
-
-RUNS = ("without identification", "with identification")
-"""Names of the two runs."""
 
 _CORNER = "LH"
 _BOX = (0.1, 0.1, 0.13)  # m: of steel, that is 10 kg
@@ -45,6 +42,7 @@ class DemoSettings:
         seconds: of each run.
         speed: [m/s].
         seed: of the sensors' errors.
+        nonstop: weigh on the way, instead of at rest.
 
     Raises:
         StaderaError: a box that is let go after the end, a value that is not positive.
@@ -56,6 +54,12 @@ class DemoSettings:
     seconds: float = 18.0
     speed: float = 0.1
     seed: int = 0
+    nonstop: bool = False
+
+    @property
+    def identifications(self) -> tuple[Identification, Identification]:
+        """Of the two runs, in their order."""
+        return Identification.NONE, Identification.NONSTOP if self.nonstop else Identification.STOPPING
 
     def __post_init__(self) -> None:
         for name in ("mass", "load_at", "seconds", "speed"):
@@ -71,14 +75,18 @@ class DemoSettings:
 class DemoRun:
     """One of the two runs: how it went, and its pictures."""
 
-    name: str
     outcome: LoadedWalkOutcome
     film: Film
+
+    @property
+    def name(self) -> str:
+        """What is made of the load."""
+        return str(self.outcome.case.identification)
 
 
 @dataclass(frozen=True, eq=False)
 class DemoResult:
-    """Both runs, in the order of `RUNS`."""
+    """Both runs, in the order of `DemoSettings.identifications`."""
 
     settings: DemoSettings
     without: DemoRun
@@ -99,9 +107,10 @@ def run_demo(settings: DemoSettings | None = None, progress: Progress | None = N
         StaderaError: a run could not be made.
     """
     settings, context = settings or DemoSettings(), multiprocessing.get_context("spawn")
-    with context.Manager() as manager, ProcessPoolExecutor(len(RUNS), context) as pool:
+    ways = settings.identifications
+    with context.Manager() as manager, ProcessPoolExecutor(len(ways), context) as pool:
         messages = manager.Queue()
-        futures = [pool.submit(_run, settings, name, messages) for name in RUNS]
+        futures = [pool.submit(_run, settings, way, messages) for way in ways]
         _report(messages, futures, progress)
         runs = [future.result() for future in futures]
     for run in runs:
@@ -110,7 +119,7 @@ def run_demo(settings: DemoSettings | None = None, progress: Progress | None = N
     return DemoResult(settings, *runs)  # type: ignore[arg-type]
 
 
-def one_run(settings: DemoSettings, name: str, progress: Progress | None = None) -> DemoRun:
+def one_run(settings: DemoSettings, identification: Identification, progress: Progress | None = None) -> DemoRun:
     """One of the two runs, in this process.
 
     Raises:
@@ -122,12 +131,12 @@ def one_run(settings: DemoSettings, name: str, progress: Progress | None = None)
         robot=settings.robot,
         payload=box,
         load_at=settings.load_at,
-        identify=name == RUNS[1],
+        identification=identification,
         seconds=settings.seconds,
         speed=settings.speed,
         seed=settings.seed,
     )
-    walk, camera = LoadedWalk(case), Camera(robot)
+    walk, camera, name = LoadedWalk(case), Camera(robot), str(identification)
     periods = 0
 
     def watch(walk: LoadedWalk) -> None:
@@ -141,16 +150,16 @@ def one_run(settings: DemoSettings, name: str, progress: Progress | None = None)
     outcome = walk.run(watch)
     if progress:
         progress(name, 1.0, "fallen" if outcome.fall else "done")
-    return DemoRun(name, outcome, camera.film())
+    return DemoRun(outcome, camera.film())
 
 
-def _run(settings: DemoSettings, name: str, messages: Queue[Message]) -> DemoRun | str:
+def _run(settings: DemoSettings, way: Identification, messages: Queue[Message]) -> DemoRun | str:
     """The run, or what went wrong, as text: not every error survives the way between processes."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):  # two runs, two cores
         try:
-            return one_run(settings, name, lambda *message: messages.put(message))
+            return one_run(settings, way, lambda *message: messages.put(message))
         except StaderaError as error:
             return str(error)
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.control import TestBed, TrunkController
 from stadera.control.crawl import Crawl
+from stadera.control.crawl_phase import Phase
 from stadera.control.crawl_run import Fall, WalkJudge
 from stadera.control.crawl_settings import CrawlCommand
 from stadera.control.planner_support import PlanError
@@ -25,7 +27,7 @@ from stadera.robot.stance import standing_configuration
 from stadera.sim import STANDARD, DroppedBox, Payload, Plant, RigidMass, SensorErrors, Sensors, SimulationError, Terrain
 from stadera.sim.payload import Tray
 from stadera.sim.sensors import estimator_model, plant_model
-from stadera.supervise import LoadCheck, State, SuperviseSettings, Supervisor, Transition
+from stadera.supervise import LoadCheck, NonstopSupervisor, State, SuperviseSettings, Supervisor, Transition
 from stadera.supervise.crawl_walker import CrawlWalker
 from stadera.weigh.payload import PayloadEstimate
 
@@ -38,6 +40,14 @@ CORNERS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}
 """Signs of x and y of the trunk's corners."""
 
 
+class Identification(StrEnum):
+    """What is made of a load: nothing, or it is weighed, at rest or on the way, and walked on with."""
+
+    NONE = "without identification"
+    STOPPING = "with identification"
+    NONSTOP = "without a stop"
+
+
 @dataclass(frozen=True, eq=False)
 class LoadedWalkCase:
     """What one walk is made of.
@@ -47,20 +57,20 @@ class LoadedWalkCase:
         payload: put on under way; None for nothing.
         load_at: when [s].
         unload_at: when everything is taken off again [s]; never by default.
-        identify: notice and weigh; else the model file's trunk is believed all the way.
+        identification: of the load; without, the model file's trunk is believed all the way.
         seconds: of the run, standing included.
         speed: [m/s], ahead.
         errors: of the sensors.
         seed: of all draws.
         terrain: None for the plane.
-        settings: of the supervisor; None for the defaults.
+        settings: of the supervisor that stops; None for the defaults.
     """
 
     robot: str = "hyq"
     payload: Payload | None = None
     load_at: float = 5.0
     unload_at: float = np.inf
-    identify: bool = True
+    identification: Identification = Identification.STOPPING
     seconds: float = 20.0
     speed: float = 0.1
     errors: SensorErrors = STANDARD
@@ -82,7 +92,11 @@ class LoadedWalkOutcome:
         loaded_at: when the load came on [s]; NaN if none did.
         judged_from: the first time with four feet in stance that is a step's time and more after the load [s]: what a
             load does to the step that is taken before it can be noticed, no one can help; NaN if it never came.
-        transitions, checks, state: of the supervisor; empty, and WALKING, without one.
+        transitions, checks, state: of the supervisor; empty, and WALKING, without one. One that does not stop makes no
+            checks.
+        noticed: when changes of the load were noticed [s].
+        steps: when legs were lifted [s].
+        step_time: from one to the next, as commanded [s].
         said: why the crawl stands, if it does.
         believed: the trunk that controller and planner reckon with at the end.
         truth, bare: the trunk with its load at the end, and without.
@@ -100,6 +114,9 @@ class LoadedWalkOutcome:
     transitions: tuple[Transition, ...]
     checks: tuple[LoadCheck, ...]
     state: State
+    noticed: tuple[float, ...]
+    steps: tuple[float, ...]
+    step_time: float
     said: str
     believed: TrunkModel
     truth: InertialParameters
@@ -138,13 +155,31 @@ class LoadedWalkOutcome:
     @property
     def noticed_after(self) -> float:
         """Time from the load to the first change noticed [s]; NaN if none was."""
-        times = [check.time for check in self.checks if check.changed and check.time >= self._from]
+        times = [time for time in self.noticed if time >= self._from]
         return times[0] - self.loaded_at if times else float("nan")
+
+    @property
+    def taken_over_after(self) -> float | None:
+        """Time from the load until the robot walked by a new trunk [s]; None if it never did."""
+        after = [t.time for t in self.transitions if t.after is State.WALKING and t.time >= self._from]
+        return after[0] - self.loaded_at if after else None
 
     @property
     def false_alarms(self) -> int:
         """Changes noticed where there was none: before the load."""
-        return sum(check.changed and not check.time >= self.loaded_at for check in self.checks)
+        return sum(not time >= self.loaded_at for time in self.noticed)
+
+    @property
+    def steps_lost(self) -> int:
+        """By how many it is behind the commanded cadence at the end, since the last step before the load, or else since
+        the load; 0 without one.
+        """
+        before = [time for time in self.steps if time < self._from]
+        since = before[-1] if before else self.loaded_at
+        if np.isnan(since):
+            return 0
+        due = int((self.seconds - since) / self.step_time)
+        return max(due - (len(self.steps) - len(before)), 0)
 
     @property
     def _judged(self) -> float:
@@ -204,10 +239,12 @@ class LoadedWalk:
         self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
         events = [(STAND, self._begin), (case.load_at, self._load), (case.unload_at, self._unload)]
         self._events = sorted(events, key=lambda event: event[0])
-        self.supervisor: Supervisor | None = None
-        if case.identify:
+        self.supervisor: Supervisor | NonstopSupervisor | None = None
+        if case.identification is Identification.STOPPING:
             forces = ContactForceEstimator(believed, legs=controller.legs)
             self.supervisor = Supervisor(believed, CrawlWalker(self.crawl), forces=forces, settings=case.settings)
+        elif case.identification is Identification.NONSTOP:
+            self.supervisor = NonstopSupervisor(believed, CrawlWalker(self.crawl))
 
     def run(self, watch: Watch | None = None) -> LoadedWalkOutcome:
         """Runs it out, or until the robot has fallen; `watch` is called after every period."""
@@ -235,7 +272,7 @@ class LoadedWalk:
             self.judged_from = time
 
     def _begin(self) -> None:
-        if self.supervisor is None or self.supervisor.state is State.WALKING:
+        if self.supervisor is None or self.supervisor.state in (State.WALKING, State.WEIGHING):
             self.crawl.resume()
 
     def _load(self) -> None:
@@ -259,8 +296,11 @@ class LoadedWalk:
             loaded_at=self.loaded_at,
             judged_from=self.judged_from,
             transitions=() if supervisor is None else supervisor.transitions,
-            checks=() if supervisor is None else supervisor.checks,
+            checks=supervisor.checks if isinstance(supervisor, Supervisor) else (),
             state=State.WALKING if supervisor is None else supervisor.state,
+            noticed=() if supervisor is None else supervisor.noticed,
+            steps=tuple(event.time for event in self.crawl.events if event.phase is Phase.SWING),
+            step_time=self._step_time,
             said=self.crawl.reason,
             believed=self.crawl.controller.belief.model,
             truth=plant.truth(),

@@ -12,7 +12,15 @@ from math import isnan
 
 from stadera.control.crawl_settings import CrawlCommand, CrawlSettings
 from stadera.experiments.grid import Outcome, run_grid
-from stadera.experiments.loaded_walk import CORNERS, STAND, LoadedWalkCase, LoadedWalkOutcome, loaded_walk, weight_at
+from stadera.experiments.loaded_walk import (
+    CORNERS,
+    STAND,
+    Identification,
+    LoadedWalkCase,
+    LoadedWalkOutcome,
+    loaded_walk,
+    weight_at,
+)
 from stadera.experiments.result import (
     Cell,
     Experiment,
@@ -87,7 +95,7 @@ def survive(case: SurvivalCase) -> Outcome:
             payload=payload,
             load_at=case.load_at or never,
             unload_at=case.unload_at or never,
-            identify=case.identify,
+            identification=Identification.STOPPING if case.identify else Identification.NONE,
             seconds=case.seconds,
             speed=_SPEED,
             seed=case.seed,

@@ -75,8 +75,8 @@ class _Run:
         self.case = case
         payload = weight_at(load_robot("hyq"), "LH", case.load) if case.load else None
         self.walk = LoadedWalk(LoadedWalkCase(payload=payload, load_at=_LOAD_AT, seed=case.seed))
-        assert self.walk.supervisor is not None
-        self.supervisor: Supervisor = self.walk.supervisor
+        assert isinstance(self.walk.supervisor, Supervisor)
+        self.supervisor = self.walk.supervisor
         self._periods = 0
 
     def outcome(self) -> Outcome:

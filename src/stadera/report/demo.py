@@ -15,6 +15,7 @@ from stadera.experiments.loaded_walk import LoadedWalkOutcome
 from stadera.inertia import InertialParameters
 from stadera.report.numbers import number, with_std
 from stadera.report.weighed import place, plain
+from stadera.robot import load_robot
 from stadera.supervise import State
 
 _CM = 100.0
@@ -24,19 +25,20 @@ def demo_json(result: DemoResult) -> dict[str, Any]:
     """Both runs as plain values: SI units, trunk frame, null for what was not observed.
 
     Keys: robot, seed, load, runs (by name: survived, fall, least_margin, outside, way, noticed_after, state, trunk,
-    truth, payload, transitions, checks), units.
+    truth, payload, transitions, checks, steps, steps_lost, taken_over_after, known_after), units.
     """
     settings, load = result.settings, true_load(result.identified.outcome)
     return {
         "robot": settings.robot,
         "seed": settings.seed,
         "load": {"mass": load.mass, "com": plain(load.com), "time": settings.load_at},
-        "runs": {run.name: _run(run.outcome) for run in result.runs},
+        "runs": {run.name: _run(run) for run in result.runs},
         "units": {"time": "s", "mass": "kg", "com": "m", "margin": "m", "way": "m"},
     }
 
 
-def _run(outcome: LoadedWalkOutcome) -> dict[str, Any]:
+def _run(run: DemoRun) -> dict[str, Any]:
+    outcome = run.outcome
     payload, believed = outcome.payload, outcome.believed
     return {
         "survived": outcome.survived,
@@ -60,6 +62,10 @@ def _run(outcome: LoadedWalkOutcome) -> dict[str, Any]:
             {"time": c.time, "mass": c.mass, "expected": c.expected, "threshold": c.threshold, "changed": c.changed}
             for c in outcome.checks
         ],
+        "steps": list(outcome.steps),
+        "steps_lost": outcome.steps_lost,
+        "taken_over_after": outcome.taken_over_after,
+        "known_after": known_after(run),
     }
 
 
@@ -77,7 +83,8 @@ def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
 def headline(result: DemoResult) -> str:
     """What happened, in one sentence."""
     failed, went = verdict(result.without.outcome), verdict(result.identified.outcome)
-    return f"Without identification {failed}. With it {went}."
+    how = "Weighed on the way" if result.settings.nonstop else "With it"
+    return f"Without identification {failed}. {how}, {went}."
 
 
 def verdict(outcome: LoadedWalkOutcome) -> str:
@@ -92,6 +99,21 @@ def verdict(outcome: LoadedWalkOutcome) -> str:
             f"{outcome.outside:.1f} s in all"
         )
     return f"its centre of mass stayed {_CM * outcome.least_margin:.1f} cm and more inside the support polygon"
+
+
+KNOWN = (0.01, 0.005)
+"""What the trunk counts as known to: two standard deviations of its mass, as a share of the robot's, and of its centre
+of mass in x and y [m]."""
+
+
+def known_after(run: DemoRun) -> float | None:
+    """Time from the load until the trunk was known to `KNOWN` on the way, and stayed so [s]; None if it never was."""
+    outcome, film = run.outcome, run.film
+    share, length = KNOWN
+    known = (2.0 * film.std <= np.array([share * load_robot(outcome.case.robot).mass, length, length])).all(axis=1)
+    unknown = np.flatnonzero(~known & (film.time >= outcome.loaded_at))
+    first = int(np.searchsorted(film.time, outcome.loaded_at)) if not len(unknown) else int(unknown[-1]) + 1
+    return float(film.time[first] - outcome.loaded_at) if first < len(film) else None
 
 
 def true_load(outcome: LoadedWalkOutcome) -> InertialParameters:
@@ -109,6 +131,7 @@ def comparison_rows(result: DemoResult) -> Iterator[tuple[str, str, str]]:
     yield each("least margin of the true centre of mass [cm]", lambda o: f"{_CM * o.least_margin:.1f}")
     yield each("time outside the support polygon [s]", lambda o: f"{o.outside:.2f}")
     yield each("way walked since the load [m]", lambda o: f"{o.way:.2f}")
+    yield each("steps lost", lambda o: "–" if o.fall else str(o.steps_lost))
     yield each("error of the trunk's believed mass [kg]", lambda o: f"{o.believed.mass - o.truth.mass:+.2f}")
     yield each(
         "error of its believed centre of mass, x-y [cm]",
@@ -138,7 +161,7 @@ def _comparison(result: DemoResult) -> Table:
 def _weighed(outcome: LoadedWalkOutcome) -> Table:
     table = Table(title="The load, trunk frame", title_justify="left", title_style="bold")
     for heading in ("", "mass [kg]", "com x [m]", "com y [m]", "com z [m]"):
-        table.add_column(heading, justify="right" if heading else "left")
+        table.add_column(Text(heading), justify="right" if heading else "left")
     for row in weighed_rows(outcome):
         table.add_row(*map(Text, row))
     return table
@@ -146,7 +169,7 @@ def _weighed(outcome: LoadedWalkOutcome) -> Table:
 
 def _log(outcome: LoadedWalkOutcome) -> Table:
     table = Table(title="What the supervisor did", title_justify="left", title_style="bold")
-    table.add_column("time [s]", justify="right")
+    table.add_column(Text("time [s]"), justify="right")
     table.add_column("state")
     table.add_column("because", overflow="fold")
     for t in outcome.transitions:

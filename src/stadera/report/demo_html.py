@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.demo import DemoResult, DemoRun
-from stadera.report.demo import comparison_rows, headline, true_load, verdict, weighed_rows
+from stadera.inertia import InertialParameters
+from stadera.report.demo import KNOWN, comparison_rows, headline, known_after, true_load, verdict, weighed_rows
 from stadera.report.demo_plots import com_figure, force_figure, margin_figure, mass_figure
 from stadera.report.markup import Html, element, row, table, text
 from stadera.report.numbers import number, with_std
@@ -30,10 +31,20 @@ _LEGEND = (
     ("box", "■", "the load"),
 )
 
+_MOMENTS = {
+    (State.CONVERGED, State.WALKING): "walks on",
+    (State.WALKING, State.WEIGHING): "noticed",
+    (State.WEIGHING, State.WALKING): "taken over",
+}
+_SHADED = {
+    False: "Shaded: what the supervisor does, stopping (orange), weighing (blue), taking over (green).",
+    True: "Shaded: from the moment the load is noticed until controller and planner have the new trunk.",
+}
+
 
 def demo_html(result: DemoResult) -> str:
     """A whole page; it loads nothing from anywhere."""
-    sections = (_header(result), _walks(result), *_numbers(result), *_plots(result), _words())
+    sections = (_header(result), _walks(result), *_numbers(result), *_plots(result), _words(result.settings.nonstop))
     return page_html("A load on the way", *sections)
 
 
@@ -46,18 +57,26 @@ def _header(result: DemoResult) -> Html:
         "Sensors": f"standard errors, seed {settings.seed}; nothing of the truth reaches controller or estimators",
         "Simulation": "MuJoCo, 1 kHz",
     }
+    lead = element("p", text(headline(result)), css="lead")
+    return header("A load on the way", lead, facts(about), cards(_figures(result, load)))
+
+
+def _figures(result: DemoResult, load: InertialParameters) -> list[Html]:
+    identified, nonstop = result.identified.outcome, result.settings.nonstop
     figures = [card("Noticed after", f"{identified.noticed_after:.2f}", "s", good=identified.noticed_after > 0)]
+    if identified.taken_over_after is not None:
+        label, digits = ("Taken over after", 2) if nonstop else ("Walks on after", 1)
+        figures.append(card(label, f"{identified.taken_over_after:.{digits}f}", "s"))
+    if nonstop and (known := known_after(result.identified)) is not None:
+        share, length = KNOWN
+        figures.append(card(f"Known to {100 * share:g} % and {1e3 * length:g} mm (2σ) after", f"{known:.2f}", "s"))
+    figures.append(card("Steps lost", str(identified.steps_lost), "", good=identified.steps_lost == 0))
     if (payload := identified.payload) is not None:
-        figures.append(
-            card(f"Load weighed, truth {number(load.mass)} kg", with_std(payload.mass, payload.mass_std), "kg")
-        )
+        mass = with_std(payload.mass, payload.mass_std)
+        figures.append(card(f"Load weighed, truth {number(load.mass)} kg", mass, "kg"))
         error = 100.0 * float(np.linalg.norm((identified.believed.com_trunk - identified.truth.com)[:2]))
         figures.append(card("Trunk's centre of mass off by", f"{error:.2f}", "cm in x-y"))
-    back = next((t.time for t in reversed(identified.transitions) if t.after is State.WALKING), None)
-    if back is not None:
-        figures.append(card("Walks on after", f"{back - identified.loaded_at:.1f}", "s"))
-    lead = element("p", text(headline(result)), css="lead")
-    return header("A load on the way", lead, facts(about), cards(figures))
+    return figures
 
 
 # -- the walks ----------------------------------------------------------------------------------------------------
@@ -121,7 +140,7 @@ def _moments(result: DemoResult) -> Iterator[tuple[str, float]]:
         yield "the worst without identification", float(result.without.film.time[_worst(result.without)])
     for transition in result.identified.outcome.transitions:
         if transition.after is not State.STOPPING or transition.time < result.settings.load_at + 3.0:
-            yield str(transition.after) if transition.after is not State.WALKING else "walks on", transition.time + 0.04
+            yield _MOMENTS.get((transition.before, transition.after), str(transition.after)), transition.time + 0.04
     yield "the end", result.identified.outcome.seconds
 
 
@@ -197,29 +216,47 @@ def _numbers(result: DemoResult) -> Iterator[Html]:
 def _plots(result: DemoResult) -> Iterator[Html]:
     yield plot(
         "Margin of the true centre of mass",
-        "Its distance from the nearest edge of the support polygon; below zero the robot tips. Shaded: what the "
-        "supervisor does, stopping (orange), weighing (blue), taking over (green).",
+        "Its distance from the nearest edge of the support polygon; below zero the robot tips. "
+        f"{_SHADED[result.settings.nonstop]}",
         margin_figure(result),
     )
-    settings = LoadTestSettings()
-    yield plot(
-        "Mass",
-        "With identification. At each moment near rest the mass is tested against what is believed; with "
-        f"{settings.deviations:.2f} standard deviations, {settings.false_alarms:g} false alarms an hour are expected.",
-        mass_figure(result),
-    )
-    yield plot("Centre of mass of the trunk with its load", "With identification, trunk frame.", com_figure(result))
+    yield plot("Mass", _mass_note(result.settings.nonstop), mass_figure(result))
+    way = result.identified.name.capitalize()
+    yield plot("Centre of mass of the trunk with its load", f"{way}, trunk frame.", com_figure(result))
     for run in result.runs:
         yield plot(f"Forces on the feet, {run.name}", "As they were.", force_figure(run, result))
 
 
-def _words() -> Html:
-    terms = {
-        "Support polygon": "The hull of the feet that carry, seen from above. A slow robot stands while its centre of "
-        "mass is over it.",
+def _mass_note(nonstop: bool) -> str:
+    if nonstop:
+        return (
+            "Weighed on the way, 50 times a second. What is known has wide bars when a load has just been noticed; "
+            "controller and planner get it as soon as they are narrow. Shown is the time around the load; double-click "
+            "for all of it."
+        )
+    settings = LoadTestSettings()
+    return (
+        "With identification. At each moment near rest the mass is tested against what is believed; with "
+        f"{settings.deviations:.2f} standard deviations, {settings.false_alarms:g} false alarms an hour are expected."
+    )
+
+
+def _words(nonstop: bool) -> Html:
+    at_rest = {
         "Check": "Near rest, the ground's upward force from joint torques, over the specific force, less the legs.",
         "Weighing": "First the mass (eq. 7), then the centre of mass from the contact forces' line of action, approach "
         "(c); both have to converge before controller and planner get either.",
         "Not observed": "A level trunk at rest does not show how high a centre of mass is.",
+    }
+    on_the_way = {
+        "Weighing on the way": "Joint torques, joint angles, gyro and accelerometer of every 20 ms give six equations "
+        "that are linear in the trunk's mass and centre of mass, whatever the robot does.",
+        "Noticed": "The last rows fit a trunk that jumped better than one that is as it was, by a factor of 10¹⁵.",
+    }
+    terms = {
+        "Support polygon": "The hull of the feet that carry, seen from above. A slow robot stands while its centre of "
+        "mass is over it.",
+        "Steps lost": "By how many the robot is behind the cadence that it was told to walk in.",
+        **(on_the_way if nonstop else at_rest),
     }
     return words(terms, "How to read this")

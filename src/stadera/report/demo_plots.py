@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
@@ -9,18 +12,26 @@ from plotly.subplots import make_subplots
 
 from stadera.demo import DemoResult, DemoRun
 from stadera.experiments.loaded_walk import LoadedWalkOutcome
-from stadera.report.plots import short, styled
-from stadera.supervise import State
+from stadera.report.plots import outlines, short, styled
+from stadera.supervise import LoadCheck, State
 
 Array = NDArray[np.float64]
 
 _BLUE, _ORANGE, _INK, _STEEL, _GREEN, _RED = "#0b6bcb", "#d9822b", "#20262e", "#9aa4b2", "#1a7f43", "#b3261e"
 _LEGS = (("LF", "#0b6bcb"), ("RF", "#d9822b"), ("LH", "#1a7f43"), ("RH", "#8a4fbf"))
+CLOSE = (1.0, 2.5)
+"""Before the load and after it [s], that plots of a weighing on the way begin with."""
+
+_LOOKS = (
+    ("true", {"color": _RED, "width": 2, "dash": "dot"}),
+    ("controller and planner", {"color": _BLUE, "width": 2.2}),
+)
 _SHADES = {
     State.STOPPING: "rgba(217,130,43,0.14)",
     State.WEIGHING_MASS: "rgba(11,107,203,0.08)",
     State.WEIGHING_COM: "rgba(11,107,203,0.15)",
     State.CONVERGED: "rgba(26,127,67,0.14)",
+    State.WEIGHING: "rgba(217,130,43,0.35)",
 }
 
 
@@ -41,9 +52,30 @@ def margin_figure(result: DemoResult) -> go.Figure:
 
 
 def mass_figure(result: DemoResult) -> go.Figure:
-    """Checks of the mass with their thresholds; believed and true mass, of the run with identification."""
-    figure, film = go.Figure(), result.identified.film
-    checks = result.identified.outcome.checks
+    """Believed and true mass, and what it was weighed to be on the way, of the run with identification."""
+    figure, film, outcome = go.Figure(), result.identified.film, result.identified.outcome
+    if outcome.checks:
+        _add_thresholds(figure, outcome.checks)
+    else:
+        _add_band(figure, film.time, film.mass[:, 2], film.std[:, 0])
+    for which, (name, line) in enumerate(_LOOKS):
+        figure.add_scatter(x=short(film.time), y=short(film.mass[:, which]), line=line, name=name)
+    if outcome.checks:
+        _add_checks(figure, outcome.checks)
+    masses = np.concatenate([film.mass[:, 0], [check.mass for check in outcome.checks]])
+    figure.update_yaxes(title_text="trunk with load [kg]", range=[masses.min() - 2.0, masses.max() + 2.0])
+    return _over_time(figure, result, 380, window=_window(result))
+
+
+def _window(result: DemoResult) -> tuple[float, float] | None:
+    """What is weighed on the way is known so soon that it is looked at closely."""
+    if not result.settings.nonstop:
+        return None
+    at, (before, after) = result.settings.load_at, CLOSE
+    return max(at - before, 0.0), min(at + after, result.settings.seconds)
+
+
+def _add_thresholds(figure: go.Figure, checks: Sequence[LoadCheck]) -> None:
     time = np.array([check.time for check in checks])
     expected, threshold = (np.array([getattr(c, name) for c in checks]) for name in ("expected", "threshold"))
     wide = np.minimum(threshold, 5.0)
@@ -56,12 +88,9 @@ def mass_figure(result: DemoResult) -> go.Figure:
         name="not a change",
         hoverinfo="skip",
     )
-    figure.add_scatter(
-        x=short(film.time), y=short(film.mass[:, 0]), line={"color": _RED, "width": 2, "dash": "dot"}, name="true"
-    )
-    figure.add_scatter(
-        x=short(film.time), y=short(film.mass[:, 1]), line={"color": _BLUE, "width": 2.2}, name="controller and planner"
-    )
+
+
+def _add_checks(figure: go.Figure, checks: Sequence[LoadCheck]) -> None:
     for changed, symbol, colour, name in (
         (False, "circle-open", _STEEL, "check at rest"),
         (True, "diamond", _ORANGE, "check: the load has changed"),
@@ -74,33 +103,45 @@ def mass_figure(result: DemoResult) -> go.Figure:
             marker={"symbol": symbol, "color": colour, "size": 12 if changed else 7, "line": {"width": 1.5}},
             name=name,
         )
-    masses = np.concatenate([film.mass[:, 0], [check.mass for check in checks]])
-    figure.update_yaxes(title_text="trunk with load [kg]", range=[masses.min() - 2.0, masses.max() + 2.0])
-    return _over_time(figure, result, 380)
 
 
 def com_figure(result: DemoResult) -> go.Figure:
-    """The trunk's centre of mass: true, in controller and planner, and the weighing under way."""
+    """The trunk's centre of mass: true, in controller and planner, and as weighed, with its band."""
     figure, film = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.07), result.identified.film
-    looks = (
-        ("true", {"color": _RED, "width": 2, "dash": "dot"}),
-        ("controller and planner", {"color": _BLUE, "width": 2.2}),
-        ("weighing", {"color": _ORANGE, "width": 2.2}),
-    )
+    looks = (*_LOOKS, ("weighing", {"color": _ORANGE, "width": 2.2}))
     for axis, label in enumerate("xy"):
-        for which, (name, line) in enumerate(looks):
+        place = {"row": axis + 1, "col": 1}
+        values = 100.0 * film.trunk_com[:, :, axis]
+        _add_band(figure, film.time, values[:, 2], 100.0 * film.std[:, 1 + axis], showlegend=axis == 0, **place)
+        for which, (name, line) in enumerate(looks[: 2 if result.settings.nonstop else 3]):
             figure.add_scatter(
                 x=short(film.time),
-                y=short(100.0 * film.trunk_com[:, which, axis]),
+                y=short(values[:, which]),
                 line=line,
                 name=name,
                 legendgroup=name,
                 showlegend=axis == 0,
-                row=axis + 1,
-                col=1,
+                **place,
             )
-        figure.update_yaxes(title_text=f"{label} [cm]", row=axis + 1, col=1)
-    return _over_time(figure, result, 460)
+        low, high = values[:, :2].min() - 1.0, values[:, :2].max() + 1.0
+        figure.update_yaxes(title_text=f"{label} [cm]", range=[low, high], row=axis + 1, col=1)
+    return _over_time(figure, result, 460, window=_window(result))
+
+
+def _add_band(figure: go.Figure, time: Array, value: Array, std: Array, **place: Any) -> None:
+    x, y = outlines(time, value + 2.0 * std, value - 2.0 * std)
+    figure.add_scatter(
+        x=short(x),
+        y=short(y),
+        mode="lines",
+        line={"width": 0},
+        fill="toself",
+        fillcolor="rgba(217,130,43,0.30)",
+        name="as weighed, ± 2 standard deviations",
+        legendgroup="band",
+        hoverinfo="skip",
+        **place,
+    )
 
 
 def force_figure(run: DemoRun, result: DemoResult) -> go.Figure:
@@ -114,23 +155,32 @@ def force_figure(run: DemoRun, result: DemoResult) -> go.Figure:
     return _over_time(figure, result, 340, run)
 
 
-def _over_time(figure: go.Figure, result: DemoResult, height: int, run: DemoRun | None = None) -> go.Figure:
-    """Time axes, the load, and what the supervisor did meanwhile."""
+def _over_time(
+    figure: go.Figure,
+    result: DemoResult,
+    height: int,
+    run: DemoRun | None = None,
+    window: tuple[float, float] | None = None,
+) -> go.Figure:
+    """Time axes, all of it or a window [s] to begin with, the load, and what the supervisor did meanwhile."""
     outcome = (run or result.identified).outcome
     longest = max(run.outcome.seconds for run in result.runs)
     for begin, end, state in _spans(outcome):
         if state in _SHADES:
             figure.add_vrect(x0=begin, x1=end, fillcolor=_SHADES[state], line_width=0, layer="below")
-    figure.add_vline(
-        x=result.settings.load_at,
-        line={"color": _ORANGE, "width": 2},
-        annotation={"text": "load", "font": {"color": _ORANGE}, "yanchor": "bottom", "y": 1.0},
-    )
-    figure.update_xaxes(range=[0.0, longest])
+        if state is State.WEIGHING:
+            _mark(figure, begin, " noticed", _GREEN, "left")
+    _mark(figure, result.settings.load_at, "load ", _ORANGE, "right")
+    figure.update_xaxes(range=[0.0, longest] if window is None else window)
     figure = styled(figure, height)
     rows = len({trace.xaxis for trace in figure.data if trace.xaxis}) or 1
     figure.update_xaxes(title_text="time [s]", row=rows if rows > 1 else None, col=1 if rows > 1 else None)
     return figure
+
+
+def _mark(figure: go.Figure, time: float, name: str, colour: str, side: str) -> None:
+    annotation = {"text": name, "font": {"color": colour}, "yanchor": "bottom", "y": 1.0, "xanchor": side}
+    figure.add_vline(x=time, line={"color": colour, "width": 2}, annotation=annotation)
 
 
 def _spans(outcome: LoadedWalkOutcome) -> list[tuple[float, float, State]]:

@@ -192,6 +192,20 @@ def short(values: Array) -> Array:
     return values.astype(np.float32)  # type: ignore[return-value]
 
 
+def outlines(x: Array, high: Array, low: Array) -> tuple[Array, Array]:
+    """Outlines of a band over x (k,), one for each stretch in which it is known, NaN between them."""
+    known = np.isfinite(high) & np.isfinite(low)
+    starts = np.flatnonzero(known & ~np.concatenate([[False], known[:-1]]))
+    stops = np.flatnonzero(known & ~np.concatenate([known[1:], [False]])) + 1
+    gap = np.array([np.nan])
+    xs: list[Array] = []
+    ys: list[Array] = []
+    for a, b in zip(starts, stops, strict=True):
+        xs += [x[a:b], x[a:b][::-1], gap]
+        ys += [high[a:b], low[a:b][::-1], gap]
+    return (np.concatenate(xs), np.concatenate(ys)) if xs else (np.zeros(0), np.zeros(0))
+
+
 def _faint(colour: str) -> str:
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return f"rgba({red},{green},{blue},0.12)"

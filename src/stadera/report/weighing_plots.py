@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from stadera.report.plots import short, styled
+from stadera.report.plots import outlines, short, styled
 from stadera.report.weighed import Known
 from stadera.simulate.truth import Truth
 from stadera.weigh.result import Refusal, Weighing
@@ -229,7 +229,7 @@ def _add_band(
     place = {} if row is None else {"row": row, "col": 1}
     first = row in (None, 1)
     x, y, s = (_broken(v, breaks) for v in (time, value, std))
-    edge_x, edge_y = _outlines(x, y + 2.0 * s, y - 2.0 * s)
+    edge_x, edge_y = outlines(x, y + 2.0 * s, y - 2.0 * s)
     figure.add_scatter(
         x=short(edge_x),
         y=short(edge_y),
@@ -255,20 +255,6 @@ def _add_band(
         hovertemplate="%{y:.4g}<extra></extra>",
         **place,
     )
-
-
-def _outlines(x: Array, high: Array, low: Array) -> tuple[Array, Array]:
-    """Outlines of a band, one for each stretch in which it is known, NaN between them."""
-    known = np.isfinite(high) & np.isfinite(low)
-    starts = np.flatnonzero(known & ~np.concatenate([[False], known[:-1]]))
-    stops = np.flatnonzero(known & ~np.concatenate([known[1:], [False]])) + 1
-    gap = np.array([np.nan])
-    xs: list[Array] = []
-    ys: list[Array] = []
-    for a, b in zip(starts, stops, strict=True):
-        xs += [x[a:b], x[a:b][::-1], gap]
-        ys += [high[a:b], low[a:b][::-1], gap]
-    return (np.concatenate(xs), np.concatenate(ys)) if xs else (np.zeros(0), np.zeros(0))
 
 
 def _shade_refused(figure: go.Figure, result: OverTime) -> None:

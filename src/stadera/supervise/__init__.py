@@ -1,6 +1,7 @@
 """Noticing that a walking robot's load has changed, and seeing to it that it is weighed before it walks on."""
 
 from stadera.supervise.load_test import LoadCheck, LoadTest, LoadTestSettings
+from stadera.supervise.nonstop import NonstopSupervisor
 from stadera.supervise.rest import RestLimits, RestMoment, RestWatch
 from stadera.supervise.settings import SuperviseSettings
 from stadera.supervise.strength import Effort, hardest_effort
@@ -12,6 +13,7 @@ __all__ = [
     "LoadCheck",
     "LoadTest",
     "LoadTestSettings",
+    "NonstopSupervisor",
     "PosingWalker",
     "RestLimits",
     "RestMoment",

@@ -96,6 +96,11 @@ class Supervisor:
         return tuple(self._checks)
 
     @property
+    def noticed(self) -> tuple[float, ...]:
+        """When changes of the load were noticed [s]."""
+        return tuple(check.time for check in self._checks if check.changed)
+
+    @property
     def estimate(self) -> TrunkEstimate | None:
         """Of the weighing that is under way, or of the last one; None before the first."""
         return self._estimate

@@ -64,6 +64,7 @@ class State(StrEnum):
     """What the supervised robot is doing.
 
     `STANDING`: it stays where it is, for the reason given; `SITTING`: it is set down as soon as it stands on four feet.
+    `WEIGHING` is without a stop, see `NonstopSupervisor`.
     """
 
     WALKING = "walking"
@@ -71,6 +72,7 @@ class State(StrEnum):
     WEIGHING_MASS = "weighing mass"
     WEIGHING_COM = "weighing centre of mass"
     CONVERGED = "converged"
+    WEIGHING = "weighing on the way"
     STANDING = "standing"
     SITTING = "sitting"
 
