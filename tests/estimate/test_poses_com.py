@@ -121,12 +121,11 @@ def test_rows_know_the_errors_that_made_them() -> None:
 
 
 def test_level_poses_fall_short_of_the_height_and_say_so() -> None:
-    estimator = fed(PosesCom(ROBOT), (POSES[0], POSES[5], POSES[6]))
-    assert "com.z" in estimator.shortfall
-    assert "roll" in estimator.shortfall
-    assert fed(estimator, ()).estimate().covariance[0, 0] > 0
+    level = fed(PosesCom(ROBOT), (POSES[0], POSES[5], POSES[6])).estimate()
+    assert level.observed.tolist() == [True, True, True, False]
+    assert level.covariance[0, 0] > 0
     tilted = fed(PosesCom(ROBOT), POSES[:3])
-    assert tilted.shortfall == ""
+    assert tilted.estimate().observed.all()
     assert tilted.poses == 3
 
 

@@ -23,7 +23,7 @@ from stadera.estimate.equilibrium import ERRORS, TRUNK, ConstantErrors, equilibr
 from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.measurement import Measurement
 from stadera.estimate.pose_means import Alike, PoseMean
-from stadera.estimate.protocol import COMPONENTS, TrunkEstimate, unobserved
+from stadera.estimate.protocol import TrunkEstimate, unobserved
 from stadera.estimate.static import StaticEstimator
 from stadera.estimate.stillness import StillnessLimits
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
@@ -100,15 +100,6 @@ class PosesCom(StaticEstimator):
     def poses(self) -> int:
         """How many poses were held."""
         return self._count
-
-    @property
-    def shortfall(self) -> str:
-        """What the poses so far do not show, in one sentence; empty where they show all."""
-        self._solve()
-        hidden = [name for name, seen in zip(COMPONENTS, np.isfinite(np.diag(self._known)), strict=True) if not seen]
-        if not hidden:
-            return ""
-        return f"{self._count} poses do not show {', '.join(hidden)}: hold the trunk still at other rolls and pitches"
 
     def estimate(self) -> TrunkEstimate:
         """What it believes now, worked out from all poses when asked."""
