@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from math import isfinite
 
 
 class StaderaError(Exception):
@@ -20,6 +21,18 @@ class UnknownNameError(StaderaError):
         place = f"{where}: " if where else ""
         choices = ", ".join(self.valid) if self.valid else "none"
         super().__init__(f"{place}unknown {kind} {name!r}; valid: {choices}{hint}")
+
+
+def require_positive(what: str, values: object, names: Iterable[str]) -> None:
+    """Whether these attributes are positive and finite numbers.
+
+    Raises:
+        StaderaError: one is not; `what` says what it is a value of.
+    """
+    for name in names:
+        value = getattr(values, name)
+        if not (isfinite(value) and value > 0):
+            raise StaderaError(f"{what} {name!r} must be positive, got {value}")
 
 
 class ModelError(StaderaError):

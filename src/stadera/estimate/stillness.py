@@ -22,7 +22,7 @@ from math import isfinite, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.errors import StaderaError
+from stadera.errors import require_positive
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement
@@ -66,9 +66,7 @@ class StillnessLimits:
     quiet: float = 0.1
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if not (np.isfinite(getattr(self, field.name)) and getattr(self, field.name) > 0):
-                raise StaderaError(f"stillness limit {field.name!r} must be positive, got {getattr(self, field.name)}")
+        require_positive("stillness limit", self, (field.name for field in fields(self)))
 
 
 class StillnessGate:

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from stadera.errors import StaderaError
+from stadera.errors import StaderaError, require_positive
 from stadera.estimate.noise import ForceNoise
 from stadera.supervise.offsets import LegOffsets
 from stadera.supervise.rest import RestMoment
@@ -65,9 +65,7 @@ class LoadTestSettings:
     drift: float = 0.1
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if not (np.isfinite(getattr(self, field.name)) and getattr(self, field.name) > 0):
-                raise StaderaError(f"load test: {field.name!r} must be positive, got {getattr(self, field.name)}")
+        require_positive("load test:", self, (field.name for field in fields(self)))
         if self.alpha > 0.5:
             raise StaderaError(f"load test: {self.false_alarms} false alarms an hour are more than one in two checks")
 

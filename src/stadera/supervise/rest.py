@@ -23,7 +23,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.errors import StaderaError
+from stadera.errors import StaderaError, require_positive
 from stadera.estimate.contact import ContactForces
 from stadera.estimate.equilibrium import wrench_slope
 from stadera.estimate.forces import ContactForceEstimator
@@ -60,9 +60,7 @@ class RestLimits:
     accelerometer: float = 0.05
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if not (np.isfinite(getattr(self, field.name)) and getattr(self, field.name) > 0):
-                raise StaderaError(f"rest limit {field.name!r} must be positive, got {getattr(self, field.name)}")
+        require_positive("rest limit", self, (field.name for field in fields(self)))
         if self.shortest > self.longest:
             raise StaderaError(f"the shortest rest, {self.shortest} s, is longer than the longest, {self.longest} s")
 

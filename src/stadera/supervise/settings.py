@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stadera.errors import StaderaError, UnknownNameError
+from stadera.errors import StaderaError, UnknownNameError, require_positive
 from stadera.estimate.registry import METHODS
 from stadera.supervise.load_test import LoadTestSettings
 from stadera.supervise.rest import RestLimits
@@ -47,8 +47,8 @@ class SuperviseSettings:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise UnknownNameError("method", self.method, METHODS)
-        for name in ("period", "stop_within", "mass_within", "com_within", "tilt", "saturation"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise StaderaError(f"supervision: {name!r} must be positive, got {getattr(self, name)}")
+        require_positive(
+            "supervision:", self, ("period", "stop_within", "mass_within", "com_within", "tilt", "saturation")
+        )
         if self.restarts < 0:
             raise StaderaError(f"supervision: a weighing begins anew 0 times or more, got {self.restarts}")
