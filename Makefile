@@ -5,11 +5,11 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-# LOCKED is what every run installs: versions and hashes, from requirements.lock
+# What is installed, versions and hashes, is in requirements/*.lock; these files say that it has been.
 RUNTIME := $(VENV)/.runtime
 DEVELOPMENT := $(VENV)/.development
 
-.PHONY: demo test check lock docs clean
+.PHONY: demo test lock clean
 
 demo: $(RUNTIME)
 	$(BIN)/stadera demo

@@ -67,18 +67,9 @@ def simulate(
     from stadera.simulate import simulate as run_scenario
 
     scenario_named(scenario)
+    loaded, rise = None if amount is None else Load(*amount, place), None if slope is None else radians(slope)
     settings = SimulateSettings(
-        errors,
-        None if amount is None else Load(*amount, place),
-        None if slope is None else radians(slope),
-        duration,
-        rate,
-        seed,
-        load_time,
-        speed,
-        radians(turn),
-        amplitude,
-        stones,
+        errors, loaded, rise, duration, rate, seed, load_time, speed, radians(turn), amplitude, stones
     )
     model = load_robot(robot)
     check_table(out)
