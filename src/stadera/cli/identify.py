@@ -15,6 +15,9 @@ from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
+    from stadera.identify.settings import IdentifySettings
+    from stadera.recording import LogFile
+    from stadera.robot import Robot
 
 
 class Method(StrEnum):
@@ -72,7 +75,6 @@ def identify(
     cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
     share = 1.0 if validate else parse.split(split or "0.5")
 
-    from stadera.identify.legs import identify as identify_legs
     from stadera.identify.settings import IdentifySettings
     from stadera.regressors.friction import FrictionModel
     from stadera.report.tables import identification_tables
@@ -86,12 +88,19 @@ def identify(
     check_outputs((json, report, export), inputs=[*logs, *(validate or ())])
     if export is not None:
         check_export(model, export)
-    with progress() as watch:
-        files = [log_file(path, joint_topic, imu_topic) for path in logs]
-        others = [log_file(path, joint_topic, imu_topic) for path in validate or ()]
-        result = identify_legs(model, files, settings, others or None, watch)
+    fitted, judged = ([log_file(path, joint_topic, imu_topic) for path in paths] for paths in (logs, validate or ()))
+    result = _identified(model, fitted, judged, settings)
     _write(result, json, report, export)
     show(*identification_tables(result))
+
+
+def _identified(
+    robot: Robot, fitted: list[LogFile], judged: list[LogFile], settings: IdentifySettings
+) -> Identification:
+    from stadera.identify.legs import identify as identify_legs
+
+    with progress() as watch:
+        return identify_legs(robot, fitted, settings, judged or None, watch)
 
 
 def _write(result: Identification, json: Path | None, report: Path | None, export: Path | None) -> None:

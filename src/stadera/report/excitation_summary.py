@@ -13,6 +13,22 @@ from rich.text import Text
 from stadera.identify.excite import Appraisal, Excitation
 from stadera.report.numbers import number
 
+_UNITS = {
+    "duration": "s",
+    "rate": "Hz",
+    "stand_height": "m",
+    "torque_noise": "N·m",
+    "position": "rad",
+    "velocity": "rad/s",
+    "acceleration": "rad/s²",
+    "torque": "N·m",
+    "least_distance": "m",
+    "gain": "nat",
+    "gained": "nat",
+    "std": "of the prior's",
+    "sinusoids": "rad, Hz, s",
+}
+
 
 def excitation_tables(result: Excitation) -> Iterator[RenderableType]:
     """The motion's extremes joint by joint, then what it would tell, then how much better that is than random draws."""
@@ -83,8 +99,7 @@ def excitation_json(result: Excitation) -> dict[str, Any]:
 
     Standard deviations are in shares of the prior's. Limits that the model does not state are null.
     """
-    bounds, settings, peaks = result.experiment.bounds, result.settings, result.peaks
-    ratios = result.ratios
+    bounds, settings, ratios = result.experiment.bounds, result.settings, result.ratios
     return {
         "robot": bounds.robot.name,
         "leg": bounds.leg,
@@ -94,19 +109,8 @@ def excitation_json(result: Excitation) -> dict[str, Any]:
         "seed": settings.seed,
         "stand_height": settings.stand_height,
         "torque_noise": dict(zip(bounds.joints, result.experiment.noise.tolist(), strict=True)),
-        "joints": {
-            joint: {
-                "position": [float(peaks.lower[k]), float(peaks.upper[k])],
-                "position_bounds": [float(bounds.lower[k]), float(bounds.upper[k])],
-                "velocity": float(peaks.velocity[k]),
-                "velocity_bound": _finite(bounds.velocity[k]),
-                "acceleration": float(peaks.acceleration[k]),
-                "torque": float(peaks.torque[k]),
-                "torque_bound": _finite(bounds.effort[k]),
-            }
-            for k, joint in enumerate(bounds.joints)
-        },
-        "least_distance": _finite(peaks.distance),
+        "joints": {joint: _joint(result, k) for k, joint in enumerate(bounds.joints)},
+        "least_distance": _finite(result.peaks.distance),
         "motions": [
             {"name": name, "gain": a.gain, "rank": a.rank, "rigid_rank": a.rigid_rank} for name, a in appraisals(result)
         ],
@@ -124,21 +128,20 @@ def excitation_json(result: Excitation) -> dict[str, Any]:
         "rigid_rank": result.rigid_rank,
         "sinusoids": _sinusoids(result),
         "notes": list(bounds.clearance.notes),
-        "units": {
-            "duration": "s",
-            "rate": "Hz",
-            "stand_height": "m",
-            "torque_noise": "N·m",
-            "position": "rad",
-            "velocity": "rad/s",
-            "acceleration": "rad/s²",
-            "torque": "N·m",
-            "least_distance": "m",
-            "gain": "nat",
-            "gained": "nat",
-            "std": "of the prior's",
-            "sinusoids": "rad, Hz, s",
-        },
+        "units": dict(_UNITS),
+    }
+
+
+def _joint(result: Excitation, k: int) -> dict[str, Any]:
+    bounds, peaks = result.experiment.bounds, result.peaks
+    return {
+        "position": [float(peaks.lower[k]), float(peaks.upper[k])],
+        "position_bounds": [float(bounds.lower[k]), float(bounds.upper[k])],
+        "velocity": float(peaks.velocity[k]),
+        "velocity_bound": _finite(bounds.velocity[k]),
+        "acceleration": float(peaks.acceleration[k]),
+        "torque": float(peaks.torque[k]),
+        "torque_bound": _finite(bounds.effort[k]),
     }
 
 
