@@ -110,6 +110,38 @@ def test_a_belief_that_comes_on_the_way_is_walked_by() -> None:
     assert sum(event.phase is Phase.SWING for event in crawl.events) >= 2
 
 
+@pytest.mark.parametrize("name", ["hyq", "go2"])
+def test_a_belief_that_wanders_costs_no_step(name: str) -> None:
+    robot = robot_named(name)
+    test, crawl, judge = crawler(robot)
+    truth, rng, size = TrunkModel.of(test.plant.truth()), np.random.default_rng(0), 0.3 * crawl.settings.margin
+    wandered = np.zeros(3)
+    assert walk_on(test, 0.1, judge) is None
+    for _ in range(round((crawl.settings.lead + 2.5) / 0.02)):  # fifty beliefs a second, of which some replan
+        wandered += -0.05 * wandered + 0.3 * size * np.array([*rng.normal(size=2), 0.0])
+        assert crawl.believe(TrunkModel(truth.mass, truth.com_trunk + wandered))
+        assert walk_on(test, 0.02, judge) is None
+    step = crawl.settings.timing(crawl.command).step
+    lifted = [event.time for event in crawl.events if event.phase is Phase.SWING]
+    assert len(lifted) >= int(2.5 / step)
+    assert np.diff(lifted).max() < 1.6 * step
+    assert not crawl.failed
+    assert np.nanmin(judge.margins) > 0.0
+
+
+def test_a_belief_that_comes_while_a_leg_swings_is_walked_by() -> None:
+    robot = robot_named("hyq")
+    test, crawl, judge = crawler(robot)
+    while crawl.phase is not Phase.SWING:
+        walk_on(test, 0.02, judge)
+    test.plant.apply_payload(corner_load(robot, 60.0))
+    assert crawl.believe(TrunkModel.of(test.plant.truth()))
+    assert walk_on(test, 2.5, judge) is None
+    lifted = [event.time for event in crawl.events if event.phase is Phase.SWING]
+    assert np.diff(lifted).max() < 1.6 * crawl.settings.timing(crawl.command).step
+    assert not crawl.failed
+
+
 def test_turns_and_takes_the_sequence_it_is_given() -> None:
     robot = robot_named("go2")
     settings = replace(CrawlSettings.of(robot), sequence=("RH", "RF", "LH", "LF"))

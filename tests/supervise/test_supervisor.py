@@ -13,46 +13,16 @@ from scipy.spatial.transform import Rotation
 from tests.standing import StandingRobot
 
 from stadera.errors import StaderaError, UnknownNameError
-from stadera.estimate import Measurement, TrunkModel
+from stadera.estimate import Measurement
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.supervise import State, SuperviseSettings, Supervisor, Transition, Walker
+from supervise.scripted import ScriptedWalker
 
 HYQ = load_robot("hyq")
 PLACE = (-0.3, 0.15, 0.2)
 PERIOD = 0.01
 ROUND = [State.WALKING, State.STOPPING, State.WEIGHING_MASS, State.WEIGHING_COM, State.CONVERGED, State.WALKING]
-
-
-class ScriptedWalker:
-    """Stops when it is told to, unless told not to; remembers what it was made to believe."""
-
-    def __init__(self, *, stops: bool = True, takes: bool = True) -> None:
-        self.stops, self.takes = stops, takes
-        self.walking, self.sat, self.fault = True, False, ""
-        self.believed: list[TrunkModel] = []
-
-    @property
-    def phase(self) -> str:
-        return "walking" if self.walking else "standing"
-
-    @property
-    def stopped(self) -> bool:
-        return not self.walking
-
-    def request_stop(self) -> None:
-        self.walking = self.walking and not self.stops
-
-    def resume(self) -> None:
-        self.walking = True
-
-    def sit(self) -> None:
-        self.sat, self.walking = True, False
-
-    def believe(self, trunk: TrunkModel) -> bool:
-        if self.takes:
-            self.believed.append(trunk)
-        return self.takes
 
 
 @cache

@@ -12,9 +12,9 @@ A state machine, driven by events and time (section V.C of the paper, [13] there
 
 Everything is planned in the odometry frame from what is measured. The believed trunk is the trunk controller's: one
 `believe` sets it for both, at any time. The plan under way goes on by the belief that it was made with, until that is
-off by a fifth of the margin; then the body's way is planned anew at once, also while a leg swings, from where and how
-fast it is. The coming step keeps its time if the new way gets the centre of mass over the coming triangle by then, and
-else is put off by as little as will do.
+off by a fifth of the margin; then the body's way is planned anew from where and how fast it is: at once, or as the leg
+in the air lands. The coming step keeps its time if the new way gets the centre of mass over the coming triangle by
+then, and else is put off by as little as will do.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from stadera.robot.model import LEG_NAMES
 Array = NDArray[np.float64]
 
 _MOVED = 0.2  # of the margin, by which the believed centre of mass may have moved in the trunk since the plan
-_DELAYS = (0.0, 0.5, 1.0)  # of the lead, that a step may be put off by for a new belief: the least that is enough
+_DELAYS = (0.0, 0.25, 0.5, 1.0)  # of the lead, that a step may be put off by for a new belief: the least that is enough
 _SITTING = 0.45  # height of a sitting trunk, share of the standing one
 _SIT_TIME = 3.0  # of the lead, that sitting down takes
 
@@ -140,7 +140,9 @@ class Crawl(Gait):
             self._start(measurement)
             return torque
         self._body.see(measurement)
-        self._notice_overload(measurement.time)
+        overload = self._overload.update(measurement.time, self.controller.saturated)
+        if self._walks and overload:
+            self._fail(overload)
         self._advance(measurement.time)
         return self.controller.update(measurement)
 
@@ -197,9 +199,8 @@ class Crawl(Gait):
 
     def _reaches(self, lift: float) -> bool:
         """Whether centre of mass and zero-moment point are planned inside the coming triangle, for a lift at a time."""
-        timing, ground = self._timing, self._ground
-        begin, end = lift - 0.5 * timing.transfer, lift + timing.swing
-        return self._planned.least_margin(self._triangle(), begin, end, ground) >= self.settings.least_margin
+        begin, end = lift - 0.5 * self._timing.transfer, lift + self._timing.swing
+        return self._planned.least_margin(self._triangle(), begin, end) >= self.settings.least_margin
 
     def _belief_moved(self) -> bool:
         return self._planned.moved > _MOVED * self.settings.margin
@@ -236,9 +237,9 @@ class Crawl(Gait):
         """Gives the body time once more; gives up when it has had enough."""
         settings, timing = self.settings, self._timing
         if self._put_off >= settings.patience:
-            place, margin = f"the triangle without {LEG_NAMES[self._leg]}", self._margin()
-            least = settings.least_margin
-            self._fail(f"the centre of mass does not get over {place}: margin {margin:.3f} m, needed {least:.3f} m")
+            place = f"the triangle without {LEG_NAMES[self._leg]}"
+            found = f"margin {self._margin():.3f} m, needed {settings.least_margin:.3f} m"
+            self._fail(f"the centre of mass does not get over {place}: {found}")
             self._stand(time, self._stop)
             return
         if self._relieving:
@@ -264,15 +265,15 @@ class Crawl(Gait):
                 self._begin_step(time, self._steps.body_time(swing.overdue(time)), leg)
         elif swing.out_of_reach(time, stretched):
             self._retreat(time)
-        elif (swing.overdue_long(time) and not swing.late) or self._belief_moved():
-            swing.late = swing.overdue_long(time)  # then the body waits over the three feet
-            self._replan(time, swing.airborne(time), None)
+        elif swing.overdue_long(time) and not swing.late:  # the body waits over the three feet
+            swing.late = True
+            self._replan(time, swing.airborne(), None)
 
     def _retreat(self, time: float) -> None:
         leg, (x, y, _) = self._leg, self._swing.target
         self._fail(f"{LEG_NAMES[leg]} found no ground within {self.settings.search:.2f} m below ({x:.2f}, {y:.2f}) m")
         self._swing.retreat(time)
-        self._replan(time, self._swing.airborne(time), None)
+        self._replan(time, self._swing.airborne(), None)
         self._enter(Phase.RETREAT, leg, self._stop)
 
     def _put_back(self, time: float) -> None:
@@ -294,21 +295,11 @@ class Crawl(Gait):
         self.phase, self.reason, self._relieving = phase, reason, False
         self.events.append(CrawlEvent(self.controller.time, phase, None if leg is None else LEG_NAMES[leg], reason))
 
-    def _notice_overload(self, time: float) -> None:
-        overload = self._overload.update(time, self.controller.saturated)
-        if self._walks and overload:
-            self._fail(overload)
-
     # -- planning -------------------------------------------------------------------------------------------------
     @property
     def _planned(self) -> BodyReference:
         assert self._body is not None
         return self._body
-
-    @property
-    def _ground(self) -> float:
-        """Height of the feet in stance [m]."""
-        return float(self.controller.feet[self.stance, 2].mean())
 
     def _replan(self, time: float, airborne: Airborne | None, body: float | None) -> None:
         """Plans the body's way anew: the airborne leg comes down, then come the next steps, the first after `body` [s];
@@ -317,4 +308,4 @@ class Crawl(Gait):
         timing, settings, feet = self._timing, self.settings, self.controller.feet
         steps = [] if body is None or self._stop else self._steps.ahead(body)
         phases = support_phases(feet, steps, timing, settings.margin, settings.lead, airborne)
-        self._planned.replan(time, phases, self._ground, settings.margin, timing.rest)
+        self._planned.replan(time, phases, settings.margin, timing.rest)

@@ -93,13 +93,15 @@ class BodyReference:
         """Where the robot's centre of mass is believed to be now, (3,) [m], odometry frame."""
         return np.asarray(self._controller.position + self._controller.rotation @ self._believed())
 
-    def least_margin(self, support: SupportPolygon, begin: float, end: float, ground: float) -> float:
-        """Of the planned centre of mass and zero-moment point inside a polygon, over a time [s]; [m].
+    @property
+    def _ground(self) -> float:
+        """Height of the feet in stance [m]."""
+        controller = self._controller
+        return float(controller.feet[controller.stance, 2].mean())
 
-        Args:
-            ground: [m], height of the feet.
-        """
-        tau2 = (float(self.com[2]) - ground) / GRAVITY
+    def least_margin(self, support: SupportPolygon, begin: float, end: float) -> float:
+        """Of the planned centre of mass and zero-moment point inside a polygon, over a time [s]; [m]."""
+        tau2 = (float(self.com[2]) - self._ground) / GRAVITY
         states = np.array([self.plan.at(time) for time in np.linspace(begin, end, _LOOKS)])
         points = np.concatenate([states[:, 0], states[:, 0] - tau2 * states[:, 2]])
         return float(np.min(support.distances - points @ support.normals.T))
@@ -117,11 +119,10 @@ class BodyReference:
             np.array([*acceleration, pose.acceleration[2]]),
         )
 
-    def replan(self, time: float, phases: Sequence[SupportPhase], ground: float, margin: float, rest: float) -> None:
+    def replan(self, time: float, phases: Sequence[SupportPhase], margin: float, rest: float) -> None:
         """Plans the centre of mass anew, with the belief of now, from where the reference is.
 
         Args:
-            ground: [m], height of the feet.
             margin: [m], and
             rest: as for `plan_com`.
 
@@ -134,7 +135,7 @@ class BodyReference:
         com = now.position + now.rotation @ self._lever()
         start = self.plan.at(time).copy()
         start[0] = com[:2]
-        self.plan = plan_com(time, start, phases, float(com[2]) - ground, margin, rest)
+        self.plan = plan_com(time, start, phases, float(com[2]) - self._ground, margin, rest)
 
     def follow_ground(self, time: float, heading: float, duration: float) -> None:
         """Turns the trunk parallel to the ground under the feet, headed along a direction [rad], and brings it to its

@@ -26,7 +26,7 @@ class LegSwing:
     Attributes:
         leg: its index.
         target: (3,) [m], where the foot is to land.
-        late: whether it has been told that its ground is late; see `wait`.
+        late: whether whoever asks has taken note that it is overdue; set by them.
     """
 
     def __init__(self, controller: TrunkController, settings: CrawlSettings) -> None:
@@ -81,10 +81,9 @@ class LegSwing:
             return False
         return self.landed(time, stretched)
 
-    def airborne(self, time: float) -> Airborne:
-        """For the body's plan: where the foot lands, and how long the others carry."""
-        left = _FOREVER if self.late else self._transfer - self.overdue(time)
-        return Airborne(self.leg, self.target[:2], left)
+    def airborne(self) -> Airborne:
+        """For the body's plan: where the foot lands, after the others have carried for long."""
+        return Airborne(self.leg, self.target[:2], _FOREVER)
 
     @property
     def _foot(self) -> Array:

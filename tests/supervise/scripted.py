@@ -1,0 +1,36 @@
+"""A walker that does as scripted."""
+
+from __future__ import annotations
+
+from stadera.estimate import TrunkModel
+
+
+class ScriptedWalker:
+    """Stops when it is told to, unless told not to; remembers what it was made to believe."""
+
+    def __init__(self, *, stops: bool = True, takes: bool = True) -> None:
+        self.stops, self.takes = stops, takes
+        self.walking, self.sat, self.fault = True, False, ""
+        self.believed: list[TrunkModel] = []
+
+    @property
+    def phase(self) -> str:
+        return "walking" if self.walking else "standing"
+
+    @property
+    def stopped(self) -> bool:
+        return not self.walking
+
+    def request_stop(self) -> None:
+        self.walking = self.walking and not self.stops
+
+    def resume(self) -> None:
+        self.walking = True
+
+    def sit(self) -> None:
+        self.sat, self.walking = True, False
+
+    def believe(self, trunk: TrunkModel) -> bool:
+        if self.takes:
+            self.believed.append(trunk)
+        return self.takes
