@@ -18,6 +18,7 @@ from stadera.estimate.registry import METHODS, Method, Setup, make_estimator
 from stadera.estimate.static_poses import PoseOffset, expected_covariance, static_poses
 from stadera.estimate.stillness import StillnessGate, StillnessLimits
 from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.estimate.vertical import measurements_without_imu, vertical_by_forces
 from stadera.estimate.walking import WalkingEstimator, WalkingSettings
 from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_result import LoadChange, Payload, TrunkParameters
@@ -64,6 +65,8 @@ __all__ = [
     "ground_normal",
     "make_estimator",
     "measurements_of",
+    "measurements_without_imu",
     "static_poses",
     "unobserved",
+    "vertical_by_forces",
 ]

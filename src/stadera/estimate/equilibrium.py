@@ -211,14 +211,12 @@ def equilibrium_rows(
     legs_only = np.concatenate([forces_of.legs.mass * up, np.cross(state.moment, up)]) * GRAVITY
     value = np.zeros(len(matrix))
     value[:6] = forces.wrench - legs_only
-    floor = np.eye(len(matrix)) * (_REPEATABLE * forces_of.robot.mass * GRAVITY) ** 2
     white = (forces.noise.torque_white**2 / count).ravel()
-    by_torque = slope[:, :12]
-    covariance = floor.copy()
-    covariance[:6, :6] += (by_torque * white) @ by_torque.T
+    covariance = np.eye(len(matrix)) * (_REPEATABLE * forces_of.robot.mass * GRAVITY) ** 2
+    covariance[:6, :6] += (slope[:, :12] * white) @ slope[:, :12].T
     if effort_covariance is not None and count >= _FEWEST:
         joints = forces_of.legs.columns.ravel()
-        scatter = by_torque @ effort_covariance[np.ix_(joints, joints)] @ by_torque.T
+        scatter = slope[:, :12] @ effort_covariance[np.ix_(joints, joints)] @ slope[:, :12].T
         covariance[:6, :6] = _at_least(covariance[:6, :6], scatter)
     covariance[:6, :6] += foot_variance * slope[:, 12:] @ slope[:, 12:].T
     for k, leg in enumerate(swing):
