@@ -171,14 +171,15 @@ class LoadedWalkOutcome:
 
     @property
     def steps_lost(self) -> int:
-        """By how many it is behind the commanded cadence at the end, since the last step before the load, or else since
-        the load; 0 without one.
+        """By how many it is behind at the end, counted from the last step before the load, or else from the load, in
+        the cadence that it had before or, where that is slower, was commanded; 0 without a load.
         """
         before = [time for time in self.steps if time < self._from]
         since = before[-1] if before else self.loaded_at
         if np.isnan(since):
             return 0
-        due = int((self.seconds - since) / self.step_time)
+        step = max(self.step_time, float(np.diff(before).mean()) if len(before) > 1 else 0.0)
+        due = int((self.seconds - since) / step)
         return max(due - (len(self.steps) - len(before)), 0)
 
     @property

@@ -31,9 +31,9 @@ def robot_contents(robot: Robot) -> Iterator[RenderableType]:
 def _link_table(robot: Robot) -> Table:
     table = Table(title="Links (CAD)", title_justify="left", title_style="bold")
     for heading in ("leg", "link"):
-        table.add_column(heading)
+        table.add_column(Text(heading))
     for heading in ("mass [kg]", "com x [m]", "com y [m]", "com z [m]"):
-        table.add_column(heading, justify="right")
+        table.add_column(Text(heading), justify="right")
     table.add_column("possible")
     owners = [("trunk", (robot.trunk,)), *((leg.name, leg.links) for leg in robot.legs)]
     for owner, links in owners:
@@ -51,7 +51,7 @@ def _joint_table(robot: Robot) -> Table:
     table.add_column("leg")
     table.add_column("joint")
     for heading in ("position [rad]", "velocity [rad/s]", "torque [N·m]", "rotor inertia [kg·m²]", "foot"):
-        table.add_column(heading, justify="left" if heading == "foot" else "right")
+        table.add_column(Text(heading), justify="left" if heading == "foot" else "right")
     for leg in robot.legs:
         for k, joint in enumerate(leg.joints):
             foot = f"{leg.foot}, radius {number(leg.foot_radius, 3)} m" if k == 2 else ""
@@ -90,7 +90,7 @@ def log_contents(
     table = Table(title="Ranges", title_justify="left", title_style="bold")
     table.add_column("column")
     for heading in ("least", "largest"):
-        table.add_column(heading, justify="right")
+        table.add_column(Text(heading), justify="right")
     table.add_column("unit")
     for signal in summary.ranges:
         table.add_row(Text(signal.name), number(signal.low), number(signal.high), signal.unit)

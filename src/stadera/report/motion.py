@@ -128,9 +128,9 @@ def _payload(payload: Payload) -> dict[str, Any]:
 
 def _changes(result: MotionWeighing) -> Table:
     table = Table(title="Changes of the load", title_justify="left", title_style="bold")
-    table.add_column("time [s]", justify="right")
+    table.add_column(Text("time [s]"), justify="right")
     table.add_column("kind")
-    table.add_column("mass [kg]", justify="right")
+    table.add_column(Text("mass [kg]"), justify="right")
     for change in result.changes:
         table.add_row(f"{change.time:.2f}", change.kind, with_std(change.mass, change.mass_std))
     return table

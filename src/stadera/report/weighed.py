@@ -91,7 +91,7 @@ def bodies_table(title: str, bodies: Iterable[Body]) -> Table:
     """Bodies one below the other."""
     table = Table(title=title, title_justify="left", title_style="bold")
     for k, heading in enumerate(HEADINGS):
-        table.add_column(heading, justify="right" if k else "left")
+        table.add_column(Text(heading), justify="right" if k else "left")
     for body in bodies:
         table.add_row(*body)
     return table

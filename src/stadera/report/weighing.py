@@ -93,8 +93,8 @@ def body_rows(result: Weighing, truth: Truth | None = None) -> Iterator[Body]:
 
 def _changes(result: Weighing) -> Table:
     table = Table(title="Changes of the load", title_justify="left", title_style="bold")
-    table.add_column("time [s]", justify="right")
-    table.add_column("mass [kg]", justify="right")
+    table.add_column(Text("time [s]"), justify="right")
+    table.add_column(Text("mass [kg]"), justify="right")
     for change in result.changes:
         table.add_row(f"{change.time:.2f}", with_std(change.mass, change.mass_std))
     return table
