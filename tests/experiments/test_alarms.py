@@ -80,6 +80,7 @@ def test_summary_counts() -> None:
     by_robot, by_doing, each = result.tables
     assert [row[0].text for row in by_robot.groups[0][1]] == ["hyq", "all"]
     assert by_robot.groups[1][1][0][1].text == "2 in 1.0 min"
+    assert by_robot.groups[0][1][1][5].text == f"{highest_rate(0, 1.1):.1f}"
     assert {row[0].text: row[2].text for row in by_doing.groups[1][1]}["stop"] == "2"
     assert [row[1].text for row in each.groups[0][1]] == ["12.30", "12.30"]
 

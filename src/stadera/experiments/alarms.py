@@ -137,10 +137,12 @@ def _by_robot(by_errors: Mapping[str, _Pairs]) -> TableData:
         for robot in (*dict.fromkeys(c.robot for c, _ in pairs), "all"):
             own = [(c, r) for c, r in pairs if robot in ("all", c.robot)]
             cells = (_counted([(c, r) for c, r in own if c.gait == gait]) for gait in GAITS)
-            rows.append((Cell(robot), *cells, _counted(own), Cell(f"{_falls(own)}"), Cell(f"{_halts(own)}")))
+            rate = Cell(f"{highest_rate(_alarms(own), minutes(own)):.1f}")
+            rows.append((Cell(robot), *cells, _counted(own), rate, Cell(f"{_falls(own)}"), Cell(f"{_halts(own)}")))
         groups.append((errors, tuple(rows)))
-    head = ("robot", *GAITS, "all", "falls", "crawls stopped")
-    return TableData("False alarms by robot and gait", head, tuple(groups))
+    head = ("robot", *GAITS, "all", "rate at most [1/h]", "falls", "crawls stopped")
+    note = "Rate: exact one-sided 95 % bound. Crawls stopped: those that did so by themselves."
+    return TableData("False alarms by robot and gait", head, tuple(groups), note)
 
 
 def _by_doing(by_errors: Mapping[str, _Pairs]) -> TableData:
