@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.files import write_text
+from stadera.files import written_together
 from stadera.identify.information import Information
 from stadera.identify.prior import robot_prior
 from stadera.identify.solutions import null_space_solution
@@ -214,17 +214,13 @@ def main() -> None:
     print(f"{args.hour_seconds} s at 1 kHz streamed from Parquet:")
     print(f"  {streamed['seconds']:.1f} s, peak memory {streamed['peak_mb']:.0f} MB")
     if args.json:
-        write_text(
-            args.json,
-            json.dumps(
-                {
-                    "seconds": median,
-                    "peak_mb": {"stadera": peak, "hour_streamed": streamed["peak_mb"]},
-                    "hour_seconds": streamed["seconds"],
-                },
-                indent=2,
-            ),
-        )
+        figures = {
+            "seconds": median,
+            "peak_mb": {"stadera": peak, "hour_streamed": streamed["peak_mb"]},
+            "hour_seconds": streamed["seconds"],
+        }
+        with written_together([args.json]) as (draft,):
+            draft.write_text(json.dumps(figures, indent=2), encoding="utf-8")
 
 
 if __name__ == "__main__":

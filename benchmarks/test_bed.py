@@ -26,7 +26,7 @@ import numpy as np
 from stadera.control import Shake, TestBed, Trot, TrunkController
 from stadera.control.stand import Controller
 from stadera.estimate import ContactCom
-from stadera.files import write_text
+from stadera.files import written_together
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.sim import STANDARD, Plant, Sensors
@@ -118,7 +118,8 @@ def main() -> None:
         cells = (f"{value['median']:.2f} ({value['best']:.2f})" for value in found[name].values())
         print(f"{name:10s}" + "".join(f"{cell:>18s}" for cell in cells))
     if args.json:
-        write_text(args.json, json.dumps({"simulated_seconds_per_second": found}, indent=2))
+        with written_together([args.json]) as (draft,):
+            draft.write_text(json.dumps({"simulated_seconds_per_second": found}, indent=2), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -130,18 +130,18 @@ class ForceDistribution:
     def solve(self, levers: Array, force: Array, moment: Array) -> Array:
         """Forces (4, 3) [N] on the feet at levers (4, 3) [m] that make a wrench of force and moment, (3,) each."""
         wrench = self._wrench
-        wrench[3:] = (levers @ self._skew).reshape(12, 3).T * self._carrying
+        wrench[3:] = levers.dot(self._skew).reshape(12, 3).T * self._carrying
         target = self._target
         target[:3], target[3:] = force, moment / self.length
         near = self._keeping * self._before
-        square = wrench @ wrench.T
+        square = wrench.dot(wrench.T)
         square += self._six
-        _, pull, failed = dposv(square, target - wrench @ near)
+        _, pull, failed = dposv(square, target - wrench.dot(near), overwrite_a=1, overwrite_b=1)
         if failed:
             self.solved = False
             return self.forces
-        best = near + pull @ wrench
-        slack = self._bounds - self._sides @ best
+        best = near + pull.dot(wrench)
+        slack = self._bounds - self._sides.dot(best)
         if slack.min() >= -_KEPT:
             return self._found(best)
         return self._constrained(best, slack)

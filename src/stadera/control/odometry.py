@@ -70,11 +70,11 @@ class LegOdometry:
             self._change_stance(levers, stance)
         left = self.anchors - levers
         if self._standing:
-            self.position = self._weights @ left
+            self.position = self._weights.dot(left)
         left -= self.position
         everywhere = left.ravel()
         self.slipped = _NOBODY
-        if everywhere @ everywhere > _SLIP**2:
+        if everywhere.dot(everywhere) > _SLIP**2:
             self.slipped = self._stance & ((left * left).sum(axis=1) > _SLIP**2)
             self.anchors[self.slipped] -= left[self.slipped]
 
@@ -86,8 +86,8 @@ class LegOdometry:
             joint_part: (4, 3) [m/s], J_i q̇_i, both in trunk axes.
             angular_velocity: (3,) [rad/s], trunk axes.
         """
-        x, y, z = (self._weights @ arms).tolist()
-        u, v, w = (self._weights @ joint_part).tolist()
+        x, y, z = self._weights.dot(arms).tolist()
+        u, v, w = self._weights.dot(joint_part).tolist()
         wx, wy, wz = angular_velocity.tolist()
         return np.array([wz * y - wy * z - u, wx * z - wz * x - v, wy * x - wx * y - w])
 

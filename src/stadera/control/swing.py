@@ -81,9 +81,9 @@ class SwingTrajectory:
                 f"a swing's clearance and descent must not be negative, got {self.clearance} m, {self.descent} m/s"
             )
         way = self.target - self.start
-        if not isfinite(way @ way):
+        if not isfinite(way.dot(way)):
             raise ModelError(f"a swing's ends must be finite, got {self.start} and {self.target}")
-        height = 64.0 * (self.clearance + 0.5 * abs(float(way @ self.normal)))
+        height = 64.0 * (self.clearance + 0.5 * abs(float(way.dot(self.normal))))
         object.__setattr__(self, "_basis", np.array([way, height * self.normal]))
 
     @property
@@ -110,7 +110,7 @@ class SwingTrajectory:
                 (60.0 * y * tilt * rate**2, 6.0 * y * (tilt * tilt - y) * rate**2),
             ]
         )
-        rows: Array = shares @ self._basis  # type: ignore[attr-defined]
+        rows: Array = shares.dot(self._basis)  # type: ignore[attr-defined]
         rows[0] += self.start
         return rows
 
@@ -218,20 +218,21 @@ class SwingLegs:
         wanted, w = np.zeros((4, 3, 3)), self._frequency
         for leg in self._legs:
             wanted[leg] = self.trajectories[leg].at(measurement.time)  # type: ignore[union-attr]
-        wanted = (wanted - np.array([position, speed, _GRAVITY])) @ rotation  # trunk axes from here on
+        wanted -= np.array([position, speed, _GRAVITY])
+        wanted = wanted.reshape(12, 3).dot(rotation).reshape(4, 3, 3)  # trunk axes from here on
         off = wanted[:, 0] - state.feet
         pull = wanted[:, 2] + w * w * off + 2.0 * w * (wanted[:, 1] - motion.velocity) - motion.free_acceleration
         inverse = self._inverse(state.jacobians(state.feet))
-        joint = _times(inverse, pull)
+        joint = np.matvec(inverse, pull)
         rate = measurement.joint_velocity[self._columns]
         held = state.bias + self._offset
         if self._has_friction:
             held += self._viscous * rate + self._coulomb * np.tanh(rate / _STICTION_VELOCITY)
         felt = self._felt(measurement.effort[self._columns] - held, rate, motion.inertia, dt)
-        self.force = (felt[:, None, :] @ inverse)[:, 0] @ -rotation.T
-        self.touched = self.force @ normal > self._least
+        self.force = np.vecmat(felt, inverse).dot(-rotation.T)
+        self.touched = self.force.dot(normal) > self._least
         self.error = np.sqrt((off * off).sum(axis=1)) * self._swings[:, 0]
-        return SwingTorques(held + _times(motion.inertia, joint), _times(motion.coupling, joint).sum(axis=0))
+        return SwingTorques(held + np.matvec(motion.inertia, joint), np.matvec(motion.coupling, joint).sum(axis=0))
 
     def _felt(self, torque: Array, rate: Array, inertia: Array, dt: float) -> Array:
         """⟨τ - h - M q̈⟩ (4, 3) [N·m]."""
@@ -241,7 +242,7 @@ class SwingLegs:
         share = dt / (_FILTER + dt)
         self._slow_torque += share * (torque - self._slow_torque)
         self._slow_rate += share * (rate - self._slow_rate)
-        return self._slow_torque - _times(inertia, rate - self._slow_rate) / _FILTER
+        return np.asarray(self._slow_torque - np.matvec(inertia, rate - self._slow_rate) / _FILTER)
 
     def _inverse(self, jacobians: Array) -> Array:
         """J⁻¹ (4, 3, 3) of the swinging legs, damped where one is nearly stretched; by the adjugate, for speed."""
@@ -257,16 +258,11 @@ class SwingLegs:
             )
             determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
             size = adjugate.ravel()
-            if size @ size < self._most_squared * determinant**2 or not isfinite(determinant):
+            if size.dot(size) < self._most_squared * determinant**2 or not isfinite(determinant):
                 inverse[leg] = adjugate / determinant
             else:
                 inverse[leg] = _damped(jacobians[leg])
         return inverse
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    """Products of matrices (k, m, n) with vectors (k, n)."""
-    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
 
 
 def _damped(jacobian: Array) -> Array:

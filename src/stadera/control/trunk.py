@@ -239,17 +239,18 @@ class TrunkController:
         if rotation is None:
             raise ControlError("the trunk controller needs the trunk's orientation")
         state, columns = self.legs.at(m), self.legs.columns
-        levers = (state.feet if m.foot_position is None else m.foot_position) @ rotation.T
+        feet = state.feet if m.foot_position is None else m.foot_position
+        levers = feet.dot(rotation.T)
         dt = self._advance(m, levers, rotation, state)
-        contacts = (levers - self._below) @ rotation
-        jacobians = state.jacobians(state.feet - self._below @ rotation if self._by_encoders else contacts)
-        moving = (jacobians @ m.joint_velocity[columns][:, :, None])[:, :, 0]
+        contacts = (levers - self._below).dot(rotation)
+        jacobians = state.jacobians(state.feet - self._below.dot(rotation) if self._by_encoders else contacts)
+        moving = np.matvec(jacobians, m.joint_velocity[columns])
         mass = self.belief.mass + self.legs.mass
         com = (self.belief.moment + state.moment) / mass
         arms = contacts - com
-        self.com = self.odometry.position + rotation @ com
-        by_legs = rotation @ self.odometry.velocity(contacts, moving, m.angular_velocity)
-        self.velocity = self.odometry.fused(by_legs, rotation @ m.specific_force - _GRAVITY, dt)
+        self.com = self.odometry.position + rotation.dot(com)
+        by_legs = rotation.dot(self.odometry.velocity(contacts, moving, m.angular_velocity))
+        self.velocity = self.odometry.fused(by_legs, rotation.dot(m.specific_force) - _GRAVITY, dt)
         force, moment = self._springs(com, mass, m.angular_velocity)
         force[2] += mass * GRAVITY
         torque = state.bias
@@ -257,19 +258,19 @@ class TrunkController:
             trunk = (self.odometry.position, self.velocity, rotation)
             swing = self.swinging.update(m, state, self.legs.motion_at(m), trunk, self.normal, dt)
             torque = np.where(self.stance[:, None], torque, swing.torque)
-            force += rotation @ swing.wrench[:3]
-            moment += rotation @ (swing.wrench[3:] - _cross(com, swing.wrench[:3]))
+            force += rotation.dot(swing.wrench[:3])
+            moment += rotation.dot(swing.wrench[3:] - _cross(com, swing.wrench[:3]))
         self._require_finite(force + moment)
-        self.forces = self._sharing.solve(arms @ rotation.T, force, moment)
-        against = ((self.forces @ rotation)[:, None, :] @ jacobians)[:, 0]
+        self.forces = self._sharing.solve(arms.dot(rotation.T), force, moment)
+        against = np.vecmat(self.forces.dot(rotation), jacobians)
         return self._within_limits((torque - against).ravel()[self._tree_order] + self._offset)
 
     def _require_finite(self, values: Array) -> None:
-        if not isfinite(values @ values):
+        if not isfinite(values.dot(values)):
             raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")
 
     def _within_limits(self, torque: Array) -> Array:
-        if not isfinite(torque @ torque):
+        if not isfinite(torque.dot(torque)):
             raise ControlError(f"no torques at {self.time:.6f} s: a value measured is not finite, or a leg is singular")
         self.saturated = np.abs(torque) > self._effort
         return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
@@ -305,25 +306,25 @@ class TrunkController:
 
     def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:
         """θ x ρ n (4, 3) [m] of the feet since the last update, world axes; θ turns the last links."""
-        r = (rotation @ self.rotation.T).tolist()  # by which the trunk turned: little
+        r = rotation.dot(self.rotation.T).tolist()  # by which the trunk turned: little
         trunk = np.array([0.5 * (r[2][1] - r[1][2]), 0.5 * (r[0][2] - r[2][0]), 0.5 * (r[1][0] - r[0][1])])
         joints = (joint_position - self._position)[self.legs.columns]
-        turn = (state.axes @ joints[:, :, None])[:, :, 0] @ rotation.T + trunk
-        return np.asarray((turn @ self._across) * self._radii)
+        turn = np.matvec(state.axes, joints).dot(rotation.T) + trunk
+        return np.asarray(turn.dot(self._across) * self._radii)
 
     def _springs(self, com: Array, mass: float, omega: Array) -> tuple[Array, Array]:
         """Force and moment [N, N·m] of springs and dampers, odometry frame; com and ω in trunk axes."""
         gains, goal, rotation = self.gains, self._reference.at(self.time), self.rotation
-        to_goal = rotation.T @ goal.rotation
-        far = goal.position - self.odometry.position + (goal.rotation - rotation) @ com
-        slow = -self.velocity - rotation @ _cross(omega, com)
+        to_goal = rotation.T.dot(goal.rotation)
+        far = goal.position - self.odometry.position + (goal.rotation - rotation).dot(com)
+        slow = -self.velocity - rotation.dot(_cross(omega, com))
         pull = gains.stiffness * far
         if not goal.at_rest:
-            slow += goal.velocity + goal.rotation @ _cross(goal.angular_velocity, com)
-            omega = omega - to_goal @ goal.angular_velocity
+            slow += goal.velocity + goal.rotation.dot(_cross(goal.angular_velocity, com))
+            omega = omega - to_goal.dot(goal.angular_velocity)
             pull += mass * goal.acceleration
         moment = gains.angular_stiffness * _log(to_goal) - gains.angular_damping * omega
-        return pull + gains.damping * slow, rotation @ moment
+        return pull + gains.damping * slow, rotation.dot(moment)
 
 
 def _span(robot: Robot) -> float:

@@ -74,12 +74,12 @@ class Measurement:
         q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
         gyro, accelerometer = sample.angular_velocity, sample.specific_force
         # products carry a value that is not finite on to the sum
-        if not isfinite(q @ qd + effort @ effort + gyro @ accelerometer + orientation @ orientation):
+        if not isfinite(q.dot(qd) + effort.dot(effort) + gyro.dot(accelerometer) + orientation.dot(orientation)):
             raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
         turn = mount.rotation
-        omega = turn @ gyro
-        force = _at_origin(turn @ accelerometer, omega, mount.translation)
-        rotation = rotation_matrix(orientation) @ turn.T
+        omega = turn.dot(gyro)
+        force = _at_origin(turn.dot(accelerometer), omega, mount.translation)
+        rotation = rotation_matrix(orientation).dot(turn.T)
         return cls(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance)
 
 

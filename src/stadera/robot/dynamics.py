@@ -48,7 +48,7 @@ class LegState:
 
     def jacobians(self, points: Array) -> Array:
         """Jacobians (4, 3, 3) [m/rad] of points (4, 3) [m] that move with the legs' last links."""
-        across = (points @ _PERMUTATION).reshape(4, 3, 3)  # -[r]x for each leg
+        across = points.dot(_PERMUTATION).reshape(4, 3, 3)  # -[r]x for each leg
         return np.asarray(self.at_origin + across @ self.axes)
 
 

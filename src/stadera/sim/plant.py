@@ -98,7 +98,7 @@ class Plant:
             SimulationError: a wrong shape, a value that is not finite, or a motion that ran away.
         """
         model, data = self._model, self._data
-        data.ctrl[:] = self._checked(torque, "joint torques")
+        self._control[:] = self._checked(torque, "joint torques")
         mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_VEL, True)
         mujoco.mj_Euler(model, data)
         self._steps += 1
@@ -156,28 +156,28 @@ class Plant:
     @property
     def joint_position(self) -> Array:
         """(n,) [rad], a copy."""
-        return np.array(self._data.qpos[self._q])
+        return np.array(self._joint_position)
 
     @property
     def joint_velocity(self) -> Array:
         """(n,) [rad/s], a copy."""
-        return np.array(self._data.qvel[self._v])
+        return np.array(self._joint_velocity)
 
     @property
     def effort(self) -> Array:
         """(n,) [N·m], what the actuators do to the joints, a copy."""
-        return np.array(self._data.actuator_force)
+        return np.array(self._effort)
 
     @property
     def imu_motion(self) -> Array:
         """(6,) angular velocity [rad/s] and specific force [m/s²] at and in the IMU frame, a copy."""
-        return np.array(self._data.sensordata)
+        return np.array(self._imu_motion)
 
     @property
     def imu_quaternion_wxyz(self) -> Array:
         """(4,) MuJoCo's quaternion, scalar first, of the IMU frame in the world."""
         quat = np.empty(4)
-        mujoco.mju_mulQuat(quat, self._data.qpos[3:7], self._model.site_quat[0])
+        mujoco.mju_mulQuat(quat, self._orientation, self._imu_quaternion)
         return quat
 
     @property
@@ -222,6 +222,11 @@ class Plant:
         n = self._joint_count
         self._q = slice(_FREE_POSITIONS, _FREE_POSITIONS + n)
         self._v = slice(_FREE_VELOCITIES, _FREE_VELOCITIES + n)
+        # views into MuJoCo's memory
+        self._joint_position, self._joint_velocity = self._data.qpos[self._q], self._data.qvel[self._v]
+        self._control, self._effort = self._data.ctrl, self._data.actuator_force
+        self._acceleration, self._imu_motion = self._data.qacc, self._data.sensordata
+        self._orientation, self._imu_quaternion = self._data.qpos[3:7], np.array(self._model.site_quat[0])
         self._trunk = self._model.body(self.robot.trunk).id
         self._contacts = Contacts(self._model, self.robot)
         self._radii = np.array([foot_radius(leg) for leg in self.robot.legs])
@@ -245,6 +250,7 @@ class Plant:
         # the virtual forces as one, at MuJoCo's point of application, the body's centre of mass
         com = self._model.body_ipos[self._trunk]
         self._virtual_force = float(sum(payload.force for payload in virtual))
+        self._data.xfrc_applied[self._trunk] = 0.0
         self._virtual_moment = np.zeros(3)  # Σ force (point - com), trunk axes [N·m]
         for payload in virtual:
             self._virtual_moment += payload.force * (np.asarray(payload.position) - com)
@@ -255,10 +261,8 @@ class Plant:
             # arm x (0, 0, -force), summed
             x, y, _ = _rotated(self._virtual_moment, data.qpos[3:7])
             data.xfrc_applied[self._trunk] = (0.0, 0.0, -self._virtual_force, -y, x, 0.0)
-        else:
-            data.xfrc_applied[self._trunk] = 0.0
         mujoco.mj_forward(self._model, data)
-        if not isfinite(data.qacc.sum()):
+        if not isfinite(self._acceleration.dot(self._acceleration)):
             raise SimulationError(f"robot {self.robot.name}: the simulated motion ran away at {self.time:.3f} s")
 
     def _place_box(self, index: int, box: DroppedBox) -> None:
@@ -282,7 +286,7 @@ class Plant:
         array = np.asarray(values, dtype=float)
         if array.shape != (self._joint_count,):
             raise SimulationError(f"{what} need shape ({self._joint_count},), got {array.shape}")
-        if not isfinite(array.sum()):
+        if not isfinite(array.dot(array)):
             bad = self.robot.tree.joints[int(np.argmin(np.isfinite(array)))]
             raise SimulationError(f"{what} are not finite at joint {bad!r}")
         return array

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -22,6 +23,7 @@ from stadera.sim.world import FootKinematics
 Array = NDArray[np.float64]
 
 _XYZW = np.array([1, 2, 3, 0])
+_BLOCK = 64  # samples
 _SAME_INSTANT = 1e-9  # s
 
 
@@ -80,18 +82,23 @@ class Sensors:
         self._turn = (self._mounting * turn).as_quat(scalar_first=True)
         self._foot_offset = _constant_part(errors.foot_position, constant, (len(robot.legs), 3))
         self._kinematics = None if errors.foot_position.is_zero else FootKinematics(robot)
+        # drawn for many samples at once, where nothing else is drawn in between
+        self._block = 1 if errors.foot_position.drawn == "sample" else _BLOCK
+        self._noise: Iterator[Array] = iter(())
         self._late: deque[tuple[float, Array]] = deque()
 
     def read(self, plant: Plant) -> Sample:
         """One sample of the plant's present instant; read every step, as late torques are kept here meanwhile."""
         n, time = self._joint_count, plant.time
-        values = self._white.standard_normal(3 * n + 6)
-        values *= self._scale
-        values += self._offset
+        values = next(self._noise, None)
+        if values is None:
+            drawn = self._white.standard_normal((self._block, 3 * n + 6))
+            self._noise = iter(drawn * self._scale + self._offset)
+            values = next(self._noise)
         values[:n] += plant.joint_position
         values[n : 2 * n] += plant.joint_velocity
         values[2 * n : 3 * n] += self._arriving(time, plant.effort)
-        values[3 * n :] += self._from_nominal @ plant.imu_motion
+        values[3 * n :] += self._from_nominal.dot(plant.imu_motion)
         orientation = np.empty(4)
         mujoco.mju_mulQuat(orientation, plant.imu_quaternion_wxyz, self._turn)
         return Sample(
