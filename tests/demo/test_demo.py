@@ -167,6 +167,8 @@ def test_page_and_json_without_a_stop(nonstop: DemoResult):
 
 
 def test_a_step_that_does_not_come_is_lost(nonstop: DemoResult):
-    outcome = nonstop.identified.outcome
-    assert replace(outcome, steps=outcome.steps[:-1]).steps_lost == 1
-    assert replace(outcome, steps=outcome.steps[:-1], loaded_at=np.nan).steps_lost == 0
+    outcome = replace(nonstop.identified.outcome, step_time=1.0, seconds=8.2, loaded_at=2.5)
+    assert replace(outcome, steps=(1.0, 2.0, 3.0, 4.1, 5.1, 6.4, 7.3)).steps_lost == 0
+    assert replace(outcome, steps=(1.0, 2.0, 3.0, 5.1, 6.4, 7.3)).steps_lost == 1, "a pause"
+    assert replace(outcome, steps=(1.0, 2.0, 3.0, 4.1, 5.1)).steps_lost == 3, "it stands at the end"
+    assert replace(outcome, steps=(1.0, 4.1), loaded_at=np.nan).steps_lost == 0, "no load, nothing to lose by"

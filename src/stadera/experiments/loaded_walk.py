@@ -171,16 +171,16 @@ class LoadedWalkOutcome:
 
     @property
     def steps_lost(self) -> int:
-        """By how many it is behind at the end, counted from the last step before the load, or else from the load, in
-        the cadence that it had before or, where that is slower, was commanded; 0 without a load.
+        """Steps for which there was time, as commanded, while none was taken: in pauses and at the end, from the last
+        step before the load on, or else from the load; 0 without a load. In a pause a step counts from half its time on.
         """
         before = [time for time in self.steps if time < self._from]
         since = before[-1] if before else self.loaded_at
         if np.isnan(since):
             return 0
-        step = max(self.step_time, float(np.diff(before).mean()) if len(before) > 1 else 0.0)
-        due = int((self.seconds - since) / step)
-        return max(due - (len(self.steps) - len(before)), 0)
+        lifted = np.array([since, *self.steps[len(before) :]])
+        pauses = np.round(np.diff(lifted) / self.step_time) - 1.0
+        return int(np.maximum(pauses, 0.0).sum()) + int((self.seconds - lifted[-1]) / self.step_time)
 
     @property
     def _judged(self) -> float:

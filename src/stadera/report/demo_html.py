@@ -256,7 +256,7 @@ def _words(nonstop: bool) -> Html:
     terms = {
         "Support polygon": "The hull of the feet that carry, seen from above. A slow robot stands while its centre of "
         "mass is over it.",
-        "Steps lost": "By how many the robot is behind the cadence that it was told to walk in.",
+        "Steps lost": "Steps for which there was time, as commanded, while none was taken.",
         **(on_the_way if nonstop else at_rest),
     }
     return words(terms, "How to read this")
