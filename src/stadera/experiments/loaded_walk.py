@@ -172,7 +172,7 @@ class LoadedWalkOutcome:
     @property
     def steps_lost(self) -> int:
         """Steps for which there was time, as commanded, while none was taken: in pauses and at the end, from the last
-        step before the load on, or else from the load; 0 without a load. In a pause a step counts from half its time on.
+        step before the load on, or else from the load; 0 without one. In a pause a step counts from half its time on.
         """
         before = [time for time in self.steps if time < self._from]
         since = before[-1] if before else self.loaded_at
