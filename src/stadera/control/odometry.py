@@ -54,7 +54,7 @@ class LegOdometry:
         self.slipped = _NOBODY
         self._stance = _NOBODY
         self._given = _NOBODY
-        self._weights, self._standing, self._rolls = np.zeros(4), False, np.zeros((4, 1))
+        self._weights, self._standing, self._rolls = np.zeros(4), False, np.zeros((4, 3))
 
     def locate(self, levers: Array, stance: Bools, rolled: Array | None = None) -> None:
         """Takes the position in; with no foot in stance it stays.
@@ -111,7 +111,7 @@ class LegOdometry:
         new = stance & ~self._stance
         self.anchors[new] = self.position + levers[new]
         self._given, self._stance = stance, stance.copy()
-        self._rolls = stance[:, None].astype(float)
+        self._rolls = np.repeat(stance, 3).reshape(4, 3).astype(float)
         self.anchored = self.anchored | stance
         self._standing = bool(stance.any())
         self._weights = stance / max(int(stance.sum()), 1)

@@ -136,7 +136,7 @@ class TrunkController:
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
         limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
-        self._radii = np.array([[leg.foot_radius] for leg in robot.legs])
+        self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
         self._tree_order = np.argsort(self.legs.columns.ravel())
@@ -291,7 +291,7 @@ class TrunkController:
             self.belief.advance(dt)
         else:
             here = TrunkPose(self.odometry.position, rotation)
-            self._reference, self._started, dt = Move(here, here, time, 1.0), True, 0.0
+            self._reference, self._started, dt = Move(here, here, time - 1.0, 1.0), True, 0.0
         self.time, self.rotation, self._position = time, rotation, m.joint_position
         if self.stance is not self._ground_stance:
             self.normal = ground_normal(self.odometry.anchors, self.odometry.anchored, _UP)
