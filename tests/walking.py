@@ -214,6 +214,6 @@ def _inverse_dynamics(
         f = weight * np.linalg.lstsq(J[:, :6].T * weight, torque[:6], rcond=None)[0]
         rest = torque - J.T @ f
         assert np.abs(rest[:6]).max() < 1e-6
-        effort[k] = rest[in_v] + armature * qdd[k] + viscous * qd[k] + coulomb * np.tanh(qd[k] / 0.1)
+        effort[k] = rest[in_v] + armature * qdd[k] + viscous * qd[k] + coulomb * np.tanh(qd[k] / 0.02)
         force[k] = f.reshape(4, 3)
     return effort, force, contact

@@ -11,20 +11,24 @@ from stadera.estimate.square_root import SquareRoot
 
 JUMPING = slice(0, 2)
 SIZE = np.array([3.0, 3.0])
+WRONG = np.array([0.8, -1.2])
+"""Errors that are considered and not sought."""
 
 
 def blocks(count: int, jump_at: int, jump: np.ndarray, seed: int) -> list[Step]:
     """Blocks of three rows on three unknowns, the first two of which jump."""
     rng = np.random.default_rng(seed)
-    x, known = np.array([1.0, -1.0, 0.5]), SquareRoot.prior(np.zeros(3), 10.0 * np.ones(3))
+    x, known = np.array([1.0, -1.0, 0.5]), SquareRoot.prior(np.zeros(3), 10.0 * np.ones(3), considered=2)
     steps = []
     for k in range(count):
         H = rng.standard_normal((3, 3))
-        y = H @ (x + (k >= jump_at) * np.array([*jump, 0.0])) + rng.standard_normal(3)
-        T, nu = H @ known.inverse, y - H @ known.mean
+        B = 0.3 * rng.standard_normal((3, 2))
+        y = H @ (x + (k >= jump_at) * np.array([*jump, 0.0])) + B @ WRONG + rng.standard_normal(3)
+        T, nu = H @ known.root, y - H @ known.mean
+        T[:, 3:] += B
         squared = float(nu @ np.linalg.solve(np.eye(3) + T @ T.T, nu))
-        steps.append(Step(0.02 * (k + 1), known, H, y, squared))
-        known = known.measure(H, y)
+        steps.append(Step(0.02 * (k + 1), known, H, y, B, squared))
+        known = known.measure(H, y, B)
     return steps
 
 
@@ -37,7 +41,9 @@ def test_the_bayes_factor_is_the_ratio_of_the_densities(scale: float) -> None:
     last = steps[-3:]
     H, y = np.vstack([s.matrix for s in last]), np.concatenate([s.target for s in last])
     known, M = last[0].before, np.vstack([s.matrix for s in last])[:, JUMPING] * SIZE
-    S = scale * np.eye(9) + H @ known.covariance() @ H.T
+    felt = H @ known.root
+    felt[:, 3:] += np.vstack([s.considered for s in last])
+    S = scale * np.eye(9) + felt @ felt.T
     densities = [multivariate_normal(H @ known.mean, C).logpdf(y) for C in (S + M @ M.T, S)]
     assert detector.log_bayes_factor(3, scale) == pytest.approx(densities[0] - densities[1], abs=1e-9)
 

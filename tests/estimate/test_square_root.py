@@ -60,3 +60,32 @@ def test_any_number_of_rows(rows: int) -> None:
     known = SquareRoot.prior(MEAN, STD).measure(H, y)
     np.testing.assert_allclose(known.mean, x, atol=1e-12)
     np.testing.assert_allclose(known.covariance(), P, atol=1e-12)
+
+
+def test_errors_that_are_considered_do_what_they_do_to_least_squares() -> None:
+    """Estimate and covariance of x when rows are H x + B p = y and p is taken for zero, by normal equations."""
+    considered = 4
+    known = SquareRoot.prior(MEAN, STD, considered)
+    rows, errors, targets = [np.diag(1.0 / STD)], [np.zeros((5, considered))], [MEAN / STD]
+    for _ in range(3):
+        H, y = some_rows(4)
+        B = RNG.standard_normal((4, considered))
+        known = known.measure(H, y, B)
+        rows.append(H)
+        errors.append(B)
+        targets.append(y)
+    H, B, y = np.vstack(rows), np.vstack(errors), np.concatenate(targets)
+    P = np.linalg.inv(H.T @ H)
+    off = P @ H.T @ B
+    np.testing.assert_allclose(known.mean, P @ H.T @ y, atol=1e-12)
+    np.testing.assert_allclose(known.covariance(), P + off @ off.T, atol=1e-12)
+    np.testing.assert_allclose(known.first(2).covariance(), known.covariance(slice(0, 2)), atol=1e-12)
+    wider = known.diffuse(slice(1, 3), np.array([0.5, 2.0]))
+    np.testing.assert_allclose(wider.covariance(), known.covariance() + np.diag([0.0, 0.25, 4.0, 0.0, 0.0]), atol=1e-12)
+
+
+def test_an_error_that_acts_on_both_alike_cancels_in_the_difference() -> None:
+    """Of an unknown and its copy, when what came between was felt without that error."""
+    known = SquareRoot.prior(MEAN, STD, 1).measure(np.eye(5), np.zeros(5), np.ones((5, 1))).repeat(slice(0, 5))
+    assert np.linalg.norm(known.root[0, -1:]) > 0.1
+    np.testing.assert_allclose(known.root[:5, -1], known.root[5:, -1], atol=1e-6)

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stadera.inertia import InertialParameters
 from stadera.regressors.base_wrench import (
     BaseWrenchRegressor,
     LegMotions,
@@ -95,6 +96,23 @@ def test_the_trunks_slopes_are_its_matrix_by_finite_differences(which: str) -> N
         else wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia)
     )
     np.testing.assert_allclose(slope, told, atol=1e-12)
+
+
+@pytest.mark.parametrize(("leg", "link"), [(0, 0), (1, 1), (3, 2)])
+def test_wrong_links_act_as_told(leg: int, link: int) -> None:
+    """One by one, by finite differences of the rows of a robot whose link is heavier or displaced."""
+    step, m = 1e-6, motion()
+    plain = BaseWrenchRegressor(robot())
+    legs, effort = legs_of(plain, m), m.effort[:, plain.columns]
+    wrenches = plain.at(legs)
+    told = plain.by_links(wrenches, 30)
+    name = robot().legs[leg].links[link]
+    body = robot().inertias[name]
+    changed = [InertialParameters((1.0 + step) * body.vector), *(body.shifted(step * axis) for axis in np.eye(3))]
+    for kind, wrong in enumerate(changed):
+        there = BaseWrenchRegressor(robot().with_inertias({**robot().inertias, name: wrong})).at(legs)
+        change = (there.target(effort) - wrenches.target(effort)).sum(axis=2)[:, :30] / step
+        np.testing.assert_allclose(told[:, :, 12 * kind + 3 * leg + link], change.T, atol=2e-3, rtol=1e-4)
 
 
 def test_cross_is_the_cross_product() -> None:

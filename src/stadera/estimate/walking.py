@@ -32,7 +32,18 @@ from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.estimate.walking_ground import GroundNormal
 from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_result import Centre, ChangeBegun, LoadChange, Payload, TrunkParameters, known_to
-from stadera.estimate.walking_rows import BIAS, LAG, OFFSETS, RATES, SOLE, THETA, UNKNOWNS, BlockRows, RowMaker
+from stadera.estimate.walking_rows import (
+    BIAS,
+    CONSIDERED,
+    LAG,
+    OFFSETS,
+    RATES,
+    SOLE,
+    THETA,
+    UNKNOWNS,
+    BlockRows,
+    RowMaker,
+)
 from stadera.estimate.walking_samples import SampleBuffer, Samples
 from stadera.inertia import InertialParameters
 from stadera.robot.imu import ImuMount
@@ -44,6 +55,9 @@ _GRAVITY = 9.81  # m/s²
 _ROWS = np.eye(6)
 _RESHAPED = 10  # blocks after which the trunk that noise is reckoned with is read anew
 _LOST_GROUND = 0.2  # s
+_SLIDES = 0.8  # of 1: a joint that surely slides
+_HELD = 0.2  # s without sliding, after which what holds a joint was taken for its offset
+_HOLDS = 0.6  # of its Coulomb friction, 1 σ: what holds a joint that sticks, anything up to that
 _CONSTANTS = slice(10, UNKNOWNS)
 _WANDERED = 0.5  # s
 _TARE = slice(UNKNOWNS, UNKNOWNS + 10)
@@ -117,8 +131,9 @@ class WalkingEstimator:
         self._ground = GroundNormal(robot.mass * _GRAVITY)
         self._wide = _widest(robot.mass, self._length)
         self._constants = _constants(self.noise)
-        self._known = _unknowns(self._start, self._wide, self._constants)
+        self._known = _unknowns(self._start, self._wide, self._constants, CONSIDERED * self.noise.considers)
         self._constant_for = 0.0
+        self._dry, self._stuck_for = self._maker.regressor.coulomb.ravel(), np.zeros(12)
         self._good, self._shape, self._adopted = self._known, self._start, 0
         self._found: TrunkParameters | None = None
         self._detector = ChangeDetector(THETA, _JUMP * self._wide, self.settings.changes)
@@ -176,14 +191,14 @@ class WalkingEstimator:
         """What was put on since the tare; None without one."""
         if len(self._known) == UNKNOWNS:
             return None
-        root = self._known.inverse[THETA] - self._known.inverse[_TARE]
+        root = self._known.root[THETA] - self._known.root[_TARE]
         difference = self._known.mean[THETA] - self._known.mean[_TARE]
         return Payload.of(difference, root @ root.T, _PAYLOAD_LIMIT * self._length)
 
     @property
     def torque_lag(self) -> tuple[float, float]:
         """By how much torques are found to arrive late, and its standard deviation [s]."""
-        return float(self._known.mean[LAG]), float(np.linalg.norm(self._known.inverse[LAG]))
+        return float(self._known.mean[LAG]), float(np.linalg.norm(self._known.root[LAG]))
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
@@ -220,15 +235,17 @@ class WalkingEstimator:
 
     def _learn(self, rows: BlockRows) -> None:
         matrix, covariance = rows.about(self._shape, self.noise)
-        white = lapack.dtrtrs(np.linalg.cholesky(covariance), np.column_stack((matrix, rows.target)), lower=1)[0]
-        H, y = np.zeros((6, len(self._known))), white[:, -1]
-        H[:, :UNKNOWNS] = white[:, :-1]
-        before = self._wandered(rows.elapsed)
-        innovation, spread = y - H @ before.mean, H @ before.inverse
+        full = np.column_stack((matrix, rows.target, rows.considered))
+        white = lapack.dtrtrs(np.linalg.cholesky(covariance), full, lower=1)[0]
+        H, y, B = np.zeros((6, len(self._known))), white[:, UNKNOWNS], white[:, UNKNOWNS + 1 :]
+        H[:, :UNKNOWNS] = white[:, :UNKNOWNS]
+        before = self._released(self._wandered(rows.elapsed), rows)
+        innovation, spread = y - H @ before.mean, H @ before.root
+        spread[:, len(before) :] += B
         squared = float(innovation @ np.linalg.solve(_ROWS + spread @ spread.T, innovation))
         scale = max(self._scale, 1.0)
         self._caution *= 1.0 - 1.0 / _SCALE_MEMORY
-        jump = self._detector.look(Step(rows.time, before, H, y, squared), max(scale, self._caution))
+        jump = self._detector.look(Step(rows.time, before, H, y, B, squared), max(scale, self._caution))
         if jump is not None:
             known = self._jumped(jump, scale)
             if self._matters(jump.before, known):
@@ -238,7 +255,7 @@ class WalkingEstimator:
         squared /= 6.0
         self._scale += (min(squared, _LOUD * self._scale) - self._scale) / _SCALE_MEMORY
         weight = 1.0 / sqrt(max(scale, squared / _LOUD))
-        self._adopt(before.measure(weight * H, weight * y), rows.time)
+        self._adopt(before.measure(weight * H, weight * y, weight * B), rows.time)
 
     def _wandered(self, elapsed: float) -> SquareRoot:
         """What is known after so long [s]: the trunk drifts; the constants wander, which is reckoned now and then."""
@@ -249,12 +266,26 @@ class WalkingEstimator:
             self._constant_for = 0.0
         return known
 
+    def _released(self, known: SquareRoot, rows: BlockRows) -> SquareRoot:
+        """What is known where joints that stuck for a while slide again: friction that held them is gone, and was
+        taken for a constant offset until now.
+        """
+        if not self._dry.any():
+            return known
+        share = np.abs(rows.sliding)
+        slipped = (self._stuck_for > _HELD) & (share > _SLIDES) & (self._dry > 0)
+        self._stuck_for = np.where(share > _SLIDES, 0.0, self._stuck_for + rows.elapsed)
+        if not slipped.any():
+            return known
+        self._detector.restart()
+        return known.diffuse(OFFSETS, _HOLDS * np.where(slipped, self._dry, 0.0))
+
     def _jumped(self, jump: Jump, scale: float) -> SquareRoot:
         """What is known if a jump is believed: all from before it but the trunk, and what came after it."""
         known = jump.before.diffuse(THETA, _JUMP * self._wide)
         weight = 1.0 / sqrt(scale)
         for step in jump.after:
-            known = known.measure(weight * step.matrix, weight * step.target)
+            known = known.measure(weight * step.matrix, weight * step.target, weight * step.considered)
         return known
 
     def _matters(self, before: SquareRoot, after: SquareRoot) -> bool:
@@ -309,6 +340,6 @@ def _constants(noise: WalkingNoise) -> Array:
     return std[_CONSTANTS]
 
 
-def _unknowns(start: InertialParameters, wide: Array, constants: Array) -> SquareRoot:
+def _unknowns(start: InertialParameters, wide: Array, constants: Array, considered: int) -> SquareRoot:
     mean = np.concatenate([start.vector, np.zeros(len(constants))])
-    return SquareRoot.prior(mean, np.concatenate([wide, constants]))
+    return SquareRoot.prior(mean, np.concatenate([wide, constants]), considered)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
+_CONSIDERED = ("link_mass", "link_com", "friction")
 _KNOWN_SOLE, _UNKNOWN_SOLE = 1e-3, 5e-3  # m
 
 
@@ -29,6 +30,9 @@ class WalkingNoise:
         torque_lag: by how much torques may arrive later or earlier than they are thought to [s].
         velocity_lag: by how much velocities' differences may come late or early, likewise [s].
         sole: by how much further from the feet's centres the ground may touch than the model's radius says [m].
+        link_mass: of the legs' links, each as a share of its mass; not sought, but in the error bars.
+        link_com: of their centres of mass, each component, likewise [m].
+        friction: of the joints' Coulomb friction, each as a share of it, likewise.
 
     Raises:
         ModelError: a wrong shape, a value that is not positive and finite.
@@ -44,14 +48,22 @@ class WalkingNoise:
     torque_lag: float = 5e-4
     velocity_lag: float = 5e-4
     sole: float = 1e-3
+    link_mass: float = 0.0
+    link_com: float = 0.0
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = np.asarray(getattr(self, field.name), dtype=float)
             if field.name in ("torque", "torque_constant") and value.shape != (4, 3):
                 raise ModelError(f"walking noise {field.name!r} needs shape (4, 3), got {value.shape}")
-            if not (np.isfinite(value).all() and (value > 0).all()):
-                raise ModelError(f"walking noise {field.name!r} must be positive and finite")
+            if not (np.isfinite(value).all() and (value > 0).all()) and not (field.name in _CONSIDERED and value == 0):
+                raise ModelError(f"walking noise {field.name!r} must be positive and finite, got {value}")
+
+    @property
+    def considers(self) -> bool:
+        """Whether the model's own errors are to be in the error bars."""
+        return any(getattr(self, name) > 0 for name in _CONSIDERED)
 
     @classmethod
     def of(cls, robot: Robot, scale: float = 1.0, torque_lag: float = 5e-4) -> WalkingNoise:
@@ -74,3 +86,7 @@ class WalkingNoise:
             torque_lag=torque_lag,
             sole=_KNOWN_SOLE if all(leg.foot_radius for leg in robot.legs) else _UNKNOWN_SOLE,
         )
+
+    def with_model(self, link_mass: float, link_com: float, friction: float) -> WalkingNoise:
+        """With a model of legs and joints that is off by so much: see the attributes."""
+        return replace(self, link_mass=link_mass, link_com=link_com, friction=friction)

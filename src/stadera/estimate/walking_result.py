@@ -14,7 +14,7 @@ from stadera.inertia import InertialParameters
 
 Array = NDArray[np.float64]
 
-_MASS_LIMIT, _COM_LIMIT, _INERTIA_LIMIT = 0.05, 0.03, 0.02
+_MASS_LIMIT, _COM_LIMIT, _INERTIA_LIMIT = 0.05, 0.05, 0.02
 _LEAST_SPREAD = 1e-4  # of a trunk's second moments, as a share of mass times squared leg length
 
 
@@ -38,7 +38,7 @@ class TrunkParameters:
     def of(cls, known: SquareRoot, start: InertialParameters, limit: Array, length: float) -> TrunkParameters:
         """Read from what is known, the ten parameters first; `start` for what was not observed."""
         centre = Centre.of(known, start, limit)
-        std = np.linalg.norm(known.inverse[4:10], axis=1)
+        std = np.linalg.norm(known.root[4:10], axis=1)
         seen = std < limit[4:]
         inertia = start.inertia_com
         if seen.all():
@@ -68,7 +68,7 @@ class Centre(NamedTuple):
         vector = known.mean[:4]
         if not vector[0] > 0:
             return cls(vector, np.full((4, 4), np.nan), np.zeros(4, dtype=bool))
-        root = centre_slope(vector) @ known.inverse[:4]
+        root = centre_slope(vector) @ known.root[:4]
         covariance = root @ root.T
         observed = np.sqrt(np.diag(covariance)) < limit[:4]
         value = np.array([vector[0], *(vector[1:] / vector[0])])

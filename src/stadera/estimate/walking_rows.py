@@ -21,6 +21,13 @@ The white noise of what is averaged (Σ w² of a sample's) and of what is differ
     E Στ Eᵀ Σw² + K Σa Kᵀ Σw² + (G Σq̇ Gᵀ + L Σω Lᵀ) Σẇ² + (lever of the feet's forces) Σq Σw²
 
 with G = ∂b/∂q̈ and L = -∂(b - A θ)/∂α, found by feeding each acceleration alone at the block's last posture.
+
+**Friction.** Its direction is that of the joints' velocities fitted by a line over the block, which are less noisy than
+a sample's. Where a joint sticks, friction is whatever holds it: with t = tanh(v / v_s), c² (1 - t²) is added to the
+variance of its torque, the same for as long as a joint may stick, so not less in many blocks than in a few.
+
+What the legs' masses, their centres and friction are off by is not sought; its effect B on the rows is handed on
+(`stadera.regressors.base_wrench`), by columns of one standard deviation each.
 """
 
 from __future__ import annotations
@@ -38,6 +45,7 @@ from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_samples import Samples
 from stadera.inertia import InertialParameters, skew
 from stadera.regressors.base_wrench import (
+    STICTION_VELOCITY,
     BaseWrenchRegressor,
     LegMotions,
     LegWrenches,
@@ -56,6 +64,10 @@ THETA, OFFSETS, BIAS, LAG, SOLE, RATES = slice(0, 10), slice(10, 22), slice(22, 
 UNKNOWNS = 28
 """The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, two lags, soles."""
 
+CONSIDERED = 60
+"""Errors that are not sought: twelve links' masses, three components of their centres, twelve joints' friction."""
+
+_STUCK = 0.1  # s, over which friction that holds a joint counts as the same
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
@@ -74,6 +86,8 @@ class BlockRows:
         averaged, differentiated: Σ w² and Σ ẇ² [1/s²].
         by_angular_acceleration: (6, 3), the legs' part of L.
         jerk: (3,) [rad/s³], α̇.
+        considered: (6, 60), see `CONSIDERED`; (6, 0) where none are.
+        sliding: (12,) of each joint, -1 to 1: how surely it slides, and which way; zero without dry friction.
         lever: (3,) [m], of the IMU: noise in α moves what is taken for the trunk's specific force, by lever x α.
     """
 
@@ -86,6 +100,8 @@ class BlockRows:
     differentiated: float
     by_angular_acceleration: Array
     jerk: Array
+    considered: Array
+    sliding: Array
     lever: Array
 
     def about(self, trunk: InertialParameters, noise: WalkingNoise) -> tuple[Array, Array]:
@@ -128,6 +144,8 @@ class RowMaker:
     def __init__(self, robot: Robot, noise: WalkingNoise, mount: ImuMount) -> None:
         self.regressor, self.noise, self._lever = BaseWrenchRegressor(robot), noise, mount.translation
         self._flat = _SINGULAR * self.regressor.length**3
+        self._links = np.repeat([noise.link_mass, noise.link_com], [12, 36])
+        self._considers, self._dry = noise.considers, bool(self.regressor.coulomb.any())
         self._rising: _Half | None = None
         self._excitation = Excitation()
 
@@ -155,18 +173,19 @@ class RowMaker:
         by_leg = wrenches.target(effort)
         probes = by_leg[:, n:-1] - by_leg[:, -1:]
         E = wrenches.to_wrench
-        columns = np.empty((n, 12 + 6 + 72 + 6 + 6 + 15))
+        columns = np.empty((n, 12 + 6 + 72 + 6 + 6 + 15 + 12))
         columns[:, :12] = trunk_signals(motion[5][:, :n], motion[3][:, :n], motion[4][:, :n]).T
         columns[:, 12:18] = by_leg[:, :n].sum(axis=2).T
         columns[:, 18:90] = E[:, :n].transpose(1, 0, 2, 3).reshape(n, 72)
         columns[:, 90:96] = (E[:, :n] * torque_rate).sum(axis=(2, 3)).T
         force = wrenches.forces(effort)
         columns[:, 96:102] = wrenches.by_contact(force, -motion.normal)[:, :n].T
-        columns[:, 102:] = jerk
+        columns[:, 102:117], columns[:, 117:] = jerk, self._slides(motion, n)
         force = force[:, :n]
         omega = samples.angular_velocity[inside].mean(axis=0)
         noise = self._noise(probes, force, wrenches, n)
-        half = _Half.of(samples.time[inside], columns, E[:, :n], noise, probes, omega)
+        by_links = self.regressor.by_links(wrenches, n).reshape(n, -1) if self._considers else None
+        half = _Half.of(samples.time[inside], columns, E[:, :n], noise, probes, omega, by_links)
         rows = None if self._rising is None else self._rows(self._rising, half)
         self._rising = half
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, -1])
@@ -189,10 +208,17 @@ class RowMaker:
         trunk[2, :, n : n + 3] = trunk[1, :, n + 3 : n + 6] = np.eye(3)
         acceleration[n + 6 : n + 9] = np.eye(3)[:, None, :]
         normals = np.broadcast_to(normal[:, None], (3, n + _PROBES))
-        motion = LegMotions(position, velocity, acceleration, trunk[0], trunk[1], trunk[2], normals)
+        sliding = _fitted(velocity, n) if self._dry else None
+        motion = LegMotions(position, velocity, acceleration, trunk[0], trunk[1], trunk[2], normals, sliding)
         turning = np.hstack([samples.velocity[:, columns.ravel()], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
         return motion, rates[2][:, columns], jerk
+
+    def _slides(self, motion: LegMotions, n: int) -> Array | float:
+        """(n, 12): how surely each joint slides, and which way, -1 to 1."""
+        if motion.sliding is None:
+            return 0.0
+        return np.tanh(motion.sliding[:n] / STICTION_VELOCITY).reshape(n, 12)
 
     def _noise(self, probes: Array, force: Array, wrenches: LegWrenches, n: int) -> tuple[Array, Array]:
         """(6, 6) each, of one sample: from the joints' velocities per Σẇ², from positions per Σw²."""
@@ -219,6 +245,10 @@ class RowMaker:
         turn = turned(falling.angular_velocity, elapsed)
         matrix[:, THETA] = trunk_matrix(self._excitation.calibrated(columns[:12], imu, turn, elapsed))
         torque = _spread(rising.to_wrench, up, noise.torque) + _spread(falling.to_wrench, down, noise.torque)
+        sure, c = columns[117:], self.regressor.coulomb.ravel()
+        if self._dry:
+            stuck = E * (c * np.sqrt(np.maximum(1.0 - sure * sure, 0.0)))
+            torque = torque + (_STUCK / max(elapsed, 1e-3)) * (stuck @ stuck.T)
         velocity, position = (0.5 * (a + b) for a, b in zip(rising.noise, falling.noise, strict=True))
         covariance = _OVERLAP * (torque + averaged * noise.joint_position**2 * position)
         covariance += _TELESCOPED * differentiated * noise.joint_velocity**2 * velocity
@@ -231,9 +261,20 @@ class RowMaker:
             averaged=averaged,
             differentiated=differentiated,
             by_angular_acceleration=-probes[:, 3:6].sum(axis=2),
-            jerk=columns[114:],
+            jerk=columns[114:117],
+            considered=self._considered(rising, falling, E * (c * sure)),
+            sliding=sure,
             lever=self._lever,
         )
+
+    def _considered(self, rising: _Half, falling: _Half, friction: Array) -> Array:
+        if rising.by_links is None or falling.by_links is None:
+            return _NONE
+        by_links = (rising.rising @ rising.by_links + falling.falling @ falling.by_links).reshape(6, 48)
+        return np.hstack([self._links * by_links, self.noise.friction * friction])
+
+
+_NONE = np.zeros((6, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,20 +287,37 @@ class _Half:
     noise: tuple[Array, Array]
     probes: Array
     angular_velocity: Array
+    by_links: Array | None
     rising: Array
     falling: Array
     differentiated: float
 
     @classmethod
     def of(
-        cls, time: Array, columns: Array, E: Array, noise: tuple[Array, Array], probes: Array, omega: Array
+        cls,
+        time: Array,
+        columns: Array,
+        E: Array,
+        noise: tuple[Array, Array],
+        probes: Array,
+        omega: Array,
+        by_links: Array | None,
     ) -> _Half:
         n = len(time)
         rising = _half_window(n)
         step = (time[-1] - time[0]) / (n - 1) if n > 1 else 0.02
         # Σ ẇ² over a half: the window of length 2nT has ẇ = (π / n²T) sin(...) / 2, squared and summed n/2 times
         differentiated = (np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0
-        return cls(time, columns, E, noise, probes, omega, rising, rising[::-1], float(differentiated))
+        return cls(time, columns, E, noise, probes, omega, by_links, rising, rising[::-1], float(differentiated))
+
+
+def _fitted(velocity: Array, n: int) -> Array:
+    """The first n velocities (samples, 4, 3) by a line over them each; the rest as they are."""
+    out = velocity.copy()
+    along = np.arange(n) - 0.5 * (n - 1)
+    slope = np.tensordot(along, velocity[:n], 1) / max(along @ along, 1.0)
+    out[:n] = velocity[:n].mean(axis=0) + along[:, None, None] * slope
+    return out
 
 
 @lru_cache(maxsize=64)

@@ -17,8 +17,7 @@ from stadera.control import Trot, TrunkController
 from stadera.control.crawl import Crawl
 from stadera.control.crawl_run import WalkJudge, walk
 from stadera.control.stand import Controller
-from stadera.estimate.stillness import GRAVITY
-from stadera.experiments.motion import Gait, RobotInMotion, sway, walk_on
+from stadera.experiments.motion import Gait, RobotInMotion, fastest_trot, sway, walk_on
 from stadera.robot import load_robot
 
 Array = NDArray[np.float64]
@@ -33,7 +32,6 @@ WALKED: tuple[Doing, ...] = ("start", "steady", "turning", "stop")
 _HOLD = 2  # periods for which torques are held; sensors and estimator are at 1 kHz all the same
 _LOOKS = 0.02  # s, from one look at what the robot does to the next
 _START, _STOP = 1.0, 1.5  # s
-_TROT_SPEED = 0.26  # of √(g h), at most: 0.6 m/s for HyQ's legs
 _TROT_TURN = 0.4  # rad/s
 _CRAWL_SPEED, _CRAWL_TURN = 0.1, 0.1  # m/s, rad/s
 _SLOWER = 2.0  # times as long a crawl takes for everything
@@ -208,5 +206,5 @@ def _stand(controller: TrunkController, stage: Stage) -> None:
 def _fastest(controller: Trot | Crawl) -> tuple[float, float]:
     """Speed [m/s] and turn [rad/s]; a trot's speed grows with the root of the legs' length."""
     if isinstance(controller, Trot):
-        return _TROT_SPEED * GRAVITY * controller.settings.pendulum, _TROT_TURN
+        return fastest_trot(controller), _TROT_TURN
     return _CRAWL_SPEED, _CRAWL_TURN

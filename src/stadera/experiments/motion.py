@@ -13,15 +13,17 @@ from stadera.control.crawl_settings import CrawlCommand
 from stadera.control.stand import Controller
 from stadera.estimate import Measurement, TrunkModel, WalkingEstimator, WalkingNoise
 from stadera.estimate.protocol import TrunkEstimate
+from stadera.estimate.stillness import GRAVITY
 from stadera.estimate.trusted import TrustedEstimator
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration
-from stadera.sim import Plant, Sensors, estimator_model, plant_model, sensor_errors
+from stadera.sim import Plant, SensorErrors, Sensors, estimator_model, plant_model, sensor_errors
 from stadera.sim.payload import Tray
 
 Gait = Literal["crawl", "trot", "shake"]
 """How a robot moves; a shake is on the spot."""
 
+_TROT_SPEED = 0.26  # of √(g h)
 _LIGHT, _OFF = 0.9, 0.15  # what the start believes of the trunk
 _HARSH = 2.0, 3e-3  # under `harsh` errors, how much larger noise is than the default, and the torques' lag [s]
 
@@ -48,8 +50,7 @@ class RobotInMotion:
         sizes = sensor_errors(errors)
         real = plant_model(robot, sizes)
         self.believed, self.start = estimator_model(real, sizes, draw), wrong_start(robot)
-        noise = WalkingNoise.of(self.believed, *_HARSH) if errors == "harsh" else WalkingNoise.of(self.believed)
-        self.inner = WalkingEstimator(self.believed, noise, self.start)
+        self.inner = WalkingEstimator(self.believed, noise_of(self.believed, errors, sizes), self.start)
         self._timed = _Timed(self.inner)
         self.trusted = TrustedEstimator(self._timed, robot)
         self.controller = controller_of(gait, self.believed, TrunkModel.prior(robot))
@@ -78,6 +79,12 @@ class _Timed:
         return self.inner.estimate()
 
 
+def noise_of(believed: Robot, errors: str, sizes: SensorErrors) -> WalkingNoise:
+    """What the estimator is told of the errors' sizes."""
+    noise = WalkingNoise.of(believed, *_HARSH) if errors == "harsh" else WalkingNoise.of(believed)
+    return noise.with_model(sizes.leg_mass, sizes.leg_com, sizes.friction_known)
+
+
 def wrong_start(robot: Robot) -> TrunkModel:
     """What estimators believe of the trunk at first: 10 % too light, off by 15 % of the hips' half spacing."""
     prior, tray = TrunkModel.prior(robot), Tray.of(robot)
@@ -100,6 +107,11 @@ def walk_on(controller: Trot | Crawl, speed: float, turn: float) -> None:
     else:
         controller.command = CrawlCommand(speed, turn)
         controller.resume()
+
+
+def fastest_trot(controller: Trot) -> float:
+    """The highest speed asked of a trot [m/s], the same share of √(g h) for all robots: 0.6 m/s for HyQ."""
+    return _TROT_SPEED * GRAVITY * controller.settings.pendulum
 
 
 def sway(controller: TrunkController, amplitude: float = 1.0) -> None:

@@ -20,7 +20,7 @@ from stadera.control.crawl_run import WalkJudge, walk
 from stadera.control.stand import Controller
 from stadera.estimate import Estimator, Measurement, TrunkModel, WalkingEstimator, make_estimator
 from stadera.estimate.registry import Setup
-from stadera.experiments.motion import Gait, RobotInMotion, sway, walk_on
+from stadera.experiments.motion import Gait, RobotInMotion, fastest_trot, sway, walk_on
 from stadera.inertia import InertialParameters
 from stadera.robot import Robot, load_robot
 from stadera.sim import RigidMass
@@ -225,8 +225,7 @@ def _absolute(estimator: WalkingEstimator, truth: InertialParameters, when: str)
 def _set_out(controller: Controller, rng: np.random.Generator) -> None:
     """Lets it move: ahead, and a little to one side, as drawn."""
     if isinstance(controller, Trot):
-        speed = rng.uniform(0.1, 0.8) * controller.settings.pendulum  # 0.6 m/s for HyQ's legs at most
-        walk_on(controller, speed, rng.uniform(-0.2, 0.2))
+        walk_on(controller, rng.uniform(0.0, 1.0) * fastest_trot(controller), rng.uniform(-0.2, 0.2))
     elif isinstance(controller, Crawl):
         walk_on(controller, 0.12 * rng.uniform(0.3, 0.8), rng.uniform(-0.02, 0.02))
     elif isinstance(controller, TrunkController):

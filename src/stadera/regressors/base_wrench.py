@@ -52,8 +52,8 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
-STICTION_VELOCITY = 0.1
-"""rad/s, over which Coulomb friction's sign is smoothed, well above the noise of a joint's velocity."""
+STICTION_VELOCITY = 0.02
+"""rad/s, over which Coulomb friction's sign is smoothed: above the noise of velocities that are averaged a little."""
 
 _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -65,6 +65,7 @@ class LegMotions(NamedTuple):
         position, velocity, acceleration: (samples, 4, 3) of the joints, by leg, from the trunk outwards.
         angular_velocity, angular_acceleration, specific_force: (3, samples), of the trunk, its origin and axes.
         normal: (3, samples), unit vector of the ground's normal, trunk axes.
+        sliding: (samples, 4, 3), velocities by which friction's direction is told; None for `velocity`.
     """
 
     position: Array
@@ -74,6 +75,25 @@ class LegMotions(NamedTuple):
     angular_acceleration: Array
     specific_force: Array
     normal: Array
+    sliding: Array | None = None
+
+
+class LinkMotions(NamedTuple):
+    """How links move, trunk axes, (3, samples, 4, 3) by leg and link.
+
+    Attributes:
+        turn: (3, 3, samples, 4, 3), from the links' axes to the trunk's.
+        joints: [m], where each link's joint is.
+        angular_velocity, angular_acceleration: [rad/s], [rad/s²].
+        force, moment: [N], [N·m], that the link's inertia takes, the moment about the trunk's origin.
+    """
+
+    turn: Array
+    joints: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    force: Array
+    moment: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +107,7 @@ class LegWrenches:
         feet: (3, samples, 4) [m], centres of the feet.
         volume: (samples, 4) [m³], det J: near zero where a leg is singular.
         axis: (3, samples, 4, 3), unit vectors of the joints.
+        links: how each link moves, and what it takes.
     """
 
     torque: Array
@@ -95,6 +116,7 @@ class LegWrenches:
     feet: Array
     volume: Array
     axis: Array
+    links: LinkMotions
 
     def target(self, effort: Array) -> Array:
         """b by leg (6, samples, 4), from efforts (samples, 4, 3) [N·m]."""
@@ -130,6 +152,8 @@ class BaseWrenchRegressor:
 
     Attributes:
         columns: (4, 3), where each leg's joints are in the tree's order.
+        leg_mass: [kg], of all legs.
+        coulomb: (4, 3) [N·m], friction of the joints, by leg.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -152,6 +176,7 @@ class BaseWrenchRegressor:
             [[[d.armature, d.viscous, d.coulomb, d.offset] for d in leg] for leg in dynamics]
         ).transpose(2, 0, 1)
         self.leg_mass = float(self._mass.sum())
+        self.coulomb = np.asarray(self._joint_side[2])
 
     @cached_property
     def length(self) -> float:
@@ -178,12 +203,45 @@ class BaseWrenchRegressor:
         armature, viscous, coulomb, offset = self._joint_side
         torque += armature * motion.acceleration + viscous * motion.velocity + offset
         if coulomb.any():
-            torque += coulomb * np.tanh(motion.velocity / STICTION_VELOCITY)
+            sliding = motion.velocity if motion.sliding is None else motion.sliding
+            torque += coulomb * np.tanh(sliding / STICTION_VELOCITY)
         feet = origin[..., 2] + _rotated(turn[..., 2], self._foot)
         contact = feet - self._radius * motion.normal[:, :, None]
         to_wrench, volume = _inverse_transposed(axis, origin, contact)
         inertial = np.concatenate([carried_force[..., 0], carried_moment[..., 0]])
-        return LegWrenches(torque, inertial, to_wrench, feet, volume, axis)
+        links = LinkMotions(turn, origin, omega, alpha, force, moment)
+        return LegWrenches(torque, inertial, to_wrench, feet, volume, axis, links)
+
+    def by_links(self, wrenches: LegWrenches, samples: int) -> Array:
+        """What errors of the links' masses and centres of mass do to b, (samples, 6, 48), of the first samples.
+
+        A link whose ten parameters are all larger by a share ε takes ε times its own inertial force F and moment M
+        about the trunk's origin. With matter that lies elsewhere by δ, no differently turned, about its joint at p and its
+        centre of mass at p + c,
+
+            ΔF = m (α x δ + ω x (ω x δ)),    ΔM = δ x F + (p + c) x ΔF
+
+        Link i hangs from the joints k ≤ i, so b changes by Σ_k≤i E_k s_k · (ΔM - p_k x ΔF) - [ΔF ; ΔM].
+
+        Returns:
+            per unit of ε [1] of the twelve links, by leg, then of δ [m] along link axes, 3 by 12.
+        """
+        links, n = wrenches.links, samples
+        at, turn = links.joints[:, :n], links.turn[:, :, :n]
+        force, moment = links.force[:, :n], links.moment[:, :n]
+        E, s = wrenches.to_wrench[:, :n], wrenches.axis[:, :n]
+        felt = np.concatenate([cross(at, s), s])[None] * E[:, None]  # s · (p x F) = (s x p) · F
+        np.cumsum(felt, axis=-1, out=felt)
+        felt -= np.eye(6)[..., None, None, None]
+        effects = np.empty((6, 4, n, 4, 3))  # the wrench; ε and three axes; samples, leg, link
+        effects[:3, 0], effects[3:, 0] = force, moment
+        omega, alpha = links.angular_velocity[:, :n], links.angular_acceleration[:, :n]
+        centre = at + _rotated(turn, self._moment) / self._mass
+        for axis in range(3):
+            shift = turn[:, axis]
+            moved = self._mass * (cross(alpha, shift) + cross(omega, cross(omega, shift)))
+            effects[:3, 1 + axis], effects[3:, 1 + axis] = moved, cross(shift, force) + cross(centre, moved)
+        return np.asarray(np.einsum("wvnlk,vtnlk->nwtlk", felt, effects).reshape(n, 6, 48))
 
     def _placed(self, position: Array) -> tuple[Array, Array]:
         """Rotations (3, 3, samples, leg, joint) of the links, and where each joint lies from the one before."""

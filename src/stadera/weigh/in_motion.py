@@ -31,6 +31,8 @@ from stadera.weigh.result import Refusal
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
+_MODEL = 0.02, 0.002, 0.2
+"""1 σ of what is not known of the links' masses and centres of mass [m] and of the joints' friction."""
 _LAG = 5e-3  # s, 1 σ of what is not known of the torques' lag
 _EVERY = 0.1  # s, from one entry of the timeline to the next
 _BETWEEN = 10.0  # s, put between the tare's log and the other
@@ -129,7 +131,7 @@ class _Reading:
 
     def __init__(self, robot: Robot, imu_frame: str | None, progress: Progress | None) -> None:
         self.robot, self._frame, self._progress = robot, imu_frame, progress
-        self.estimator = WalkingEstimator(robot, WalkingNoise.of(robot, torque_lag=_LAG))
+        self.estimator = WalkingEstimator(robot, WalkingNoise.of(robot, torque_lag=_LAG).with_model(*_MODEL))
         self.tared, self.begin, self.end = False, np.nan, np.nan
         self._shift, self._done = 0.0, 0
         self._notes: dict[str, None] = {}
