@@ -8,7 +8,7 @@ what a jump of unit size does to them::
 
 B is the Bayes factor, the generalised likelihood ratio with the jump averaged over instead of maximised. Where nothing
 changed and the noise is as stated its mean is one, so by Markov's inequality a look exceeds B* with a chance of 1 / B*
-at most. With four lengths, 50 blocks a second and B* = 1e15 that is less than once in a hundred thousand years; the
+at most. With five lengths, 50 blocks a second and B* = 1e15 that is less than once in a hundred thousand years; the
 margin is for noise that is neither white nor Gaussian, and `scale` for noise louder than stated. A push that lasts is
 a change too: nothing tells it from a load, until it is over.
 """
@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 
 _OFTEN = 8  # looks in the length of a stretch
+_NONE = slice(0, 0)
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class ChangeLimits:
     """
 
     bayes_factor: float = 1e15
-    lengths: tuple[int, ...] = (3, 6, 12, 48)
+    lengths: tuple[int, ...] = (3, 6, 12, 24, 48)
     spoilt: int = 2
 
 
@@ -84,45 +85,60 @@ class ChangeDetector:
         which: the unknowns that jump.
         std: of a jump, (k,).
         limits: None for the defaults.
+        loose: the unknowns that `loosen` speaks of.
     """
 
-    def __init__(self, which: slice, std: Array, limits: ChangeLimits | None = None) -> None:
+    def __init__(self, which: slice, std: Array, limits: ChangeLimits | None = None, loose: slice = _NONE) -> None:
         self.limits = limits or ChangeLimits()
-        self._which, self._std = which, std
-        self._steps: deque[Step] = deque(maxlen=max(self.limits.lengths))
+        self._which, self._std, self._loose = which, std, loose
+        self._steps: deque[tuple[Step, Array]] = deque(maxlen=max(self.limits.lengths))
+        self._loosened = np.zeros(1)
         self._count = 0
 
     def restart(self) -> None:
         """Forgets the blocks so far."""
         self._steps.clear()
 
+    def loosen(self, std: Array) -> None:
+        """Tells that the loose unknowns, (m,), have changed by so much: no jump of the others is to be read from it."""
+        self._loosened = self._loosened + std**2
+
     def look(self, step: Step, scale: float = 1.0) -> Jump | None:
         """A jump, if this block makes it believable; `scale` multiplies the rows' stated variances."""
-        self._steps.append(step)
+        self._steps.append((step, self._loosened))
         self._count += 1
         due = (n for n in self.limits.lengths if self._count % max(n // _OFTEN, 1) == 0)
         if not any(self._jumped(n, scale) for n in due):
             return None
         factors = {n: self.log_bayes_factor(n, scale) for n in range(1, len(self._steps) + 1)}
         best = max(factors, key=lambda n: factors[n])
-        steps = tuple(self._steps)[-best:]
-        return Jump(steps[0].time, steps[0].before, steps[self.limits.spoilt :], factors[best])
+        steps = tuple(step for step, _ in self._steps)[-best:]
+        before = steps[0].before
+        if (loosened := self._since(best)).any():
+            before = before.diffuse(self._loose, loosened)
+        return Jump(steps[0].time, before, steps[self.limits.spoilt :], factors[best])
+
+    def _since(self, blocks: int) -> Array:
+        """By how much loose unknowns have changed in the last so many blocks, 1 σ."""
+        return np.asarray(np.sqrt(self._loosened - self._steps[-blocks][1]))
 
     def _jumped(self, blocks: int, scale: float) -> bool:
         """Whether the last so many blocks speak for a jump; log B is at most half of what their innovations come to."""
         if blocks > len(self._steps):
             return False
         least = log(self.limits.bayes_factor)
-        most = 0.5 * sum(step.squared for step in islice(reversed(self._steps), blocks)) / scale
+        most = 0.5 * sum(step.squared for step, _ in islice(reversed(self._steps), blocks)) / scale
         return most > least and self.log_bayes_factor(blocks, scale) > least
 
     def log_bayes_factor(self, blocks: int, scale: float) -> float:
         """log B of a jump before the last so many blocks."""
-        steps = list(self._steps)[-blocks:]
-        known = steps[0].before
+        steps = [step for step, _ in self._steps][-blocks:]
+        known, loosened = steps[0].before, self._since(blocks)
         H, y = np.vstack([s.matrix for s in steps]), np.concatenate([s.target for s in steps])
         T, M = H @ known.root, H[:, self._which] * self._std
         T[:, len(known) :] += np.vstack([s.considered for s in steps])
+        if loosened.any():
+            T = np.hstack([T, H[:, self._loose] * loosened])
         # S0 = scale + T Tᵀ: by the Woodbury identity all is in the dimensions of T's columns and the jump's own
         inner = lapack.dpotrf(scale * np.eye(T.shape[1]) + T.T @ T, lower=1)[0]
         both = np.column_stack((M, y - H @ known.mean))

@@ -34,8 +34,9 @@ from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_result import Centre, ChangeBegun, LoadChange, Payload, TrunkParameters, known_to
 from stadera.estimate.walking_rows import (
     BIAS,
-    CONSIDERED,
+    GAINS,
     LAG,
+    MODEL,
     OFFSETS,
     RATES,
     SOLE,
@@ -67,6 +68,7 @@ _JUMP = 0.3  # of the widest: the size of what a payload does to the ten paramet
 _SHIFTED = 0.005  # of the robot's mass: what changes by less was only moved
 _PAYLOAD_LIMIT = 0.1  # of the leg's length: a payload's centre of mass known less well is not observed
 _FIRST_CAUTION = 9.0  # times the stated variances, that a change must beat before the noise has been heard
+_QUIETEST = 0.5  # times the stated variances: quieter noise is not believed in
 _SCALE_MEMORY = 50  # blocks over which noise louder than stated is found out
 
 
@@ -131,12 +133,12 @@ class WalkingEstimator:
         self._ground = GroundNormal(robot.mass * _GRAVITY)
         self._wide = _widest(robot.mass, self._length)
         self._constants = _constants(self.noise)
-        self._known = _unknowns(self._start, self._wide, self._constants, CONSIDERED * self.noise.considers)
+        self._known = _unknowns(self._start, self._wide, self._constants, GAINS + MODEL * self.noise.doubts_model)
         self._constant_for = 0.0
         self._dry, self._stuck_for = self._maker.regressor.coulomb.ravel(), np.zeros(12)
         self._good, self._shape, self._adopted = self._known, self._start, 0
         self._found: TrunkParameters | None = None
-        self._detector = ChangeDetector(THETA, _JUMP * self._wide, self.settings.changes)
+        self._detector = ChangeDetector(THETA, _JUMP * self._wide, self.settings.changes, OFFSETS)
         self._changes: list[LoadChange] = []
         self._changing: ChangeBegun | None = None
         self._learnt, self._since = np.nan, np.nan
@@ -245,7 +247,8 @@ class WalkingEstimator:
         squared = float(innovation @ np.linalg.solve(_ROWS + spread @ spread.T, innovation))
         scale = max(self._scale, 1.0)
         self._caution *= 1.0 - 1.0 / _SCALE_MEMORY
-        jump = self._detector.look(Step(rows.time, before, H, y, B, squared), max(scale, self._caution))
+        step = Step(rows.time, before, H, y, B, squared)
+        jump = self._detector.look(step, max(self._scale, self._caution, _QUIETEST))
         if jump is not None:
             known = self._jumped(jump, scale)
             if self._matters(jump.before, known):
@@ -277,8 +280,9 @@ class WalkingEstimator:
         self._stuck_for = np.where(share > _SLIDES, 0.0, self._stuck_for + rows.elapsed)
         if not slipped.any():
             return known
-        self._detector.restart()
-        return known.diffuse(OFFSETS, _HOLDS * np.where(slipped, self._dry, 0.0))
+        std = _HOLDS * np.where(slipped, self._dry, 0.0)
+        self._detector.loosen(std)
+        return known.diffuse(OFFSETS, std)
 
     def _jumped(self, jump: Jump, scale: float) -> SquareRoot:
         """What is known if a jump is believed: all from before it but the trunk, and what came after it."""

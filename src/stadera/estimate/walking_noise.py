@@ -13,7 +13,7 @@ from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
 
-_CONSIDERED = ("link_mass", "link_com", "friction")
+_MODEL = ("link_mass", "link_com", "friction")
 _KNOWN_SOLE, _UNKNOWN_SOLE = 1e-3, 5e-3  # m
 
 
@@ -30,7 +30,8 @@ class WalkingNoise:
         torque_lag: by how much torques may arrive later or earlier than they are thought to [s].
         velocity_lag: by how much velocities' differences may come late or early, likewise [s].
         sole: by how much further from the feet's centres the ground may touch than the model's radius says [m].
-        link_mass: of the legs' links, each as a share of its mass; not sought, but in the error bars.
+        torque_gain: of each joint's torque, as a share of it; not sought, but in the error bars.
+        link_mass: of the legs' links, each as a share of its mass, likewise.
         link_com: of their centres of mass, each component, likewise [m].
         friction: of the joints' Coulomb friction, each as a share of it, likewise.
 
@@ -48,6 +49,7 @@ class WalkingNoise:
     torque_lag: float = 5e-4
     velocity_lag: float = 5e-4
     sole: float = 1e-3
+    torque_gain: float = 2e-3
     link_mass: float = 0.0
     link_com: float = 0.0
     friction: float = 0.0
@@ -57,13 +59,15 @@ class WalkingNoise:
             value = np.asarray(getattr(self, field.name), dtype=float)
             if field.name in ("torque", "torque_constant") and value.shape != (4, 3):
                 raise ModelError(f"walking noise {field.name!r} needs shape (4, 3), got {value.shape}")
-            if not (np.isfinite(value).all() and (value > 0).all()) and not (field.name in _CONSIDERED and value == 0):
+            if not (np.isfinite(value).all() and (value > 0).all()) and not (
+                field.name in ("torque_gain", *_MODEL) and value == 0
+            ):
                 raise ModelError(f"walking noise {field.name!r} must be positive and finite, got {value}")
 
     @property
-    def considers(self) -> bool:
-        """Whether the model's own errors are to be in the error bars."""
-        return any(getattr(self, name) > 0 for name in _CONSIDERED)
+    def doubts_model(self) -> bool:
+        """Whether errors of the legs' model are to be in the error bars."""
+        return any(getattr(self, name) > 0 for name in _MODEL)
 
     @classmethod
     def of(cls, robot: Robot, scale: float = 1.0, torque_lag: float = 5e-4) -> WalkingNoise:

@@ -26,8 +26,8 @@ with G = ∂b/∂q̈ and L = -∂(b - A θ)/∂α, found by feeding each acceler
 a sample's. Where a joint sticks, friction is whatever holds it: with t = tanh(v / v_s), c² (1 - t²) is added to the
 variance of its torque, the same for as long as a joint may stick, so not less in many blocks than in a few.
 
-What the legs' masses, their centres and friction are off by is not sought; its effect B on the rows is handed on
-(`stadera.regressors.base_wrench`), by columns of one standard deviation each.
+What the torques' gains, the legs' masses, their centres and friction are off by is not sought; its effect B on the rows
+is handed on (`stadera.regressors.base_wrench`), by columns of one standard deviation each.
 """
 
 from __future__ import annotations
@@ -64,8 +64,9 @@ THETA, OFFSETS, BIAS, LAG, SOLE, RATES = slice(0, 10), slice(10, 22), slice(22, 
 UNKNOWNS = 28
 """The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, two lags, soles."""
 
-CONSIDERED = 60
-"""Errors that are not sought: twelve links' masses, three components of their centres, twelve joints' friction."""
+GAINS, MODEL = 12, 60
+"""How many errors are not sought: torques' gains; and twelve links' masses, three components of their centres, and
+twelve joints' friction, where the model is doubted."""
 
 _STUCK = 0.1  # s, over which friction that holds a joint counts as the same
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
@@ -86,7 +87,7 @@ class BlockRows:
         averaged, differentiated: Σ w² and Σ ẇ² [1/s²].
         by_angular_acceleration: (6, 3), the legs' part of L.
         jerk: (3,) [rad/s³], α̇.
-        considered: (6, 60), see `CONSIDERED`; (6, 0) where none are.
+        considered: (6, 12), or (6, 72) where the model is doubted: see `GAINS`.
         sliding: (12,) of each joint, -1 to 1: how surely it slides, and which way; zero without dry friction.
         lever: (3,) [m], of the IMU: noise in α moves what is taken for the trunk's specific force, by lever x α.
     """
@@ -145,7 +146,7 @@ class RowMaker:
         self.regressor, self.noise, self._lever = BaseWrenchRegressor(robot), noise, mount.translation
         self._flat = _SINGULAR * self.regressor.length**3
         self._links = np.repeat([noise.link_mass, noise.link_com], [12, 36])
-        self._considers, self._dry = noise.considers, bool(self.regressor.coulomb.any())
+        self._doubts, self._dry = noise.doubts_model, bool(self.regressor.coulomb.any())
         self._rising: _Half | None = None
         self._excitation = Excitation()
 
@@ -173,18 +174,19 @@ class RowMaker:
         by_leg = wrenches.target(effort)
         probes = by_leg[:, n:-1] - by_leg[:, -1:]
         E = wrenches.to_wrench
-        columns = np.empty((n, 12 + 6 + 72 + 6 + 6 + 15 + 12))
+        columns = np.empty((n, 12 + 6 + 72 + 6 + 6 + 15 + 12 + 12))
         columns[:, :12] = trunk_signals(motion[5][:, :n], motion[3][:, :n], motion[4][:, :n]).T
         columns[:, 12:18] = by_leg[:, :n].sum(axis=2).T
         columns[:, 18:90] = E[:, :n].transpose(1, 0, 2, 3).reshape(n, 72)
         columns[:, 90:96] = (E[:, :n] * torque_rate).sum(axis=(2, 3)).T
         force = wrenches.forces(effort)
         columns[:, 96:102] = wrenches.by_contact(force, -motion.normal)[:, :n].T
-        columns[:, 102:117], columns[:, 117:] = jerk, self._slides(motion, n)
+        columns[:, 102:117], columns[:, 117:129] = jerk, self._slides(motion, n)
+        columns[:, 129:] = effort[:n].reshape(n, 12)
         force = force[:, :n]
         omega = samples.angular_velocity[inside].mean(axis=0)
         noise = self._noise(probes, force, wrenches, n)
-        by_links = self.regressor.by_links(wrenches, n).reshape(n, -1) if self._considers else None
+        by_links = self.regressor.by_links(wrenches, n).reshape(n, -1) if self._doubts else None
         half = _Half.of(samples.time[inside], columns, E[:, :n], noise, probes, omega, by_links)
         rows = None if self._rising is None else self._rows(self._rising, half)
         self._rising = half
@@ -245,7 +247,7 @@ class RowMaker:
         turn = turned(falling.angular_velocity, elapsed)
         matrix[:, THETA] = trunk_matrix(self._excitation.calibrated(columns[:12], imu, turn, elapsed))
         torque = _spread(rising.to_wrench, up, noise.torque) + _spread(falling.to_wrench, down, noise.torque)
-        sure, c = columns[117:], self.regressor.coulomb.ravel()
+        sure, c = columns[117:129], self.regressor.coulomb.ravel()
         if self._dry:
             stuck = E * (c * np.sqrt(np.maximum(1.0 - sure * sure, 0.0)))
             torque = torque + (_STUCK / max(elapsed, 1e-3)) * (stuck @ stuck.T)
@@ -262,19 +264,17 @@ class RowMaker:
             differentiated=differentiated,
             by_angular_acceleration=-probes[:, 3:6].sum(axis=2),
             jerk=columns[114:117],
-            considered=self._considered(rising, falling, E * (c * sure)),
+            considered=self._considered(rising, falling, E * columns[129:], E * (c * sure)),
             sliding=sure,
             lever=self._lever,
         )
 
-    def _considered(self, rising: _Half, falling: _Half, friction: Array) -> Array:
+    def _considered(self, rising: _Half, falling: _Half, torque: Array, friction: Array) -> Array:
+        gains = self.noise.torque_gain * torque
         if rising.by_links is None or falling.by_links is None:
-            return _NONE
+            return gains
         by_links = (rising.rising @ rising.by_links + falling.falling @ falling.by_links).reshape(6, 48)
-        return np.hstack([self._links * by_links, self.noise.friction * friction])
-
-
-_NONE = np.zeros((6, 0))
+        return np.hstack([gains, self._links * by_links, self.noise.friction * friction])
 
 
 @dataclass(frozen=True, eq=False)

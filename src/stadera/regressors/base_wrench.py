@@ -216,8 +216,8 @@ class BaseWrenchRegressor:
         """What errors of the links' masses and centres of mass do to b, (samples, 6, 48), of the first samples.
 
         A link whose ten parameters are all larger by a share ε takes ε times its own inertial force F and moment M
-        about the trunk's origin. With matter that lies elsewhere by δ, no differently turned, about its joint at p and its
-        centre of mass at p + c,
+        about the trunk's origin. With matter that lies elsewhere by δ, no differently turned, about its joint at p and
+        its centre of mass at p + c,
 
             ΔF = m (α x δ + ω x (ω x δ)),    ΔM = δ x F + (p + c) x ΔF
 
