@@ -29,7 +29,7 @@ from stadera.estimate.square_root import SquareRoot
 Array = NDArray[np.float64]
 
 
-_OFTEN = 8  # looks in the length of a stretch
+_OFTEN = 4  # looks in the length of a stretch
 _NONE = slice(0, 0)
 
 
@@ -39,7 +39,7 @@ class ChangeLimits:
 
     Attributes:
         bayes_factor: B*, above which it does.
-        lengths: of the stretches looked at, in blocks, long ones eight times in their own length; the longest is how
+        lengths: of the stretches looked at, in blocks, long ones four times in their own length; the longest is how
             far back a jump is looked for.
         spoilt: how many blocks from the jump on are left out afterwards, for they saw both loads.
     """

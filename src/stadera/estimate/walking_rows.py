@@ -201,7 +201,7 @@ class RowMaker:
         rates = [(v[2:] - v[:-2]) / span for v in (samples.velocity, samples.angular_velocity, samples.effort)]
         inside = slice(1, -1)
         omega, alpha = samples.angular_velocity[inside].T, rates[1].T
-        specific = samples.specific_force[inside].T - cross(alpha, np.broadcast_to(self._lever[:, None], (3, n)))
+        specific = samples.specific_force[inside].T - cross(alpha, self._lever)
         position, velocity, acceleration = (np.zeros((n + _PROBES, 4, 3)) for _ in range(3))
         position[:n], velocity[:n] = samples.position[inside][:, columns], samples.velocity[inside][:, columns]
         position[n:], acceleration[:n] = position[n - 1], rates[0][:, columns]

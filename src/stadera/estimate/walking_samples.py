@@ -180,6 +180,8 @@ class SampleBuffer:
 
     def _usable(self, samples: Samples) -> tuple[Samples, str]:
         """The samples that are finite and in order, and what speaks against the first of the others."""
+        if self._all_usable(samples):
+            return samples, ""
         finite = np.isfinite(samples.time)
         for name in _NAMES[1:]:
             finite &= np.isfinite(getattr(samples, name)).all(axis=1)
@@ -192,6 +194,13 @@ class SampleBuffer:
         if finite[k]:
             return samples[good], f"time must increase, got {samples.time[k]:.6f} s after {before[k]:.6f} s"
         return samples[good], f"not finite: {self._first_not_finite(samples, k)}"
+
+    def _all_usable(self, samples: Samples) -> bool:
+        """A quick look: sums carry on what is not finite."""
+        time = samples.time
+        if not (len(time) and time[0] > self._last and (time[1:] > time[:-1]).all()):
+            return False
+        return isfinite(sum(float(getattr(samples, name).sum()) for name in _NAMES))
 
     def _first_not_finite(self, samples: Samples, k: int) -> str:
         for name, spoken in zip(_NAMES, _SPOKEN, strict=True):

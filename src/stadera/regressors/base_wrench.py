@@ -138,7 +138,7 @@ class LegWrenches:
             force: (3, samples, 4) [N], as by `forces`.
             shift: (3, samples) [m], δ of every foot.
         """
-        moment = cross(np.broadcast_to(shift[:, :, None], force.shape), force)
+        moment = cross(shift[:, :, None], force)
         change = -(self.to_wrench * (self.axis * moment[..., None]).sum(axis=0)).sum(axis=(2, 3))
         change[3:] += moment.sum(axis=2)
         return np.asarray(change)
@@ -285,9 +285,9 @@ def wrench_of_angular_acceleration(first_moment: Array, inertia: Array) -> Array
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a x b, components first."""
-    a, b = np.concatenate((a, a[:2])), np.concatenate((b, b[:2]))
-    return np.asarray(a[1:4] * b[2:] - a[2:] * b[1:4])
+    """a x b, components first; what comes after the components may broadcast."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
 
 
 def _first(values: Array) -> Array:
