@@ -113,3 +113,9 @@ def test_output_that_cannot_be_written_is_known_before_the_work(
 
 def test_negative_seed_is_bad_usage(run: Callable[..., Any]) -> None:
     assert run("reproduce", "table1", "--seed", "-1").code == 2
+
+
+def test_a_number_of_seeds_is_for_studies_that_repeat_their_grid(run: Callable[..., Any]) -> None:
+    done = run("reproduce", "table1", "--seeds", "2")
+    assert done.code == 1
+    assert done.err == ("stadera: error: a number of seeds can be told to these experiments only: walking, alarms\n")

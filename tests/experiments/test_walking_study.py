@@ -20,6 +20,9 @@ def test_the_grid_is_whole() -> None:
     assert len(grid) == len(set(grid)) == 4 * 3 * 3 * 5 * 2 * 5
     assert {case.place for case in grid} == set(PLACES)
     assert len(cases(ReproduceSettings(quick=True))) == 2
+    once = cases(ReproduceSettings(seeds=1))
+    assert once == grid[: len(once)]
+    assert len(once) == len(grid) // 5
 
 
 @pytest.mark.parametrize("place", PLACES)

@@ -32,6 +32,10 @@ def reproduce(
         Path | None,
         typer.Option(metavar="FOLDER", help="Where long studies keep finished runs, to go on from if broken off."),
     ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Of walking and alarms: as many repetitions of the whole grid."),
+    ] = None,
     json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the figures as JSON.")] = None,
     report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
 ) -> None:
@@ -46,7 +50,7 @@ def reproduce(
     check_outputs((json, report))
     results = []
     with progress() as watch:
-        settings = ReproduceSettings(seed, quick, data, keep)
+        settings = ReproduceSettings(seed, quick, data, keep, seeds)
         for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
     _write(results, json, report)

@@ -48,7 +48,7 @@ def cases(settings: ReproduceSettings) -> list[AlarmCase]:
     return [
         AlarmCase(robot, gait, errors, settings.seed + k)
         for errors, seeds in SEEDS.items()
-        for k in range(seeds)
+        for k in range(settings.seeds or seeds)
         for robot in ROBOTS
         for gait in GAITS
     ]
@@ -174,4 +174,4 @@ def _each(pairs: _Pairs) -> TableData:
     return TableData("Every false alarm", head, (("", tuple(rows or [(Cell("none"), *[Cell("")] * 4)])),))
 
 
-EXPERIMENT = Experiment(NAME, "Changes of the load named where there are none, in motion", run, study=True)
+EXPERIMENT = Experiment(NAME, "Changes of the load named where there are none, in motion", run, study=True, seeded=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
-from stadera.errors import MissingExtraError, UnknownNameError
+from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
 from stadera.experiments import (
     alarms,
     fig4,
@@ -62,8 +62,11 @@ def run_experiments(
     """Runs them in turn. Of several, one whose logs or robot models are not on this machine is skipped.
 
     Raises:
-        StaderaError: an experiment could not be run.
+        StaderaError: an experiment could not be run, or takes no number of seeds.
     """
+    if settings.seeds is not None and not all(experiment.seeded for experiment in experiments):
+        seeded = ", ".join(name for name, experiment in EXPERIMENTS.items() if experiment.seeded)
+        raise StaderaError(f"a number of seeds can be told to these experiments only: {seeded}")
     for experiment in experiments:
         try:
             yield experiment.run(settings, progress)

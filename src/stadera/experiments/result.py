@@ -28,17 +28,21 @@ class ReproduceSettings:
         quick: a short, coarse version that shows the same in less time; its figures are not the published ones.
         data: the folder of real logs; None to look for it (see `experiments.real_logs`).
         keep: the folder in which long studies keep their runs, to go on from (see `experiments.grid`); None for none.
+        seeds: how many, of a study that repeats its whole grid for each; None for as many as it has.
 
     Raises:
-        StaderaError: a negative seed.
+        StaderaError: a negative seed, less than one of them.
     """
 
     seed: int = 0
     quick: bool = False
     data: Path | None = None
     keep: Path | None = None
+    seeds: int | None = None
 
     def __post_init__(self) -> None:
+        if self.seeds is not None and self.seeds < 1:
+            raise StaderaError(f"a study needs at least 1 seed, got {self.seeds}")
         if self.seed < 0:
             raise StaderaError(f"a seed needs to be at least 0, got {self.seed}")
 
@@ -252,9 +256,11 @@ class Experiment:
         name, title: of it.
         run: pure, it neither prints nor writes.
         study: hundreds of runs, for which an hour is needed: asked for by name, and left out of all.
+        seeded: it repeats its grid for each of `ReproduceSettings.seeds`.
     """
 
     name: str
     title: str
     run: Callable[[ReproduceSettings, Progress], ExperimentResult]
     study: bool = False
+    seeded: bool = False

@@ -102,7 +102,7 @@ def cases(settings: ReproduceSettings) -> list[WalkingCase]:
         ]
     return [
         WalkingCase(robot, gait, share, place, errors, settings.seed + k, OTHERS)
-        for k in range(SEEDS)
+        for k in range(settings.seeds or SEEDS)
         for errors in ("standard", "harsh")
         for robot in ROBOTS
         for gait in GAITS
@@ -265,4 +265,4 @@ def _behaviour(groups: Mapping[tuple[str, str], _Pairs]) -> TableData:
     return TableData("Noticing, walking on, and error bars", head, (("", tuple(rows)),))
 
 
-EXPERIMENT = Experiment(NAME, "Weighing without stopping, all methods on the same runs", run, study=True)
+EXPERIMENT = Experiment(NAME, "Weighing without stopping, all methods on the same runs", run, study=True, seeded=True)
