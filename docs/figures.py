@@ -1,6 +1,6 @@
-"""Draws the figures of the documentation: python docs/figures.py GO2_LOG (needs pip install 'stadera[docs,models]').
+"""Draws the figures of the documentation: python docs/figures.py [GO2_LOG] (needs pip install 'stadera[docs,models]').
 
-GO2_LOG is a flat table of a Go2 whose legs swing in the air, trunk on a stand.
+GO2_LOG is a flat table of a Go2 whose legs swing in the air, trunk on a stand; without it that figure stays as it is.
 """
 
 from __future__ import annotations
@@ -11,11 +11,15 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+from stadera.estimate import Samples, WalkingEstimator, WalkingNoise
 from stadera.identify.legs import identify
 from stadera.identify.result import LegIdentification
 from stadera.robot import load_robot
+from stadera.simulate import Load, SimulateSettings, TruthAt, simulate
 
 matplotlib.use("Agg")
+from itertools import pairwise
+
 import matplotlib.pyplot as plt
 
 FOLDER = Path(__file__).parent / "figures"
@@ -48,14 +52,61 @@ def go2_leg(leg: LegIdentification, path: Path) -> None:
     plt.close(figure)
 
 
+def payload_at_a_trot(path: Path) -> None:
+    """What a trotting HyQ says of a box that comes onto its back: mass and place, two standard deviations wide."""
+    robot, loaded_at, box = load_robot("hyq"), 3.0, 8.0
+    settings = SimulateSettings("standard", Load(box), duration=6.0, rate=1000.0, load_time=loaded_at)
+    log = simulate(robot, "trot-load", settings)
+    samples = Samples.of_recording(log.recording, robot)
+    estimator = WalkingEstimator(robot, WalkingNoise.of(robot))
+    edges = np.searchsorted(samples.time, np.arange(0.0, samples.time[-1], 0.02))
+    rows = []
+    for start, stop in pairwise(edges):
+        estimator.add(samples[int(start) : int(stop)])
+        if samples.time[stop] > loaded_at - 0.05 and estimator.payload() is None:
+            estimator.tare()
+        if (found := estimator.payload()) is not None:
+            rows.append((samples.time[stop] - loaded_at, found.mass, found.mass_std, *found.com, *found.com_std))
+    draw_payload(np.array(rows), log.truth.moments[-1], estimator.changes[0].noticed - loaded_at, path)
+
+
+def draw_payload(rows: np.ndarray, truth: TruthAt, noticed: float, path: Path) -> None:
+    """Rows of time since the load [s], mass and its deviation [kg], place (3) and its deviations [m]."""
+    assert truth.payload_com is not None
+    time, mass, mass_std = rows[:, :3].T
+    place, place_std = rows[:, 3:6], rows[:, 6:9]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 3.6), layout="constrained")
+    left.fill_between(time, mass - 2 * mass_std, mass + 2 * mass_std, color="#0b6cc4", alpha=0.25, lw=0)
+    left.plot(time, mass, color="#0b6cc4", lw=1.8)
+    left.axhline(truth.payload_mass, color="black", lw=1, ls="--")
+    left.axvline(noticed, color="#e08e45", lw=1.2)
+    left.annotate(f"noticed after {1e3 * noticed:.0f} ms", (noticed, 2), xytext=(6, 0), textcoords="offset points")
+    left.set(xlim=(-0.05, 1.0), ylim=(-1, 10), xlabel="time since the box came on [s]", ylabel="payload's mass [kg]")
+    for axis, colour in enumerate(("#0b6cc4", "#c2410c", "#4d7c0f")):
+        low, high = place[:, axis] - 2 * place_std[:, axis], place[:, axis] + 2 * place_std[:, axis]
+        right.fill_between(time, low, high, color=colour, alpha=0.25, lw=0)
+        right.plot(time, place[:, axis], color=colour, lw=1.8, label="xyz"[axis])
+        right.axhline(truth.payload_com[axis], color="black", lw=1, ls="--")
+    right.set(xlim=(-0.05, 3.0), ylim=(-0.6, 0.6), xlabel="time since the box came on [s]")
+    right.set_ylabel("payload's place, trunk frame [m]")
+    right.legend(ncols=3, frameon=False, loc="upper right")
+    for axis in (left, right):
+        axis.spines[["top", "right"]].set_visible(False)
+    left.set_title("bands: two standard deviations; dashed: the truth", fontsize=9, loc="left")
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
 def main() -> None:
-    """Identifies, draws, writes."""
-    if len(sys.argv) != 2:
+    """Identifies, weighs, draws, writes."""
+    if len(sys.argv) > 2:
         sys.exit(__doc__)
     FOLDER.mkdir(exist_ok=True)
-    np.seterr(all="raise", under="ignore")
-    result = identify(load_robot("go2"), [sys.argv[1]])
-    go2_leg(result.legs[0], FOLDER / "go2_leg.png")
+    payload_at_a_trot(FOLDER / "payload_trot.png")
+    if len(sys.argv) == 2:
+        np.seterr(all="raise", under="ignore")
+        result = identify(load_robot("go2"), [sys.argv[1]])
+        go2_leg(result.legs[0], FOLDER / "go2_leg.png")
 
 
 if __name__ == "__main__":
