@@ -57,9 +57,21 @@ def test_payload_as_a_link(run: Run, loading: Path, truth: Truth, tmp_path: Path
     assert "z was not observed" in out.read_text()
 
 
+def test_without_a_tare_the_trunk_is_written(run: Run, loading: Path, tmp_path: Path) -> None:
+    out, found = tmp_path / "weighed.urdf", tmp_path / "found.json"
+    assert run("weigh", loading, "--robot", "hyq", "--json", found, "--export", out).code == 0
+    robot, trunk = load_robot("hyq"), json.loads(found.read_text())["trunk"]
+    prior, written = robot.inertias[robot.trunk], load_robot(out).inertias[robot.trunk]
+    assert written.mass == pytest.approx(trunk["mass"]["value"], rel=1e-9)
+    assert written.com[:2] == pytest.approx(trunk["com"]["value"][:2], rel=1e-9)
+    assert written.com[2] == pytest.approx(prior.com[2])
+    assert written.inertia_com == pytest.approx(prior.inertia_com)
+    assert "and the model's own: z, inertia" in out.read_text()
+
+
 def test_a_link_that_cannot_be_written(run: Run, loading: Path, tmp_path: Path) -> None:
-    out = tmp_path / "loaded.urdf"
-    assert run("weigh", loading, "--robot", "hyq", "--export", out).code == 2
+    nothing = run("weigh", loading, "--robot", "hyq", "--tare", "3.5:5", "--export", tmp_path / "loaded.urdf")
+    assert (nothing.code, "no payload to write" in nothing.err) == (1, True)
     wrong = run("weigh", loading, "--robot", "hyq", "--tare", "0:2.5", "--export", tmp_path / "loaded.xml")
     assert wrong.code == 1
     assert "is a URDF" in wrong.err

@@ -47,6 +47,24 @@ def test_payload_change_and_truth(log: Path, tmp_path: Path) -> None:
     assert "src=" not in page.read_text().split("<script")[0]
 
 
+def test_export_reads_back_as_the_json_says(log: Path, tmp_path: Path) -> None:
+    """The payload beside the trunk as believed; without a tare the trunk as weighed, its inertia too."""
+    robot, out, model = load_robot("hyq"), tmp_path / "out.json", tmp_path / "out.urdf"
+    args = ["weigh", str(log), "--robot", "hyq", "--method", "walking", "--json", str(out), "--export", str(model)]
+    prior = robot.inertias[robot.trunk]
+    for tare, name in ((["--tare", "0:1.9"], "payload"), ([], "trunk")):
+        done = runner.invoke(app, [*args, *tare])
+        assert done.exit_code == 0, done.output
+        found, back, text = json.loads(out.read_text())[name], load_robot(model), model.read_text()
+        written = back.inertias[robot.trunk] - prior if tare else back.inertias[robot.trunk]
+        assert back.mass - robot.mass == pytest.approx(found["mass"]["value"] - (0.0 if tare else prior.mass), rel=1e-9)
+        assert None not in found["com"]["value"]
+        assert written.com == pytest.approx(found["com"]["value"], abs=1e-8)
+        assert "not observed" not in text.replace("inertia was not observed", "").lower()
+        if not tare:
+            assert written.vector[4:] == pytest.approx([i["value"] for i in found["inertia"].values()], rel=1e-6)
+
+
 def test_a_tare_outside_the_log(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.json"
     args = ["weigh", str(log), "--robot", "hyq", "--method", "walking", "--json", str(out)]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from stadera.recording import LogFile
     from stadera.robot import Robot
     from stadera.simulate.truth import Truth
-    from stadera.weigh import Weighing, WeighSettings
+    from stadera.weigh import MotionWeighing, Weighing, WeighSettings
 
 
 def weigh(
@@ -54,7 +54,7 @@ def weigh(
     report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
     export: Annotated[
         Path | None,
-        typer.Option(metavar="F.urdf", help="Write the model (URDF, MJCF) with the payload as a link; needs --tare."),
+        typer.Option(metavar="F.urdf", help="Write the model (URDF, MJCF): payload as a link; trunk without --tare."),
     ] = None,
 ) -> None:
     """Weigh a robot from its log: trunk with payload, where its centre of mass is, when the load changed.
@@ -63,10 +63,6 @@ def weigh(
     upward force (eq. 7) where the robot stands still, and refused elsewhere. --tare tells the payload by the
     difference.
     """
-    if export is not None and tare is None:
-        raise typer.BadParameter("needs --tare: a payload is told by the difference", param_hint="--export")
-    if export is not None and method == "walking":
-        raise typer.BadParameter("is for robots weighed at rest, by another --method", param_hint="--export")
     springs = None if stiffness is None else parse.point(stiffness)
     chosen_tare = None if tare is None else _tare(tare, joint_topic, imu_topic)
 
@@ -127,7 +123,11 @@ def _in_motion(robot: Robot, log: LogFile, settings: WeighSettings, truth: Truth
 
     with progress() as watch:
         result = weigh_in_motion(robot, log, settings.tare, settings.imu_frame, watch)
-    write_outputs((outputs.json, text_of(lambda: json_text(motion_json(result)))), (outputs.report, text_of(page)))
+    write_outputs(
+        (outputs.json, text_of(lambda: json_text(motion_json(result)))),
+        (outputs.report, text_of(page)),
+        (outputs.export, lambda draft: _export(result, draft)),
+    )
     show(*motion_tables(result, truth))
 
 
@@ -152,11 +152,10 @@ def _at_rest(robot: Robot, log: LogFile, settings: WeighSettings, truth: Truth |
     show(*weighing_tables(result, truth))
 
 
-def _export(result: Weighing, path: Path) -> None:
-    """The model with the payload as a link."""
+def _export(result: Weighing | MotionWeighing, path: Path) -> None:
+    """The model as weighed."""
     from stadera.robot.export import export_model
-    from stadera.weigh import payload_link
+    from stadera.weigh import weighed_model
 
-    if result.payload is not None:
-        link = payload_link(result.payload, result.robot.inertias[result.robot.trunk].com)
-        export_model(result.robot, path, link)
+    model = weighed_model(result)
+    export_model(model.robot, path, model.payload, model.note)

@@ -27,8 +27,6 @@ Doing = Literal["standing", "start", "steady", "turning", "stop", "shaking"]
 DOING: tuple[Doing, ...] = ("standing", "start", "steady", "turning", "stop", "shaking")
 """What a schedule is made of; to start and to stop are counted from the command on."""
 
-WALKED: tuple[Doing, ...] = ("start", "steady", "turning", "stop")
-
 _HOLD = 2  # periods for which torques are held; sensors and estimator are at 1 kHz all the same
 _LOOKS = 0.02  # s, from one look at what the robot does to the next
 _START, _STOP = 1.0, 1.5  # s

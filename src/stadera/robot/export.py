@@ -24,12 +24,12 @@ from stadera.robot.modelfile import ModelFile
 from stadera.robot.payload_link import PayloadLink, add_to_mjcf, add_to_urdf
 from stadera.robot.write_mjcf import write_mjcf
 from stadera.robot.write_urdf import write_urdf
-from stadera.robot.write_xml import named
+from stadera.robot.write_xml import named, remark
 
 _READ_BACK = 1e-9  # relative, by the size of each link's own mass, first moment and inertia
 
 
-def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None) -> None:
+def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None, note: str = "") -> None:
     """Write `robot.source` with the robot's inertias and joint dynamics to `path`: URDF to URDF, MJCF to MJCF.
 
     A URDF has no place for rotor inertia (armature) and for torque offsets, an MJCF none for offsets: these are told
@@ -40,6 +40,7 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
         robot: what is written.
         path: where.
         payload: a further link, fixed to the trunk; the trunk's own values do not contain it. None for none.
+        note: what whoever reads the file should know; a comment at the file's top, none where empty.
 
     Raises:
         ModelError: the robot has no source file, the suffix is not the source's format, a value that the format
@@ -63,6 +64,8 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     elif payload is not None:
         trunk = named(document, "body", prior.trunk, source)
         add_to_mjcf(document, trunk, prior.frames[prior.trunk].translation, payload)
+    if note:
+        remark(document, note)
     _replace_whole(document, robot if payload is None else _with_payload(robot, payload), target)
 
 

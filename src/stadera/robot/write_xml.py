@@ -81,5 +81,10 @@ def describe(
     if left:
         told = "; ".join(f"{joint} {kind} {value!r} {units[kind]}" for joint, kind, value in left)
         lines.append(f"Values that this format has no place for: {told}.")
+    remark(document, *lines)
+
+
+def remark(document: minidom.Document, *lines: str) -> None:
+    """A comment in front of the root."""
     text = "\n  ".join(lines).replace("--", "- -")
     document.insertBefore(document.createComment(f"\n  {text}\n"), document.documentElement)

@@ -2,7 +2,8 @@
 
 from stadera.weigh.diagnosis import Finding, diagnose
 from stadera.weigh.in_motion import MotionWeighing, weigh_in_motion
-from stadera.weigh.payload import PayloadEstimate, payload_link
+from stadera.weigh.model import WeighedModel, payload_link, weighed_model
+from stadera.weigh.payload import PayloadEstimate
 from stadera.weigh.result import Change, Refusal, Timeline, Weighing
 from stadera.weigh.settings import WeighSettings
 from stadera.weigh.weigh import weigh
@@ -15,9 +16,11 @@ __all__ = [
     "Refusal",
     "Timeline",
     "WeighSettings",
+    "WeighedModel",
     "Weighing",
     "diagnose",
     "payload_link",
     "weigh",
     "weigh_in_motion",
+    "weighed_model",
 ]

@@ -24,9 +24,7 @@ from stadera.estimate.pose_means import PoseMean
 from stadera.estimate.protocol import TrunkEstimate
 from stadera.estimate.trunk import TrunkBounds, TrunkModel
 from stadera.identify.information import Information
-from stadera.inertia import InertialParameters
 from stadera.regressors.rows import Rows
-from stadera.robot.payload_link import PayloadLink
 
 Array = NDArray[np.float64]
 
@@ -76,30 +74,6 @@ def payload_between(
     scale = max(abs(mass), 1e-3 * forces.robot.mass)
     theta, covariance = _solved(bare.merge(_prior(forces, columns, scale)), errors)
     return _estimate(theta[4:8], covariance[4:8, 4:8], _spread(forces))
-
-
-def payload_link(payload: PayloadEstimate, trunk_com: Array) -> PayloadLink:
-    """The payload as a link for a model file; its tensor is not known, so a point mass.
-
-    Args:
-        payload: as found.
-        trunk_com: (3,) [m], that components which were not observed are put level with, so that they shift nothing.
-
-    Raises:
-        IdentificationError: nothing was put on, or its centre of mass was not observed at all.
-    """
-    hidden = np.isnan(payload.com)
-    if not payload.mass > _TOLD * payload.mass_std or hidden.all():
-        raise IdentificationError(
-            f"no payload to write: {payload.mass:.3f} ± {payload.mass_std:.3f} kg were put on since the tare"
-        )
-    com = np.where(hidden, trunk_com, payload.com)
-    known = ", ".join(f"{axis} ± {std:.3g} m" for axis, std in zip("xyz", payload.com_std, strict=True) if std == std)
-    note = f"Mass ± {payload.mass_std:.3g} kg, centre of mass {known}; a point mass, for its inertia was not observed."
-    if hidden.any():
-        axes = ", ".join(axis for axis, lost in zip("xyz", hidden, strict=True) if lost)
-        note += f" {axes} was not observed, and is the trunk's own."
-    return PayloadLink(InertialParameters.from_com(payload.mass, com, np.zeros((3, 3))), note=note)
 
 
 def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> PayloadEstimate:
