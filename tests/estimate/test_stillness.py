@@ -18,8 +18,13 @@ from stadera.estimate import (
     StillnessLimits,
     TrunkBounds,
 )
+from stadera.estimate.measurement import measurements_of
+from stadera.estimate.poses import SETTLED
+from stadera.estimate.stillness import VelocityNoise
+from stadera.estimate.vertical import measurements_without_imu
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
+from stadera.simulate import SimulateSettings, simulate
 from stadera.weigh.rest import times_at_rest
 from standing import StandingRobot
 
@@ -130,3 +135,45 @@ def test_times_at_rest_name_what_is_not_finite_and_go_on() -> None:
     (_, spoilt) = rest.refusals  # the first until it was seen at rest
     assert spoilt.reason.startswith("not finite: joint velocity of joint")
     assert spoilt.end - spoilt.begin < 0.2
+
+
+def noisy(rate: float, seconds: float, std: float, moving: float = 0.0, seed: int = 0) -> list[Measurement]:
+    """Of a robot at rest with noisy joint velocities; one joint moves [rad/s]."""
+    draws = std * np.random.default_rng(seed).standard_normal((int(rate * seconds), len(STANCE)))
+    draws[:, 4] += moving
+    return [replace(AT_REST, time=k / rate, joint_velocity=draw) for k, draw in enumerate(draws)]
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
+@pytest.mark.parametrize("std", [0.0, 0.02, 0.04])
+def test_rest_and_motion_are_told_alike_at_every_rate(rate: float, std: float) -> None:
+    """The limit is of motion, whatever the noise and however often it is sampled."""
+    for moving in (0.0, 1.5 * SETTLED.joint_velocity):
+        reasons = said(StillnessGate(FORCES.legs, SETTLED), noisy(rate, 5.0, std, moving))[int(2.0 * rate) :]
+        still = np.mean([not reason for reason in reasons])
+        if not moving:
+            assert still > 0.95
+        else:
+            assert still < 0.02
+            assert any("moves at" in reason for reason in reasons)
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_noise_of_velocities_is_heard_beside_motion(rate: float) -> None:
+    noise, std = VelocityNoise(), 0.02
+    time = np.arange(0.0, 6.0, 1.0 / rate)
+    draws = std * np.random.default_rng(1).standard_normal((len(time), 12))
+    swing = np.where(time < 2.0, np.sin(9.0 * time), 0.0)  # a walk, then rest
+    for velocity in draws + swing[:, None]:
+        noise.hear(velocity, 1.0 / rate)
+    assert np.sqrt(noise.variance) == pytest.approx(std, rel=0.2)
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+def test_a_simulated_stand_is_at_rest_with_and_without_imu(rate: float) -> None:
+    log = simulate(ROBOT, "stand", SimulateSettings(duration=4.0, rate=rate, seed=5)).recording
+    for measurements in (measurements_of(log, ROBOT), measurements_without_imu(log, ROBOT)):
+        gate = StillnessGate(FORCES.legs, SETTLED)
+        still = [m.time for m in measurements if not gate.complaint(m, FORCES.at(m))]
+        assert still[0] < 1.2
+        assert len(still) > 0.95 * rate * (4.0 - still[0])

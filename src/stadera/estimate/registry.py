@@ -15,7 +15,6 @@ from stadera.estimate.forces import ContactForceEstimator
 from stadera.estimate.orientation import OrientationCom, PostureLaw
 from stadera.estimate.poses import PosesCom
 from stadera.estimate.protocol import Estimator
-from stadera.estimate.stillness import StillnessLimits
 from stadera.estimate.trunk import TrunkModel
 from stadera.estimate.walking import WalkingEstimator
 from stadera.robot.model import Robot
@@ -29,7 +28,6 @@ class Setup:
         robot: whose legs are believed in.
         start: what is believed first; None for the robot's own trunk.
         forces: source of contact forces; None for one of the method's own.
-        limits: of standing still, for methods that live on poses; None for their own.
         posture: what holds the trunk, for methods that need to know; None where nobody says.
     """
 
@@ -37,7 +35,6 @@ class Setup:
     start: TrunkModel | None = None
     forces: ContactForceEstimator | None = None
     posture: PostureLaw | None = None
-    limits: StillnessLimits | None = None
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ def _orientation(setup: Setup) -> Estimator:
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "poses": Method(
-            "least squares over static poses", lambda s: PosesCom(s.robot, s.start, s.forces, s.limits), needs_imu=False
+            "least squares over static poses", lambda s: PosesCom(s.robot, s.start, s.forces), needs_imu=False
         ),
         "orientation": Method("steps by the trunk's orientation error under a known controller", _orientation),
         "contact": Method(
@@ -72,7 +69,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         ),
         "combined": Method(
             "static poses, with torque offsets and feet as unknowns",
-            lambda s: CombinedCom(s.robot, s.start, s.forces, s.limits),
+            lambda s: CombinedCom(s.robot, s.start, s.forces),
             needs_imu=False,
         ),
         "walking": Method(

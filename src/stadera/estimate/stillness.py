@@ -3,6 +3,13 @@
 Single samples are noisy, so motion is judged after a first-order low-pass; what is not finite is named and never gets
 into it. Once something was wrong, the gate stays shut until all has been well for a while.
 
+How much noise a low-pass lets through depends on the log's rate: of white noise σ, sampled every dt,
+
+    σ √(α / (2 - α)),      α = dt / (T + dt)      (T: time constant)
+
+So joint velocities are averaged for as long as their own noise (`VelocityNoise`) needs to stay under the limit, but not
+for longer than all must have been well. The limit itself is the same for every log.
+
 An acceleration a across the vertical changes the specific force's size by a² / 2g alone, so its direction is watched as
 well, against the vertical v that the orientation, or else the gyro, carries along and the specific force pulls at,
 
@@ -36,6 +43,8 @@ GRAVITY = 9.81
 _LOOK_EVERY = 0.01  # s
 _PULL = 0.3  # s, T: sway of a trunk on its legs is quicker
 _ANEW = 0.5  # s without a sample, after which low-passes begin anew
+_HEARD = 0.2, 1.0  # s over which velocities' noise is averaged at first, and then
+_UNDER = 4.5  # standard deviations of what noise is left, that fit under the limit of joint velocities
 _CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
 _FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([1, 2, 3, 2, 3, 3])  # the pairs of feet
 
@@ -52,7 +61,7 @@ class StillnessLimits:
         effort: share of a joint's limit from which its torque counts as saturated.
         slip: by how much the distance of two feet in stance may have changed since the robot stood still [m].
         feet: least number of feet that carry.
-        smoothing: time constant of the low-pass [s].
+        smoothing: time constant of the low-pass [s]; for joint velocities the least, the most being `quiet`.
         quiet: for how long all must have been well [s].
     """
 
@@ -67,6 +76,36 @@ class StillnessLimits:
 
     def __post_init__(self) -> None:
         require_positive("stillness limit", self, (field.name for field in fields(self)))
+
+
+class VelocityNoise:
+    """White noise of joint velocities as a log has it: the quietest that their second differences have been.
+
+    Of white noise σ these have 6 σ² in the mean, of motion slow against the sampling next to nothing. Mean over all
+    joints. Noise that is no longer white, as of velocities filtered before they were recorded, is taken for less.
+
+    Attributes:
+        variance: σ² [rad²/s²]; 0 before the third sample.
+    """
+
+    def __init__(self) -> None:
+        self.variance = 0.0
+        self._mean, self._count, self._time = 0.0, 0, 0.0
+        self._last: tuple[Array, ...] = ()
+
+    def hear(self, velocity: Array, dt: float) -> None:
+        """Takes in velocities (n,) [rad/s], `dt` [s] after the last ones."""
+        if len(self._last) == 2:
+            bent = velocity - 2.0 * self._last[1] + self._last[0]
+            self._count, self._time = self._count + 1, self._time + dt
+            share = max(1.0 / self._count, dt / (_HEARD[1] + dt))
+            self._mean += share * (float(bent @ bent) / (6.0 * len(bent)) - self._mean)
+            self.variance = min(self.variance, self._mean) if self._time > _HEARD[0] else self._mean
+        self._last = (*self._last[-1:], velocity)
+
+    def interrupt(self) -> None:
+        """The next velocities do not follow on the last ones."""
+        self._last = ()
 
 
 class StillnessGate:
@@ -85,6 +124,7 @@ class StillnessGate:
         most = np.array([robot.limits[joint].effort for joint in self._joints])
         self._effort = self.limits.effort * most
         self._smooth = np.zeros(len(self._joints) + 6)
+        self._noise = VelocityNoise()
         self._vertical: Array | None = None
         self._rotation: Array | None = None
         self._time = self._looked = np.nan
@@ -117,20 +157,33 @@ class StillnessGate:
         before, self._rotation = self._rotation, m.rotation
         if not 0.0 < dt < _ANEW:  # the first one, or after a gap
             self._smooth, self._vertical = values, None
+            self._noise.interrupt()
         else:
             if m.rotation is not None and before is not None:
                 turned = m.rotation.T @ before
             else:
                 turned = np.eye(3) - skew(dt * m.angular_velocity)
             self._smooth[-3:] = turned @ self._smooth[-3:]
-            self._smooth += (dt / (self.limits.smoothing + dt)) * (values - self._smooth)
+            shares = np.full(len(values), dt / (self.limits.smoothing + dt))
+            shares[:-6] = self._velocity_share(dt)
+            self._smooth += shares * (values - self._smooth)
             if self._vertical is not None:
                 self._vertical = turned @ self._vertical
+        self._noise.hear(m.joint_velocity, dt)
         force = self._smooth[-3:] / (sqrt(float(self._smooth[-3:] @ self._smooth[-3:])) or 1.0)
         if self._vertical is None:
             self._vertical = force
         else:
             self._vertical = self._vertical + (dt / (_PULL + dt)) * (force - self._vertical)
+
+    def _velocity_share(self, dt: float) -> float:
+        """α of joint velocities: what lets noise of `_UNDER` standard deviations reach the limit."""
+        limits, variance = self.limits, self._noise.variance
+        least, most = dt / (max(limits.quiet, limits.smoothing) + dt), dt / (limits.smoothing + dt)
+        if not variance:
+            return most
+        square = (limits.joint_velocity / _UNDER) ** 2 / variance
+        return min(max(2.0 * square / (1.0 + square), least), most)
 
     def _fault(self, m: Measurement, forces: ContactForces) -> str:
         limits, n = self.limits, len(self._joints)

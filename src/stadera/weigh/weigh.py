@@ -7,7 +7,7 @@ the centre of mass as if online, begun anew after each change, and gathers the p
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import isnan
 from os import PathLike
 
@@ -21,7 +21,6 @@ from stadera.estimate.legs import MeasuredLegs
 from stadera.estimate.measurement import Measurement, measurements_of
 from stadera.estimate.orientation import PostureLaw
 from stadera.estimate.pose_means import Alike, PoseMean
-from stadera.estimate.poses import SETTLED
 from stadera.estimate.protocol import Estimator, Status, TrunkEstimate
 from stadera.estimate.registry import Setup, make_estimator
 from stadera.estimate.vertical import measurements_without_imu
@@ -39,7 +38,6 @@ Array = NDArray[np.float64]
 Log = str | PathLike[str]
 Progress = Callable[[str, int, int], None]
 
-_SETTLED = replace(SETTLED, joint_velocity=0.035)  # without an IMU: at 50 Hz encoders' noise alone reaches 0.02
 _MOST_POSES = 200  # kept of one load; more are let go, the oldest first
 _TOLD_EVERY = 500  # samples
 
@@ -96,7 +94,6 @@ class _Weighing:
         self.forces = ContactForceEstimator(robot, legs=MeasuredLegs(robot))
         self.errors = ConstantErrors.of(self.forces.noise)
         self.method = method_for(self.log, robot, self.settings)
-        self._imu = has_imu(self.log, robot)
         self._progress = progress
         self._notes: dict[str, None] = {}
 
@@ -233,7 +230,7 @@ class _Weighing:
     def _setup(self, reference: Array | None) -> Setup:
         stiffness = self.settings.stiffness
         if self.method != "orientation" or stiffness is None:
-            return Setup(self.robot, forces=self.forces, limits=None if self._imu else _SETTLED)
+            return Setup(self.robot, forces=self.forces)
         if reference is None:
             raise IdentificationError(f"{self.log}: the method 'orientation' needs columns imu.orientation.x, ...")
         return Setup(
