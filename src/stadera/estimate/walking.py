@@ -33,8 +33,8 @@ from stadera.estimate.walking_ground import GroundNormal
 from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_result import Centre, ChangeBegun, LoadChange, Payload, TrunkParameters, known_to
 from stadera.estimate.walking_rows import (
+    ALWAYS,
     BIAS,
-    GAINS,
     LAG,
     MODEL,
     OFFSETS,
@@ -133,7 +133,7 @@ class WalkingEstimator:
         self._ground = GroundNormal(robot.mass * _GRAVITY)
         self._wide = _widest(robot.mass, self._length)
         self._constants = _constants(self.noise)
-        self._known = _unknowns(self._start, self._wide, self._constants, GAINS + MODEL * self.noise.doubts_model)
+        self._known = _unknowns(self._start, self._wide, self._constants, ALWAYS + MODEL * self.noise.doubts_model)
         self._constant_for = 0.0
         self._dry, self._stuck_for = self._maker.regressor.coulomb.ravel(), np.zeros(12)
         self._good, self._shape, self._adopted = self._known, self._start, 0
@@ -236,8 +236,8 @@ class WalkingEstimator:
             self._learn(made.rows)
 
     def _learn(self, rows: BlockRows) -> None:
-        matrix, covariance = rows.about(self._shape, self.noise)
-        full = np.column_stack((matrix, rows.target, rows.considered))
+        matrix, covariance, considered = rows.about(self._shape, self.noise)
+        full = np.column_stack((matrix, rows.target, considered))
         white = lapack.dtrtrs(np.linalg.cholesky(covariance), full, lower=1)[0]
         H, y, B = np.zeros((6, len(self._known))), white[:, UNKNOWNS], white[:, UNKNOWNS + 1 :]
         H[:, :UNKNOWNS] = white[:, :UNKNOWNS]

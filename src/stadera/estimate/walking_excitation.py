@@ -8,7 +8,9 @@ best guess (regression calibration),
 
 where that variance, over the last second, is beyond doubt, and g = 0 where it is not: what is not beyond the noise
 shows nothing. x̄ is zero for the angular acceleration, and for the specific force its average over the last second
-turned along with the trunk, which is gravity.
+turned along with the trunk, which is gravity. The guess is right for Gaussian motion; of motion by fits and starts it
+takes too much away from the fits, always with the same sign. So what it takes away of the angular acceleration is told
+as doubtful, and counts as an error that is not sought (`stadera.estimate.square_root`).
 """
 
 from __future__ import annotations
@@ -32,14 +34,17 @@ class Excitation:
         self._variance = np.zeros(6)
         self._average = np.zeros(3)
 
-    def calibrated(self, signals: Array, noise: Array, turned: Array, elapsed: float) -> Array:
-        """The signals with specific force and angular acceleration as they most likely are.
+    def calibrated(self, signals: Array, noise: Array, turned: Array, elapsed: float) -> tuple[Array, Array]:
+        """The signals with specific force and angular acceleration as they most likely are, and what is doubtful of it.
 
         Args:
             signals: (12,), see `stadera.regressors.base_wrench.trunk_signals`.
             noise: (6,), variances of the first six.
             turned: (3, 3), takes trunk components of what is fixed in the world from the last block to this.
             elapsed: [s] since the last block.
+
+        Returns:
+            The signals (12,), and what was taken away of the angular acceleration (3,) [rad/s²].
         """
         keep = exp(-elapsed / _MEMORY)
         self._weight = keep * self._weight + 1.0 - keep
@@ -52,4 +57,5 @@ class Excitation:
         self._variance += share * (away * away - self._variance)
         sure = self._variance > _BEYOND_DOUBT * noise
         gain = np.where(sure, 1.0 - noise / np.where(sure, self._variance, 1.0), 0.0)
-        return np.concatenate([mean + gain * away, signals[6:]])
+        guess = mean + gain * away
+        return np.concatenate([guess, signals[6:]]), (1.0 - gain[3:]) * away[3:]

@@ -64,9 +64,10 @@ THETA, OFFSETS, BIAS, LAG, SOLE, RATES = slice(0, 10), slice(10, 22), slice(22, 
 UNKNOWNS = 28
 """The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, two lags, soles."""
 
-GAINS, MODEL = 12, 60
-"""How many errors are not sought: torques' gains; and twelve links' masses, three components of their centres, and
-twelve joints' friction, where the model is doubted."""
+ALWAYS, MODEL = 15, 60
+"""How many errors are not sought: how strongly the trunk turned about three axes, and twelve torques' gains; where the
+model is doubted, twelve links' masses, three components of their centres, and twelve joints' friction besides.
+"""
 
 _STUCK = 0.1  # s, over which friction that holds a joint counts as the same
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
@@ -87,7 +88,8 @@ class BlockRows:
         averaged, differentiated: Σ w² and Σ ẇ² [1/s²].
         by_angular_acceleration: (6, 3), the legs' part of L.
         jerk: (3,) [rad/s³], α̇.
-        considered: (6, 12), or (6, 72) where the model is doubted: see `GAINS`.
+        considered: (6, 12), or (6, 72) where the model is doubted: see `ALWAYS`; more by `about`.
+        doubtful: (3,) [rad/s²], what of the angular acceleration may be noise or more motion than it was taken for.
         sliding: (12,) of each joint, -1 to 1: how surely it slides, and which way; zero without dry friction.
         lever: (3,) [m], of the IMU: noise in α moves what is taken for the trunk's specific force, by lever x α.
     """
@@ -102,20 +104,21 @@ class BlockRows:
     by_angular_acceleration: Array
     jerk: Array
     considered: Array
+    doubtful: Array
     sliding: Array
     lever: Array
 
-    def about(self, trunk: InertialParameters, noise: WalkingNoise) -> tuple[Array, Array]:
-        """Matrix (6, 28) and covariance (6, 6) for a trunk about as believed."""
+    def about(self, trunk: InertialParameters, noise: WalkingNoise) -> tuple[Array, Array, Array]:
+        """Matrix (6, 28), covariance (6, 6), and what is considered (6, q), for a trunk about as believed."""
         K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - self.matrix[:, BIAS]
-        L = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia) + self.by_angular_acceleration
-        L += K @ skew(self.lever)
+        own = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia)
+        L = own + self.by_angular_acceleration + K @ skew(self.lever)
         matrix = self.matrix.copy()
         matrix[:, BIAS] = -K
         matrix[:, RATES] += L @ self.jerk
         covariance = self.noise + (_OVERLAP * self.averaged * noise.accelerometer**2) * (K @ K.T)
         covariance += (_TELESCOPED * self.differentiated * noise.gyro**2) * (L @ L.T)
-        return matrix, covariance
+        return matrix, covariance, np.hstack([own * self.doubtful, self.considered])
 
 
 class BlockResult(NamedTuple):
@@ -245,7 +248,8 @@ class RowMaker:
         imu[:3] += imu[3] * (self._lever @ self._lever)
         elapsed = float(falling.time[-1] - rising.time[-1])
         turn = turned(falling.angular_velocity, elapsed)
-        matrix[:, THETA] = trunk_matrix(self._excitation.calibrated(columns[:12], imu, turn, elapsed))
+        signals, doubtful = self._excitation.calibrated(columns[:12], imu, turn, elapsed)
+        matrix[:, THETA] = trunk_matrix(signals)
         torque = _spread(rising.to_wrench, up, noise.torque) + _spread(falling.to_wrench, down, noise.torque)
         sure, c = columns[117:129], self.regressor.coulomb.ravel()
         if self._dry:
@@ -265,6 +269,7 @@ class RowMaker:
             by_angular_acceleration=-probes[:, 3:6].sum(axis=2),
             jerk=columns[114:117],
             considered=self._considered(rising, falling, E * columns[129:], E * (c * sure)),
+            doubtful=doubtful,
             sliding=sure,
             lever=self._lever,
         )
