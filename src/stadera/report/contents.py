@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stadera.report.numbers import number
+from stadera.report.terminal import titled_table
 
 if TYPE_CHECKING:
     from stadera.recording.summary import LogSummary
@@ -29,34 +30,27 @@ def robot_contents(robot: Robot) -> Iterator[RenderableType]:
 
 
 def _link_table(robot: Robot) -> Table:
-    table = Table(title="Links (CAD)", title_justify="left", title_style="bold")
-    for heading in ("leg", "link"):
-        table.add_column(Text(heading))
-    for heading in ("mass [kg]", "com x [m]", "com y [m]", "com z [m]"):
-        table.add_column(Text(heading), justify="right")
-    table.add_column("possible")
+    headings = ("leg", "link", "mass [kg]", "com x [m]", "com y [m]", "com z [m]", "possible")
+    table = titled_table("Links (CAD)", headings, "llrrrrl")
     owners = [("trunk", (robot.trunk,)), *((leg.name, leg.links) for leg in robot.legs)]
     for owner, links in owners:
         for k, link in enumerate(links):
             body = robot.inertias[link]
             possible = Text("yes") if body.is_physical() else Text("NO", "bold red")
-            figures = (number(value) for value in (body.mass, *body.com.tolist()))
-            table.add_row(owner if k == 0 else "", link, *figures, possible)
+            values = (number(value) for value in (body.mass, *body.com.tolist()))
+            table.add_row(owner if k == 0 else "", Text(link), *values, possible)
         table.add_section()
     return table
 
 
 def _joint_table(robot: Robot) -> Table:
-    table = Table(title="Joints", title_justify="left", title_style="bold")
-    table.add_column("leg")
-    table.add_column("joint")
-    for heading in ("position [rad]", "velocity [rad/s]", "torque [N·m]", "rotor inertia [kg·m²]", "foot"):
-        table.add_column(Text(heading), justify="left" if heading == "foot" else "right")
+    figures = ("position [rad]", "velocity [rad/s]", "torque [N·m]", "rotor inertia [kg·m²]")
+    table = titled_table("Joints", ("leg", "joint", *figures, "foot"), "llrrrrl")
     for leg in robot.legs:
         for k, joint in enumerate(leg.joints):
             foot = f"{leg.foot}, radius {number(leg.foot_radius, 3)} m" if k == 2 else ""
-            figures = _limits(robot.limits[joint], robot.dynamics[joint])
-            table.add_row(leg.name if k == 0 else "", joint, *figures, foot)
+            values = _limits(robot.limits[joint], robot.dynamics[joint])
+            table.add_row(leg.name if k == 0 else "", Text(joint), *values, Text(foot))
         table.add_section()
     return table
 
@@ -87,11 +81,7 @@ def log_contents(
     facts.add_row("feet", Text(", ".join(summary.feet) or "none"))
     facts.add_row("fits", Text(", ".join(fits) or "no robot known by name"))
     yield facts
-    table = Table(title="Ranges", title_justify="left", title_style="bold")
-    table.add_column("column")
-    for heading in ("least", "largest"):
-        table.add_column(Text(heading), justify="right")
-    table.add_column("unit")
+    table = titled_table("Ranges", ("column", "least", "largest", "unit"), "lrrl")
     for signal in summary.ranges:
         table.add_row(Text(signal.name), number(signal.low), number(signal.high), signal.unit)
     yield table

@@ -14,6 +14,7 @@ from stadera.demo import DemoResult, DemoRun
 from stadera.experiments.loaded_walk import LoadedWalkOutcome
 from stadera.inertia import InertialParameters
 from stadera.report.numbers import number, with_std
+from stadera.report.terminal import titled_table
 from stadera.report.weighed import place, plain
 from stadera.robot import load_robot
 from stadera.supervise import State
@@ -149,29 +150,21 @@ def weighed_rows(outcome: LoadedWalkOutcome) -> Iterator[tuple[str, ...]]:
 
 
 def _comparison(result: DemoResult) -> Table:
-    table = Table(title="The same walk twice", title_justify="left", title_style="bold")
-    table.add_column("since the load came on")
-    for run in result.runs:
-        table.add_column(run.name, justify="right")
+    table = titled_table("The same walk twice", ("since the load came on", *(run.name for run in result.runs)))
     for row in comparison_rows(result):
         table.add_row(*map(Text, row))
     return table
 
 
 def _weighed(outcome: LoadedWalkOutcome) -> Table:
-    table = Table(title="The load, trunk frame", title_justify="left", title_style="bold")
-    for heading in ("", "mass [kg]", "com x [m]", "com y [m]", "com z [m]"):
-        table.add_column(Text(heading), justify="right" if heading else "left")
+    table = titled_table("The load, trunk frame", ("", "mass [kg]", "com x [m]", "com y [m]", "com z [m]"))
     for row in weighed_rows(outcome):
         table.add_row(*map(Text, row))
     return table
 
 
 def _log(outcome: LoadedWalkOutcome) -> Table:
-    table = Table(title="What the supervisor did", title_justify="left", title_style="bold")
-    table.add_column(Text("time [s]"), justify="right")
-    table.add_column("state")
-    table.add_column("because", overflow="fold")
+    table = titled_table("What the supervisor did", ("time [s]", "state", "because"), "rll", fold=True)
     for t in outcome.transitions:
         table.add_row(f"{t.time:.2f}", str(t.after), Text(t.reason))
     return table

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from stadera.identify.excite import Appraisal, Excitation
 from stadera.report.numbers import number
+from stadera.report.terminal import titled_table
 
 _UNITS = {
     "duration": "s",
@@ -41,9 +42,8 @@ def excitation_tables(result: Excitation) -> Iterator[RenderableType]:
 def limits_table(result: Excitation) -> Table:
     """What the motion uses of each joint, and what there is with the margins taken off."""
     bounds, peaks = result.experiment.bounds, result.peaks
-    table = Table(title=Text(f"{bounds.leg}: extremes, of what is allowed"), title_justify="left", title_style="bold")
-    for head in ("joint", "position [rad]", "velocity [rad/s]", "acceleration [rad/s²]", "torque [N·m]"):
-        table.add_column(Text(head))
+    headings = ("joint", "position [rad]", "velocity [rad/s]", "acceleration [rad/s²]", "torque [N·m]")
+    table = titled_table(f"{bounds.leg}: extremes, of what is allowed", headings, "lllll")
     for k, joint in enumerate(bounds.joints):
         table.add_row(
             Text(joint),
@@ -58,10 +58,8 @@ def limits_table(result: Excitation) -> Table:
 
 def worth_table(result: Excitation) -> Table:
     """Information and rank of the motion and of the random draws."""
-    table = Table(title=Text("what a log of it would tell"), title_justify="left", title_style="bold")
     names = [name for name, _ in appraisals(result)]
-    for head in ("", *names):
-        table.add_column(head)
+    table = titled_table("what a log of it would tell", ("", *names), "l" * (1 + len(names)))
     rows: dict[str, list[str]] = {}
     for _, motion in appraisals(result):
         rows.setdefault("information gain [nat]", []).append(f"{motion.gain:.1f}")

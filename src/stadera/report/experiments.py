@@ -14,6 +14,7 @@ from stadera.experiments.result import Cell, ExperimentResult, Skipped, TableDat
 from stadera.report.judged import judged_records, judgement, record_table
 from stadera.report.quantities import MARKS
 from stadera.report.tables import STYLES
+from stadera.report.terminal import titled_table
 
 _BELOW = (0, 0, 1, 1)
 
@@ -37,9 +38,7 @@ def experiment_renderables(result: ExperimentResult | Skipped) -> Iterator[Rende
 
 def data_table(data: TableData) -> Table:
     """A table with its groups under headings."""
-    table = Table(title=Text(data.title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    for k, title in enumerate(data.head):
-        table.add_column(Text(title), justify="left" if k == 0 else "right", overflow="fold")
+    table = titled_table(data.title, data.head, fold=True, box=box.SIMPLE_HEAD, edge=False)
     for heading, rows in data.groups:
         if heading:
             table.add_row(Text(heading, style="italic"))

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from stadera.estimate.walking_result import Payload, TrunkParameters
 from stadera.report.numbers import number, with_std
+from stadera.report.terminal import titled_table
 from stadera.report.weighed import (
     Body,
     bodies_table,
@@ -127,10 +128,7 @@ def _payload(payload: Payload) -> dict[str, Any]:
 
 
 def _changes(result: MotionWeighing) -> Table:
-    table = Table(title="Changes of the load", title_justify="left", title_style="bold")
-    table.add_column(Text("time [s]"), justify="right")
-    table.add_column("kind")
-    table.add_column(Text("mass [kg]"), justify="right")
+    table = titled_table("Changes of the load", ("time [s]", "kind", "mass [kg]"), "rlr")
     for change in result.changes:
         table.add_row(f"{change.time:.2f}", change.kind, with_std(change.mass, change.mass_std))
     return table

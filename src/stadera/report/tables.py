@@ -13,6 +13,7 @@ from stadera.inertia import ORDER
 from stadera.report.findings import findings, judged_part, overall_rmse
 from stadera.report.numbers import number, percent
 from stadera.report.quantities import MARKS, MODEL_NAMES, shown
+from stadera.report.terminal import titled_table
 
 STYLES = {"green": "green", "gray": "bright_black", "red": "red"}
 _LEVEL_STYLES = {"bad": "bold red", "warning": "yellow", "note": "dim"}
@@ -40,14 +41,8 @@ def identification_tables(result: Identification) -> Iterator[RenderableType]:
 def link_table(leg: LegIdentification) -> Table:
     """The leg's links side by side, as in the paper's Table I."""
     seen = leg.estimate.observability
-    table = Table(
-        title=Text(f"{leg.leg.name}: rank {seen.rank} of {len(leg.estimate.columns)} parameters"),
-        title_justify="left",
-        title_style="bold",
-    )
-    table.add_column("parameter")
-    for link in leg.leg.links:
-        table.add_column(link)
+    title = f"{leg.leg.name}: rank {seen.rank} of {len(leg.estimate.columns)} parameters"
+    table = titled_table(title, ("parameter", *leg.leg.links), "l" * (1 + len(leg.leg.links)))
     for label, quantities in _link_rows(leg):
         table.add_row(Text(label), *(_cell(quantity) for quantity in quantities))
     return table
@@ -55,15 +50,12 @@ def link_table(leg: LegIdentification) -> Table:
 
 def joint_table(leg: LegIdentification) -> Table:
     """The leg's joints side by side: rotor inertia, friction and torque offset."""
-    table = Table(title=f"{leg.leg.name}: joints", title_justify="left", title_style="bold")
-    table.add_column("parameter")
     terms: dict[str, dict[str, Quantity]] = {}
     for name, quantity in leg.parameters.items():
         owner, term = name.rsplit(".", 1)
         if owner in leg.leg.joints:
             terms.setdefault(term, {})[owner] = quantity
-    for joint in leg.leg.joints:
-        table.add_column(joint)
+    table = titled_table(f"{leg.leg.name}: joints", ("parameter", *leg.leg.joints), "l" * (1 + len(leg.leg.joints)))
     for term, by_joint in terms.items():
         unit = next(iter(by_joint.values())).unit
         table.add_row(
@@ -76,15 +68,13 @@ def rmse_table(result: Identification) -> Table:
     """Torque errors of each joint under each model, and over all joints."""
     part = judged_part(result)
     where = result.validated_on if part == "validation" and result.validated_on else "the training data themselves"
-    table = Table(title=Text(f"Torque RMSE [N·m] on {where}"), title_justify="left", title_style="bold")
-    table.add_column("joint")
-    for model in MODELS[::-1]:
-        table.add_column(MODEL_NAMES[model], justify="right")
-    table.add_column("against CAD + friction", justify="right")
+    models = (MODEL_NAMES[model] for model in MODELS[::-1])
+    table = titled_table(f"Torque RMSE [N·m] on {where}", ("joint", *models, "against CAD + friction"))
     for leg in result.legs:
-        models = leg.rmse.get(part, {})
+        errors = leg.rmse.get(part, {})
         for joint in leg.leg.joints:
-            table.add_row(joint, *_rmse_cells({m: models[m][joint] for m in MODELS if joint in models.get(m, {})}))
+            by_model = {m: errors[m][joint] for m in MODELS if joint in errors.get(m, {})}
+            table.add_row(Text(joint), *_rmse_cells(by_model))
         table.add_section()
     table.add_row("all", *_rmse_cells(overall_rmse(result, part)), style="bold")
     return table

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from stadera.inertia import InertialParameters
 from stadera.report.numbers import number, with_std
+from stadera.report.terminal import titled_table
 from stadera.simulate.truth import Truth
 from stadera.weigh.result import Refusal
 
@@ -89,9 +90,7 @@ def true_bodies(truth: Truth | None, time: float) -> Iterator[Body]:
 
 def bodies_table(title: str, bodies: Iterable[Body]) -> Table:
     """Bodies one below the other."""
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for k, heading in enumerate(HEADINGS):
-        table.add_column(Text(heading), justify="right" if k else "left")
+    table = titled_table(title, HEADINGS)
     for body in bodies:
         table.add_row(*body)
     return table

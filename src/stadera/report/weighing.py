@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stadera.report.numbers import with_std
+from stadera.report.terminal import titled_table
 from stadera.report.weighed import (
     Body,
     bodies_table,
@@ -92,9 +93,7 @@ def body_rows(result: Weighing, truth: Truth | None = None) -> Iterator[Body]:
 
 
 def _changes(result: Weighing) -> Table:
-    table = Table(title="Changes of the load", title_justify="left", title_style="bold")
-    table.add_column(Text("time [s]"), justify="right")
-    table.add_column(Text("mass [kg]"), justify="right")
+    table = titled_table("Changes of the load", ("time [s]", "mass [kg]"), "rr")
     for change in result.changes:
         table.add_row(f"{change.time:.2f}", with_std(change.mass, change.mass_std))
     return table
