@@ -51,17 +51,13 @@ class SignalBaseline:
         self._regressor = BaseWrenchRegressor(robot)
         self._lever = (mount or ImuMount.of(robot)).translation
         self._buffer = SampleBuffer(robot.tree.joints, block)
-        self._waiting: list[Measurement] = []
         self._settled, self._first = settled, np.nan
         self._now = TrunkEstimate(np.nan, self._start, unobserved(), Status.WAITING)
 
     def update(self, measurement: Measurement) -> None:
         """Takes in one measurement; learns whenever a block is full."""
-        before = self._waiting[-1].time if self._waiting else -inf
-        due = self._buffer.wants(measurement, before)
-        self._waiting.append(measurement)
-        if due:
-            samples, self._waiting = Samples.of(self._waiting), []
+        samples = self._buffer.gather(measurement)
+        if samples is not None:
             self.add(samples)
 
     def add(self, samples: Samples) -> None:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from math import inf, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ _JUMP = 0.3  # of the widest: the size of what a payload does to the ten paramet
 _SHIFTED = 0.005  # of the robot's mass: what changes by less was only moved
 _PAYLOAD_LIMIT = 0.1  # of the leg's length: a payload's centre of mass known less well is not observed
 _FIRST_CAUTION = 9.0  # times the stated variances, that a change must beat before the noise has been heard
-_QUIETEST = 0.5  # times the stated variances: quieter noise is not believed in
+_QUIETEST = 0.2  # times the stated variances: quieter noise is not believed in
 _SCALE_MEMORY = 50  # blocks over which noise louder than stated is found out
 
 
@@ -127,7 +127,6 @@ class WalkingEstimator:
         self._length = self._maker.regressor.length
         self._limit = known_to(robot.mass, self._length)
         self._buffer = SampleBuffer(robot.tree.joints, self.settings.block)
-        self._waiting: list[Measurement] = []
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self._told: TrunkEstimate | None = None
         self._ground = GroundNormal(robot.mass * _GRAVITY)
@@ -148,11 +147,8 @@ class WalkingEstimator:
     # -- feeding ----------------------------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> None:
         """Takes in one measurement; the trunk is looked at anew with every block."""
-        before = self._waiting[-1].time if self._waiting else -inf
-        due = self._buffer.wants(measurement, before)
-        self._waiting.append(measurement)
-        if due:
-            samples, self._waiting = Samples.of(self._waiting), []
+        samples = self._buffer.gather(measurement)
+        if samples is not None:
             self.add(samples)
 
     def add(self, samples: Samples) -> None:

@@ -128,13 +128,24 @@ class SampleBuffer:
 
     def __init__(self, joints: tuple[str, ...], block: float) -> None:
         self._joints, self._block = joints, block
+        self._waiting: list[Measurement] = []
         self._pending: Samples | None = None
         self._last, self._step = -inf, inf
         self.due = -inf
 
-    def wants(self, measurement: Measurement, before: float) -> bool:
+    def gather(self, measurement: Measurement) -> Samples | None:
+        """Keeps one measurement; all that were kept, for `take`, once a block is full or something is amiss."""
+        before = self._waiting[-1].time if self._waiting else -inf
+        due = self._wants(measurement, before)
+        self._waiting.append(measurement)
+        if not due:
+            return None
+        samples = Samples.of(self._waiting)
+        self._waiting.clear()
+        return samples
+
+    def _wants(self, m: Measurement, before: float) -> bool:
         """Whether a measurement completes a block, or does not simply follow the last one, at `before` [s]."""
-        m = measurement
         if not max(before, self._last) < m.time < self.due:
             return True
         # products carry a value that is not finite on to the sum
