@@ -8,7 +8,7 @@ what a jump of unit size does to them::
 
 B is the Bayes factor, the generalised likelihood ratio with the jump averaged over instead of maximised. Where nothing
 changed and the noise is as stated its mean is one, so by Markov's inequality a look exceeds B* with a chance of 1 / B*
-at most. With five lengths, 50 blocks a second and B* = 1e15 that is less than once in a hundred thousand years; the
+at most. With seven lengths, 50 blocks a second and B* = 1e15 that is less than once in a hundred thousand years; the
 margin is for noise that is neither white nor Gaussian, and `scale` for noise louder than stated. A push that lasts is
 a change too: nothing tells it from a load, until it is over.
 """
@@ -16,6 +16,7 @@ a change too: nothing tells it from a load, until it is over.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from math import log
@@ -29,7 +30,8 @@ from stadera.estimate.square_root import SquareRoot
 Array = NDArray[np.float64]
 
 
-_OFTEN = 4  # looks in the length of a stretch
+_OFTEN = 8  # places of a jump in the length of a stretch
+_LOOKS = 4  # at a stretch in its own length
 _NONE = slice(0, 0)
 
 
@@ -45,7 +47,7 @@ class ChangeLimits:
     """
 
     bayes_factor: float = 1e15
-    lengths: tuple[int, ...] = (3, 6, 12, 24, 48)
+    lengths: tuple[int, ...] = (3, 6, 12, 24, 48, 96, 192)
     spoilt: int = 2
 
 
@@ -107,16 +109,23 @@ class ChangeDetector:
         """A jump, if this block makes it believable; `scale` multiplies the rows' stated variances."""
         self._steps.append((step, self._loosened))
         self._count += 1
-        due = (n for n in self.limits.lengths if self._count % max(n // _OFTEN, 1) == 0)
+        due = (n for n in self.limits.lengths if self._count % max(n // _LOOKS, 1) == 0)
         if not any(self._jumped(n, scale) for n in due):
             return None
-        factors = {n: self.log_bayes_factor(n, scale) for n in range(1, len(self._steps) + 1)}
+        factors = {n: self.log_bayes_factor(n, scale) for n in self._candidates()}
         best = max(factors, key=lambda n: factors[n])
         steps = tuple(step for step, _ in self._steps)[-best:]
         before = steps[0].before
         if (loosened := self._since(best)).any():
             before = before.diffuse(self._loose, loosened)
         return Jump(steps[0].time, before, steps[self.limits.spoilt :], factors[best])
+
+    def _candidates(self) -> Iterator[int]:
+        """How many blocks ago it may have jumped: each of the last ones, further back more coarsely."""
+        blocks = 1
+        while blocks <= len(self._steps):
+            yield blocks
+            blocks += max(1, blocks // _OFTEN)
 
     def _since(self, blocks: int) -> Array:
         """By how much loose unknowns have changed in the last so many blocks, 1 σ."""

@@ -68,7 +68,7 @@ _JUMP = 0.3  # of the widest: the size of what a payload does to the ten paramet
 _SHIFTED = 0.005  # of the robot's mass: what changes by less was only moved
 _PAYLOAD_LIMIT = 0.1  # of the leg's length: a payload's centre of mass known less well is not observed
 _FIRST_CAUTION = 9.0  # times the stated variances, that a change must beat before the noise has been heard
-_QUIETEST = 0.2  # times the stated variances: quieter noise is not believed in
+_QUIETEST = 0.5  # times the stated variances: quieter noise is not believed in
 _SCALE_MEMORY = 50  # blocks over which noise louder than stated is found out
 
 
