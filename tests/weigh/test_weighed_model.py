@@ -1,4 +1,4 @@
-"""A payload's inertia is written where it was observed and can be; its deviations, against finite differences."""
+"""A weighing as a model: inertia is written where it was observed; its deviations, against finite differences."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from stadera.errors import IdentificationError
-from stadera.estimate.walking_result import Payload
+from stadera.estimate.walking_result import Payload, TrunkParameters
 from stadera.inertia import InertialParameters
-from stadera.weigh.model import payload_inertia, payload_link
+from stadera.report.motion import motion_json
+from stadera.robot import load_robot
+from stadera.weigh.in_motion import MotionTimeline, MotionWeighing
+from stadera.weigh.model import payload_inertia, payload_link, weighed_model
 
 COM = np.array([-0.2, 0.1, 0.15])
 TENSOR = np.array([[0.3, 0.04, -0.02], [0.04, 0.5, 0.01], [-0.02, 0.01, 0.6]])
@@ -64,3 +67,38 @@ def test_the_link_says_which_it_is() -> None:
     assert "z was not observed" in link.note
     with pytest.raises(IdentificationError, match="no payload to write"):
         payload_link(replace(sure, mass=0.0), np.zeros(3))
+
+
+@pytest.mark.parametrize("unseen", [(), (9,), (3, 4, 5, 6, 7, 8, 9)])
+def test_the_trunk_is_written_as_far_as_it_was_observed(unseen: tuple[int, ...]) -> None:
+    robot = load_robot("hyq")
+    prior = robot.inertias[robot.trunk]
+    observed = np.ones(10, dtype=bool)
+    observed[list(unseen)] = False
+    std = np.where(observed[:4], [0.2, 0.002, 0.002, 0.01], np.nan)
+    tensor = prior.inertia_com if len(unseen) else 1.2 * prior.inertia_com
+    com = np.where(observed[1:4], prior.com + 0.01, prior.com)
+    found = InertialParameters.from_com(70.0, com, tensor)
+    trunk = TrunkParameters(found, np.diag(std**2), np.where(observed[4:], 0.1, np.nan), observed)
+    none = np.zeros(0)
+    line = MotionTimeline(none, none, none, none.reshape(0, 3), none.reshape(0, 3))
+    result = MotionWeighing(robot, "log", "converged", trunk, None, (), line, (0.0, 0.001), (), 0.0, 1.0)
+    model = weighed_model(result)
+    assert model.payload is None
+    assert model.robot.inertias[robot.trunk].vector == pytest.approx(found.vector)
+    assert ("inertia about the centre of mass" in model.note) == bool(unseen)
+    assert ("model's own: z, inertia" in model.note) == (3 in unseen)
+    shown = motion_json(result)["trunk"]
+    assert (shown["com"]["value"][2] is None) == (3 in unseen)
+    assert [c["value"] is None for c in shown["inertia"].values()] == [bool(unseen)] * 6
+
+
+def test_no_trunk_without_its_mass() -> None:
+    robot = load_robot("hyq")
+    nothing = TrunkParameters(
+        robot.inertias[robot.trunk], np.full((4, 4), np.nan), np.full(6, np.nan), np.zeros(10, dtype=bool)
+    )
+    none = np.zeros(0)
+    line = MotionTimeline(none, none, none, none.reshape(0, 3), none.reshape(0, 3))
+    with pytest.raises(IdentificationError, match="log: no trunk to write"):
+        weighed_model(MotionWeighing(robot, "log", "x", nothing, None, (), line, (0.0, 0.0), (), 0.0, 1.0))

@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -38,7 +39,7 @@ def motion_json(result: MotionWeighing) -> dict[str, Any]:
     """What was found, as plain values: SI units, trunk frame, null for what was not observable.
 
     Keys: robot, source, method, status, trunk, payload, changes, timeline, torque_lag, refused, notes, units. The
-    inertia is about the trunk frame's origin, in its axes.
+    inertia is about the trunk frame's origin, in its axes, and null unless all of it was observed.
     """
     return {
         "robot": result.robot.name,
@@ -98,7 +99,7 @@ def inertia_rows(result: MotionWeighing) -> Iterator[tuple[str, str, str]]:
     """Component, CAD and found, of the trunk's inertia about its centre of mass [kg·m²]."""
     found, prior = result.trunk, result.robot.inertias[result.robot.trunk]
     for name, (i, j), std in zip(
-        _TENSOR, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), found.inertia_std, strict=True
+        _TENSOR, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), _inertia_std(found), strict=True
     ):
         value = figure(found.inertial.inertia_com[i, j], std)
         yield f"I{name}", number(prior.inertia_com[i, j]), value
@@ -109,10 +110,15 @@ def _quantity(value: float, std: float) -> dict[str, float | None]:
     return {"value": float(value) if known else None, "std": float(std) if known else None}
 
 
+def _inertia_std(found: TrunkParameters) -> NDArray[np.float64]:
+    """(6,) [kg·m²], all NaN unless all six are observed: the tensor is the model's until then."""
+    return found.inertia_std if found.observed[4:].all() else np.full(6, np.nan)
+
+
 def _trunk(found: TrunkParameters) -> dict[str, Any]:
     std = np.sqrt(np.diag(found.covariance))
     com = np.where(np.isfinite(std[1:]), found.inertial.com, np.nan)
-    tensor = zip(_TENSOR, found.inertial.vector[4:], found.inertia_std, strict=True)
+    tensor = zip(_TENSOR, found.inertial.vector[4:], _inertia_std(found), strict=True)
     return {
         "mass": _quantity(found.inertial.mass, std[0]),
         "com": {"value": plain(com), "std": plain(std[1:])},
