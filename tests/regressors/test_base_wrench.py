@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from stadera.inertia import InertialParameters
-from stadera.regressors.base_wrench import (
-    BaseWrenchRegressor,
-    LegMotions,
-    cross,
+from stadera.regressors.base_wrench import BaseWrenchRegressor, LegMotions, cross
+from stadera.regressors.trunk_wrench import (
     trunk_matrix,
     trunk_signals,
     wrench_of_angular_acceleration,

@@ -19,7 +19,8 @@ from stadera.estimate.protocol import Status, TrunkEstimate, unobserved
 from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.estimate.walking_samples import SampleBuffer, Samples
 from stadera.inertia import InertialParameters
-from stadera.regressors.base_wrench import BaseWrenchRegressor, LegMotions, trunk_matrix, trunk_signals
+from stadera.regressors.base_wrench import BaseWrenchRegressor, LegMotions
+from stadera.regressors.trunk_wrench import trunk_matrix, trunk_signals
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 

@@ -32,20 +32,20 @@ from stadera.estimate.trunk import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.estimate.walking_ground import GroundNormal
 from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_result import Centre, ChangeBegun, LoadChange, Payload, TrunkParameters, known_to
-from stadera.estimate.walking_rows import (
+from stadera.estimate.walking_rows import BlockRows, RowMaker
+from stadera.estimate.walking_samples import SampleBuffer, Samples
+from stadera.estimate.walking_unknowns import (
     ALWAYS,
-    BIAS,
+    CONSTANTS,
     LAG,
     MODEL,
     OFFSETS,
-    RATES,
-    SOLE,
     THETA,
     UNKNOWNS,
-    BlockRows,
-    RowMaker,
+    constants_of,
+    unknowns,
+    widest,
 )
-from stadera.estimate.walking_samples import SampleBuffer, Samples
 from stadera.inertia import InertialParameters
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -59,7 +59,6 @@ _LOST_GROUND = 0.2  # s
 _SLIDES = 0.8  # of 1: a joint that surely slides
 _HELD = 0.2  # s without sliding, after which what holds a joint was taken for its offset
 _HOLDS = 0.6  # of its Coulomb friction, 1 σ: what holds a joint that sticks, anything up to that
-_CONSTANTS = slice(10, UNKNOWNS)
 _WANDERED = 0.5  # s
 _TARE = slice(UNKNOWNS, UNKNOWNS + 10)
 _SETTLED = 0.5  # s of learning after which an estimate that is known well enough counts as converged
@@ -130,9 +129,9 @@ class WalkingEstimator:
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self._told: TrunkEstimate | None = None
         self._ground = GroundNormal(robot.mass * _GRAVITY)
-        self._wide = _widest(robot.mass, self._length)
-        self._constants = _constants(self.noise)
-        self._known = _unknowns(self._start, self._wide, self._constants, ALWAYS + MODEL * self.noise.doubts_model)
+        self._wide = widest(robot.mass, self._length)
+        self._constants = constants_of(self.noise)
+        self._known = unknowns(self._start, self._wide, self._constants, ALWAYS + MODEL * self.noise.doubts_model)
         self._constant_for = 0.0
         self._dry, self._stuck_for = self._maker.regressor.coulomb.ravel(), np.zeros(12)
         self._good, self._shape, self._adopted = self._known, self._start, 0
@@ -261,7 +260,7 @@ class WalkingEstimator:
         known = self._known.diffuse(THETA, self.settings.drift * sqrt(elapsed) * self._wide)
         self._constant_for += elapsed
         if self._constant_for > _WANDERED:
-            known = known.diffuse(_CONSTANTS, self.settings.wander * sqrt(self._constant_for) * self._constants)
+            known = known.diffuse(CONSTANTS, self.settings.wander * sqrt(self._constant_for) * self._constants)
             self._constant_for = 0.0
         return known
 
@@ -324,22 +323,3 @@ class WalkingEstimator:
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason, self._told = Status.REFUSED, reason, None
-
-
-def _widest(mass: float, length: float) -> Array:
-    """(10,) [kg, kg·m, kg·m²]: standard deviations of a trunk that nothing is known of."""
-    return mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
-
-
-def _constants(noise: WalkingNoise) -> Array:
-    """Standard deviations of what is constant over a run, in the unknowns' order."""
-    std = np.empty(UNKNOWNS)
-    std[OFFSETS] = noise.torque_constant.ravel()
-    std[BIAS], std[LAG], std[SOLE] = noise.accelerometer_constant, noise.torque_lag, noise.sole
-    std[RATES] = noise.velocity_lag
-    return std[_CONSTANTS]
-
-
-def _unknowns(start: InertialParameters, wide: Array, constants: Array, considered: int) -> SquareRoot:
-    mean = np.concatenate([start.vector, np.zeros(len(constants))])
-    return SquareRoot.prior(mean, np.concatenate([wide, constants]), considered)

@@ -38,7 +38,7 @@ class Excitation:
         """The signals with specific force and angular acceleration as they most likely are, and what is doubtful of it.
 
         Args:
-            signals: (12,), see `stadera.regressors.base_wrench.trunk_signals`.
+            signals: (12,), see `stadera.regressors.trunk_wrench.trunk_signals`.
             noise: (6,), variances of the first six.
             turned: (3, 3), takes trunk components of what is fixed in the world from the last block to this.
             elapsed: [s] since the last block.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.estimate.square_root import SquareRoot
-from stadera.estimate.walking_rows import UNKNOWNS
+from stadera.estimate.walking_unknowns import UNKNOWNS
 from stadera.inertia import InertialParameters
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class TrunkParameters:
         inertial: physically possible; what was not observed is as believed at the start.
         covariance: (4, 4), of mass [kg] and centre of mass [m].
         inertia_std: (6,) [kg·m²], of Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the trunk's origin.
-        observed: (10,) bool, of mass, three components of the centre of mass, six of the inertia.
+        observed: (10,) bool, of mass, three components of the centre of mass, six of the inertia, these all or none.
     """
 
     inertial: InertialParameters
@@ -39,14 +39,14 @@ class TrunkParameters:
         """Read from what is known, the ten parameters first; `start` for what was not observed."""
         centre = Centre.of(known, start, limit)
         std = np.linalg.norm(known.root[4:10], axis=1)
-        seen = std < limit[4:]
+        seen = bool((std < limit[4:]).all())  # five components of a tensor are not one
         inertia = start.inertia_com
-        if seen.all():
+        if seen:
             least = _LEAST_SPREAD * centre.value[0] * length**2
             inertia = _possible(InertialParameters(known.mean[:10]).inertia_com, least)
         inertial = InertialParameters.from_com(float(centre.value[0]), centre.value[1:], inertia)
         std = np.where(seen, std, np.nan)
-        return cls(inertial, centre.covariance, std, np.concatenate([centre.observed, seen]))
+        return cls(inertial, centre.covariance, std, np.concatenate([centre.observed, np.full(6, seen)]))
 
 
 class Centre(NamedTuple):

@@ -33,7 +33,6 @@ is handed on (`stadera.regressors.base_wrench`), by columns of one standard devi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,13 +42,11 @@ from stadera.estimate.walking_excitation import Excitation
 from stadera.estimate.walking_ground import turned
 from stadera.estimate.walking_noise import WalkingNoise
 from stadera.estimate.walking_samples import Samples
+from stadera.estimate.walking_unknowns import BIAS, LAG, OFFSETS, RATES, SOLE, THETA, UNKNOWNS
+from stadera.estimate.walking_window import Half, fitted, spread
 from stadera.inertia import InertialParameters, skew
-from stadera.regressors.base_wrench import (
-    STICTION_VELOCITY,
-    BaseWrenchRegressor,
-    LegMotions,
-    LegWrenches,
-    cross,
+from stadera.regressors.base_wrench import STICTION_VELOCITY, BaseWrenchRegressor, LegMotions, LegWrenches, cross
+from stadera.regressors.trunk_wrench import (
     trunk_matrix,
     trunk_signals,
     wrench_of_angular_acceleration,
@@ -59,15 +56,6 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 
 Array = NDArray[np.float64]
-
-THETA, OFFSETS, BIAS, LAG, SOLE, RATES = slice(0, 10), slice(10, 22), slice(22, 25), 25, 26, 27
-UNKNOWNS = 28
-"""The unknowns' places: ten parameters, twelve torque offsets (by leg), accelerometer bias, two lags, soles."""
-
-ALWAYS, MODEL = 15, 60
-"""How many errors are not sought: how strongly the trunk turned about three axes, and twelve torques' gains; where the
-model is doubted, twelve links' masses, three components of their centres, and twelve joints' friction besides.
-"""
 
 _STUCK = 0.1  # s, over which friction that holds a joint counts as the same
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
@@ -150,7 +138,7 @@ class RowMaker:
         self._flat = _SINGULAR * self.regressor.length**3
         self._links = np.repeat([noise.link_mass, noise.link_com], [12, 36])
         self._doubts, self._dry = noise.doubts_model, bool(self.regressor.coulomb.any())
-        self._rising: _Half | None = None
+        self._rising: Half | None = None
         self._excitation = Excitation()
 
     def restart(self) -> None:
@@ -190,7 +178,7 @@ class RowMaker:
         omega = samples.angular_velocity[inside].mean(axis=0)
         noise = self._noise(probes, force, wrenches, n)
         by_links = self.regressor.by_links(wrenches, n).reshape(n, -1) if self._doubts else None
-        half = _Half.of(samples.time[inside], columns, E[:, :n], noise, probes, omega, by_links)
+        half = Half.of(samples.time[inside], columns, E[:, :n], noise, probes, omega, by_links)
         rows = None if self._rising is None else self._rows(self._rising, half)
         self._rising = half
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, -1])
@@ -213,7 +201,7 @@ class RowMaker:
         trunk[2, :, n : n + 3] = trunk[1, :, n + 3 : n + 6] = np.eye(3)
         acceleration[n + 6 : n + 9] = np.eye(3)[:, None, :]
         normals = np.broadcast_to(normal[:, None], (3, n + _PROBES))
-        sliding = _fitted(velocity, n) if self._dry else None
+        sliding = fitted(velocity, n) if self._dry else None
         motion = LegMotions(position, velocity, acceleration, trunk[0], trunk[1], trunk[2], normals, sliding)
         turning = np.hstack([samples.velocity[:, columns.ravel()], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
@@ -233,7 +221,7 @@ class RowMaker:
         P = (moved * foot[:, None]).reshape(6, -1)
         return G @ G.T, P @ P.T
 
-    def _rows(self, rising: _Half, falling: _Half) -> BlockRows:
+    def _rows(self, rising: Half, falling: Half) -> BlockRows:
         noise, up, down = self.noise, rising.rising, falling.falling
         columns = up @ rising.columns + down @ falling.columns
         matrix = np.empty((6, UNKNOWNS))
@@ -250,7 +238,7 @@ class RowMaker:
         turn = turned(falling.angular_velocity, elapsed)
         signals, doubtful = self._excitation.calibrated(columns[:12], imu, turn, elapsed)
         matrix[:, THETA] = trunk_matrix(signals)
-        torque = _spread(rising.to_wrench, up, noise.torque) + _spread(falling.to_wrench, down, noise.torque)
+        torque = spread(rising.to_wrench, up, noise.torque) + spread(falling.to_wrench, down, noise.torque)
         sure, c = columns[117:129], self.regressor.coulomb.ravel()
         if self._dry:
             stuck = E * (c * np.sqrt(np.maximum(1.0 - sure * sure, 0.0)))
@@ -274,65 +262,9 @@ class RowMaker:
             lever=self._lever,
         )
 
-    def _considered(self, rising: _Half, falling: _Half, torque: Array, friction: Array) -> Array:
+    def _considered(self, rising: Half, falling: Half, torque: Array, friction: Array) -> Array:
         gains = self.noise.torque_gain * torque
         if rising.by_links is None or falling.by_links is None:
             return gains
         by_links = (rising.rising @ rising.by_links + falling.falling @ falling.by_links).reshape(6, 48)
         return np.hstack([gains, self._links * by_links, self.noise.friction * friction])
-
-
-@dataclass(frozen=True, eq=False)
-class _Half:
-    """One block's samples, half a window."""
-
-    time: Array
-    columns: Array
-    to_wrench: Array
-    noise: tuple[Array, Array]
-    probes: Array
-    angular_velocity: Array
-    by_links: Array | None
-    rising: Array
-    falling: Array
-    differentiated: float
-
-    @classmethod
-    def of(
-        cls,
-        time: Array,
-        columns: Array,
-        E: Array,
-        noise: tuple[Array, Array],
-        probes: Array,
-        omega: Array,
-        by_links: Array | None,
-    ) -> _Half:
-        n = len(time)
-        rising = _half_window(n)
-        step = (time[-1] - time[0]) / (n - 1) if n > 1 else 0.02
-        # Σ ẇ² over a half: the window of length 2nT has ẇ = (π / n²T) sin(...) / 2, squared and summed n/2 times
-        differentiated = (np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0
-        return cls(time, columns, E, noise, probes, omega, by_links, rising, rising[::-1], float(differentiated))
-
-
-def _fitted(velocity: Array, n: int) -> Array:
-    """The first n velocities (samples, 4, 3) by a line over them each; the rest as they are."""
-    out = velocity.copy()
-    along = np.arange(n) - 0.5 * (n - 1)
-    slope = np.tensordot(along, velocity[:n], 1) / max(along @ along, 1.0)
-    out[:n] = velocity[:n].mean(axis=0) + along[:, None, None] * slope
-    return out
-
-
-@lru_cache(maxsize=64)
-def _half_window(n: int) -> Array:
-    """The rising half of a raised cosine over 2 n samples, its sum one half."""
-    window: Array = (1.0 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / (2.0 * n)
-    return window
-
-
-def _spread(E: Array, weights: Array, std: Array) -> Array:
-    """Σ_k w_k² E_k Σ E_kᵀ, (6, 6)."""
-    M = (E * weights[:, None, None] * std).reshape(6, -1)
-    return np.asarray(M @ M.T)
