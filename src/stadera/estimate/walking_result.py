@@ -116,7 +116,8 @@ class LoadChange:
     Attributes:
         time: [s], about when; noticed: [s], when it was found.
         before, after: the ten parameters, as known on either side.
-        mass, mass_std: [kg], of the difference; constant errors of the sensors are alike on both sides and not in it.
+        mass, mass_std: [kg], of the difference; constant errors of the sensors are alike on both sides and not in it,
+            but what gains and a doubted model do to the difference is.
         kind: on, off, or shifted: the mass is the same, to three standard deviations or 0.5 % of the robot's.
     """
 
@@ -142,7 +143,8 @@ class ChangeBegun:
         """The change, by what is known now."""
         first, last = self.before.mean[:10], now.mean[:10]
         mass = float(last[0] - first[0])
-        std = float(np.hypot(_white_mass_std(self.before), _white_mass_std(now)))
+        doubt = now.root[0, len(now) :] - self.before.root[0, len(self.before) :]
+        std = float(np.linalg.norm([_white_mass_std(self.before), _white_mass_std(now), *doubt]))
         kind: Literal["on", "off", "shifted"] = "on" if mass > 0 else "off"
         if abs(mass) < max(3.0 * std, self.least):
             kind = "shifted"
