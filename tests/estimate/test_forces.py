@@ -165,6 +165,9 @@ def test_covariance_of_foot_positions_by_finite_differences(jacobian: str) -> No
         moved.flat[k] += 1e-6
         slopes[:, k] = (still_normal.at(replace(measurement, foot_position=moved)).wrench - at.wrench) / 1e-6
     np.testing.assert_allclose(at.wrench_covariance("foot"), 1e-4 * slopes @ slopes.T, rtol=1e-4, atol=1e-4)
+    if jacobian == "encoders":
+        np.testing.assert_array_equal(at.force_covariance("foot"), 0.0)
+    assert np.isfinite(at.force_covariance("foot")).all()
 
 
 def test_a_stretched_leg_is_not_weighed() -> None:

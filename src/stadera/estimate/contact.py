@@ -41,7 +41,7 @@ class ContactForces:
         normal: (..., 3), unit normal of the ground through the feet in stance.
         jacobian: (..., 4, 3, 3) [m/rad], J of the contacts.
         axes: (..., 4, 3, 3), the joints' axes as columns.
-        noise: what `covariance` reckons with.
+        noise: what the covariances reckon with.
         feet_move_forces: the Jacobians are of the measured feet, so that an error of theirs moves the forces as well.
     """
 
@@ -84,6 +84,14 @@ class ContactForces:
             return np.zeros_like(self.jacobian)
         rows = np.cross(np.nan_to_num(self.force)[..., None, :], np.swapaxes(self.axes, -1, -2))  # f x a_j
         return np.asarray(self.torque_to_force @ rows)
+
+    def force_covariance(self, source: Source) -> Array:
+        """Covariance of each foot's force from one source of error, (..., 4, 3, 3) [N²].
+
+        Raises:
+            UnknownNameError: no such source.
+        """
+        return _squared(self._to_force(source), self._variances(source))
 
     def wrench_covariance(self, source: Source) -> Array:
         """Covariance of `wrench` from one source of error, (..., 6, 6).
