@@ -38,6 +38,7 @@ _EVERY = 0.1  # s, from one entry of the timeline to the next
 _BETWEEN = 10.0  # s, put between the tare's log and the other
 _AHEAD = 512  # samples taken in at once, at most
 _SLOWEST = 0.02  # s between samples, above which the motion between them is not seen
+_JITTER = 1.02  # times that, which stamps may come to by rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +193,7 @@ class _Reading:
     # -- inside ---------------------------------------------------------------------------------------------------
     def _check_rate(self, log: LogFile, samples: Samples) -> None:
         steps = np.diff(samples.time)
-        if len(steps) and float(np.median(steps)) > _SLOWEST:
+        if len(steps) and float(np.median(steps)) > _JITTER * _SLOWEST:
             raise RecordingError(
                 f"{log}: {1.0 / float(np.median(steps)):.0f} samples a second do not show how a robot moves, "
                 f"{1.0 / _SLOWEST:.0f} are needed; while it stands still --method contact weighs it"
