@@ -239,6 +239,20 @@ def test_goes_on_over_what_is_missing_and_names_it() -> None:
     assert "time must increase" in estimator.estimate().reason
 
 
+def test_an_accelerometer_that_reads_zero_is_named_and_got_over() -> None:
+    """As drivers do that have not started yet."""
+    s = before(samples(motion(), STANDARD, 6), TARED)
+    force = s.specific_force.copy()
+    force[:100] = 0.0
+    estimator = WalkingEstimator(robot())
+    estimator.add(replace(s, specific_force=force)[:100])
+    assert estimator.estimate().status is Status.REFUSED
+    assert "accelerometer reads zero" in estimator.estimate().reason
+    estimator.add(s[100:])
+    assert estimator.estimate().status is Status.CONVERGED
+    assert (np.abs(error(estimator, trunk())) < 4.0 * estimator.estimate().std).all()
+
+
 def test_a_leg_that_is_stretched_is_named() -> None:
     s = before(samples(motion(), IDEAL), 0.2)
     estimator = WalkingEstimator(robot())

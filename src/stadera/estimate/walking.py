@@ -221,6 +221,10 @@ class WalkingEstimator:
         inside = slice(1, -1)
         duration = float(samples.time[-1] - samples.time[1])
         force, omega = samples.specific_force[inside].mean(axis=0), samples.angular_velocity[inside].mean(axis=0)
+        if not force.any():
+            self._maker.restart()
+            self._refuse("the accelerometer reads zero")
+            return
         made = self._maker.block(samples, self._ground.ahead(force, omega, duration))
         if made.singular is not None:
             leg = self.robot.legs[made.singular].name

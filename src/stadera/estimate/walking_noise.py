@@ -76,7 +76,7 @@ class WalkingNoise:
         Args:
             robot: for its limits; half of its joints' Coulomb friction counts into the constant part. Where it does
                 not know its feet's radius, their soles may lie anywhere within some millimetres.
-            scale: of all of them but lag and soles.
+            scale: of all of them but lags, soles and gains.
         """
         share = ForceNoise.of(robot, 0.0033 * scale, 0.0033 * scale)
         return cls(
