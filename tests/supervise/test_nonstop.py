@@ -28,8 +28,8 @@ def under(load: float) -> Measurement:
 class Day:
     """A supervisor, and the loads it meets one after the other."""
 
-    def __init__(self) -> None:
-        self.walker, self.time = ScriptedWalker(), 0.0
+    def __init__(self, walker: ScriptedWalker | None = None) -> None:
+        self.walker, self.time = walker or ScriptedWalker(), 0.0
         self.supervisor = NonstopSupervisor(HYQ, self.walker)
 
     def go_on(self, load: float, seconds: float) -> None:
@@ -99,3 +99,17 @@ def test_a_load_too_heavy_to_walk_with_is_refused() -> None:
     assert day.supervisor.state is State.STANDING
     assert "too heavy" in day.supervisor.transitions[-1].reason
     assert not day.walker.walking
+
+
+def test_it_comes_to_stand_once_even_if_the_walker_gives_up_as_well() -> None:
+    class GivesUp(ScriptedWalker):
+        def request_stop(self) -> None:
+            super().request_stop()
+            self.fault = "fell while stopping"
+
+    day = Day(GivesUp())
+    day.go_on(0.0, 0.6)
+    day.go_on(90.0, 0.6)
+    weighing, standing = day.supervisor.transitions
+    assert (weighing.after, standing.after) == (State.WEIGHING, State.STANDING)
+    assert "too heavy" in standing.reason

@@ -94,7 +94,7 @@ class NonstopSupervisor:
         self._seen = estimate
         self._notice(m.time)
         self._hand_on(m.time)
-        if fault := self.walker.fault:
+        if self.state is not State.STANDING and (fault := self.walker.fault):
             self._stand(m.time, fault)
 
     # -- inside -----------------------------------------------------------------------------------------------
