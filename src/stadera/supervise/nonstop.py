@@ -94,7 +94,7 @@ class NonstopSupervisor:
         self._seen = estimate
         self._notice(m.time)
         self._hand_on(m.time)
-        if self.state is not State.STANDING and (fault := self.walker.fault):
+        if fault := self.walker.fault:
             self._stand(m.time, fault)
 
     # -- inside -----------------------------------------------------------------------------------------------
@@ -127,6 +127,8 @@ class NonstopSupervisor:
         self._become(time, State.WALKING, f"controller and planner have taken the new trunk: {known}")
 
     def _stand(self, time: float, reason: str) -> None:
+        if self.state is State.STANDING:
+            return
         self.walker.request_stop()
         self._become(time, State.STANDING, reason)
 
