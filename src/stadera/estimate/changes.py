@@ -132,7 +132,9 @@ class ChangeDetector:
         return np.asarray(np.sqrt(self._loosened - self._steps[-blocks][1]))
 
     def _jumped(self, blocks: int, scale: float) -> bool:
-        """Whether the last so many blocks speak for a jump; log B is at most half of what their innovations come to."""
+        """Whether the last so many blocks speak for a jump. Cheap first: log B is hardly more than half of what their
+        own innovations come to; with errors considered, which tie blocks together, and louder noise that is no bound.
+        """
         if blocks > len(self._steps):
             return False
         least = log(self.limits.bayes_factor)
