@@ -85,7 +85,14 @@ def test_errors_that_are_considered_do_what_they_do_to_least_squares() -> None:
 
 
 def test_an_error_that_acts_on_both_alike_cancels_in_the_difference() -> None:
-    """Of an unknown and its copy, when what came between was felt without that error."""
-    known = SquareRoot.prior(MEAN, STD, 1).measure(np.eye(5), np.zeros(5), np.ones((5, 1))).repeat(slice(0, 5))
-    assert np.linalg.norm(known.root[0, -1:]) > 0.1
-    np.testing.assert_allclose(known.root[:5, -1], known.root[5:, -1], atol=1e-6)
+    """Of an unknown and its copy: also when the original jumps and is measured anew, under the same error."""
+    rows, error = 100.0 * np.eye(5), 100.0 * RNG.standard_normal((5, 1))
+    known = SquareRoot.prior(MEAN, STD, 1).measure(rows, np.zeros(5), error).repeat(slice(0, 5))
+    wide = known.diffuse(slice(0, 5), np.full(5, 10.0)).measure(np.eye(5, 10) * 100.0, np.ones(5), error)
+    for both in (known, wide):
+        assert np.abs(both.root[:5, -1]).min() > 0.01
+        np.testing.assert_allclose(both.root[:5, -1], both.root[5:, -1], rtol=1e-3)
+    alone = known.diffuse(slice(0, 5), np.full(5, 10.0)).measure(np.eye(5, 10) * 100.0, np.ones(5))
+    assert np.abs(alone.root[:5, -1]).max() < 1e-3, (
+        "an error that is not felt any more is not in what was measured anew"
+    )
