@@ -21,9 +21,11 @@ from stadera.estimate import (
 )
 from stadera.estimate.baseline_kalman import KalmanTrunk
 from stadera.estimate.baseline_rls import RlsTrunk
+from stadera.estimate.walking_rows import RowMaker
 from stadera.inertia import InertialParameters
 from stadera.recording import Recording
 from stadera.robot import JointDynamics, Robot, load_robot
+from stadera.robot.imu import ImuMount
 from stadera.sim import IDEAL, STANDARD, RigidMass, SensorErrors, estimator_model
 from walking import Motion, Walk, recorded, walked
 
@@ -239,6 +241,20 @@ def test_goes_on_over_what_is_missing_and_names_it() -> None:
     assert "time must increase" in estimator.estimate().reason
 
 
+def test_after_forgetting_rows_are_those_of_a_maker_that_saw_nothing_before() -> None:
+    """Gravity is elsewhere in a trunk that was turned where nobody saw it."""
+    level, tilted = (samples(motion(replace(STILL, slope=slope)), STANDARD, 1) for slope in (0.0, 0.2))
+    known, new = (RowMaker(robot(), WalkingNoise.of(robot()), ImuMount.of(robot())) for _ in range(2))
+    for k in range(0, 500, 10):
+        known.block(level[k : k + 12], np.array([0.0, 0.0, 1.0]))
+    known.forget()
+    for k in range(0, 100, 10):
+        one, other = (maker.block(tilted[k : k + 12], np.array([0.0, 0.0, 1.0])).rows for maker in (known, new))
+        assert (one is None) == (other is None) == (k == 0)
+        if one is not None and other is not None:
+            np.testing.assert_array_equal(one.matrix, other.matrix)
+
+
 def test_an_accelerometer_that_reads_zero_is_named_and_got_over() -> None:
     """As drivers do that have not started yet."""
     s = before(samples(motion(), STANDARD, 6), TARED)
@@ -287,7 +303,7 @@ def test_bad_settings_are_named() -> None:
     with pytest.raises(ModelError, match=r"torque.*\(4, 3\)"):
         replace(WalkingNoise.of(robot()), torque=np.ones(12))
     with pytest.raises(StaderaError, match="block"):
-        WalkingSettings(block=0.0)
+        WalkingSettings(block=0.001)
     with pytest.raises(StaderaError, match="memory"):
         RlsTrunk(robot(), memory=0.0)
     s = before(samples(motion()), 0.1)

@@ -145,6 +145,11 @@ class RowMaker:
         """Forgets the half-finished window: what comes next does not follow on."""
         self._rising = None
 
+    def forget(self) -> None:
+        """Forgets how the trunk has moved as well: nobody saw how it turned until what comes next."""
+        self.restart()
+        self._excitation = Excitation()
+
     def block(self, samples: Samples, normal: Array) -> BlockResult:
         """Takes in one block.
 
