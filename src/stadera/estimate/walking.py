@@ -76,8 +76,8 @@ class WalkingSettings:
     """How it weighs.
 
     Attributes:
-        block: length of a block [s], 10 to 200 ms. Error bars were found right at 20 ms; at either end they may come out
-            half as wide as they should be.
+        block: length of a block [s], 10 to 200 ms. Error bars were found right at 20 ms; at either end they may come
+            out half as wide as they should be.
         drift: how much the parameters may wander in a second, as a share of the widest that they can be.
         wander: how much offsets, bias, lag and soles may wander in a second, as a share of their stated sizes.
         least_change: of the load, that counts as one: share of the robot's mass, or that mass times leg length, by
