@@ -119,6 +119,21 @@ def test_wrong_legs_are_in_the_error_bars_and_cancel_in_the_payload() -> None:
     assert 0.1 < squared / count < 1.6
 
 
+@pytest.mark.parametrize("share", [0.008, 0.012])
+def test_a_load_too_light_for_a_name_is_weighed_all_the_same(share: float) -> None:
+    light = RigidMass.box(share * robot().mass, (0.1, 0.1, 0.1), (-0.2, 0.1, 0.2)).parameters
+    walk = walked(robot(), Walk(seconds=5.0, rate_hz=RATE, load=light, loaded_at=TARED))
+    s, estimator = samples(walk, STANDARD, 1), WalkingEstimator(robot())
+    estimator.add(before(s, TARED))
+    estimator.tare()
+    estimator.add(after(s, TARED))
+    found = estimator.payload()
+    assert found is not None
+    assert abs(found.mass - light.mass) < 3.0 * found.mass_std
+    assert found.mass_std < 0.3 * light.mass
+    assert estimator.changes == ()
+
+
 def test_neither_slope_nor_heading_enters() -> None:
     estimator = WalkingEstimator(robot(), quiet())
     estimator.add(samples(motion(Walk(seconds=1.5, rate_hz=RATE, slope=0.2))))

@@ -9,8 +9,9 @@ what a jump of unit size does to them::
 B is the Bayes factor, the generalised likelihood ratio with the jump averaged over instead of maximised. Where nothing
 changed and the noise is as stated its mean is one, so by Markov's inequality a look exceeds B* with a chance of 1 / B*
 at most. With seven lengths, 50 blocks a second and B* = 1e15 that is less than once in a hundred thousand years; the
-margin is for noise that is neither white nor Gaussian, and `scale` for noise louder than stated. A push that lasts is
-a change too: nothing tells it from a load, until it is over.
+margin is for noise that is neither white nor Gaussian, and for what is simplified: what joints let go of in the middle
+of a stretch counts as let go before it. `scale` is of the noise as it proves to be, louder than stated or quieter. A
+push that lasts is a change too: nothing tells it from a load, until it is over.
 """
 
 from __future__ import annotations

@@ -66,6 +66,7 @@ _LOUD = 9.0  # normalised innovation squared, per row, from which a block counts
 _JUMP = 0.3  # of the widest: the size of what a payload does to the ten parameters
 _SHIFTED = 0.005  # of the robot's mass: what changes by less was only moved
 _PAYLOAD_LIMIT = 0.1  # of the leg's length: a payload's centre of mass known less well is not observed
+_PATIENCE = 25  # blocks after a jump, until one that is still too small for a name is taken over without
 _FIRST_CAUTION = 9.0  # times the stated variances, that a change must beat before the noise has been heard
 _QUIETEST = 0.5  # times the stated variances: quieter noise is not believed in
 _SCALE_MEMORY = 50  # blocks over which noise louder than stated is found out
@@ -182,15 +183,15 @@ class WalkingEstimator:
 
     def tare(self) -> None:
         """Takes the trunk as it is now for the reference that `payload` is the difference to."""
-        self._known = self._known.first(UNKNOWNS).repeat(THETA)
+        self._known = self._good = self._good.first(UNKNOWNS).repeat(THETA)
         self._detector.restart()
 
     def payload(self) -> Payload | None:
         """What was put on since the tare; None without one."""
-        if len(self._known) == UNKNOWNS:
+        known = self._good
+        if len(known) == UNKNOWNS:
             return None
-        root = self._known.root[THETA] - self._known.root[_TARE]
-        difference = self._known.mean[THETA] - self._known.mean[_TARE]
+        root, difference = known.root[THETA] - known.root[_TARE], known.mean[THETA] - known.mean[_TARE]
         return Payload.of(difference, root @ root.T, _PAYLOAD_LIMIT * self._length)
 
     @property
@@ -212,11 +213,15 @@ class WalkingEstimator:
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _interrupted(self, time: float, gap: float) -> None:
-        """Nothing is differentiated over a gap; after a long one ground and gravity are looked for anew."""
+        """Nothing is differentiated over a gap; after a long one ground and gravity are looked for anew, and joints
+        that stuck before it may have slid.
+        """
         self._maker.restart()
         self._gaps.append((time, gap))
         if gap > _LOST_GROUND:
             self._maker.forget()
+            self._known = self._freed(self._wandered(gap), self._stuck_for > _HELD)
+            self._stuck_for = np.zeros(12)
             self._ground = GroundNormal(self.robot.mass * _GRAVITY)
 
     def _block(self, samples: Samples) -> None:
@@ -252,8 +257,11 @@ class WalkingEstimator:
         jump = self._detector.look(step, max(self._scale, self._caution, _QUIETEST))
         if jump is not None:
             known = self._jumped(jump, scale)
-            if self._matters(jump.before, known):
+            named = self._matters(jump.before, known)
+            if named:
                 self._begin_change(jump, rows.time)
+            if named or len(jump.after) >= _PATIENCE:
+                self._detector.restart()
                 self._adopt(known, rows.time)
                 return
         squared /= 6.0
@@ -277,11 +285,15 @@ class WalkingEstimator:
         if not self._dry.any():
             return known
         share = np.abs(rows.sliding)
-        slipped = (self._stuck_for > _HELD) & (share > _SLIDES) & (self._dry > 0)
+        slipped = (self._stuck_for > _HELD) & (share > _SLIDES)
         self._stuck_for = np.where(share > _SLIDES, 0.0, self._stuck_for + rows.elapsed)
-        if not slipped.any():
+        return self._freed(known, slipped)
+
+    def _freed(self, known: SquareRoot, joints: NDArray[np.bool_]) -> SquareRoot:
+        """What is known once these joints (12,) have let go of what held them."""
+        std = _HOLDS * np.where(joints, self._dry, 0.0)
+        if not std.any():
             return known
-        std = _HOLDS * np.where(slipped, self._dry, 0.0)
         self._detector.loosen(std)
         return known.diffuse(OFFSETS, std)
 
@@ -294,7 +306,7 @@ class WalkingEstimator:
         return known
 
     def _matters(self, before: SquareRoot, after: SquareRoot) -> bool:
-        """Whether a jump of mass or first moment is worth a name; smaller ones come in by and by."""
+        """Whether a jump of mass or first moment is worth a name; smaller ones are taken over without."""
         change = np.abs(after.mean[:4] - before.mean[:4]) / self.robot.mass
         return bool(
             change[0] > self.settings.least_change or change[1:].max() > self.settings.least_change * self._length
@@ -305,7 +317,6 @@ class WalkingEstimator:
             self._changes.append(self._changing.weighed(jump.before))
         self._changing = ChangeBegun(jump.time, now, jump.before, _SHIFTED * self.robot.mass)
         self._since, self._adopted = now, 1
-        self._detector.restart()
 
     def _adopt(self, known: SquareRoot, time: float) -> None:
         """Makes it what is known; the trunk read from it becomes the estimate, unless it cannot be."""
