@@ -150,7 +150,7 @@ class SampleBuffer:
             return True
         # products carry a value that is not finite on to the sum
         q, qd, tau = m.joint_position, m.joint_velocity, m.effort
-        return not isfinite(q @ qd + tau @ tau + m.angular_velocity @ m.specific_force)
+        return not isfinite(q.dot(qd) + tau.dot(tau) + m.angular_velocity.dot(m.specific_force))
 
     def take(self, samples: Samples) -> Iterator[Stretch]:
         """The blocks that these complete, stretch by stretch."""
