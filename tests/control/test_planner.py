@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
@@ -26,6 +26,7 @@ def has_area(corners: np.ndarray) -> bool:
 
 
 @settings(deadline=None, max_examples=60)
+@example(np.array([(0.0, 0.0), (0.0, 6.103515625e-05), (1e-08, -1.0), (-1.0, 0.0)]), (-0.5, 0.0), 0.0)
 @given(points.filter(has_area), st.tuples(coordinates, coordinates), st.floats(0.0, 0.1))
 def test_the_goal_keeps_the_margin_and_nothing_nearer_does(
     corners: np.ndarray, wish: tuple[float, float], margin: float

@@ -7,6 +7,7 @@ to edge i, positive inside, and the least of them the static stability margin of
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from stadera.errors import StaderaError
 
 Array = NDArray[np.float64]
 
-_FLAT = 1e-12  # m², twice the area of three points in one line
+_FLAT = 1e-12  # m, by which a corner must stick out
 _BISECTIONS = 40
 
 
@@ -113,11 +114,24 @@ def _hull(points: Array) -> Array:
     for sequence in (ordered, ordered[::-1]):
         half: list[tuple[float, ...]] = []
         for x, y in sequence:
-            while len(half) > 1 and _turn(half[-2], half[-1], (x, y)) <= _FLAT:
+            while len(half) > 1 and _turn(half[-2], half[-1], (x, y)) <= 0.0:
                 half.pop()
             half.append((x, y))
         halves.append(half[:-1])
-    return np.array(halves[0] + halves[1]).reshape(-1, 2)
+    return np.array(_pointed(halves[0] + halves[1])).reshape(-1, 2)
+
+
+def _pointed(corners: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
+    """Those of a hull's corners that stick out: further than `_FLAT` from the line between their neighbours."""
+    kept = list(corners)
+    for corner in corners:
+        if len(kept) < 3:
+            break
+        k = kept.index(corner)
+        before, after = kept[k - 1], kept[(k + 1) % len(kept)]
+        if _turn(before, corner, after) <= _FLAT * hypot(after[0] - before[0], after[1] - before[1]):
+            kept.pop(k)
+    return kept
 
 
 def _turn(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> float:
