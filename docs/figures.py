@@ -6,6 +6,7 @@ GO2_LOG is a flat table of a Go2 whose legs swing in the air, trunk on a stand; 
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib
@@ -18,8 +19,6 @@ from stadera.robot import load_robot
 from stadera.simulate import Load, SimulateSettings, TruthAt, simulate
 
 matplotlib.use("Agg")
-from itertools import pairwise
-
 import matplotlib.pyplot as plt
 
 FOLDER = Path(__file__).parent / "figures"

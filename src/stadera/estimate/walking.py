@@ -4,7 +4,8 @@ Rows of a block (`stadera.estimate.walking_rows`) are whitened by their noise at
 square-root information of 28 unknowns: the trunk's ten parameters, which may drift a little, and what is constant
 over a run (torque offsets, accelerometer bias, lags, depth of the soles), each about zero to its stated size. So
 the absolute error bars contain the constants, and as a reference (the tare) is kept as ten more unknowns beside them,
-what constants do alike to both cancels in the payload and in its covariance.
+what constants do alike to both cancels in the payload and in its covariance. What the model itself is off by is not
+sought, but carried through into the error bars (`stadera.estimate.square_root`).
 
 When the load changes (`stadera.estimate.changes`), the ten parameters start anew from what was known before the change,
 widened by what a payload can do; offsets, bias, lag and the tare stay as known.
