@@ -1,4 +1,4 @@
-"""Small bags: folders written by rosbags, files by mcap's writer."""
+"""Small bags: folders and ROS 1 files written by rosbags, .mcap files by mcap's writer."""
 
 from __future__ import annotations
 
@@ -8,14 +8,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import Nodetype
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from stadera.recording import Recording
+from stadera.logs import Recording
+from stadera.logs.bags.unitree import PUBLISHED
 
 JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"
 TYPES = get_typestore(Stores.ROS2_JAZZY)
+ROS1_TYPES = get_typestore(Stores.ROS1_NOETIC)
+for _kind, _definition in PUBLISHED.items():
+    TYPES.register(get_types_from_msg(_definition, _kind))
 NS = 1_000_000_000
 
 
@@ -74,6 +80,44 @@ def text(time: float, topic: str = "/chatter") -> Sent:
     return _sent(topic, STRING, time, TYPES.types[STRING]("hello"))
 
 
+def low_state(
+    received: float,
+    position: Any,
+    velocity: Any,
+    effort: Any,
+    tick: int | None = None,
+    kind: str = "unitree_go/msg/LowState",
+    topic: str = "/lowstate",
+) -> Sent:
+    """Of twelve motors; the IMU says gyro (1, 2, 3), specific force (4, 5, 6), quaternion wxyz (0.5, 0.1, 0.7, 0.5)."""
+    package = kind.split("/")[0]
+    message = _zeros(kind)
+    for motor, q, dq, tau in zip(message.motor_state, position, velocity, effort, strict=False):
+        motor.q, motor.dq, motor.tau_est = float(q), float(dq), float(tau)
+    assert type(message.imu_state).__name__.startswith(package)
+    for name, values in (("gyroscope", (1, 2, 3)), ("accelerometer", (4, 5, 6)), ("quaternion", (0.5, 0.1, 0.7, 0.5))):
+        setattr(message.imu_state, name, np.array(values, dtype=np.float32))
+    message.tick = (round(1e3 * received) if tick is None else tick) % 2**32
+    return _sent(topic, kind, received, message)
+
+
+def _zeros(kind: str) -> Any:
+    """A message of this type with all numbers zero."""
+
+    def zero(description: Any) -> Any:
+        node, detail = description
+        if node == Nodetype.BASE:
+            return np.dtype(detail[0]).type(0).item()
+        if node == Nodetype.NAME:
+            return _zeros(detail)
+        element, count = detail
+        if element[0] == Nodetype.BASE:
+            return np.zeros(count, dtype=element[1][0])
+        return [zero(element) for _ in range(count)]
+
+    return TYPES.types[kind](*(zero(description) for _, description in TYPES.fielddefs[kind][1]))
+
+
 def of_recording(recording: Recording, frame: str = "") -> Iterator[Sent]:
     """A recording's samples as messages with the same stamps."""
     for k, time in enumerate(recording.time):
@@ -123,6 +167,31 @@ def write_folder(sent: Iterable[Sent], path: Path, storage: StoragePlugin = Stor
                 connections[message.topic] = writer.add_connection(message.topic, message.kind, typestore=TYPES)
             writer.write(connections[message.topic], message.received, message.data)
     return path
+
+
+def write_ros1(sent: Iterable[Sent], path: Path, *, chunk: int = 1 << 14, compression: Any = None) -> Path:
+    """A ROS 1 .bag."""
+    writer = Ros1Writer(path)
+    if compression is not None:
+        writer.set_compression(compression)
+    with writer:
+        writer.chunk_threshold = chunk
+        connections: dict[str, Any] = {}
+        for message in sent:
+            if message.topic not in connections:
+                connections[message.topic] = writer.add_connection(message.topic, message.kind, typestore=ROS1_TYPES)
+            said = ROS1_TYPES.serialize_ros1(_as_ros1(TYPES.deserialize_cdr(message.data, message.kind)), message.kind)
+            writer.write(connections[message.topic], message.received, bytes(said))
+    return path
+
+
+def _as_ros1(message: Any) -> Any:
+    """The same message with ROS 1's header, which has a sequence number."""
+    if hasattr(message, "header"):
+        stamp = message.header.stamp
+        time = ROS1_TYPES.types["builtin_interfaces/msg/Time"](stamp.sec, stamp.nanosec)
+        message.header = ROS1_TYPES.types["std_msgs/msg/Header"](0, time, message.header.frame_id)
+    return message
 
 
 def _header(time: float, frame: str) -> Any:

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from stadera.estimate import Measurement
 from stadera.robot import Robot
+from stadera.trunk import Measurement
 
 GRAVITY = 9.81
 

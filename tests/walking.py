@@ -14,13 +14,13 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
-from stadera.recording import Imu, Recording
+from stadera.lab.plant import SensorErrors
+from stadera.lab.sensors import effort_limits
+from stadera.legs.model import foot_jacobians, foot_positions
+from stadera.logs import Imu, Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
-from stadera.robot.kinematics import foot_jacobians, foot_positions
 from stadera.robot.stance import standing_configuration
-from stadera.sim import SensorErrors
-from stadera.sim.sensors import effort_limits
 
 GRAVITY = 9.81
 PHASES = np.array([0.0, 0.5, 0.25, 0.75])  # of LF, RF, LH, RH: at most one foot in the air
@@ -91,12 +91,15 @@ def walked(robot: Robot, walk: Walk, pad: int = 8) -> Motion:
     return Motion(*kept[:4], effort, *kept[4:], force, contact, kept[7][:, 2])
 
 
-def recorded(robot: Robot, motion: Motion, errors: SensorErrors, seed: int = 0) -> Recording:
-    """What sensors with white and constant errors would have said of it."""
+def recorded(
+    robot: Robot, motion: Motion, errors: SensorErrors, seed: int = 0, mount: ImuMount | None = None
+) -> Recording:
+    """What sensors with white and constant errors would have said of it; the IMU of the model, or another one."""
     rng = np.random.default_rng(seed)
     n = len(motion.time)
     limit = effort_limits(robot)
-    mount = ImuMount.of(robot)
+    frame = None if mount is None else mount.name
+    mount = mount or ImuMount.of(robot)
     omega, r = motion.angular_velocity, mount.translation
     at_imu = motion.specific_force + np.cross(motion.angular_acceleration, r) + np.cross(omega, np.cross(omega, r))
 
@@ -114,6 +117,7 @@ def recorded(robot: Robot, motion: Motion, errors: SensorErrors, seed: int = 0) 
             (omega + white(errors.gyro_constant, (3,)) + white(errors.gyro, (n, 3))) @ mount.rotation,
             (at_imu + white(errors.accelerometer_constant, (3,)) + white(errors.accelerometer, (n, 3)))
             @ mount.rotation,
+            frame=frame,
         ),
     )
 

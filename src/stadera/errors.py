@@ -23,8 +23,20 @@ class UnknownNameError(StaderaError):
         super().__init__(f"{place}unknown {kind} {name!r}; valid: {choices}{hint}")
 
 
+def require_known(kind: str, names: Iterable[str], valid: Iterable[str], where: str = "") -> None:
+    """Checks that names are among the valid ones.
+
+    Raises:
+        UnknownNameError: one is not.
+    """
+    valid = tuple(valid)
+    for name in names:
+        if name not in valid:
+            raise UnknownNameError(kind, name, valid, where)
+
+
 def require_positive(what: str, values: object, names: Iterable[str]) -> None:
-    """Whether these attributes are positive and finite numbers.
+    """Checks that these attributes are positive and finite numbers.
 
     Raises:
         StaderaError: one is not; `what` says what it is a value of.
@@ -45,6 +57,10 @@ class RecordingError(StaderaError):
 
 class IdentificationError(StaderaError):
     """An estimation problem that has no meaningful answer (no data, contradictory constraints)."""
+
+
+class UntrustedError(IdentificationError):
+    """A result whose figures are not to be trusted: model and log contradict each other. Names the likeliest cause."""
 
 
 class MissingExtraError(StaderaError):

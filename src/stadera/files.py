@@ -14,7 +14,7 @@ AnyPath = str | PathLike[str]
 
 
 def require_writable(path: AnyPath) -> Path:
-    """Whether a file can be put there, asked before the work that fills it.
+    """Checks that a file can be written there, before the work that fills it.
 
     Raises:
         StaderaError: the folder is not there or cannot be written to, or the path is itself a folder.
@@ -31,7 +31,7 @@ def require_writable(path: AnyPath) -> Path:
 
 @contextmanager
 def written_together(paths: Sequence[AnyPath]) -> Iterator[tuple[Path, ...]]:
-    """Drafts to fill, beside the files they become when the block ends without an error; else nothing appears.
+    """Drafts to fill, which become the files when the block ends without an error; else nothing appears.
 
     Each draft keeps its file's suffix, for writers that go by it. What was there before stays until the end.
 

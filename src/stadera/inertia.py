@@ -20,14 +20,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stadera.errors import ModelError
+from stadera.types import Array
 
 if TYPE_CHECKING:
     import pinocchio
-
-Array = NDArray[np.float64]
 
 ORDER: tuple[str, ...] = ("m", "mcx", "mcy", "mcz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 """Names of the ten parameters in their one order."""
@@ -65,9 +64,21 @@ def skew(v: ArrayLike) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+_SKEWS = np.stack([skew(axis) for axis in np.eye(3)]).reshape(3, 9)
+
+
+def skews(vectors: Array) -> Array:
+    """[v]x of vectors (..., 3), shape (..., 3, 3)."""
+    return np.asarray((vectors @ _SKEWS).reshape(*vectors.shape, 3))
+
+
 def order_from_pinocchio(parameters: ArrayLike) -> Array:
     """Ten parameters (last axis) in Pinocchio's order, reordered to ours; applied again, it goes back."""
     return np.asarray(parameters, dtype=float)[..., _FROM_PINOCCHIO]
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +106,14 @@ class InertialParameters:
             raise ModelError(f"inertial parameters are not finite: {bad}")
         vector.flags.writeable = False
         object.__setattr__(self, "vector", vector)
+
+    def __repr__(self) -> str:
+        """Mass, centre of mass and the inertia about the frame's origin, on three lines."""
+        names = " ".join(ORDER[4:])
+        return (
+            f"InertialParameters: mass {self.mass:.6g} kg\n  com [{_listed(self.com)}] m\n"
+            f"  inertia about the frame's origin [{_listed(self.vector[4:])}] kg·m² ({names})"
+        )
 
     # -- made from --------------------------------------------------------------------------------------------
     @classmethod

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from stadera.cli import main
-from stadera.recording import Recording, write_table
+from stadera.lab.plant.leg import simulate_leg
+from stadera.logs import Recording, write_table
 from stadera.robot import load_robot
-from stadera.sim.leg import simulate_leg
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bags import imu, of_recording, write_folder, write_mcap
-from stadera.recording import Imu, Recording, write_table
+from stadera.logs import Imu, Recording, write_table
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from standing import GRAVITY, StandingRobot

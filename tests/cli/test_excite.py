@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stadera.identify import excite as module
-from stadera.identify.optimise import FourierSearch
-from stadera.recording import read
+from stadera.excite import design as module
+from stadera.excite.optimise import FourierSearch
+from stadera.logs import read
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 

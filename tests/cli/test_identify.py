@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stadera.recording import Recording, write_table
+from stadera.logs import Recording, write_table
 from stadera.robot import load_robot
 
 JOINTS = ("rh_haa_joint", "rh_hfe_joint", "rh_kfe_joint")
@@ -297,3 +297,18 @@ def test_an_option_out_of_range_is_named(run, tmp_path: Path, option: str, value
     finished = run("identify", tmp_path / "log.csv", "--robot", "hyq", option, value)
     assert finished.code == 2
     assert option in finished.err
+
+
+def test_a_log_that_the_model_does_not_explain_needs_force(run, swing, tmp_path):
+    table = _table(swing)
+    table["rh_hfe_joint.effort"] = [repr(-float(v)) for v in table["rh_hfe_joint.effort"]]
+    log, out = _write(tmp_path / "log.csv", table), tmp_path / "o.json"
+    finished = run("identify", log, "--robot", "hyq", "--legs", "rh", "--json", out)
+    assert finished.code == 1
+    assert "the torque of 'rh_hfe_joint' seems to have the other sign" in finished.err
+    assert finished.out == ""
+    assert not out.exists()
+    assert run("identify", log, "--robot", "hyq", "--legs", "rh", "--json", out, "--force").code == 0
+    found = json.loads(out.read_text())
+    assert found["trust"]["verdict"] == "bad"
+    assert found["links"]["rh_upperleg"]["com"][0]["trusted"] is False

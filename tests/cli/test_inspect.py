@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stadera.recording import take, write_table
+from stadera.logs import take, write_table
 from stadera.robot import load_robot
 
 

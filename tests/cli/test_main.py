@@ -9,6 +9,7 @@ import pytest
 
 import stadera
 from stadera.cli import app, main
+from stadera.errors import StaderaError
 
 
 def test_version(run):
@@ -32,22 +33,57 @@ def test_bad_usage_is_exit_2(run, arguments):
     assert not finished.out
 
 
-def test_help_loads_nothing_heavy():
-    heavy = ("cvxpy", "plotly", "pinocchio", "mujoco", "scipy", "pyarrow", "rich", "numpy")
+@pytest.mark.parametrize("command", ["identify", "weigh", "inspect", "excite", "simulate", "demo", "reproduce"])
+def test_help_loads_nothing_heavy(command):
+    heavy = ("cvxpy", "plotly", "jinja2", "pinocchio", "mujoco", "scipy", "pyarrow", "rich", "numpy")
     code = (
         "import sys\n"
         "from stadera.cli import main\n"
-        "try:\n    main(['identify', '--help'])\nexcept SystemExit:\n    pass\n"
+        f"try:\n    main([{command!r}, '--help'])\nexcept SystemExit:\n    pass\n"
         f"print([name for name in {heavy!r} if name in sys.modules], file=sys.stderr)"
     )
     finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert finished.stderr.strip() == "[]"
 
 
-def test_a_fault_of_the_program_is_not_hidden(monkeypatch):
+@pytest.fixture
+def faulty(monkeypatch):
     def broken(*_: object, **__: object) -> None:
-        raise RuntimeError("a fault")
+        raise RuntimeError("a\nfault")
 
     monkeypatch.setattr(app, "app", broken)
-    with pytest.raises(RuntimeError, match="a fault"):
-        main(["inspect", "hyq"])
+
+
+@pytest.mark.usefixtures("faulty")
+def test_a_fault_of_the_program_is_one_line_that_says_how_to_report_it(run):
+    finished = run("inspect", "hyq")
+    assert (finished.code, finished.out) == (1, "")
+    assert finished.err.startswith("stadera: error: internal error, RuntimeError: a fault; please report it")
+    assert "--debug" in finished.err
+    assert finished.err.count("\n") == 1
+
+
+@pytest.mark.usefixtures("faulty")
+@pytest.mark.parametrize(("arguments", "variable"), [(["inspect", "hyq", "--debug"], "0"), (["inspect", "hyq"], "1")])
+def test_debug_shows_where_a_fault_is(monkeypatch, arguments, variable):
+    monkeypatch.setenv("STADERA_DEBUG", variable)
+    with pytest.raises(RuntimeError, match="a\nfault"):
+        main(arguments)
+
+
+def test_debug_is_an_option_of_every_command_and_changes_no_answer(run):
+    plain, debugged = run("inspect", "hyq"), run("inspect", "hyq", "--debug")
+    assert (debugged.code, debugged.out, debugged.err) == (plain.code, plain.out, "")
+    with pytest.raises(StaderaError, match="neither a file nor a robot's name"):
+        main(["--debug", "inspect", "nosuch"])
+
+
+def test_what_a_terminal_shows_needs_neither_plots_nor_pages():
+    code = (
+        "import sys\n"
+        "import stadera.report.excite.terminal, stadera.report.identify.terminal\n"
+        "import stadera.report.inspect, stadera.report.weigh.terminal\n"
+        "print([name for name in ('plotly', 'jinja2') if name in sys.modules])"
+    )
+    finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert finished.stdout.strip() == "[]"

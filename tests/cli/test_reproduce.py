@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stadera.experiments import Experiment, ExperimentResult, Record, registry
-from stadera.experiments.real_logs import MissingDataError
-from stadera.experiments.result import Cell, FigureData, Line, Panel, TableData
 from stadera.identify.observability import Verdict
+from stadera.lab.experiments import Experiment, ExperimentResult, Record, registry
+from stadera.lab.experiments.legs.real_logs import MissingDataError
+from stadera.lab.experiments.result import FigureData, Line, Panel
+from stadera.report.table import Cell, TableData
 
 KEYS = {"experiment", "case", "metric", "unit", "value", "paper", "bound", "met"}
 
@@ -118,4 +119,5 @@ def test_negative_seed_is_bad_usage(run: Callable[..., Any]) -> None:
 def test_a_number_of_seeds_is_for_studies_that_repeat_their_grid(run: Callable[..., Any]) -> None:
     done = run("reproduce", "table1", "--seeds", "2")
     assert done.code == 1
-    assert done.err == ("stadera: error: a number of seeds can be told to these experiments only: walking, alarms\n")
+    only = "a number of seeds can be set for these experiments only: walking, alarms, reality"
+    assert done.err == f"stadera: error: {only}\n"

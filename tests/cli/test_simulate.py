@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stadera.recording import read
+from stadera.lab.scenarios.catalog import SCENARIOS, scenario_named
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.scenarios.truth import read_truth
+from stadera.logs import read
 from stadera.robot import load_robot
-from stadera.simulate import SCENARIOS, SimulateSettings, read_truth, scenario_named
 
 Run = Callable[..., Any]
 
@@ -74,6 +76,17 @@ def test_harsh_errors_come_with_the_wrong_model(run: Run, tmp_path: Path) -> Non
     assert believed.dynamics[joint].coulomb > 0.0
     assert believed.inertias[link].mass != pytest.approx(hyq.inertias[link].mass, rel=1e-3)
     assert believed.inertias[believed.trunk].mass == pytest.approx(hyq.inertias[hyq.trunk].mass)
+
+
+def test_a_leg_belongs_to_a_swing(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "log.csv"
+    assert run("simulate", "trot", "--out", out, "--leg", "LF").code == 2
+    done = run(
+        "simulate", "swing", "--robot", "go2", "--out", out, "--leg", "LF", "--duration", "2", "--errors", "real"
+    )
+    assert done.code == 0
+    assert "stiffness" not in done.out
+    assert (tmp_path / "log.truth.json").exists()
 
 
 def test_every_scenario_has_events_within_its_time() -> None:

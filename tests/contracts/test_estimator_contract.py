@@ -12,14 +12,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stadera.errors import IdentificationError, UnknownNameError
-from stadera.estimate import Estimator, Measurement, Status, TrunkBounds, TrunkEstimate, TrunkModel
-from stadera.estimate.combined import WIDE_FOOT, WIDE_TORQUE
-from stadera.estimate.orientation import PostureLaw
-from stadera.estimate.registry import METHODS, Setup, make_estimator
-from stadera.estimate.static_poses import PoseOffset, standing_still, static_poses
+from stadera.lab.baselines import ALL_METHODS
+from stadera.legs.model import foot_positions
 from stadera.robot import load_robot
-from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
+from stadera.trunk import Estimator, Measurement, Status, TrunkBounds, TrunkEstimate, TrunkModel
+from stadera.trunk.registry import Setup, make_estimator
+from stadera.trunk.standing.orientation import PostureLaw
+from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
+from stadera.trunk.standing.static_poses import PoseOffset, standing_still, static_poses
 from standing import GRAVITY, StandingRobot
 
 ROBOT = load_robot("hyq")
@@ -91,7 +92,7 @@ def believed(trunk: TrunkModel) -> np.ndarray:
 
 
 def made(method: str, start: TrunkModel = START) -> Estimator:
-    return make_estimator(method, Setup(ROBOT, start, posture=POSTURE))
+    return make_estimator(method, Setup(ROBOT, start, posture=POSTURE), ALL_METHODS)
 
 
 def fed(method: str, **how: object) -> TrunkEstimate:
@@ -101,7 +102,7 @@ def fed(method: str, **how: object) -> TrunkEstimate:
     return estimator.estimate()
 
 
-@pytest.fixture(params=tuple(METHODS))
+@pytest.fixture(params=tuple(ALL_METHODS))
 def method(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -174,9 +175,9 @@ BAD: dict[str, tuple[Callable[[Measurement], Measurement], str]] = {
 }
 
 
-ON_THE_MOVE = ("walking", "rls", "kalman")
+ON_THE_MOVE = ("walking", "ls", "rls", "kalman")
 """Methods that do without rest, orientation, measured feet and a word on who carries."""
-BASELINES = ("rls", "kalman")
+BASELINES = ("ls", "rls", "kalman")
 AT_REST = ("orientation", "feet", "moving", "turning", "pushed", "saturated", "airborne", "two feet", "slipped")
 """What speaks against rest, or is no measurement of theirs."""
 
@@ -283,7 +284,7 @@ def test_the_rate_of_samples_does_not_matter(method: str) -> None:
 
 
 def test_refuses_a_start_that_cannot_be(method: str) -> None:
-    from stadera.estimate import ImplausibleError
+    from stadera.trunk import ImplausibleError
 
     with pytest.raises(ImplausibleError):
         made(method, TrunkModel(50.0, np.array([2.0, 0.0, 0.0])))
@@ -304,7 +305,7 @@ def test_the_reference_robot_carries_its_weight() -> None:
     effort = TRUTH.efforts(STANCE, np.eye(3))
     step = 1e-6
     feet = foot_positions(ROBOT, STANCE[None])[0]
-    from stadera.robot.kinematics import foot_jacobians
+    from stadera.legs.model import foot_jacobians
 
     J = foot_jacobians(ROBOT, STANCE[None])[0]
     columns = np.array([[ROBOT.tree.joints.index(j) for j in leg.joints] for leg in ROBOT.legs])

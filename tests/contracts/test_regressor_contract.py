@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from regressors.reference import (
+from legs.reference import (
     floating_torques,
     leg_regressor,
     named,
@@ -23,7 +23,7 @@ from regressors.reference import (
     random_trunk,
     robot_of,
 )
-from stadera.regressors import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion, stack
+from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion, stack
 from stadera.robot import Robot, load_robot
 
 SAMPLES = 24
@@ -65,14 +65,14 @@ def torque_case(regressor: JointTorqueRegressor, joints: JointMotion, trunk: Tru
 
 def leg_with_friction() -> Case:
     tree, joints, up = hyq().leg_tree("RH"), random_motion(3, SAMPLES), np.array([0.2, -0.1, 1.0])
-    regressor = JointTorqueRegressor(tree, FrictionModel.full(0.1))
+    regressor = JointTorqueRegressor(tree, FrictionModel.full())
     rng = np.random.default_rng(0)
     truth = named(dict(hyq().inertias), tree.links[1:]) | {c: float(rng.uniform()) for c in regressor.columns[30:]}
     expected = leg_regressor(tree, joints, up) @ np.array([truth[c] for c in regressor.columns[:30]])
     for k, joint in enumerate(tree.joints):
         q̇ = joints.velocity[:, k]
         expected[:, k] += truth[f"{joint}.armature"] * joints.acceleration[:, k] + truth[f"{joint}.viscous"] * q̇
-        expected[:, k] += truth[f"{joint}.coulomb"] * np.tanh(q̇ / 0.1) + truth[f"{joint}.offset"]
+        expected[:, k] += truth[f"{joint}.coulomb"] * np.tanh(q̇ / 0.02) + truth[f"{joint}.offset"]
     return torque_case(regressor, joints, TrunkMotion.held(up), truth, expected)
 
 

@@ -10,8 +10,9 @@ import pinocchio as pin
 import pytest
 
 from stadera.errors import MissingExtraError
+from stadera.legs.model import foot_jacobians, foot_positions
 from stadera.robot import CATALOG, LEG_NAMES, Robot, load_robot
-from stadera.robot.kinematics import foot_jacobians, foot_positions, forward_kinematics
+from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 

@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 
-from stadera.identify.information import Information
-from stadera.identify.sinusoids import Sinusoids
-from stadera.recording import Recording
-from stadera.regressors import FrictionModel, JointMotion, JointTorqueRegressor
+from stadera.excite.sinusoids import Sinusoids
+from stadera.information import Information
+from stadera.lab.plant import perturbed_physical, simulate_leg
+from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
+from stadera.logs import Recording
 from stadera.robot import JointDynamics, Robot, load_robot
-from stadera.sim import perturbed_physical, simulate_leg
 
 DRIVE = JointDynamics(armature=0.03, viscous=0.6, coulomb=1.2, offset=-0.5)
 SMOOTH = JointDynamics(armature=0.03, viscous=0.6)
@@ -109,6 +109,6 @@ def noisy(recording: Recording, effort: float, position: float = 0.0, seed: int 
 
 
 def cut(recording: Recording, start: int, stop: int) -> Recording:
-    from stadera.recording import take
+    from stadera.logs import take
 
     return take(recording, slice(start, stop))

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from identify.leg_runs import DRIVE, cut, exact_run, hyq, leg_regressor, noisy, run
 from stadera.identify.lag import LATEST, estimate_lag
-from stadera.recording import Preprocessing, Recording, preprocess_stream
+from stadera.logs import Preprocessing, Recording, preprocess_stream
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -17,8 +17,8 @@ from stadera.identify.legs import identify
 from stadera.identify.observability import Verdict
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
-from stadera.recording import Imu, Recording, concatenate, write_table
-from stadera.regressors import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion
+from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion
+from stadera.logs import Imu, Recording, concatenate, write_table
 from stadera.robot import JointLimits, load_robot
 
 RH = IdentifySettings(legs=("RH",))
@@ -398,7 +398,7 @@ def test_settings_refuse() -> None:
 
 
 def test_no_logs() -> None:
-    with pytest.raises(IdentificationError, match="at least one log"):
+    with pytest.raises(RecordingError, match="no log given"):
         identify(hyq(), [])
 
 

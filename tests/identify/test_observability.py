@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from identify.leg_runs import hyq, leg_regressor, parameters_of, rich_motion, told
-from regressors.reference import leg_regressor as pinocchio_regressor
-from stadera.identify.information import Information
+from legs.reference import leg_regressor as pinocchio_regressor
 from stadera.identify.observability import Combination, Observability, Verdict, observability
 from stadera.identify.prior import robot_prior
-from stadera.regressors import JointMotion
+from stadera.information import Information
+from stadera.legs import JointMotion
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -119,7 +119,7 @@ def test_rank_is_that_of_the_units_at_hand() -> None:
 
     other = replace(prior, values=prior.values * unit, root=prior.root * unit[:, None])
     there = observability(information, prior)
-    again = observability(Information(information.columns, information.R / unit, information.z), other)
+    again = observability(Information(information.unknowns, information.R / unit, information.z, information.G), other)
     assert again.rank == there.rank
     assert again.verdicts() == there.verdicts()
 

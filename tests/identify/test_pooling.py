@@ -9,11 +9,11 @@ import pytest
 
 from identify.leg_runs import hyq
 from stadera.errors import IdentificationError
-from stadera.identify.information import Information
 from stadera.identify.pooling import Spread, pooled_prior
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, null_space_solution
-from stadera.regressors import FrictionModel, JointTorqueRegressor
+from stadera.information import Information
+from stadera.legs import FrictionModel, JointTorqueRegressor
 from stadera.robot.model import Leg
 
 SPREAD = Spread(armature=0.1, viscous=0.2, coulomb=0.5)

@@ -10,15 +10,15 @@ import pytest
 from scipy.stats import chi2
 
 from identify.leg_runs import hyq, leg_regressor, other_hyq, parameters_of, rich_motion, told
-from regressors.reference import leg_regressor as pinocchio_regressor
-from stadera.identify.information import Information
+from legs.reference import leg_regressor as pinocchio_regressor
 from stadera.identify.observability import Verdict, observability
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
 from stadera.inertia import InertialParameters
-from stadera.regressors import JointMotion, JointTorqueRegressor, Rows
+from stadera.information import Information
+from stadera.lab.plant import perturbed
+from stadera.legs import JointMotion, JointTorqueRegressor, Rows
 from stadera.robot import JointDynamics, Robot
-from stadera.sim import perturbed
 
 SOLUTIONS = [null_space_solution, consistent_solution]
 DRIVE = JointDynamics(armature=0.03, viscous=0.6, coulomb=1.2, offset=-0.5)
@@ -329,7 +329,7 @@ def test_covariance_is_that_of_the_dense_posterior() -> None:
     weighed = [
         Rows((f"{link}.m",), np.ones((1, 1)), np.array([hyq().inertias[link].mass]), 1e-3) for link in prior.links
     ]
-    information = told(parameters_of(true_leg(), prior.columns), regressor, noise=0.5, motion=motion).add(weighed)
+    information = told(parameters_of(true_leg(), prior.columns), regressor, noise=0.5, motion=motion).add_rows(weighed)
     estimate = consistent_solution(information, prior)
     assert estimate.held == ()
     Y = pinocchio_regressor(hyq().leg_tree("RH"), motion, np.array([0.0, 0.0, 1.0])).reshape(-1, 30) / 0.5

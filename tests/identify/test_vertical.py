@@ -7,7 +7,7 @@ import pytest
 
 from stadera.errors import ModelError
 from stadera.identify.vertical import vertical_of
-from stadera.recording.recording import Imu, Recording
+from stadera.logs.recording import Imu, Recording
 from stadera.robot import load_robot
 
 

@@ -10,8 +10,8 @@ import pytest
 from stadera.identify.legs import identify
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
-from stadera.recording import Recording
-from stadera.regressors import FrictionModel, JointMotion, JointTorqueRegressor
+from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
+from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 
 NOISE = 0.1  # N·m

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 from stadera.inertia import ORDER
-from stadera.report.json import identification_json, json_text
+from stadera.report.json import json_text
 
 
 def test_values_are_the_estimates(result):
-    found = identification_json(result)
+    found = result.to_dict()
     (leg,) = result.legs
     by_name = leg.estimate.by_name()
     for link in leg.leg.links:
@@ -32,7 +32,7 @@ def test_values_are_the_estimates(result):
 
 
 def test_what_is_not_measured_has_no_std(result):
-    found = identification_json(result)
+    found = result.to_dict()
     quantities = [
         q for link in found["links"].values() for q in (link["mass"], *link["com"], *link["inertia"].values())
     ]
@@ -47,7 +47,7 @@ def test_what_is_not_measured_has_no_std(result):
 
 
 def test_it_is_strict_json(result):
-    found = identification_json(result)
+    found = result.to_dict()
     assert json.loads(json_text(found)) == found
     with pytest.raises(ValueError, match="not JSON compliant"):
-        json_text(identification_json(replace(result, torque_lag=float("nan"))))
+        json_text(replace(result, torque_lag=float("nan")).to_dict())

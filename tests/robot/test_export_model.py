@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from robot_files import CORNERS, mjcf, mjcf_leg, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
 
-from stadera.errors import MissingExtraError, ModelError
+from stadera.errors import MissingExtraError, ModelError, StaderaError
 from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.export import export_model
@@ -192,7 +192,8 @@ def test_negative_friction_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    assert "nowhere" in _refused(load_robot("hyq"), tmp_path / "nowhere" / "out.urdf")
+    with pytest.raises(StaderaError, match="no such folder"):
+        export_model(load_robot("hyq"), tmp_path / "nowhere" / "out.urdf")
 
 
 def test_what_is_there_stays_when_the_writing_fails(tmp_path: Path) -> None:

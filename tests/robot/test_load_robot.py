@@ -10,8 +10,9 @@ import pytest
 from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
 
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
+from stadera.legs.model import foot_positions
 from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
-from stadera.robot.kinematics import foot_positions, forward_kinematics
+from stadera.robot.kinematics import forward_kinematics
 
 
 # -- what it finds --------------------------------------------------------------------------------------------------
@@ -248,3 +249,38 @@ def test_no_leg_of_that_name(tmp_path: Path) -> None:
     robot = load_robot(write(tmp_path, quadruped(LF=urdf_leg("lf", CORNERS["LF"], SPHERE))))
     with pytest.raises(UnknownNameError, match="LF, RF, LH, RH"):
         robot.leg("MM")
+
+
+# -- numbers of a URDF that urdfdom drops or reads otherwise --------------------------------------------------------
+@pytest.mark.parametrize(
+    ("good", "bad", "named"),
+    [
+        ('ixx="0.01"', 'ixx="0,05"', "link 'lf_hip': <inertia ixx='0,05'> needs 1 number"),
+        ('ixx="0.01"', 'ixx="nan"', "ixx='nan'"),
+        ('ixx="0.01" ', "", "<inertia> without ixx"),
+        ('iyz="0"', 'iyz="0 0"', "iyz='0 0'"),
+        ('<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.005"/>', "", "<mass> and <inertia>"),
+        ('<origin xyz="0 0 -0.1"/>', '<origin xyz="0 0 -0,1"/>', "link 'lf_hip': <origin xyz='0 0 -0,1'>"),
+        ('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', "joint 'lf_a': <axis xyz='1 0'> needs 3"),
+        ('effort="50"', 'effort="5O"', "joint 'lf_a': <limit effort='5O'>"),
+    ],
+)
+def test_a_malformed_number_is_refused(good: str, bad: str, named: str, tmp_path: Path) -> None:
+    leg = urdf_leg("lf", CORNERS["LF"])
+    assert good in leg
+    assert named in _refused(write(tmp_path, quadruped(LF=leg.replace(good, bad, 1))))
+
+
+def test_pinocchio_must_read_what_the_file_states(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pinocchio as pin
+
+    build = pin.buildModelFromUrdf
+
+    def altered(*arguments: object) -> pin.Model:
+        model = build(*arguments)
+        if model.njoints > 3:
+            model.inertias[3] = pin.Inertia.Zero()
+        return model
+
+    monkeypatch.setattr(pin, "buildModelFromUrdf", altered)
+    assert "lf_thigh" in _refused(write(tmp_path, quadruped()))

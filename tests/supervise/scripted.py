@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stadera.estimate import TrunkModel
+from stadera.trunk import TrunkModel
 
 
 class ScriptedWalker:
@@ -11,7 +11,7 @@ class ScriptedWalker:
     def __init__(self, *, stops: bool = True, takes: bool = True) -> None:
         self.stops, self.takes = stops, takes
         self.walking, self.sat, self.fault = True, False, ""
-        self.believed: list[TrunkModel] = []
+        self.models: list[TrunkModel] = []
 
     @property
     def phase(self) -> str:
@@ -30,7 +30,7 @@ class ScriptedWalker:
     def sit(self) -> None:
         self.sat, self.walking = True, False
 
-    def believe(self, trunk: TrunkModel) -> bool:
+    def update_trunk(self, trunk: TrunkModel) -> bool:
         if self.takes:
-            self.believed.append(trunk)
+            self.models.append(trunk)
         return self.takes

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import binom
 
 from stadera.errors import StaderaError
-from stadera.estimate import ForceNoise
 from stadera.supervise import LoadCheck, LoadTest, LoadTestSettings, RestMoment
+from stadera.trunk import ForceNoise
 
 ROBOT_MASS, TRUNK_MASS = 87.0, 61.0
 NOISE = ForceNoise(np.full((4, 3), 0.5), np.full((4, 3), 0.5))

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.control import TestBed, TrunkController
-from stadera.estimate import ContactForceEstimator, TrunkModel
-from stadera.estimate.orientation import PostureLaw
-from stadera.estimate.static_poses import PoseOffset, standing_still
+from stadera.lab.control import TestBed, TrunkController
+from stadera.lab.control.standing_walker import StandingWalker
+from stadera.lab.plant import IDEAL, Plant, RigidMass, Sensors
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.sim import IDEAL, Plant, RigidMass, Sensors
 from stadera.supervise import PosingWalker, State, SuperviseSettings, Supervisor
-from stadera.supervise.standing import StandingWalker
+from stadera.trunk import ContactForceEstimator, TrunkModel
+from stadera.trunk.standing.orientation import PostureLaw
+from stadera.trunk.standing.static_poses import PoseOffset, standing_still
 
 HYQ = load_robot("hyq")
 PERIOD = 0.01
@@ -28,7 +28,7 @@ class LeaningWalker:
 
     def __init__(self) -> None:
         self.asked: list[PoseOffset] = []
-        self.believed: list[TrunkModel] = []
+        self.models: list[TrunkModel] = []
         self.resumed = False
 
     def request_stop(self) -> None: ...
@@ -38,8 +38,8 @@ class LeaningWalker:
 
     def sit(self) -> None: ...
 
-    def believe(self, trunk: TrunkModel) -> bool:
-        self.believed.append(trunk)
+    def update_trunk(self, trunk: TrunkModel) -> bool:
+        self.models.append(trunk)
         return True
 
     def posture(self) -> PostureLaw:
@@ -70,11 +70,11 @@ def test_static_poses_are_led_through_and_left_again():
     assert supervisor.state is State.WALKING
     assert len(walker.asked) == 6
     assert not walker.asked[-1].turn.any(), "back to where it stood"
-    (found,) = walker.believed
+    (found,) = walker.models
     assert found.com_trunk == pytest.approx(prior.com_trunk, abs=1e-4), "height and all"
 
 
-def test_orientation_error_without_touching_the_controllers_belief():
+def test_orientation_error_without_touching_the_controllers_trunk():
     plant = Plant(HYQ)
     plant.reset(standing_configuration(HYQ))
     controller = TrunkController(HYQ)
@@ -91,12 +91,12 @@ def test_orientation_error_without_touching_the_controllers_belief():
         assert bed.measurement is not None
         supervisor.update(bed.measurement)
         if supervisor.weighing:
-            believed.append(controller.belief.mass)
+            believed.append(controller.trunk.mass)
 
     while not walker.resumed and plant.time < 8.0:
         bed.run(0.1, watch)
     assert walker.resumed == 1
     assert set(believed) == {HYQ.inertias[HYQ.trunk].mass}, "the old one until there is a whole new one"
     truth = plant.truth()
-    assert supervisor.believed.mass == pytest.approx(truth.mass, abs=0.05)
-    assert supervisor.believed.com_trunk[:2] == pytest.approx(truth.com[:2], abs=3e-3)
+    assert supervisor.trunk.mass == pytest.approx(truth.mass, abs=0.05)
+    assert supervisor.trunk.com_trunk[:2] == pytest.approx(truth.com[:2], abs=3e-3)

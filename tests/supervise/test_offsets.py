@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stadera.estimate import ForceNoise, MeasuredLegs, Measurement
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.supervise import LoadTest
 from stadera.supervise.offsets import LegOffsets, SwingOffsets
+from stadera.trunk import ForceNoise, MeasuredLegs, Measurement
 
 HYQ = load_robot("hyq")
 NOISE = ForceNoise.of(HYQ)
@@ -77,7 +77,7 @@ def test_the_load_test_learns_offsets_from_swings():
     test = LoadTest(87.0, 61.0, NOISE)
     before = test.offsets_std.copy()
     for _ in range(30):
-        test.zero(LegOffsets(LEG, 0.0, TRUE, np.full(3, 0.15**2)))
+        test.learn_offsets(LegOffsets(LEG, 0.0, TRUE, np.full(3, 0.15**2)))
     own, others = np.arange(6, 9), np.r_[0:6, 9:12]
     assert test.offsets[own] == pytest.approx(TRUE, abs=0.05)
     assert np.all(test.offsets_std[own] < 0.3 * before[own])

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.standing import StandingRobot
 
-from stadera.estimate import ContactForceEstimator, Measurement
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.supervise import RestLimits, RestMoment, RestWatch
+from stadera.trunk import ContactForceEstimator, Measurement
 
 HYQ = load_robot("hyq")
 TILTED = Rotation.from_euler("xyz", [4.0, -6.0, 20.0], degrees=True).as_matrix()
@@ -46,7 +46,7 @@ def test_constant_offsets_move_the_mass_as_felt():
     effort = samples[0].effort.copy()
     effort[columns.ravel()] += offsets
     clean, biased = moments(samples)[0], moments([replace(m, effort=effort) for m in samples])[0]
-    assert biased.mass - clean.mass == pytest.approx(clean.felt @ offsets, rel=1e-9)
+    assert biased.mass - clean.mass == pytest.approx(clean.slope @ offsets, rel=1e-9)
     assert abs(biased.mass - clean.mass) > 0.1
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stadera.estimate import TrunkModel
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.supervise import hardest_effort
+from stadera.trunk import TrunkModel
 
 HYQ = load_robot("hyq")
 

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from tests.standing import StandingRobot
 
 from stadera.errors import StaderaError, UnknownNameError
-from stadera.estimate import Measurement
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.supervise import State, SuperviseSettings, Supervisor, Transition, Walker
+from stadera.trunk import Measurement
 from supervise.scripted import ScriptedWalker
 
 HYQ = load_robot("hyq")
@@ -65,7 +65,7 @@ def test_nothing_happens_while_nothing_changes():
     assert day.states == [State.WALKING]
     assert len(day.supervisor.checks) > 70
     assert day.walker.walking
-    assert not day.walker.believed
+    assert not day.walker.models
 
 
 @pytest.mark.parametrize("load", [3.0, 10.0])
@@ -75,11 +75,11 @@ def test_a_load_put_on_is_noticed_weighed_and_walked_on_with(load: float):
     noticed = day.supervisor.transitions[0]
     assert noticed.time < 3.0 + 0.6
     assert "put on" in noticed.reason
-    (found,) = day.walker.believed
+    (found,) = day.walker.models
     expected = StandingRobot(HYQ, load, PLACE)
     assert found.mass == pytest.approx(expected.trunk_mass, abs=0.02)
     assert found.com_trunk[:2] == pytest.approx(expected.trunk_com[:2], abs=1e-3)
-    assert day.supervisor.believed is found
+    assert day.supervisor.trunk is found
     assert day.walker.walking
     assert all(a.after is b.before and a.time <= b.time for a, b in pairwise(day.supervisor.transitions))
 
@@ -88,7 +88,7 @@ def test_a_load_taken_off_is_noticed_too():
     day = Day().meets(0.0, 3.0).meets(10.0, 8.0).meets(0.0, 8.0)
     assert day.states == [*ROUND, *ROUND[1:]]
     assert "taken off" in day.supervisor.transitions[5].reason
-    assert day.walker.believed[-1].mass == pytest.approx(HYQ.inertias[HYQ.trunk].mass, abs=0.02)
+    assert day.walker.models[-1].mass == pytest.approx(HYQ.inertias[HYQ.trunk].mass, abs=0.02)
 
 
 def test_payload_is_told_by_difference():
@@ -110,26 +110,26 @@ def test_payload_of_a_robot_that_is_loaded_from_the_beginning():
     assert payload.com[:2] == pytest.approx(PLACE[:2], abs=0.01)
 
 
-def test_a_weighing_that_does_not_converge_leaves_the_old_belief_and_stands():
+def test_a_weighing_that_does_not_converge_leaves_the_old_trunk_and_stands():
     wobbling = [replace(standing(10.0), joint_velocity=np.full(12, 0.3 * (-1) ** (k // 20))) for k in range(600)]
     day = Day(settings=SuperviseSettings(mass_within=2.0)).meets(0.0, 3.0).meets(10.0, 0.5).sees(wobbling)
     assert day.states[-2:] == [State.WEIGHING_MASS, State.STANDING]
     assert "did not converge within 2 s" in day.last.reason
     assert "joint" in day.last.reason
-    assert not day.walker.believed
+    assert not day.walker.models
     assert not day.walker.walking
-    assert day.supervisor.believed.mass == HYQ.inertias[HYQ.trunk].mass
+    assert day.supervisor.trunk.mass == HYQ.inertias[HYQ.trunk].mass
     assert day.meets(10.0, 5.0).states[-1] is State.STANDING, "it stays until told otherwise"
     day.supervisor.weigh("the operator asks for it")
     assert day.meets(10.0, 8.0).states[-1] is State.WALKING
-    assert len(day.walker.believed) == 1
+    assert len(day.walker.models) == 1
 
 
 def test_a_load_that_changes_while_it_is_weighed_begins_the_weighing_anew():
     day = Day().meets(0.0, 3.0).meets(10.0, 2.0).meets(20.0, 8.0)
     assert State.CONVERGED in day.states
     assert "anew" in " ".join(t.reason for t in day.supervisor.transitions)
-    assert [round(b.mass - HYQ.inertias[HYQ.trunk].mass, 1) for b in day.walker.believed] == [20.0]
+    assert [round(b.mass - HYQ.inertias[HYQ.trunk].mass, 1) for b in day.walker.models] == [20.0]
 
 
 def test_a_load_that_keeps_changing_is_given_up():
@@ -138,7 +138,7 @@ def test_a_load_that_keeps_changing_is_given_up():
         day.meets(10.0 * (k % 2 + 1), 1.0)
     assert day.states[-1] is State.STANDING
     assert "keeps changing" in day.last.reason
-    assert not day.walker.believed
+    assert not day.walker.models
 
 
 def test_a_walker_that_does_not_stop_is_set_down():
@@ -151,10 +151,10 @@ def test_a_walker_that_does_not_stop_is_set_down():
     assert "does not come to stand within 5 s" in day.last.reason
 
 
-def test_a_belief_that_is_refused_is_not_half_taken():
+def test_a_trunk_that_is_refused_is_not_half_taken():
     day = Day(ScriptedWalker(takes=False)).meets(0.0, 3.0).meets(10.0, 8.0)
     assert day.states[-2:] == [State.CONVERGED, State.STANDING]
-    assert day.supervisor.believed.mass == HYQ.inertias[HYQ.trunk].mass
+    assert day.supervisor.trunk.mass == HYQ.inertias[HYQ.trunk].mass
 
 
 def test_a_foot_that_finds_no_ground_stops_the_walk():
@@ -173,7 +173,7 @@ def test_a_load_too_heavy_for_three_legs_is_not_walked_with():
     day.meets(0.0, 2.0).meets(10.0, 8.0)
     assert day.states[-1] is State.SITTING
     assert "too heavy" in day.last.reason
-    assert not day.walker.believed
+    assert not day.walker.models
 
 
 def test_torques_at_their_limit_for_long_set_the_robot_down():

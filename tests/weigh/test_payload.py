@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from stadera.estimate import ConstantErrors, ContactForceEstimator, Measurement
-from stadera.estimate.pose_means import Alike, PoseMean
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.weigh.payload import payload_between
+from stadera.trunk import ConstantErrors, ContactForceEstimator, Measurement
+from stadera.trunk.standing.payload import payload_between
+from stadera.trunk.standing.pose_means import Alike, PoseMean
 from standing import StandingRobot
 
 ROBOT = load_robot("hyq")

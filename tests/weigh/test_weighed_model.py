@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from stadera.errors import IdentificationError
-from stadera.estimate.walking_result import Payload, TrunkParameters
 from stadera.inertia import InertialParameters
-from stadera.report.motion import motion_json
-from stadera.robot import load_robot
-from stadera.weigh.in_motion import MotionTimeline, MotionWeighing
-from stadera.weigh.model import payload_inertia, payload_link, weighed_model
+from stadera.robot import Robot, load_robot
+from stadera.trunk.load import Payload
+from stadera.trunk.result import TrunkParameters
+from stadera.trust import Trust
+from stadera.weigh import Timeline, Weighing, weighed_model
+from stadera.weigh.model import payload_link
 
 COM = np.array([-0.2, 0.1, 0.15])
 TENSOR = np.array([[0.3, 0.04, -0.02], [0.04, 0.5, 0.01], [-0.02, 0.01, 0.6]])
@@ -23,7 +24,14 @@ SHAPE = RNG.standard_normal((10, 10)) * np.array([0.1, *[0.02] * 3, *[0.01] * 6]
 
 
 def payload(body: InertialParameters = BOX, scale: float = 1.0) -> Payload:
-    return Payload.of(body.vector, scale**2 * SHAPE @ SHAPE.T, 0.1)
+    return Payload.of_parameters(body.vector, scale**2 * SHAPE @ SHAPE.T, 0.1)
+
+
+def weighing(robot: Robot, trunk: TrunkParameters, found: Payload | None = None) -> Weighing:
+    none = np.zeros(0)
+    line = Timeline(none, none, none, none.reshape(0, 3), none.reshape(0, 3))
+    good, lag = Trust("good", 1.0), (0.0, 0.001)
+    return Weighing(robot, "log", "walking", "x", good, trunk, 1.0, found, (), line, (), 0.0, 1.0, lag)
 
 
 def least_ratio(scale: float) -> float:
@@ -42,24 +50,26 @@ def least_ratio(scale: float) -> float:
 
 def test_observed_from_three_deviations_on() -> None:
     limit = least_ratio(1.0) / 3.0
-    assert payload_inertia(payload(scale=1.01 * limit)) is None
-    found = payload_inertia(payload(scale=0.99 * limit))
+    assert payload(scale=1.01 * limit).inertia is None
+    found = payload(scale=0.99 * limit).inertia
     assert found is not None
     assert found == pytest.approx(TENSOR, abs=1e-12)
 
 
 def test_a_tensor_no_body_has_is_a_point_mass() -> None:
     impossible = InertialParameters.from_com(8.0, COM, np.diag([0.1, 0.1, 0.5]))
-    assert payload_inertia(payload(impossible, 1e-3)) is None
+    assert payload(impossible, 1e-3).inertia is None
 
 
 def test_the_link_says_which_it_is() -> None:
     sure = payload(scale=1e-3)
-    link = payload_link(sure, np.zeros(3), payload_inertia(sure))
+    link = payload_link(sure, np.zeros(3))
     assert link.tensor == pytest.approx(TENSOR)
     assert "inertia as observed" in link.note
-    blurred = replace(sure, com=np.array([-0.2, 0.1, np.nan]), com_std=np.array([0.01, 0.01, np.nan]))
-    assert payload_inertia(blurred) is None
+    known = sure.com_covariance[:2, :2]
+    blurred = Payload.of_moments(BOX.vector[:4], (1e-3 * SHAPE @ (1e-3 * SHAPE).T)[:4, :4], np.array([1.0, 1.0, 0.0]))
+    assert blurred.inertia is None
+    assert blurred.com_covariance[:2, :2] == pytest.approx(known)
     link = payload_link(blurred, np.array([0.0, 0.0, 0.03]))
     assert link.body.com == pytest.approx([-0.2, 0.1, 0.03])
     assert (link.tensor == 0.0).all()
@@ -80,15 +90,13 @@ def test_the_trunk_is_written_as_far_as_it_was_observed(unseen: tuple[int, ...])
     com = np.where(observed[1:4], prior.com + 0.01, prior.com)
     found = InertialParameters.from_com(70.0, com, tensor)
     trunk = TrunkParameters(found, np.diag(std**2), np.where(observed[4:], 0.1, np.nan), observed)
-    none = np.zeros(0)
-    line = MotionTimeline(none, none, none, none.reshape(0, 3), none.reshape(0, 3))
-    result = MotionWeighing(robot, "log", "converged", trunk, None, (), line, (0.0, 0.001), (), 0.0, 1.0)
+    result = weighing(robot, trunk)
     model = weighed_model(result)
     assert model.payload is None
     assert model.robot.inertias[robot.trunk].vector == pytest.approx(found.vector)
     assert ("inertia about the centre of mass" in model.note) == bool(unseen)
     assert ("model's own: z, inertia" in model.note) == (3 in unseen)
-    shown = motion_json(result)["trunk"]
+    shown = result.to_dict()["trunk"]
     assert (shown["com"]["value"][2] is None) == (3 in unseen)
     assert [c["value"] is None for c in shown["inertia"].values()] == [bool(unseen)] * 6
 
@@ -98,7 +106,21 @@ def test_no_trunk_without_its_mass() -> None:
     nothing = TrunkParameters(
         robot.inertias[robot.trunk], np.full((4, 4), np.nan), np.full(6, np.nan), np.zeros(10, dtype=bool)
     )
-    none = np.zeros(0)
-    line = MotionTimeline(none, none, none, none.reshape(0, 3), none.reshape(0, 3))
     with pytest.raises(IdentificationError, match="log: no trunk to write"):
-        weighed_model(MotionWeighing(robot, "log", "x", nothing, None, (), line, (0.0, 0.0), (), 0.0, 1.0))
+        weighed_model(weighing(robot, nothing))
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_trunk_and_payload_together_are_the_trunk_that_was_weighed(seen: bool) -> None:
+    robot = load_robot("hyq")
+    prior = robot.inertias[robot.trunk]
+    whole = prior + BOX if seen else InertialParameters.from_com(70.0, prior.com + 0.01, prior.inertia_com)
+    std = np.full(6, 0.1 if seen else np.nan)
+    trunk = TrunkParameters(whole, np.diag([0.2, 0.002, 0.002, 0.01]) ** 2, std, np.array([*[True] * 4, *[seen] * 6]))
+    model = weighed_model(weighing(robot, trunk, payload(scale=1e-3)))
+    assert model.payload is not None
+    assert "less the payload" in model.note
+    both = model.robot.inertias[robot.trunk] + model.payload.body
+    assert both.vector[:4] == pytest.approx(whole.vector[:4])
+    if seen:
+        assert both.vector == pytest.approx(whole.vector)

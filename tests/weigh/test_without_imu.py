@@ -13,12 +13,12 @@ from typer.testing import CliRunner
 
 from stadera.cli.app import app
 from stadera.errors import IdentificationError, RecordingError, StaderaError
-from stadera.recording import Recording, write_table
-from stadera.recording.join import take
+from stadera.lab.scenarios.run import Run, simulate
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.logs import Recording, write_table
+from stadera.logs.join import take
 from stadera.robot import load_robot
-from stadera.simulate import SimulateSettings, simulate
-from stadera.simulate.run import Run
-from stadera.weigh import Weighing, WeighSettings, diagnose, weigh, weigh_in_motion
+from stadera.weigh import Weighing, diagnose, weigh
 
 TARE = (0.0, 1.6)
 HYQ = load_robot("hyq")
@@ -45,12 +45,11 @@ def log(level: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_table(blind(level.recording), tmp_path_factory.mktemp("blind") / "log.csv")
 
 
-def both(run: Run, folder: Path, **settings: object) -> tuple[Weighing, Weighing]:
+def both(run: Run, folder: Path) -> tuple[Weighing, Weighing]:
     """Weighed by the whole log, and by the log without its IMU."""
     robot = load_robot(run.truth.robot)
-    chosen = WeighSettings(method="poses", tare=TARE)
-    whole = weigh(robot, write_table(run.recording, folder / "whole.csv"), chosen)
-    return whole, weigh(robot, write_table(blind(run.recording), folder / "blind.csv"), replace(chosen, method=None))
+    whole = weigh(robot, write_table(run.recording, folder / "whole.csv"), TARE, "poses")
+    return whole, weigh(robot, write_table(blind(run.recording), folder / "blind.csv"), TARE)
 
 
 def check(run: Run, whole: Weighing, found: Weighing) -> None:
@@ -92,7 +91,7 @@ def test_tare_from_another_log_with_or_without_imu(level: Run, tmp_path: Path) -
     empty, full = take(log, log.time < 1.65), take(log, log.time > 2.3)
     for tare in (empty, blind(empty)):
         path = write_table(tare, tmp_path / "empty.csv")
-        found = weigh(HYQ, write_table(blind(full), tmp_path / "full.csv"), WeighSettings(tare=path))
+        found = weigh(HYQ, write_table(blind(full), tmp_path / "full.csv"), path)
         assert found.payload is not None
         assert abs(found.payload.mass - level.truth.at(4.0).payload_mass) < 3.0 * found.payload.mass_std
         assert any("tare's log" in note for note in found.notes) == (tare.imu is None)
@@ -120,15 +119,15 @@ def test_methods_that_need_an_imu_name_what_lacks_and_what_works(log: Path) -> N
             weighed()
         return str(error.value)
 
-    in_motion = message(lambda: weigh_in_motion(HYQ, log))
-    at_rest = message(lambda: weigh(HYQ, log, WeighSettings("contact")))
+    in_motion = message(lambda: weigh(HYQ, log, method="walking"))
+    at_rest = message(lambda: weigh(HYQ, log, method="contact"))
     for said, method in ((in_motion, "walking"), (at_rest, "contact")):
         assert "imu.angular_velocity.x" in said
         assert "imu.linear_acceleration.z" in said
         assert f"the method {method!r} needs an IMU" in said
         assert "--method poses" in said
         assert "\n" not in said
-    assert "--imu-frame head: the log has no IMU" in message(lambda: weigh(HYQ, log, WeighSettings(imu_frame="head")))
+    assert "--imu-frame head: the log has no IMU" in message(lambda: weigh(HYQ, log, imu_frame="head"))
 
 
 def walking(recording: Recording) -> Recording:
@@ -152,10 +151,12 @@ def sign(recording: Recording) -> Recording:
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (walking, "never stands still, nothing to weigh by: joint .* no IMU, without which only rest is weighed by"),
+        (
+            walking,
+            "never stands still, nothing to weigh by: joint .* no IMU, without which only rest",
+        ),
         (two_feet, r"only 2 feet carry \(LF, RH\)"),
         (sign, "the sign of the torque of 'lf_kfe_joint' is reversed"),
-        (lambda r: replace(r, velocity=None), "lf_haa_joint.velocity"),
         (lambda r: replace(r, effort=None), "lf_haa_joint.effort"),
     ],
 )
@@ -165,6 +166,19 @@ def test_what_cannot_be_weighed(level: Run, spoil: Callable[[Recording], Recordi
         weigh(HYQ, path)
     assert isinstance(error.value, IdentificationError | RecordingError)
     assert "\n" not in str(error.value)
+
+
+def test_masses_that_wander_widen_the_error_bars(level: Run) -> None:
+    """Torques that breathe by 0.4 %, as friction lets them, are in no stated error."""
+    log = take(level.recording, level.recording.time < 1.65)
+    assert log.effort is not None
+    still = weigh(HYQ, log, method="contact")
+    wave = 1.0 + 0.004 * np.sin(2.0 * np.pi * log.time / 1.1)
+    found = weigh(HYQ, replace(log, effort=log.effort * wave[:, None]), method="contact")
+    assert still.trust.verdict == "good"
+    assert found.trust.verdict == "doubtful"
+    assert "the error bars are widened" in found.trust.reasons[0]
+    assert found.mass_std == pytest.approx(np.sqrt(found.trust.misfit) * still.mass_std, rel=0.05)
 
 
 def test_a_right_log_contradicts_nothing(level: Run) -> None:

@@ -1,13 +1,17 @@
 """The command line: parses, calls a pure function, prints. One module a command.
 
-Exit codes: 0 done; 1 an error of the user's, told in one line; 2 bad usage. Any other exception is a fault of the
-program and shows its traceback.
+Exit codes: 0 done; 1 a user's error or a result not to be trusted, in one line; 2 bad usage. Any other exception is a
+fault of the program: one line says how to report it, and `--debug` (or STADERA_DEBUG=1) shows the traceback.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
+
+DEBUG = "--debug"
+"""Taken anywhere on the command line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -19,8 +23,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from stadera.cli.app import app
     from stadera.errors import StaderaError
 
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = DEBUG in given or os.environ.get("STADERA_DEBUG", "0") not in ("", "0")
     try:
-        app(args=arguments, prog_name="stadera")
-    except StaderaError as error:
-        print(f"stadera: error: {' '.join(str(error).split())}", file=sys.stderr)
+        app(args=[argument for argument in given if argument != DEBUG], prog_name="stadera")
+    except Exception as error:
+        if debug:
+            raise
+        said = " ".join(str(error).split())
+        if not isinstance(error, StaderaError):
+            said = (
+                f"internal error, {type(error).__name__}: {said}; please report it with the traceback that the same "
+                f"command prints with {DEBUG}"
+            )
+        print(f"stadera: error: {said}", file=sys.stderr)
         sys.exit(1)

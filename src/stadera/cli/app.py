@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from stadera import __version__
+from stadera.cli import DEBUG
 from stadera.cli.demo import demo
 from stadera.cli.excite import excite
 from stadera.cli.identify import identify
@@ -39,14 +40,12 @@ def _stadera(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
+    debug: Annotated[
+        bool, typer.Option(DEBUG, help="Show the traceback of an error; so does STADERA_DEBUG=1.")
+    ] = False,
 ) -> None:
     pass
 
 
-app.command()(demo)
-app.command()(identify)
-app.command()(inspect)
-app.command()(excite)
-app.command()(reproduce)
-app.command()(simulate)
-app.command()(weigh)
+for _command in (identify, weigh, inspect, excite, simulate, demo, reproduce):
+    app.command()(_command)

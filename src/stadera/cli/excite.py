@@ -1,4 +1,4 @@
-"""`stadera excite`: a motion of one leg that tells the most, as a table a controller can play."""
+"""`stadera excite`: the most informative motion of one leg, as a table a controller can play."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.outputs import check_outputs, check_table, text_of, write_outputs
+from stadera.cli.options import JsonFile, ReportFile, RobotName
+from stadera.cli.outputs import check_outputs, check_table, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
-    from stadera.identify.excite import Excitation
+    from stadera.excite.result import Excitation
 
 
 def excite(
-    robot: Annotated[str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.")],
+    robot: RobotName,
     leg: Annotated[str, typer.Option(metavar="RH", help="LF, RF, LH or RH in any case.")],
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the motion as a table, .csv or .parquet.")
@@ -32,17 +33,17 @@ def excite(
     stand_height: Annotated[
         float | None, typer.Option(metavar="M", help="Trunk's origin over a level ground to stay clear of [m].")
     ] = None,
-    report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
-    json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write what was found as JSON.")] = None,
+    report: ReportFile = None,
+    json: JsonFile = None,
 ) -> None:
-    """Design a motion of one leg in the air, trunk on a stand, that tells the most about its parameters.
+    """Design the motion of one leg in the air, trunk on a stand, that is most informative about its parameters.
 
     Optimised within the joints' position, velocity and torque limits, clear of trunk, other legs and ground as far
-    as the model's shapes tell; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
+    as the model has shapes; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
     """
-    from stadera.identify.excite import ExciteSettings
-    from stadera.identify.excite import excite as design
-    from stadera.report.excitation_summary import excitation_tables
+    from stadera.excite.design import ExciteSettings
+    from stadera.excite.design import excite as design
+    from stadera.report.excite.terminal import excitation_tables
     from stadera.robot import load_robot
 
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
@@ -57,22 +58,20 @@ def excite(
 
 def _write(result: Excitation, out: Path | None, report: Path | None, json: Path | None, leg_only: bool) -> None:
     """All outputs or none."""
-    from stadera.identify.excite import motion_table
-    from stadera.recording import write_table
-    from stadera.report.excitation_summary import excitation_json
-    from stadera.report.json import json_text
+    from stadera.excite.design import motion_table
+    from stadera.logs import write_table
 
     def table(draft: Path) -> None:
         reference = result.chosen.motion.sample(result.settings.rate)
         write_table(motion_table(result.experiment.bounds.robot, reference, whole=not leg_only), draft)
 
     def page() -> str:
-        from stadera.report.excitation import excitation_html
+        from stadera.report.excite.page import excitation_html
 
         return excitation_html(result)
 
     write_outputs(
         (out, table),
         (report, text_of(page)),
-        (json, text_of(lambda: json_text(excitation_json(result)))),
+        (json, json_of(result.to_dict)),
     )

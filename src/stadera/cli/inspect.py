@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
+from stadera.cli.options import ImuTopic, JointTopic, log_file
 from stadera.cli.terminal import progress, show
-from stadera.cli.topics import ImuTopic, JointTopic, log_file
 
 
 def inspect(
     target: Annotated[str, typer.Argument(metavar="LOG|ROBOT", help="A log, a robot's name, or a URDF or MJCF.")],
     robot: Annotated[
-        str | None, typer.Option("--robot", metavar="R", help="Hold the log against this robot, on its feet.")
+        str | None, typer.Option("--robot", metavar="R", help="Check the log against this robot, on its feet.")
     ] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
@@ -25,14 +25,14 @@ def inspect(
     rate, gaps, ranges, and the robots it fits; with --robot, what is wrong with it.
     """
     if _is_robot(target):
-        from stadera.report.contents import robot_contents
+        from stadera.report.inspect import robot_contents
         from stadera.robot import load_robot
 
         show(*robot_contents(load_robot(target)))
         return
-    from stadera.recording.reader import stream
-    from stadera.recording.summary import summarize
-    from stadera.report.contents import log_contents
+    from stadera.logs.reader import stream
+    from stadera.logs.summary import summarize
+    from stadera.report.inspect import log_contents
 
     log = log_file(Path(target), joint_topic, imu_topic)
     if robot is None:
@@ -40,7 +40,7 @@ def inspect(
         show(*log_contents(summary, _fitting(summary.joints)))
         return
     from stadera.robot import load_robot
-    from stadera.weigh.diagnosis import diagnose
+    from stadera.weigh.checks import diagnose
 
     model = load_robot(robot)
     summary = summarize(stream(log))

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from stadera.errors import RecordingError, StaderaError
 from stadera.files import require_writable, written_together
+
+if TYPE_CHECKING:
+    from stadera.identify.result import Identification
+    from stadera.robot import Robot
+    from stadera.weigh.result import Weighing
 
 Writer = Callable[[Path], object]
 """Fills the draft of one file."""
@@ -34,10 +41,39 @@ def check_table(path: Path) -> None:
     Raises:
         RecordingError: a table of an unknown kind.
     """
-    from stadera.recording.writer import SUFFIXES
+    from stadera.logs.tables.write import SUFFIXES
 
     if path.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
+
+
+@dataclass(frozen=True)
+class ResultFiles:
+    """The files that a result is written to; None for one that was not asked for."""
+
+    json: Path | None
+    report: Path | None
+    export: Path | None
+
+    def check(self, inputs: Iterable[Path], robot: Robot) -> None:
+        """What can be known of them before the work.
+
+        Raises:
+            StaderaError: see `check_outputs`; ModelError: the robot's model file is of another kind than the export.
+        """
+        check_outputs((self.json, self.report, self.export), inputs)
+        if self.export is not None:
+            from stadera.robot.export import check_export
+
+            check_export(robot, self.export)
+
+    def write(self, result: Identification | Weighing, page: Callable[[], str] | None = None) -> None:
+        """All of them or none; `page` is the report where it is not the result's own."""
+        write_outputs(
+            (self.json, json_of(result.to_dict)),
+            (self.report, text_of(page or result.to_html)),
+            (self.export, result.save_urdf),
+        )
 
 
 def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:
@@ -50,6 +86,17 @@ def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:
     with written_together([path for path, _ in wanted]) as drafts:
         for draft, (_, fill) in zip(drafts, wanted, strict=True):
             fill(draft)
+
+
+def json_of(make: Callable[[], Any]) -> Writer:
+    """Of plain values, as JSON, made only when its file is."""
+
+    def fill(draft: Path) -> None:
+        from stadera.report.json import json_text
+
+        draft.write_text(json_text(make()), encoding="utf-8")
+
+    return fill
 
 
 def text_of(make: Callable[[], str]) -> Writer:

@@ -8,6 +8,8 @@ from typing import Literal
 
 import typer
 
+Point = tuple[float, float, float]
+
 LONGEST_LAG = 0.2
 """s; a torque later than this does not belong to the motion that it was recorded with."""
 
@@ -62,7 +64,7 @@ def split(value: str) -> float:
     return share
 
 
-def direction(value: str) -> tuple[float, float, float] | None:
+def direction(value: str) -> Point | None:
     """Three numbers with commas between, not all zero; None for "auto"."""
     if value.lower() == "auto":
         return None
@@ -72,7 +74,7 @@ def direction(value: str) -> tuple[float, float, float] | None:
     return x, y, z
 
 
-def point(value: str) -> tuple[float, float, float]:
+def point(value: str) -> Point:
     """Three numbers with commas between."""
     parts = value.split(",")
     if len(parts) != 3:

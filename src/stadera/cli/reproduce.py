@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.outputs import check_outputs, text_of, write_outputs
+from stadera.cli.options import JsonFile, ReportFile
+from stadera.cli.outputs import check_outputs, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
-    from stadera.experiments.result import ExperimentResult, Skipped
+    from stadera.lab.experiments.result import ExperimentResult, Skipped
 
 
 def reproduce(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|all",
-            help="Which table or figure; survival, walking and alarms are studies of an hour, which all leaves out.",
+            metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|all",
+            help="Which table or figure; all leaves out survival, walking, alarms and reality, studies of an hour.",
         ),
     ],
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of every random draw.")] = 0,
@@ -34,17 +35,20 @@ def reproduce(
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Of walking and alarms: as many repetitions of the whole grid."),
+        typer.Option(metavar="N", min=1, help="Of walking, alarms and reality: as many repetitions of the whole grid."),
     ] = None,
-    json: Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the figures as JSON.")] = None,
-    report: Annotated[Path | None, typer.Option(metavar="F.html", help="Write a report to open in a browser.")] = None,
+    json: JsonFile = None,
+    report: ReportFile = None,
 ) -> None:
-    """Reproduce tables and figures of the paper, and hold them against their bounds.
+    """Reproduce tables and figures of the paper, and compare them with their bounds.
 
-    A bound that is not met is said, on the terminal, in the report and in the JSON; it is a measurement and no error.
+    A bound that is not met is reported in terminal, page and JSON; it is a measurement, not an error.
     """
-    from stadera.experiments import ReproduceSettings, experiments_named, run_experiments
-    from stadera.report.experiments import experiment_renderables
+    from stadera.lab import require_lab
+
+    require_lab("stadera reproduce")
+    from stadera.lab.experiments import ReproduceSettings, experiments_named, run_experiments
+    from stadera.lab.report.experiments.terminal import experiment_renderables
 
     experiments = experiments_named(name)
     check_outputs((json, report))
@@ -62,9 +66,8 @@ def reproduce(
 
 def _write(results: list[ExperimentResult | Skipped], json: Path | None, report: Path | None) -> None:
     """Both outputs or none."""
-    from stadera.experiments.result import ExperimentResult
-    from stadera.report.experiments_html import experiments_html
-    from stadera.report.json import json_text
+    from stadera.lab.experiments.result import ExperimentResult
+    from stadera.lab.report.experiments.page import experiments_html
 
     records = [r.to_dict() for result in results if isinstance(result, ExperimentResult) for r in result.records]
-    write_outputs((json, text_of(lambda: json_text(records))), (report, text_of(lambda: experiments_html(results))))
+    write_outputs((json, json_of(lambda: records)), (report, text_of(lambda: experiments_html(results))))

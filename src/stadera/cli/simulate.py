@@ -1,29 +1,34 @@
-"""`stadera simulate`: a run of the test-bed as a log, the truth beside it."""
+"""`stadera simulate`: a run of the test-bed as a log, with the truth."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from stadera.cli import parse
-from stadera.cli.outputs import check_outputs, check_table, text_of, write_outputs
+from stadera.cli.options import RobotName
+from stadera.cli.outputs import check_outputs, check_table, json_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
-    from stadera.simulate import Run
+    from stadera.cli.terminal import Progress
+    from stadera.lab.scenarios.run import Run
+    from stadera.lab.scenarios.settings import SimulateSettings
+    from stadera.robot import Robot
 
-_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load"
+_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load|swing"
 
 
 def simulate(
     scenario: Annotated[str, typer.Argument(metavar=_SCENARIOS, help="What the robot does.")],
-    out: Annotated[Path, typer.Option(metavar="LOG", help="Write the log, .csv or .parquet; the truth beside it.")],
-    robot: Annotated[
-        str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.")
-    ] = "hyq",
-    errors: Annotated[str, typer.Option(metavar="ideal|standard|harsh", help="Of the sensors.")] = "standard",
+    out: Annotated[Path, typer.Option(metavar="LOG", help="Write the log, .csv or .parquet, and the truth.")],
+    robot: RobotName = "hyq",
+    errors: Annotated[
+        str,
+        typer.Option(metavar="ideal|standard|harsh|real|real-unit-gain", help="Of the sensors; real: of everything."),
+    ] = "standard",
     load: Annotated[
         str | None, typer.Option(metavar="5kg|50N", help="A mass on the trunk, or the paper's virtual force.")
     ] = None,
@@ -31,74 +36,100 @@ def simulate(
         str | None, typer.Option(metavar="X,Y,Z", help="Where, trunk frame [m] [default: behind, to the left].")
     ] = None,
     load_time: Annotated[
-        float | None, typer.Option(metavar="S", help="When it is put on [s] [default: the scenario's own].")
+        float | None, typer.Option(metavar="S", help="When it lands [s] [default: the scenario's own].")
     ] = None,
     speed: Annotated[
         float | None, typer.Option(metavar="M/S", help="Of a walk [m/s] [default: the scenario's own].")
     ] = None,
     turn: Annotated[float, typer.Option(metavar="DEG/S", help="Of a walk, to the left [°/s].")] = 0.0,
+    leg: Annotated[str | None, typer.Option(metavar="LF|all", help="Which swings, of a swing [default: all].")] = None,
     amplitude: Annotated[float, typer.Option(metavar="X", help="Of a shake: X times 3°.")] = 1.0,
     slope: Annotated[float | None, typer.Option(metavar="DEG", help="Of the ground [°].")] = None,
     stones: Annotated[
         float, typer.Option(metavar="M", help="The ground is stepping stones, their heights within ±M [m].")
     ] = 0.0,
     duration: Annotated[float | None, typer.Option(metavar="S", help="[s] [default: the scenario's own].")] = None,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the log [Hz]: 1000 over a whole number.")] = 250.0,
+    rate: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Of the log [Hz]: 1000 over a whole number [default: 250, or as drawn]."),
+    ] = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="The same seed gives the same log.")] = 0,
-    believed: Annotated[
+    model: Annotated[
         Path | None,
-        typer.Option(metavar="F.urdf", help="Write the model to weigh with: harsh errors make it a wrong one."),
+        typer.Option(
+            "--model", "--believed", metavar="F.urdf", help="Write the model to weigh with; harsh errors alter it."
+        ),
     ] = None,
 ) -> None:
-    """Simulate a robot that stands or walks and write what its sensors say as a log.
+    """Simulate a robot that stands, walks or swings its legs in the air, and write what its sensors say as a log.
 
     What was true is kept apart: LOG.truth.json has the trunk's mass and centre of mass over time and the controller's
     stiffness, LOG.truth.csv (or .parquet) the true motion and the ground's forces.
     """
-    amount = None if load is None else parse.load(load)
-    place = None if at is None else parse.point(at)
-    if amount is None and place is not None:
-        raise typer.BadParameter("needs --load", param_hint="--at")
+    amount, place = _load(load, at)
+    if leg is not None and scenario != "swing":
+        raise typer.BadParameter("needs the scenario swing", param_hint="--leg")
 
+    from stadera.lab import require_lab
+
+    require_lab("stadera simulate")
     from math import radians
 
+    from stadera.lab.scenarios.catalog import SWING, scenario_named
+    from stadera.lab.scenarios.settings import Load, SimulateSettings
     from stadera.robot import load_robot
-    from stadera.simulate import Load, SimulateSettings, scenario_named
-    from stadera.simulate import simulate as run_scenario
 
-    scenario_named(scenario)
-    loaded, rise = None if amount is None else Load(*amount, place), None if slope is None else radians(slope)
+    if scenario != SWING:
+        scenario_named(scenario)
+    loaded = None if amount is None else Load(*amount, place)
+    rise = None if slope is None else radians(slope)
     settings = SimulateSettings(
         errors, loaded, rise, duration, rate, seed, load_time, speed, radians(turn), amplitude, stones
     )
-    model = load_robot(robot)
+    truth = load_robot(robot)
     check_table(out)
-    check_outputs((out, believed))
+    check_outputs((out, model))
     with progress() as watch:
-        run = run_scenario(model, scenario, settings, watch)
-    _write(run, out, believed)
-    _tell(run, out)
+        run = _run(truth, scenario, settings, leg, watch)
+    _write(run, out, model)
+    _print(run, out)
 
 
-def _write(run: Run, out: Path, believed: Path | None) -> None:
+def _load(load: str | None, at: str | None) -> tuple[tuple[float, Literal["kg", "N"]] | None, parse.Point | None]:
+    """The load and its place, each where given."""
+    if load is None and at is not None:
+        raise typer.BadParameter("needs --load", param_hint="--at")
+    return None if load is None else parse.load(load), None if at is None else parse.point(at)
+
+
+def _run(robot: Robot, scenario: str, settings: SimulateSettings, leg: str | None, watch: Progress | None) -> Run:
+    from stadera.lab.scenarios.catalog import SWING
+    from stadera.lab.scenarios.run import simulate as run_scenario
+    from stadera.lab.scenarios.swing import swing
+
+    if scenario == SWING:
+        return swing(robot, leg or "all", settings, watch)
+    return run_scenario(robot, scenario, settings, watch)
+
+
+def _write(run: Run, out: Path, model: Path | None) -> None:
     """All files or none."""
-    from stadera.recording import write_table
-    from stadera.report.json import json_text
+    from stadera.lab.scenarios.truth import truth_json, truth_paths
+    from stadera.logs import write_table
     from stadera.robot.export import export_model
-    from stadera.simulate import truth_json, truth_paths
 
     truth, motion = truth_paths(out)
     write_outputs(
         (out, lambda draft: write_table(run.recording, draft)),
-        (truth, text_of(lambda: json_text(truth_json(run.truth)))),
+        (truth, json_of(lambda: truth_json(run.truth))),
         (motion, lambda draft: write_table(run.true_motion, draft)),
-        (believed, lambda draft: export_model(run.believed, draft)),
+        (model, lambda draft: export_model(run.model, draft)),
     )
 
 
-def _tell(run: Run, out: Path) -> None:
+def _print(run: Run, out: Path) -> None:
+    from stadera.lab.scenarios.truth import truth_paths
     from stadera.report.numbers import number
-    from stadera.simulate import truth_paths
 
     log, last = run.recording, run.truth.moments[-1]
     com = ", ".join(number(value) for value in last.com)
@@ -107,5 +138,6 @@ def _tell(run: Run, out: Path) -> None:
         f"{run.truth.seed}",
         f"truth, at the end: trunk with payload {number(last.mass)} kg, centre of mass ({com}) m; "
         f"in {truth_paths(out)[0]}",
-        f"for --method orientation: --stiffness {','.join(f'{k:.6g}' for k in run.truth.stiffness)}",
     )
+    if run.truth.stiffness:
+        show(f"for --method orientation: --stiffness {','.join(f'{k:.6g}' for k in run.truth.stiffness)}")

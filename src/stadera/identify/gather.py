@@ -1,4 +1,4 @@
-"""The passes over the training part: what it says of each leg, and how noisy its residuals are."""
+"""The passes over the training part: the information on each leg, and the noise of its residuals."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.identify.information import Information
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
 from stadera.identify.residuals import residual_noise
 from stadera.identify.smoothed import smoothed_rows
 from stadera.identify.solutions import Estimate
-from stadera.regressors import Rows
+from stadera.information import Information
+from stadera.legs import Rows
 
 _PENDING = 8  # informations kept before they are merged
 
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """What the training part says of one leg.
+    """Information of the training part on one leg.
 
     Attributes:
         by_joint: information of each joint's rows, in N·m, on the regressor's columns.
@@ -38,7 +38,7 @@ class Gathered:
         """All joints' rows in units of their noise, for the parameters that are not fixed (eq. 6); each sample weighs
         what it is worth among its like.
         """
-        total = Information.empty(self.by_joint[0].columns)
+        total = Information.empty(self.by_joint[0].unknowns)
         for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True):
             total = total.merge(information.scaled_noise(std).forget(1.0 / self.correlation[joint]))
         return total.fix(fixed)

@@ -1,4 +1,4 @@
-"""What is decided before the passes over the logs: cut-off, vertical, torque lag, what is fixed and what believed."""
+"""What is decided before the passes over the logs: cut-off, vertical, torque lag, fixed parameters and priors."""
 
 from __future__ import annotations
 
@@ -9,28 +9,21 @@ from functools import cached_property, partial
 import numpy as np
 
 from stadera.errors import RecordingError
+from stadera.identify.feet import carried_shares
 from stadera.identify.lag import EARLIEST, LATEST, STEP, TorqueLag, estimate_lag
-from stadera.identify.log import Log, Part, Stretch, head, joints_with_effort, name_of, time_span
+from stadera.identify.log import Log, Part, Section, head, joints_with_effort, time_span
 from stadera.identify.prior import Prior, robot_prior
+from stadera.identify.residuals import torque_sizes
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.vertical import Vertical, vertical_of
-from stadera.recording.cutoff import highest_cutoff, suggest_cutoff
-from stadera.recording.join import take
-from stadera.recording.preprocess import preprocess_stream
-from stadera.recording.recording import Recording
-from stadera.recording.settings import Preprocessing
-from stadera.regressors import FrictionModel, JointTorqueRegressor, TrunkMotion
+from stadera.identify.vertical import TrunkUp, vertical_of
+from stadera.legs import FrictionModel, JointTorqueRegressor, TrunkMotion
+from stadera.logs.cutoff import highest_cutoff, suggest_cutoff
+from stadera.logs.join import take
+from stadera.logs.processing import preprocess_stream
+from stadera.logs.recording import Recording
+from stadera.logs.settings import Preprocessing
 from stadera.robot.model import Leg, Robot
-
-Progress = Callable[[str, int, int], None]
-"""Told a step's name, how much of it is done, and how much there is (0: not known)."""
-
-LOWEST_CUTOFF = 15.0
-"""Hz; no lower one is chosen for signals: Coulomb friction's steps, smeared out, would pass for something else."""
-DROP_BELOW = 0.01
-"""rad/s, the paper's: slower than this a joint's friction is not determined by its velocity."""
-LAG_CUTOFF = 25.0
-"""Hz; for the torque lag, which shows best in fast changes."""
+from stadera.types import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,35 +33,33 @@ class LegTask:
     Attributes:
         leg: its names.
         regressor: rows of its torques, with all joint terms.
-        believed: the model's value of every parameter.
+        nominal: the model's value of every parameter.
         fixed: those that are not to be identified, at the model's values.
-        prior: the belief in those that are.
+        prior: of those that are.
     """
 
     leg: Leg
     regressor: JointTorqueRegressor
-    believed: Mapping[str, float]
+    nominal: Mapping[str, float]
     fixed: Mapping[str, float]
     prior: Prior
 
     @classmethod
     def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:
         """A leg of a robot, with what the settings leave to be identified."""
-        regressor = JointTorqueRegressor(
-            robot.leg_tree(leg.name), FrictionModel.full(settings.friction.stiction_velocity)
-        )
+        regressor = JointTorqueRegressor(robot.leg_tree(leg.name), FrictionModel.full())
         everything = robot_prior(robot, regressor.columns, settings.width)
-        believed = dict(zip(regressor.columns, everything.values.tolist(), strict=True))
+        nominal = dict(zip(regressor.columns, everything.values.tolist(), strict=True))
         chosen = {f"{joint}.{term}" for joint in leg.joints for term in settings.friction.terms}
         terms = {c for c in regressor.columns if c.rsplit(".", 1)[0] in leg.joints}
-        fixed = {c: believed[c] for c in regressor.columns if c in terms - chosen}
+        fixed = {c: nominal[c] for c in regressor.columns if c in terms - chosen}
         identified = tuple(c for c in regressor.columns if c not in fixed)
-        return cls(leg, regressor, believed, fixed, robot_prior(robot, identified, settings.width))
+        return cls(leg, regressor, nominal, fixed, robot_prior(robot, identified, settings.width))
 
     @cached_property
     def rigid(self) -> dict[str, float]:
         """The links' parameters at the model's values."""
-        return {c: v for c, v in self.believed.items() if c.rsplit(".", 1)[0] in self.leg.links}
+        return {c: v for c, v in self.nominal.items() if c.rsplit(".", 1)[0] in self.leg.links}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +75,8 @@ class Job:
         rows_cutoff: of the rows made of them [Hz]; None where nothing is filtered.
         drop_below: rows with all joints of a leg slower than this are left out [rad/s].
         vertical: of the held trunk.
+        torque_noise: by joint, white noise of the torque in the band of the rows [N·m].
+        torque_rms: by joint, root mean square of the torque [N·m].
         notes: what was found out, one sentence each.
         progress: see `Progress`.
     """
@@ -95,7 +88,9 @@ class Job:
     preprocessing: Preprocessing
     rows_cutoff: float | None
     drop_below: float
-    vertical: Vertical
+    vertical: TrunkUp
+    torque_noise: Mapping[str, float]
+    torque_rms: Mapping[str, float]
     notes: tuple[str, ...]
     progress: Progress
 
@@ -122,39 +117,53 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
     """Decides cut-off, vertical and torque lag from the beginning of each log.
 
     Raises:
-        RecordingError: logs that lack a joint or its torque, or are too short; torques of a leg that are all zero.
+        RecordingError: logs that lack a joint or its torque, or are too short; torques of a leg that are all zero; a
+            foot that carries.
         UnknownNameError: no such leg or joint.
     """
     wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))
-    beginnings = [head(log, [joint for name in wanted for joint in robot.leg(name).joints]) for log in logs]
+    beginnings = [head(log, joints_of(robot, wanted)) for log in logs]
     for beginning in beginnings:
         _check_torques(beginning, robot, wanted)
-    supporting = () if settings.spread is None else _also_recorded(robot, logs, wanted)
-    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in (*wanted, *supporting))
-    joints = tuple(joint for task in tasks for joint in task.leg.joints)
+        _check_feet(beginning, robot, wanted, settings)
+    supporting = _supporting(robot, logs, wanted, settings)
     if supporting:
-        beginnings = [head(log, joints) for log in logs]
+        beginnings = [head(log, joints_of(robot, (*wanted, *supporting))) for log in logs]
+    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in (*wanted, *supporting))
+    joints = joints_of(robot, (*wanted, *supporting))
     cutoff, rows_cutoff = _cutoffs(beginnings, joints, settings)
     vertical = vertical_of(beginnings[0], robot, settings.up)
-    notes: tuple[str, ...] = ()
     lag = settings.torque_lag
+    notes: tuple[str, ...] = ()
     if lag is None:
         progress("estimating the torque lag", 0, 1)
         training = [take(r, slice(0, max(2, round(settings.split * len(r))))) for r in beginnings]
-        estimate = _lag(training, tasks, vertical, filtered=cutoff is not None)
+        estimate = _lag(training, tasks, vertical, cutoff, settings)
         progress("estimating the torque lag", 1, 1)
-        lag = estimate.value
-        if min(abs(lag - EARLIEST), abs(lag - LATEST)) < STEP / 2:
-            notes = (f"torque lag at the end of the search, {1e3 * lag:.1f} ms: look at the stamps of the log",)
-        elif lag:
-            notes = (
-                f"torque lag estimated at {1e3 * lag:.1f} ms; it lowers the residuals' variance by "
-                f"{100 * (1 - estimate.variance_ratio):.0f} %",
-            )
+        lag, notes = estimate.value, _lag_note(estimate)
     if rows_cutoff is not None:
         notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
     preprocessing = Preprocessing(cutoff, drop_below=0.0, effort_delay=lag)
-    return Job(robot, tasks, len(wanted), settings, preprocessing, rows_cutoff, DROP_BELOW, vertical, notes, progress)
+    noise, size = torque_sizes(beginnings, joints, rows_cutoff)
+    return Job(
+        robot=robot,
+        tasks=tasks,
+        wanted=len(wanted),
+        settings=settings,
+        preprocessing=preprocessing,
+        rows_cutoff=rows_cutoff,
+        drop_below=settings.signals.drop_below,
+        vertical=vertical,
+        torque_noise=noise,
+        torque_rms=size,
+        notes=notes,
+        progress=progress,
+    )
+
+
+def joints_of(robot: Robot, legs: Sequence[str]) -> tuple[str, ...]:
+    """The joints of some legs, leg by leg."""
+    return tuple(joint for name in legs for joint in robot.leg(name).joints)
 
 
 def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> None:
@@ -169,10 +178,40 @@ def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> N
             )
 
 
-def _also_recorded(robot: Robot, logs: Sequence[Log], wanted: Sequence[str]) -> tuple[str, ...]:
-    """The legs beside those wanted whose joints are in all logs, torques included."""
+def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], settings: IdentifySettings) -> None:
+    """A foot on the ground, or torques that are no leg's of this robot hanging in the air, identify nothing."""
+    shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
+    carrying = {name: shares[name] for name in legs if shares[name] > settings.most_carried}
+    if carrying:
+        feet = ", ".join(f"{name} {100 * share:.0f} %" for name, share in carrying.items())
+        free = [name for name, share in shares.items() if share <= settings.most_carried]
+        others = f"; those in the air are identified by --legs {','.join(free)}" if free else ""
+        raise RecordingError(
+            f"{beginning.source}: feet carry a share of the robot's weight ({feet}): legs are identified while they "
+            f"swing freely and the trunk is held{others}"
+        )
+
+
+def _supporting(robot: Robot, logs: Sequence[Log], wanted: Sequence[str], settings: IdentifySettings) -> list[str]:
+    """The legs besides those wanted that inform on the drives: in all logs with their torques, and in the air."""
+    if settings.spread is None:
+        return []
     recorded = set.intersection(*(joints_with_effort(log) for log in logs))
-    return tuple(leg.name for leg in robot.legs if leg.name not in wanted and recorded.issuperset(leg.joints))
+    found = [leg.name for leg in robot.legs if leg.name not in wanted and recorded.issuperset(leg.joints)]
+    for log in logs if found else ():
+        beginning = head(log, joints_of(robot, found))
+        shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
+        found = [name for name in found if shares[name] <= settings.most_carried]
+    return found
+
+
+def _lag_note(lag: TorqueLag) -> tuple[str, ...]:
+    if min(abs(lag.value - EARLIEST), abs(lag.value - LATEST)) < STEP / 2:
+        return (f"torque lag at the end of the search, {1e3 * lag.value:.1f} ms: look at the stamps of the log",)
+    if not lag.value:
+        return ()
+    fall = 100 * (1 - lag.variance_ratio)
+    return (f"torque lag estimated at {1e3 * lag.value:.1f} ms; it lowers the residuals' variance by {fall:.0f} %",)
 
 
 def _cutoffs(
@@ -186,11 +225,20 @@ def _cutoffs(
         return settings.cutoff_hz, min((settings.cutoff_hz, *suggested))
     if not suggested:
         return None, None  # accelerations are recorded: there is nothing to filter
-    return min(max(*suggested, LOWEST_CUTOFF), *(highest_cutoff(r) for r in beginnings)), max(suggested)
+    highest = settings.signals.any_part * min(highest_cutoff(r) for r in beginnings)
+    return min(max(*suggested, settings.signals.lowest_cutoff), highest), min(max(suggested), highest)
 
 
-def _lag(recordings: Sequence[Recording], tasks: Sequence[LegTask], vertical: Vertical, *, filtered: bool) -> TorqueLag:
-    cutoff = min(LAG_CUTOFF, *(highest_cutoff(r) for r in recordings)) if filtered else None
+def _lag(
+    recordings: Sequence[Recording],
+    tasks: Sequence[LegTask],
+    vertical: TrunkUp,
+    cutoff: float | None,
+    asked: IdentifySettings,
+) -> TorqueLag:
+    """The lag; unfiltered where the signals are, else with a cut-off of its own."""
+    if cutoff is not None:
+        cutoff = min(asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     settings = Preprocessing(cutoff, drop_below=0.0)
     stretches = [p for r in recordings for p in preprocess_stream([r], settings, joints) if len(p)]
@@ -201,15 +249,15 @@ def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) ->
     """The training part, the validation part, and in words what the latter is."""
     make = partial(Part, joints=job.joints, settings=job.preprocessing)
     if validation is not None:
-        names = ", ".join(dict.fromkeys(name_of(log) for log in validation))
-        return make([Stretch(log) for log in logs]), make([Stretch(log) for log in validation]), names
+        names = ", ".join(dict.fromkeys(log.source for log in validation))
+        return make([Section(log) for log in logs]), make([Section(log) for log in validation]), names
     if job.settings.split == 1.0:
-        return make([Stretch(log) for log in logs]), None, None
+        return make([Section(log) for log in logs]), None, None
     first, rest = [], []
     for log in logs:
         start, stop = time_span(log, job.joints)
         middle = start + job.settings.split * (stop - start)
-        first.append(Stretch(log, stop=middle))
-        rest.append(Stretch(log, start=middle))
+        first.append(Section(log, stop=middle))
+        rest.append(Section(log, start=middle))
     whole = "the log" if len(logs) == 1 else "each log"
     return make(first), make(rest), f"the last {100 * (1 - job.settings.split):.0f} % of {whole}"

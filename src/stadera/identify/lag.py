@@ -20,18 +20,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import qr
 
-from stadera.recording.preprocess import Processed
-from stadera.regressors import JointMotion, JointTorqueRegressor, TrunkMotion
-
-Array = NDArray[np.float64]
+from stadera.legs import JointMotion, JointTorqueRegressor, TrunkMotion
+from stadera.logs.processing import Processed
+from stadera.types import Array, Bools
 
 EARLIEST, LATEST, STEP = -0.010, 0.040, 0.0025  # s
 NOTICEABLE = 0.01
-"""Relative fall of the residual's variance below which a lag is not worth believing."""
+"""Relative fall of the residual's variance below which a lag is not significant."""
 RESOLUTION = 5e-4
 """s; what friction's deviations from its model pass for, and so no lag."""
 SLIDING = 0.1
@@ -71,8 +69,8 @@ def estimate_lag(
                 cost += _log_residuals(block, len(lags))
                 samples += len(block)
     best, ratio = _vertex(lags, np.exp((cost - cost[at_zero]) / max(samples, 1)), at_zero)
-    believed = ratio < 1.0 - NOTICEABLE and abs(best) > RESOLUTION
-    return TorqueLag(best, ratio) if believed else TorqueLag(0.0, 1.0)
+    significant = ratio < 1.0 - NOTICEABLE and abs(best) > RESOLUTION
+    return TorqueLag(best, ratio) if significant else TorqueLag(0.0, 1.0)
 
 
 def _delayed(stretch: Processed, regressor: JointTorqueRegressor, lags: Array, up: Array) -> Iterator[Array]:
@@ -90,7 +88,7 @@ def _delayed(stretch: Processed, regressor: JointTorqueRegressor, lags: Array, u
         yield np.column_stack((row.matrix, delayed[:, k]))[slides]
 
 
-def _slides_throughout(time: Array, velocity: Array) -> NDArray[np.bool_]:
+def _slides_throughout(time: Array, velocity: Array) -> Bools:
     """Whether a joint slides at every instant whose torque some lag takes for that of this sample."""
     slow = np.concatenate(([0], np.cumsum(np.abs(velocity) < SLIDING)))
     first = np.searchsorted(time, time - LATEST)

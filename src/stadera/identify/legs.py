@@ -7,24 +7,28 @@ for on the small triangle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from os import PathLike
 
 import numpy as np
 
-from stadera.errors import IdentificationError
 from stadera.identify.gather import Gathered, gather, with_noise_of
-from stadera.identify.information import Information
-from stadera.identify.job import Job, LegTask, Progress, parts_of, prepare
-from stadera.identify.log import Log, name_of
+from stadera.identify.job import Job, LegTask, parts_of, prepare
+from stadera.identify.log import Part
 from stadera.identify.observability import Combination, Observability, observability
 from stadera.identify.pooling import pooled_prior
 from stadera.identify.residuals import LegModels, LegScore, scored
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, unit_of
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
+from stadera.identify.trust import trust_in
 from stadera.identify.warnings import leg_warnings, log_warnings
-from stadera.regressors import JointMotion, TrunkMotion
+from stadera.information import Information
+from stadera.legs import JointMotion, TrunkMotion
+from stadera.logs.reader import Log, as_logs
+from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
+from stadera.types import Progress
 
 __all__ = ["IdentifySettings", "identify"]
 
@@ -32,38 +36,65 @@ _SOLVERS = {"consistent": consistent_solution, "null-space": null_space_solution
 
 
 def identify(
-    robot: Robot,
-    logs: Sequence[Log],
+    robot: Robot | str | PathLike[str],
+    logs: Log | Iterable[Log],
     settings: IdentifySettings | None = None,
-    validation: Sequence[Log] | None = None,
+    validation: Log | Iterable[Log] | None = None,
     progress: Progress | None = None,
 ) -> Identification:
     """Identifies legs that swing freely while the trunk is held.
 
     Args:
-        robot: the prior (CAD) model.
-        logs: recordings, or paths that are streamed; what they say is merged.
+        robot: the prior (CAD) model: a robot, its name, or a path to a URDF or MJCF.
+        logs: one or several: recordings, or paths and LogFiles that are streamed; their information is merged.
         settings: see `IdentifySettings`.
         validation: other logs to validate on; then nothing of `logs` is kept back.
-        progress: told a step's name, how far it is and how long it is (0: not known).
+        progress: called with a step's name, how far it is and how long it is (0: not known).
 
     Raises:
-        RecordingError: logs that lack a joint or its torque, or are too short.
-        UnknownNameError: no such leg or joint.
-        IdentificationError: no logs.
+        RecordingError: no logs, or logs that lack a joint or its torque, are too short, or whose feet carry.
+        UnknownNameError: no such robot, leg or joint.
+        ModelError: a model file that cannot be read.
     """
-    if not logs:
-        raise IdentificationError("identification needs at least one log")
-    job = prepare(robot, logs, settings or IdentifySettings(), progress or (lambda *_: None))
-    training, held_back, validated_on = parts_of(job, logs, validation)
-    warnings: tuple[str, ...] = ()
-    if not training.moves(job.drop_below):
-        slowest = job.drop_below
-        warnings = (f"no sample moves (all joint velocities stay below {slowest:g} rad/s): samples at rest are used",)
+    fitted = as_logs(logs)
+    evaluated = None if validation is None else as_logs(validation)
+    model = robot if isinstance(robot, Robot) else load_robot(robot)
+    job = prepare(model, fitted, settings or IdentifySettings(), progress or (lambda *_: None))
+    training, held_back, validated_on = parts_of(job, fitted, evaluated)
+    at_rest = not training.moves(job.drop_below)
+    if at_rest:
         job = job.with_samples_at_rest()
     gathered = gather(job, training)
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     estimates = _solve(job, gathered)
+    legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
+    doubts = log_warnings(job.vertical, legs, samples)
+    return Identification(
+        robot=model,
+        source=", ".join(dict.fromkeys(log.source for log in fitted)),
+        method=job.settings.method,
+        legs=legs,
+        torque_lag=job.preprocessing.effort_delay,
+        validated_on=validated_on if any("validation" in leg.rmse for leg in legs) else None,
+        trust=trust_in(job, gathered, [asked for asked, _ in estimates], doubts),
+        notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job)),
+        warnings=(*((_at_rest(job),) if at_rest else ()), *doubts),
+    )
+
+
+def _at_rest(job: Job) -> str:
+    slowest = job.settings.signals.drop_below
+    return f"no sample moves (all joint velocities stay below {slowest:g} rad/s): samples at rest are used"
+
+
+def _scored_legs(
+    job: Job,
+    gathered: Sequence[Gathered],
+    estimates: Sequence[tuple[Estimate, Estimate]],
+    training: Part,
+    held_back: Part | None,
+) -> tuple[tuple[LegIdentification, ...], int]:
+    """Results of the legs asked for, evaluated on both parts; and the largest number of moving samples."""
     wanted = range(job.wanted)
     models = [_models(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]
     scores = {"training": scored(job.step("scoring"), training, models, job.trunk, job.drop_below)}
@@ -73,18 +104,7 @@ def identify(
         _leg_result(job, job.tasks[k], gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
         for k in wanted
     )
-    if not any("validation" in leg.rmse for leg in legs):
-        validated_on = None
-    return Identification(
-        robot=robot,
-        source=", ".join(dict.fromkeys(name_of(log) for log in logs)),
-        method=job.settings.method,
-        legs=legs,
-        torque_lag=job.preprocessing.effort_delay,
-        validated_on=validated_on,
-        notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job)),
-        warnings=warnings + log_warnings(job.vertical, legs, max(score.samples for score in scores["training"])),
-    )
+    return legs, max(score.samples for score in scores["training"])
 
 
 def _solve(job: Job, gathered: Sequence[Gathered]) -> list[tuple[Estimate, Estimate]]:
@@ -115,8 +135,8 @@ def _models(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegM
     return LegModels(
         regressor=task.regressor,
         parameters={
-            "prior": task.believed,
-            "prior_friction": dict(task.believed) | dict(data.friction_only),
+            "prior": task.nominal,
+            "prior_friction": dict(task.nominal) | dict(data.friction_only),
             "identified": dict(task.fixed) | estimate.by_name(),
         },
         limits={joint: job.robot.limits[joint].effort for joint in task.leg.joints},
@@ -129,7 +149,7 @@ def _leg_result(
     structure = structural_observability(task, job.trunk)
     result = LegIdentification(
         leg=task.leg,
-        model=task.believed,
+        model=task.nominal,
         estimate=estimate,
         null_space=null_space,
         friction_only=data.friction_only,
@@ -144,7 +164,7 @@ def _leg_result(
 
 
 def structural_observability(task: LegTask, trunk: TrunkMotion, samples: int = 1000) -> Observability:
-    """What rich motion without noise would tell of a leg on a held trunk: algebraic rank, identifiable combinations."""
+    """Observability of a leg on a held trunk in rich motion without noise: algebraic rank and combinations."""
     n = len(task.leg.joints)
     rng = np.random.default_rng(0)
     motion = JointMotion(*(s * rng.uniform(-1, 1, (samples, n)) for s in (1.5, 5.0, 30.0)))

@@ -5,48 +5,45 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.recording.join import take
-from stadera.recording.preprocess import Processed, preprocess_stream
-from stadera.recording.reader import stream
-from stadera.recording.recording import Recording
-from stadera.recording.settings import Preprocessing
-from stadera.recording.topics import LogFile
+from stadera.identify.spikes import without_spikes
+from stadera.logs.join import take
+from stadera.logs.processing import Processed, preprocess_stream
+from stadera.logs.reader import stream
+from stadera.logs.recording import Recording
+from stadera.logs.settings import Preprocessing
+from stadera.logs.topics import LogFile
 
-Log = Recording | LogFile | str | Path
-"""A recording in memory, or the path of one that is streamed anew at each pass."""
+Log = Recording | LogFile
+"""A recording in memory, or a file that is streamed anew at each pass."""
 
 KEEP_SAMPLES = 500_000
 """Processed samples up to which a part is kept in memory between passes."""
 
 
 def chunks(log: Log, joints: Sequence[str]) -> Iterator[Recording]:
-    """The log's samples in order, with positions and efforts of these joints there."""
-    if isinstance(log, Recording):
-        log.channel("effort", tuple(joints))
-        return iter([log])
-    return stream(log, joints=joints, require=("effort",))
+    """The log's samples in order, with positions and efforts of these joints, wild ones replaced."""
+    return map(without_spikes, stream(log, joints=joints, require=("effort",)))
 
 
 def head(log: Log, joints: Sequence[str]) -> Recording:
-    """The log's beginning (all of it when in memory).
+    """The log's first chunk.
 
     Raises:
         RecordingError: an empty log.
     """
     for chunk in chunks(log, joints):
         return chunk
-    raise RecordingError(f"{log}: too few samples: none")
+    raise RecordingError(f"{log.source}: too few samples: none")
 
 
 def joints_with_effort(log: Log) -> set[str]:
     """The joints that are recorded with their efforts; none where the log as a whole cannot be read."""
     try:
-        recording = log if isinstance(log, Recording) else next(stream(log, rows=2), None)
+        recording = next(stream(log, rows=2), None)
     except RecordingError:
         return set()
     return set() if recording is None or recording.effort is None else set(recording.joints)
@@ -61,7 +58,7 @@ def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Section:
     """A log between two times [s]: `start` included, `stop` not."""
 
     log: Log
@@ -78,26 +75,16 @@ class Stretch:
                 return
 
 
-def name_of(log: Log) -> str:
-    """What messages call a log."""
-    return log.source if isinstance(log, Recording) else str(log)
-
-
 class Part:
     """Some stretches of logs (the training part, the validation part), preprocessed alike, for several passes.
 
     Stretches of up to `KEEP_SAMPLES` samples are kept after the first pass; longer ones are read and processed again.
     """
 
-    def __init__(self, stretches: Sequence[Stretch], joints: Sequence[str], settings: Preprocessing) -> None:
+    def __init__(self, stretches: Sequence[Section], joints: Sequence[str], settings: Preprocessing) -> None:
         self.stretches, self.joints, self.settings = tuple(stretches), tuple(joints), settings
-        self._kept: dict[Stretch, tuple[Processed, ...]] = {}
-        self._notes: dict[Stretch, tuple[str, ...]] = {}
-
-    @property
-    def source(self) -> str:
-        """What messages call it."""
-        return ", ".join(dict.fromkeys(name_of(stretch.log) for stretch in self.stretches))
+        self._kept: dict[Section, tuple[Processed, ...]] = {}
+        self._notes: dict[Section, tuple[str, ...]] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -116,7 +103,7 @@ class Part:
         """For each stretch its chunks."""
         return (self._stream(stretch) for stretch in self.stretches)
 
-    def _stream(self, stretch: Stretch) -> Iterator[Processed]:
+    def _stream(self, stretch: Section) -> Iterator[Processed]:
         if stretch in self._kept:
             yield from self._kept[stretch]
             return

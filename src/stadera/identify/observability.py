@@ -1,4 +1,4 @@
-"""What the data can tell and what they cannot: rank, identifiable combinations, and a verdict for each parameter.
+"""What the data determine: rank, identifiable combinations, and a verdict for each parameter.
 
 Each parameter is measured in its own prior width, θ_k = θ0_k + w_k x_k, which frees W = R diag(w) of units. W's
 singular values s_k say how firmly the data hold each direction v_k of x: its standard deviation without any prior is
@@ -15,16 +15,15 @@ what that noise leaves of them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.identify.information import Information
 from stadera.identify.prior import Prior
-
-Array = NDArray[np.float64]
+from stadera.information import Information
+from stadera.types import Array
 
 _FLAT = 1e4  # prior widths that stand for "no prior at all"
 _FIRM = 0.1  # of the prior width: below this, without a prior, a parameter counts as observed
@@ -56,6 +55,15 @@ class Combination:
     def of(self, values: dict[str, float]) -> float:
         """The combination's value."""
         return sum(factor * values[name] for name, factor in self.terms)
+
+
+def gradients_of(combinations: Sequence[Combination], columns: Sequence[str]) -> Array:
+    """Derivatives of combinations by the parameters named by `columns`, (combinations, columns)."""
+    out = np.zeros((len(combinations), len(columns)))
+    for row, combination in zip(out, combinations, strict=True):
+        for name, factor in combination.terms:
+            row[columns.index(name)] = factor
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +121,10 @@ class Observability:
         """The identifiable combinations in reduced echelon form, one for each observed direction.
 
         The observed space is reduced by Gauss-Jordan, so that a combination reads "this parameter, plus what cannot be
-        told apart from it". Meant for data without noise: noise leaves small change in every coefficient.
+        distinguished from it". Meant for data without noise: noise leaves small change in every coefficient.
         """
         masses = np.array([name.endswith(".m") for name in self.columns])
-        # a mass is what the others are told apart by, so it leads a combination only where nothing else can
+        # masses distinguish the other parameters, so a mass leads a combination only where nothing else can
         reduced, pivots = _echelon(self.directions[: self.rank], np.where(masses, 1e-3, 1.0))
         out = []
         for row, pivot in zip(reduced, pivots, strict=True):
@@ -128,12 +136,12 @@ class Observability:
 
 
 def observability(information: Information, prior: Prior) -> Observability:
-    """Weighs what the rows say against what the prior says.
+    """Compares the information of the rows with the prior.
 
     Args:
         information: with rows in units of their true noise, on the prior's columns.
     """
-    data = information if information.columns == prior.columns else information.marginal(prior.columns)
+    data = information if information.names == prior.columns else information.marginal(prior.columns)
     U, s, Vt = np.linalg.svd(data.R * prior.scales)
     return Observability(prior.columns, prior.scales, s, Vt, U)
 

@@ -1,7 +1,7 @@
-"""Four legs are driven alike: what the other legs say of a joint's drive is the prior for this leg's.
+"""Four legs are driven alike: the other legs' estimates of a joint's drive are the prior for this leg's.
 
 The four knees of a robot carry the same motor and gearbox, so their rotor inertia and friction are nearly equal; a
-slow motion tells them apart badly for each leg by itself. For a leg's joint term the prior's centre is the mean of the
+slow motion separates them badly for each leg by itself. For a leg's joint term the prior's centre is the mean of the
 same term on the other legs, each weighted by how well it is known there::
 
     μ = Σ w_l θ_l / Σ w_l,    w_l = 1 / (var_l + (r θ̃)²),    width² = (r θ̃)² + 1 / Σ w_l

@@ -1,6 +1,6 @@
-"""What is believed of the parameters before a log is read: the CAD values, and how far from them a value is plausible.
+"""The prior on the parameters: the CAD values, and how far from them a value is plausible.
 
-A link's belief lives in coordinates that do not depend on the choice of its frame or units. With the prior
+A link's prior is in coordinates that do not depend on the choice of its frame or units. With the prior
 pseudo-inertia J0 = U Uᵀ (U upper triangular), any other J is written::
 
     J = U (1 + D) Uᵀ,     D symmetric 4x4
@@ -8,7 +8,7 @@ pseudo-inertia J0 = U Uᵀ (U upper triangular), any other J is written::
 A change of frame T turns J0 into T J0 Tᵀ and leaves ‖D‖ as it is (D only rotates), so ‖D‖² is an invariant distance:
 the affine-invariant metric on pseudo-inertias at J0 (Lee, Wensing, Park 2019). D's last entry is the mass's
 relative change, for J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be held, or
-believed more firmly than the rest of D, without losing the invariance.
+given a narrower prior than the rest of D, without losing the invariance.
 """
 
 from __future__ import annotations
@@ -18,14 +18,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.inertia import ORDER, PSEUDO_BASIS, InertialParameters
-from stadera.regressors.motion import STANDARD_GRAVITY
 from stadera.robot.model import JointDynamics, Robot
-
-Array = NDArray[np.float64]
+from stadera.types import Array
 
 _UPPER = tuple((i, j) for i in range(4) for j in range(i, 4))
 _SYMMETRIC_BASIS = np.zeros((10, 4, 4))
@@ -61,7 +59,7 @@ class PriorWidth:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """θ = values + root @ x with x ~ N(0, 1): the belief in the parameters named by `columns`.
+    """θ = values + root @ x with x ~ N(0, 1): the prior on the parameters named by `columns`.
 
     Attributes:
         columns: names of the n parameters.
@@ -94,7 +92,7 @@ class Prior:
 
 
 def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None = None) -> Prior:
-    """The belief that a robot's model gives.
+    """The prior that a robot's model gives.
 
     Args:
         robot: its prior inertias and joint dynamics are the centre.
@@ -171,4 +169,4 @@ def _joint_scales(robot: Robot, joint: str) -> tuple[float, float]:
     length = sum(float(np.linalg.norm(tree.translations[i])) for i in carried if i != root)
     length += float(np.linalg.norm(bodies[-1].com))
     mass = sum(body.mass for body in bodies)
-    return mass * (0.5 * length) ** 2, STANDARD_GRAVITY * 0.25 * robot.mass * length
+    return mass * (0.5 * length) ** 2, GRAVITY * 0.25 * robot.mass * length

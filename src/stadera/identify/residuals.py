@@ -6,19 +6,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stadera.constants import SATURATED
 from stadera.identify.result import TorqueTrace
-from stadera.recording.preprocess import Processed
-from stadera.regressors import JointMotion, JointTorqueRegressor, Rows, TrunkMotion
-
-Array = NDArray[np.float64]
+from stadera.legs import JointMotion, JointTorqueRegressor, Rows, TrunkMotion
+from stadera.logs.processing import Processed
+from stadera.logs.recording import Recording
+from stadera.types import Array
 
 TRACE_S, TRACE_SAMPLES = 60.0, 3000
 CORRELATED_ROWS = 50_000
-"""Rows from a log's beginning that tell how correlated residuals are."""
+"""Rows at a log's beginning by which the correlation of residuals is estimated."""
 OUTLIER = 6.0  # times the root mean square
-SATURATED = 0.98  # of the torque limit
 
 
 def rows_of(regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
@@ -38,6 +37,28 @@ def speed(regressor: JointTorqueRegressor, chunk: Processed) -> Array:
 def predicted(rows: Rows, parameters: Mapping[str, float]) -> Array:
     """The torque that parameters give, (samples,)."""
     return rows.predict(np.array([parameters[c] for c in rows.columns]))
+
+
+def torque_sizes(
+    recordings: Sequence[Recording], joints: tuple[str, ...], cutoff_hz: float | None
+) -> tuple[dict[str, float], dict[str, float]]:
+    """White noise of each joint's recorded torque, and the torque's root mean square [N·m].
+
+    The noise is by third differences, in which a motion far below the sampling rate leaves nothing: of white noise of
+    variance σ² they have 20 σ². A low-pass passes 2 f_c / f_s of that.
+
+    Args:
+        recordings: of all the joints.
+        cutoff_hz: of a low-pass filter that the noise passes; None for none.
+    """
+    noise, size = np.zeros(len(joints)), np.zeros(len(joints))
+    for recording in recordings:
+        effort = recording.channel("effort", joints)
+        passed = 1.0 if cutoff_hz is None else min(2.0 * cutoff_hz * float(np.median(np.diff(recording.time))), 1.0)
+        noise += passed * (np.diff(effort, 3, axis=0) ** 2).mean(axis=0) / 20.0
+        size += (effort**2).mean(axis=0)
+    noise, size = np.sqrt(noise / len(recordings)), np.sqrt(size / len(recordings))
+    return dict(zip(joints, noise.tolist(), strict=True)), dict(zip(joints, size.tolist(), strict=True))
 
 
 def residual_noise(
@@ -89,7 +110,7 @@ def correlation_length(values: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class LegModels:
-    """The models of one leg that are held against data: parameters by model, and the torque limit by joint [N·m]."""
+    """The models of one leg that are compared with data: parameters by model, and the torque limit by joint [N·m]."""
 
     regressor: JointTorqueRegressor
     parameters: Mapping[str, Mapping[str, float]]

@@ -5,17 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stadera.files import written_together
 from stadera.identify.observability import Verdict
 from stadera.identify.solutions import Estimate
 from stadera.inertia import ORDER, UNITS, InertialParameters
-from stadera.regressors import FRICTION_UNITS
+from stadera.legs import FRICTION_UNITS
+from stadera.results import Result
 from stadera.robot.model import JointDynamics, Leg, Robot
+from stadera.trust import Trust
+from stadera.types import Array
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 MODELS: tuple[str, ...] = ("prior", "prior_friction", "identified")
 """Models that are compared: the robot's own, the same with its joint terms fitted, and the identified one."""
@@ -23,7 +29,7 @@ MODELS: tuple[str, ...] = ("prior", "prior_friction", "identified")
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number: what was believed, what was found, how sure, and whether the data could tell.
+    """One parameter: prior, estimate, standard deviation, and whether the data determine it.
 
     `std` is None where nothing was measured: where the data say nothing, and for masses that were held at the prior.
     """
@@ -34,11 +40,18 @@ class Quantity:
     verdict: Verdict
     unit: str
 
+    @property
+    def is_held(self) -> bool:
+        """Whether the data do not determine the value, so that it has no standard deviation."""
+        if self.std is None or self.verdict is Verdict.UNOBSERVABLE:
+            return True
+        return self.verdict is Verdict.PARTIAL and self.std <= 1e-12 * abs(self.prior)
+
 
 @dataclass(frozen=True)
 class KnownCombination:
     """One identifiable combination of parameters, as text, with its unit, prior and found value, and standard
-    deviation. The verdict is on this log: a richer motion may tell what this one did not.
+    deviation. The verdict is on this log: a richer motion may determine what this one did not.
     """
 
     text: str
@@ -76,7 +89,7 @@ class LegIdentification:
         estimate: the solution that was asked for.
         null_space: the paper's eq. 5 on the same data, for comparison.
         friction_only: joint terms fitted with the rigid bodies at CAD, by parameter name.
-        combinations: what a motion of this kind can tell, and how well this log tells it.
+        combinations: that any motion on a held trunk can determine, and how well this log does.
         structural_rank: rank of the regressor for rich motion without noise; the log's own is the estimate's.
         noise: by joint, standard deviation of the torque residual [N·m].
         correlation: by joint, how many samples one independent sample is worth.
@@ -134,8 +147,8 @@ class LegIdentification:
         ]
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
     """All legs that were identified from one log.
 
     Attributes:
@@ -145,6 +158,7 @@ class Identification:
         legs: one entry each.
         torque_lag: how much later the recorded torque acted than its stamp says [s].
         validated_on: what the validation part is, in words; None where there is none.
+        trust: how well the legs explain the torques.
         notes: what was done to the log, in order.
         warnings: what concerns the whole log.
     """
@@ -155,6 +169,7 @@ class Identification:
     legs: tuple[LegIdentification, ...]
     torque_lag: float
     validated_on: str | None
+    trust: Trust
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -172,6 +187,58 @@ class Identification:
     def is_physical(self) -> bool:
         """Whether a real robot could have every identified link and joint."""
         return all(leg.estimate.is_physical for leg in self.legs)
+
+    def __repr__(self) -> str:
+        lines = [f"{self.robot.name} by {self.source}: {self.trust.verdict}, misfit {self.trust.misfit:.2g}"]
+        for leg in self.legs:
+            rank, errors = leg.estimate.observability.rank, leg.rmse.get("validation") or leg.rmse["training"]
+            rmse = np.sqrt(np.mean(np.square(list(errors["identified"].values()))))
+            misfit = self.trust.by_leg[leg.leg.name]
+            lines.append(
+                f"  {leg.leg.name}: {rank} of {len(leg.estimate.columns)} directions, RMSE {rmse:.3g} N·m, "
+                f"misfit {misfit:.2g}"
+            )
+        return "\n".join([*lines, *self.trust.reasons[:1]])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON of `identify` as plain values, see `stadera.identify.schema`."""
+        from stadera.identify.schema import identification_dict
+
+        return identification_dict(self)
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame, one row a parameter: leg, of, parameter, prior, value, std, observability, unit.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        from stadera.identify.schema import identification_frame
+
+        return identification_frame(self)
+
+    def to_html(self) -> str:
+        """The report: one page that loads nothing."""
+        from stadera.report.identify.page import identification_html
+
+        return identification_html(self)
+
+    def save_urdf(self, path: str | PathLike[str]) -> None:
+        """Writes the robot's model file with the identified values, URDF or MJCF as it came.
+
+        Raises:
+            ModelError: the path's ending is not that of the robot's model file.
+        """
+        from stadera.robot.export import export_model
+
+        with written_together([path]) as (draft,):
+            export_model(self.identified_robot(), draft)
+
+    def plot(self) -> go.Figure:
+        """Torque errors of each joint under each model, as a plotly figure."""
+        from stadera.report.identify.plots import rmse_figure
+
+        validated = any("validation" in leg.rmse for leg in self.legs)
+        return rmse_figure(self.legs, "validation" if validated else "training")
 
     def identified_robot(self) -> Robot:
         """The robot with the identified links and joints put in."""

@@ -7,12 +7,59 @@ from typing import Literal
 
 import numpy as np
 
-from stadera.errors import IdentificationError, UnknownNameError
+from stadera.errors import IdentificationError, UnknownNameError, require_positive
 from stadera.identify.pooling import Spread
 from stadera.identify.prior import PriorWidth
-from stadera.regressors import FRICTION_TERMS, FrictionModel
+from stadera.legs import FRICTION_TERMS, FrictionModel
 
 METHODS: tuple[str, ...] = ("consistent", "null-space")
+
+
+@dataclass(frozen=True)
+class TrustSettings:
+    """What a good fit leaves, and from where on a fit is not good.
+
+    Attributes:
+        friction: a, share of Coulomb friction that the friction law does not explain: drives' friction depends on load,
+            position and temperature. On 24 joints of a real Go2 and Aliengo in the air the whole residual is 0.09 to
+            0.42 of it.
+        torque: b, share of the torque's root mean square: ripple and nonlinearity of torques that are
+            computed from currents. Assumed; it matters where there is no friction.
+        doubtful, bad: misfit of a joint above which the fit is so [1]: residuals 1.7 and 5.5 times the stated size.
+        far: probability that values are as far from the model's, by the prior, below which the result is doubtful.
+        reversed_gain: factor by which the cost falls if a torque's sign is taken to be reversed.
+    """
+
+    friction: float = 0.3
+    torque: float = 0.05
+    doubtful: float = 3.0
+    bad: float = 30.0
+    far: float = 1e-6
+    reversed_gain: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_positive("trust setting", self, self.__dataclass_fields__)
+
+
+@dataclass(frozen=True)
+class SignalSettings:
+    """How signals are filtered and chosen.
+
+    Attributes:
+        lowest_cutoff: [Hz], below which no cut-off is chosen for signals: Coulomb friction's steps, smeared out, would
+            pass for another effect.
+        lag_cutoff: [Hz], for the torque lag, which shows best in fast changes.
+        any_part: share of a log's highest cut-off that every part of it allows: where samples are lost, rates differ.
+        drop_below: [rad/s], the paper's: slower than this a joint's friction is not determined by its velocity.
+    """
+
+    lowest_cutoff: float = 15.0
+    lag_cutoff: float = 25.0
+    any_part: float = 0.98
+    drop_below: float = 0.01
+
+    def __post_init__(self) -> None:
+        require_positive("signal setting", self, self.__dataclass_fields__)
 
 
 @dataclass(frozen=True)
@@ -29,6 +76,10 @@ class IdentifySettings:
         split: the share of each log, from its beginning, to identify on; the rest validates. 1.0 keeps nothing back.
         width: how far from the model's values the truth may lie.
         spread: how alike the drives of the legs are, None to identify each leg by itself.
+        most_carried: share of the robot's weight above which a foot counts as on the ground. A foot of a robot that
+            stands or walks carries a quarter on average; of legs in the air, real ones, it seems to be 0.01 at most.
+        trust: when a fit is doubtful or bad.
+        signals: cut-offs, and which samples count.
 
     Raises:
         UnknownNameError: a method that is none.
@@ -44,6 +95,9 @@ class IdentifySettings:
     split: float = 0.5
     width: PriorWidth = field(default_factory=PriorWidth)
     spread: Spread | None = field(default_factory=Spread)
+    most_carried: float = 0.1
+    trust: TrustSettings = field(default_factory=TrustSettings)
+    signals: SignalSettings = field(default_factory=SignalSettings)
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

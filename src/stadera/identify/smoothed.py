@@ -12,15 +12,13 @@ from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.identify.log import Part
 from stadera.identify.residuals import rows_of, speed
-from stadera.recording.preprocess import Processed
-from stadera.recording.smoothing import smooth_rows
-from stadera.regressors import JointTorqueRegressor, Rows, TrunkMotion
-
-Array = NDArray[np.float64]
+from stadera.legs import JointTorqueRegressor, Rows, TrunkMotion
+from stadera.logs.processing import Processed
+from stadera.logs.smoothing import smooth_rows
+from stadera.types import Array
 
 
 def smoothed_rows(

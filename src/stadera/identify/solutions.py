@@ -12,23 +12,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import IdentificationError
-from stadera.identify.information import Information
 from stadera.identify.observability import Observability, Verdict, observability
 from stadera.identify.prior import Prior
 from stadera.inertia import InertialParameters
-
-Array = NDArray[np.float64]
+from stadera.information import Information
+from stadera.types import Array, Bools
 
 _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 _CERTAIN = 1e4
-"""Prior widths over standard deviation: a direction known better than this is certain beside the prior."""
+"""Prior widths over standard deviation: a direction known better than this is certain compared with the prior."""
 _CONTRADICTED = 1e2
 """Standard deviations by which consistency moves the answer: more is no matter of noise."""
 _RESOLVED = 1e-7
-"""Ratio of weights that the solver can tell apart."""
+"""Ratio of weights that the solver resolves."""
 _INWARDS = 1e-4
 """Share of the way to the model's values that leads off the border of the consistent set."""
 
@@ -42,8 +40,8 @@ class Estimate:
         values: (n,), in the parameters' own units.
         covariance: (n, n) of the error, data and prior together: where the data say nothing, the prior's width; so
             too for a mass that was held at CAD, which is held for want of knowledge.
-        prior: what was believed before.
-        observability: what the data could tell.
+        prior: of the parameters.
+        observability: what the data determine.
         residual: root of the mean squared residual of the rows in units of their noise: 1 where noise and model are
             right.
         method: "null-space" or "consistent".
@@ -78,7 +76,7 @@ class Estimate:
 
 
 def null_space_solution(information: Information, prior: Prior) -> Estimate:
-    """Least squares where the data speak, the CAD values where they do not: the paper's eq. 5.
+    """Least squares where the data determine the parameters, the CAD values elsewhere: the paper's eq. 5.
 
     φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. The metric: each parameter in units of
     its prior width, so that the answer does not depend on units; within the null space masses are brought to CAD
@@ -151,13 +149,13 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
     The solver cannot resolve any range of weights, so the problem is put to it in up to four ways, and the answer of
     least cost is the best:
 
-    * directions that are certain beside the prior stay where the data have them: right where consistency is free;
+    * certain directions stay where the data have them: right where consistency is free;
     * all directions together;
     * where data and consistency contradict each other by far, all together in units of the firmest direction,
     * and then the others once more, the certain ones held where that put them.
     """
 
-    def solve(moving: NDArray[np.bool_], used: Array, centre: Array) -> Array | None:
+    def solve(moving: Bools, used: Array, centre: Array) -> Array | None:
         """Along some directions from `centre`; None where there is no answer or it is not one."""
         if not moving.any():
             return None
@@ -198,9 +196,16 @@ def _nearest_consistent(
     """The same over some directions, the rows of Vt; None where the solver found no answer.
 
     Written in y = weight · V (x - best), in which the objective is round whatever the ratio of data to prior.
-    """
-    import cvxpy as cp  # takes a second, and most solutions need none of it
 
+    Raises:
+        IdentificationError: cvxpy is not installed.
+    """
+    try:
+        import cvxpy as cp  # takes a second, and most solutions need none of it
+    except ImportError as error:
+        raise IdentificationError(
+            f"physical consistency needs cvxpy with Clarabel (pip install cvxpy-base clarabel): {error}"
+        ) from None
     y = cp.Variable(len(weight))
     x_free = best + Vt.T @ cp.multiply(1.0 / weight, y)
     spread = np.zeros((len(prior.columns), len(free)))
@@ -242,7 +247,7 @@ def _signed(prior: Prior) -> list[int]:
 
 
 def _on(prior: Prior, information: Information) -> Information:
-    return information if information.columns == prior.columns else information.marginal(prior.columns)
+    return information if information.names == prior.columns else information.marginal(prior.columns)
 
 
 def _estimate(

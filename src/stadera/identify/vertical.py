@@ -5,19 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.recording.recording import Recording
+from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
-
-Array = NDArray[np.float64]
+from stadera.types import Array
 
 STILL = 0.1  # rad/s, root mean square: a trunk that turns faster is not held
 
 
 @dataclass(frozen=True, eq=False)
-class Vertical:
+class TrunkUp:
     """The vertical in trunk axes (3,), and in a sentence where it is from; `held` is False where the trunk moved."""
 
     up: Array
@@ -25,7 +23,7 @@ class Vertical:
     held: bool = True
 
 
-def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, float] | None) -> Vertical:
+def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, float] | None) -> TrunkUp:
     """The given vertical, else the mean specific force in a log's IMU, else the trunk's z axis.
 
     Raises:
@@ -33,11 +31,11 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
         ModelError: that frame is fixed to a leg.
     """
     if up is not None:
-        return Vertical(np.asarray(up, dtype=float), f"vertical given: ({up[0]:g}, {up[1]:g}, {up[2]:g}) in trunk axes")
+        return TrunkUp(np.asarray(up, dtype=float), f"vertical given: ({up[0]:g}, {up[1]:g}, {up[2]:g}) in trunk axes")
     imu = recording.imu
     if imu is None:
-        return Vertical(np.array([0.0, 0.0, 1.0]), "no IMU in the log and no vertical given: trunk taken as level")
+        return TrunkUp(np.array([0.0, 0.0, 1.0]), "no IMU in the log and no vertical given: trunk taken as level")
     mean = ImuMount.of(robot, imu.frame).rotation @ imu.linear_acceleration.mean(axis=0)
     turning = float(np.sqrt(np.mean(np.sum(imu.angular_velocity**2, axis=1))))
     tilt = np.degrees(np.arccos(np.clip(mean[2] / np.linalg.norm(mean), -1.0, 1.0)))
-    return Vertical(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning < STILL)
+    return TrunkUp(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning < STILL)

@@ -1,4 +1,4 @@
-"""What a careful reader of a result would want to be told, in one sentence each."""
+"""Warnings on a result, one sentence each."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from stadera.identify.residuals import LegScore
 from stadera.identify.result import LegIdentification
-from stadera.identify.vertical import Vertical
+from stadera.identify.vertical import TrunkUp
 
 OUTLIER_SHARE = 2e-3
 """More outliers than this are worth a word."""
@@ -27,7 +27,7 @@ def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore]) -> L
     return replace(result, warnings=warnings)
 
 
-def log_warnings(vertical: Vertical, legs: tuple[LegIdentification, ...], samples: int) -> tuple[str, ...]:
+def log_warnings(vertical: TrunkUp, legs: tuple[LegIdentification, ...], samples: int) -> tuple[str, ...]:
     """What concerns the whole log."""
     warnings = []
     if not vertical.held:
@@ -87,7 +87,7 @@ def _data(result: LegIdentification, score: LegScore) -> list[str]:
             out.append(f"outliers, off by more than six times the RMSE: {shares} of the samples")
         still = np.ptp(score.trace("").measured, axis=0) == 0.0
         out += [
-            f"{joint}: the recorded torque never changes; it tells nothing, whatever was found with it"
+            f"{joint}: the recorded torque never changes; it determines nothing, whatever was found with it"
             for joint, same in zip(result.leg.joints, still, strict=True)
             if same
         ]

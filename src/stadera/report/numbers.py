@@ -1,14 +1,14 @@
-"""Numbers as text: significant digits, standard deviations, changes in percent."""
+"""Numbers as text: significant digits, values with standard deviations, changes in percent."""
 
 from __future__ import annotations
 
 from math import floor, isfinite, log10
 
 
-def number(value: float, digits: int = 4) -> str:
-    """A number with that many significant digits, powers of ten written out."""
+def number(value: float, digits: int = 4, without: str = "none") -> str:
+    """A number with that many significant digits, powers of ten written out; `without` for one that is not finite."""
     if not isfinite(value):
-        return "none"
+        return without
     if value == 0.0:
         return "0"
     mantissa, power = f"{value:.{digits - 1}e}".split("e")
@@ -19,8 +19,13 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def with_std(value: float, std: float) -> str:
-    """A number and its standard deviation, both to the deviation's second significant digit."""
-    if not (isfinite(std) and std > 0):
+    """A number and its standard deviation, both to the deviation's second significant digit.
+
+    A value without a positive standard deviation is shown alone, one that is not finite as "not observed".
+    """
+    if not (isfinite(value) and isfinite(std)):
+        return "not observed"
+    if std <= 0.0:
         return number(value)
     largest = max(abs(value), std)
     exponent = floor(log10(largest))

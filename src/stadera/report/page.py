@@ -1,58 +1,95 @@
-"""The page that a report is: one file with its style, its script library and its figures, nothing loaded."""
+"""Pages: one file with its style, script library and figures, made from a jinja2 template, that loads nothing.
+
+A template extends `page.html.j2` and uses the parts of `parts.html.j2`. Other packages, such as the laboratory, keep
+templates of their own in a folder `templates`.
+"""
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from stadera.report.markup import Html, element, text
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
+
+import stadera
+from stadera.report.numbers import number, with_std
+from stadera.report.table import MARKS
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-_CONFIG = {"displayModeBar": False, "responsive": True}
 
-_DRAW = """
-for (const place of document.querySelectorAll(".plot")) {
-  const figure = JSON.parse(place.querySelector("script").textContent);
-  Plotly.newPlot(place, figure.data, figure.layout, CONFIG);
-}
-const fit = (width) => {
-  for (const place of document.querySelectorAll(".plot"))
-    Plotly.relayout(place, width ? {width: width, autosize: false} : {width: null, autosize: true});
-};
-addEventListener("beforeprint", () => fit(680));
-addEventListener("afterprint", () => fit(null));
-"""
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """A figure on a page.
+
+    Attributes:
+        title: above it, and its label for screen readers.
+        figure: as plotly has it.
+        note: how to read it.
+    """
+
+    title: str
+    figure: go.Figure
+    note: str = ""
+
+    @property
+    def height(self) -> int:
+        """Of the figure [px]."""
+        return int(self.figure.layout.height or 400)
+
+    @property
+    def data(self) -> Markup:
+        """The figure as JSON that cannot end its script element."""
+        return script_data(self.figure.to_json())
 
 
-def figure_html(figure: go.Figure, label: str) -> Html:
-    """A place in the page where a figure is drawn."""
-    height = int(figure.layout.height or 400)
-    data = figure.to_json().replace("</", "<\\/")
-    script = element("script", Html(data), type="application/json")
-    return element("div", script, css="plot", style=f"min-height:{height}px", role="img", **{"aria-label": label})
+def render(template: str, package: str = "stadera.report", **values: Any) -> str:
+    """A whole page from a template; all text in `values` is escaped.
+
+    Args:
+        template: the file's name in the package's folder `templates`.
+        package: where templates are looked for before this package.
+        values: what the template shows.
+    """
+    return _environment(package).get_template(template).render(values)
 
 
-def page_html(title: str, *sections: str) -> str:
-    """The whole page. Loads nothing from anywhere."""
-    import plotly.offline
-
-    head = (
-        '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">',
-        element("title", text(title)),
-        element("style", Html(_style())),
-    )
-    scripts = (
-        element("script", Html(plotly.offline.get_plotlyjs())),
-        element("script", Html(_DRAW.replace("CONFIG", json.dumps(_CONFIG)))),
-    )
-    body = element("body", element("main", *sections), *scripts)
-    return f'<!DOCTYPE html>\n<html lang="en"><head>{"".join(head)}</head>{body}</html>\n'
+def script_data(json: str) -> Markup:
+    """JSON as the text of a script element, which it cannot end."""
+    return Markup(json.replace("</", "<\\/"))
 
 
 @cache
-def _style() -> str:
-    return (resources.files("stadera.report") / "report.css").read_text(encoding="utf-8")
+def _environment(package: str) -> Environment:
+    folders = dict.fromkeys((package, "stadera.report"))
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(folder) for folder in folders]),
+        autoescape=select_autoescape(("html.j2",)),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals |= {
+        "version": stadera.__version__,
+        "marks": MARKS,
+        "asset": lambda name, package=package: _asset(package, name),
+        "plot_library": _plot_library,
+    }
+    environment.filters |= {"number": number, "with_std": with_std}
+    return environment
+
+
+def _asset(package: str, name: str) -> Markup:
+    """A style or script from a folder `templates`, as it is."""
+    return Markup((resources.files(package) / "templates" / name).read_text(encoding="utf-8"))
+
+
+def _plot_library() -> Markup:
+    """The script that draws figures, read only for a page that has some."""
+    import plotly.offline
+
+    return Markup(plotly.offline.get_plotlyjs())

@@ -1,40 +1,54 @@
-"""Tables in the terminal, all alike.
-
-Rich takes brackets in plain strings for markup, so that the [kg] of a heading would vanish: headings are texts here.
-"""
+"""Tables, legends and notes in the terminal, all in one look."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from typing import Literal
 
-from rich.box import HEAVY_HEAD, Box
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-_SIDES: dict[str, Literal["left", "right"]] = {"l": "left", "r": "right"}
+from stadera.report.table import MARKS, Cell, TableData
+
+_SIDES: dict[str, Literal["left", "right"]] = {"l": "left", "w": "left", "r": "right"}
 
 
-def titled_table(
-    title: str,
-    headings: Sequence[str],
-    sides: str = "",
-    *,
-    fold: bool = False,
-    box: Box = HEAVY_HEAD,
-    edge: bool = True,
-) -> Table:
-    """A table without rows, title and headings as they are given, brackets too.
+def rich_table(data: TableData) -> Table:
+    """The table with title and headings as they are given: rich would take a plain "[kg]" for markup and drop it."""
+    drawn = Table(title=Text(data.title), title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    for heading, side in zip(data.head, data.columns, strict=True):
+        drawn.add_column(Text(heading), justify=_SIDES[side], overflow="fold")
+    for heading, rows in data.groups:
+        if heading:
+            drawn.add_row(Text(heading, style="italic"))
+        for row in rows:
+            drawn.add_row(*map(_cell, row))
+        drawn.add_section()
+    return drawn
 
-    Args:
-        title: above it.
-        headings: of the columns.
-        sides: "l" or "r" for each column; empty for names to the left in the first and figures to the right.
-        fold: cells that are too long go on in the next line, rather than being cut.
-        box: its lines.
-        edge: whether there is room between its edge and the cells.
-    """
-    table = Table(title=Text(title), title_justify="left", title_style="bold", box=box, pad_edge=edge)
-    for heading, side in zip(headings, sides or "l" + "r" * (len(headings) - 1), strict=True):
-        table.add_column(Text(heading), justify=_SIDES[side], overflow="fold" if fold else "ellipsis")
-    return table
+
+def legend(note: str = "") -> Text:
+    """What the symbols and colours of observability mean."""
+    text = Text()
+    for mark in MARKS.values():
+        text.append(f"{mark.symbol} {mark.word}  ", style=mark.style)
+    return text.append(note, style="dim")
+
+
+def notes(sentences: Iterable[str]) -> Iterator[Text]:
+    """Notes on how a result was made, a line each."""
+    return (Text(f"note: {sentence}", style="dim") for sentence in sentences)
+
+
+def _cell(cell: Cell) -> Text:
+    text = Text(f"{cell.mark.symbol} {cell.text}" if cell.mark else cell.text, style=_style(cell))
+    return text.append(f" {cell.note}", style="dim") if cell.note else text
+
+
+def _style(cell: Cell) -> str:
+    if cell.mark:
+        return cell.mark.style
+    if cell.good is not None:
+        return "green" if cell.good else "bold red"
+    return "bold" if cell.strong else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 from importlib import metadata, resources
+from os import PathLike
 from pathlib import Path
 
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
@@ -40,7 +41,7 @@ CATALOG: dict[str, Entry] = {
 """Every name that `load_robot` takes."""
 
 
-def resolve(source: str | Path) -> tuple[str | None, Path]:
+def resolve(source: str | PathLike[str]) -> tuple[str | None, Path]:
     """The catalog's name (None for a path) and the model file that `source` means.
 
     A name of the catalog is taken as such, in any case; a file of that name is reached as ./name.
@@ -58,7 +59,7 @@ def resolve(source: str | Path) -> tuple[str | None, Path]:
         return None, path.resolve()
     if path.is_dir():
         raise ModelError(f"{path}: a folder; a robot is a URDF or an MJCF file")
-    if path.suffix or len(path.parts) > 1 or isinstance(source, Path):
+    if path.suffix or len(path.parts) > 1 or not isinstance(source, str):
         raise ModelError(f"{path}: no such file")
     raise UnknownNameError("robot", text, (*CATALOG, "or a path to a URDF or MJCF file"))
 

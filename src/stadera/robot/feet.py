@@ -7,12 +7,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import ModelError
 from stadera.robot.model import Frame, Shape
-
-Array = NDArray[np.float64]
+from stadera.types import Array
 
 _FOOT_NAME = re.compile(r"foot|toe", re.IGNORECASE)
 _SPHERE_SEARCH = 0.2  # a sphere this near the foot frame, as a share of the frame's distance from the knee, is the foot
@@ -20,7 +18,7 @@ _SPHERE_SEARCH = 0.2  # a sphere this near the foot frame, as a share of the fra
 
 @dataclass(frozen=True)
 class Foot:
-    """A foot sphere in the frame of its link [m]; `note` says what was assumed, empty where the file told."""
+    """A foot sphere in the frame of its link [m]; `note` says what was assumed, empty where the file states it."""
 
     frame: str
     position: tuple[float, float, float]
@@ -41,22 +39,21 @@ def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -
     spheres = [shape for shape in own if shape.kind == "sphere"]
     named = [name for name, frame in frames.items() if frame.link == link and _FOOT_NAME.search(name) and name != link]
     if named:
-        name = max(named, key=lambda n: float(np.linalg.norm(frames[n].translation)))
+        name = max(named, key=lambda n: _far(frames[n].translation))
         return _foot_at_frame(name, frames[name], spheres)
     name = f"{link}_foot"
     if spheres:
-        sphere = max(spheres, key=lambda s: float(np.linalg.norm(s.translation)))
+        sphere = max(spheres, key=lambda s: _far(s.translation))
         return Foot(name, _triple(sphere.translation), sphere.size[0])
-    ends = [_far_end(shape) for shape in own]
-    if not ends:
+    if not own:
         raise ModelError(f"link {link!r} has no frame named foot or toe, and no primitive shape to find a foot on")
-    point, radius = max(ends, key=lambda end: float(np.linalg.norm(end[0])))
+    point, radius = max(map(_far_end, own), key=lambda end: _far(end[0]))
     return Foot(name, _triple(point), radius, "taken at the far end of its link's geometry")
 
 
 def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape]) -> Foot:
-    reach = _SPHERE_SEARCH * float(np.linalg.norm(frame.translation))
-    offset = [float(np.linalg.norm(s.translation - frame.translation)) for s in spheres]
+    reach = _SPHERE_SEARCH * _far(frame.translation)
+    offset = [_far(s.translation - frame.translation) for s in spheres]
     if not spheres or min(offset) > reach:
         return Foot(name, _triple(frame.translation), 0.0, "no sphere there, taken as a point at the frame")
     nearest = spheres[int(np.argmin(offset))]
@@ -75,7 +72,11 @@ def _far_end(shape: Shape) -> tuple[Array, float]:
         axis = 2
         half, radius = 0.5 * shape.size[1], shape.size[0] if shape.kind == "capsule" else 0.0
     ends = [shape.translation + sign * half * shape.rotation[:, axis] for sign in (1.0, -1.0)]
-    return max(ends, key=lambda end: float(np.linalg.norm(end))), radius
+    return max(ends, key=_far), radius
+
+
+def _far(point: Array) -> float:
+    return float(np.linalg.norm(point))
 
 
 def _triple(v: Array) -> tuple[float, float, float]:

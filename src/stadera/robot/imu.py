@@ -1,4 +1,9 @@
-"""Where the IMU sits on the trunk."""
+"""Where the IMU sits on the trunk: the one place where its values are turned into trunk axes and moved to the origin.
+
+The IMU at r (trunk frame) reads the specific force a_imu; at the trunk's origin it is, for a rigid trunk::
+
+    a = a_imu - ω x (ω x r) - α x r
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.errors import ModelError, UnknownNameError
-from stadera.robot.model import Array, Robot
+from stadera.robot.model import Robot
+from stadera.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,3 +48,28 @@ class ImuMount:
         if pose.link != robot.trunk:
             raise ModelError(f"robot {robot.name}: IMU frame {frame!r} is fixed to {pose.link!r}, not to the trunk")
         return cls(np.array(pose.rotation), np.array(pose.translation), frame)
+
+    def in_trunk_axes(self, values: Array) -> Array:
+        """Vectors (..., 3) in the IMU's axes, turned into the trunk's."""
+        return np.asarray(values.dot(self.rotation.T))
+
+    def trunk_rotation(self, imu_rotation: Array) -> Array:
+        """Orientation of the trunk (..., 3, 3) in the world, from that of the IMU."""
+        return np.asarray(imu_rotation.dot(self.rotation.T))
+
+
+def force_at_origin(
+    specific_force: Array, angular_velocity: Array, lever: Array, angular_acceleration: Array | None = None
+) -> Array:
+    """Specific force at the trunk's origin (..., 3) [m/s²], trunk axes.
+
+    Args:
+        specific_force: (..., 3) [m/s²], at the IMU, trunk axes.
+        angular_velocity: (..., 3) [rad/s], trunk axes.
+        lever: (3,) [m], the IMU's place in the trunk frame.
+        angular_acceleration: (..., 3) [rad/s²]; None where it is not known: α x r is then left in.
+    """
+    w = angular_velocity
+    centripetal = w * w.dot(lever)[..., None] - lever * (w * w).sum(axis=-1)[..., None]  # ω x (ω x r)
+    force = specific_force - centripetal
+    return np.asarray(force if angular_acceleration is None else force - np.cross(angular_acceleration, lever))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -11,7 +12,8 @@ import numpy as np
 
 from stadera.errors import ModelError
 from stadera.robot.model import LEG_NAMES
-from stadera.robot.modelfile import Array, ModelFile, joint_axis
+from stadera.robot.modelfile import ModelFile, joint_axis
+from stadera.types import Array
 
 _TRUNK_JOINT = 1
 _PREFIXES = {
@@ -34,36 +36,36 @@ def find_legs(file: ModelFile) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
     """The four legs in the order LF, RF, LH, RH, and notes on what had to be assumed.
 
     A leg is a chain of exactly three revolute joints that starts on the trunk (branches off it, such as rotors, are
-    not followed). It is named by its joints' names where they tell (lf_haa_joint, FL_hip, hr.hx); else, or where
-    names clash, by where its hip is (x forward, y left in the trunk frame). Where both tell and disagree, the names
-    win, for a log's columns carry them, and a note says so.
+    not followed). Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); where these are unclear or
+    clash, from the place of its hip (x forward, y left in the trunk frame). Where names and places disagree, the
+    names win, because a log's columns carry them, and a note says so.
 
     Raises:
         ModelError: not four such chains.
     """
     chains = [_longest_chain(file.model, child) for child in file.model.children[_TRUNK_JOINT]]
-    legs = [chain for chain in chains if len(chain) == 3 and all(_is_revolute(file.model, j) for j in chain)]
-    by_name = [_name_from_words(file, chain) for chain in legs]
-    if len(legs) > 4 and sorted(filter(None, by_name)) == sorted(LEG_NAMES):
-        legs = [chain for chain, name in zip(legs, by_name, strict=True) if name]
-        by_name = [name for name in by_name if name]
+    legs = {tuple(chain): _name_from_words(file, chain) for chain in chains if _is_leg(file.model, chain)}
+    named = {chain: name for chain, name in legs.items() if name}
+    if len(legs) > 4 and sorted(named.values()) == sorted(LEG_NAMES):
+        legs = named
     if len(legs) != 4:
         raise ModelError(_not_four(file, chains, len(legs)))
-    names, notes = _choose_names(file, legs, by_name)
-    order = sorted(range(4), key=lambda k: LEG_NAMES.index(names[k]))
-    found = tuple(Chain(names[k], (legs[k][0], legs[k][1], legs[k][2])) for k in order)
-    return found, notes
+    names, notes = _choose_names(file, list(legs), list(legs.values()))
+    found = [Chain(name, (a, b, c)) for name, (a, b, c) in zip(names, legs, strict=True)]
+    return tuple(sorted(found, key=lambda chain: LEG_NAMES.index(chain.name))), notes
 
 
-def _choose_names(file: ModelFile, legs: list[list[int]], by_name: list[str]) -> tuple[list[str], tuple[str, ...]]:
+def _choose_names(
+    file: ModelFile, legs: Sequence[Sequence[int]], by_name: list[str]
+) -> tuple[list[str], tuple[str, ...]]:
     by_place = _names_from_places(np.array([_hip(file.model, chain) for chain in legs]))
     if sorted(by_name) == sorted(LEG_NAMES):
         if not by_place or by_place == by_name:
             return by_name, ()
-        told = ", ".join(file.model.names[chain[0]] for chain in legs)
-        return by_name, (f"legs named by their joints ({told}), though their places say {', '.join(by_place)}",)
+        joints = ", ".join(file.model.names[chain[0]] for chain in legs)
+        return by_name, (f"legs named by their joints ({joints}), though their places say {', '.join(by_place)}",)
     if not by_place:
-        raise ModelError(f"{file.path}: neither the names nor the places of the hips tell the four legs apart")
+        raise ModelError(f"{file.path}: neither the names nor the places of the hips distinguish the four legs")
     if any(by_name):
         return by_place, ("legs named by the places of their hips, for their joints' names clash",)
     return by_place, ()
@@ -75,12 +77,12 @@ def _longest_chain(model: Any, joint: int) -> list[int]:
     return [joint, *max(tails, key=lambda tail: (len(tail), model.inertias[tail[-1]].mass), default=[])]
 
 
-def _is_revolute(model: Any, joint: int) -> bool:
-    return joint_axis(model.joints[joint]) is not None
+def _is_leg(model: Any, chain: Sequence[int]) -> bool:
+    return len(chain) == 3 and all(joint_axis(model.joints[joint]) is not None for joint in chain)
 
 
-def _name_from_words(file: ModelFile, chain: list[int]) -> str:
-    """The leg that a chain's joint and link names agree on; empty where they tell none, or several."""
+def _name_from_words(file: ModelFile, chain: Sequence[int]) -> str:
+    """The leg that a chain's joint and link names agree on; empty if there is none, or several."""
     names = [file.model.names[j] for j in chain]
     words = [_words(name) for name in (*names, *(file.links[name] for name in names))]
     found = {leg for said in words for leg, prefixes in _PREFIXES.items() if prefixes & said}
@@ -93,7 +95,7 @@ def _words(name: str) -> set[str]:
     return set(split) | {a + b for a, b in pairwise(split)}
 
 
-def _hip(model: Any, chain: list[int]) -> Array:
+def _hip(model: Any, chain: Sequence[int]) -> Array:
     """Mean of the first two joints' origins in the trunk frame at zero angles [m]."""
     first = model.jointPlacements[chain[0]]
     second = first * model.jointPlacements[chain[1]]
@@ -116,18 +118,13 @@ def _names_from_places(hips: Array) -> list[str]:
 
 
 def _not_four(file: ModelFile, chains: list[list[int]], found: int) -> str:
-    told = [f"{file.model.names[chain[0]]} ({len(chain)})" for chain in chains]
     wrong = [
         f"leg {name} at joint {file.model.names[chain[0]]!r} has {len(chain)} joints, not three revolute ones; "
         for chain in chains
-        if (name := _name_from_words(file, chain)) and (len(chain) != 3 or not _all_revolute(file.model, chain))
+        if (name := _name_from_words(file, chain)) and not _is_leg(file.model, chain)
     ]
-    listed = ", ".join(told) if told else "none"
+    listed = ", ".join(f"{file.model.names[chain[0]]} ({len(chain)})" for chain in chains) or "none"
     return (
         f"{file.path}: {''.join(wrong)}trunk {file.trunk!r} has {found} legs of three revolute joints, a quadruped "
         f"has 4; chains on it (joints): {listed}"
     )
-
-
-def _all_revolute(model: Any, chain: list[int]) -> bool:
-    return all(_is_revolute(model, joint) for joint in chain)

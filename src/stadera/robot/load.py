@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from stadera.errors import ModelError
+from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.catalog import resolve
 from stadera.robot.feet import find_foot
@@ -21,8 +23,8 @@ from stadera.robot.shapes import fitted_shapes
 _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit
 
 
-def load_robot(source: str | Path) -> Robot:
-    """The quadruped of that name or file.
+def load_robot(source: Robot | str | PathLike[str]) -> Robot:
+    """The quadruped of that name or file; a robot is returned as it is.
 
     Trunk, legs, feet and joint order are found from the model itself; what had to be assumed is in `Robot.notes`.
     Joints are ordered by leg, LF, RF, LH, RH, and in each from the trunk outwards: HAA, HFE, KFE. Inertias are those
@@ -33,9 +35,11 @@ def load_robot(source: str | Path) -> Robot:
 
     Raises:
         UnknownNameError: neither a known name nor a file.
-        MissingExtraError: the package that brings this named robot is not installed.
+        MissingExtraError: the package that brings this named robot, or MuJoCo for an MJCF, is not installed.
         ModelError: the file cannot be read, or is no quadruped with point feet and three revolute joints a leg.
     """
+    if isinstance(source, Robot):
+        return source
     name, path = resolve(source)
     file = read_model_file(path)
     robot = _understand(file)
@@ -43,16 +47,21 @@ def load_robot(source: str | Path) -> Robot:
 
 
 def read_model_file(path: Path) -> ModelFile:
-    """Read a URDF or MJCF, told apart by their root element.
+    """Read a URDF or MJCF, distinguished by the root element.
 
     Raises:
         ModelError: not a file, not XML, or XML of another kind.
     """
-    from stadera.robot.read_mjcf import read_mjcf
-    from stadera.robot.read_urdf import read_urdf
-
     root = parse_xml(path)
-    return read_urdf(path, root) if root.tag == "robot" else read_mjcf(path)
+    if root.tag == "robot":
+        from stadera.robot.urdf.read import read_urdf
+
+        return read_urdf(path, root)
+    try:
+        from stadera.robot.mjcf.read import read_mjcf
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("mujoco", "lab", f"reading the MJCF {path}") from error
+    return read_mjcf(path)
 
 
 def parse_xml(path: Path) -> ET.Element:
@@ -73,19 +82,11 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def _understand(file: ModelFile) -> Robot:
-    import pinocchio as pin
-
     chains, notes = find_legs(file)
-    model = file.model
-    kept = {joint for chain in chains for joint in chain.joints}
-    locked = [joint for joint in range(2, model.njoints) if joint not in kept]
-    if locked:
-        names = ", ".join(model.names[joint] for joint in locked)
-        notes = (*notes, f"held at zero, their links lumped into their parents, for they belong to no leg: {names}")
-        model = pin.buildReducedModel(model, locked, pin.neutral(model))
+    model, held = _without_other_joints(file.model, chains)
     order = [model.getJointId(file.model.names[joint]) for chain in chains for joint in chain.joints]
     tree = _tree(file, model, order)
-    frames = _frames(model, _link_index(order), tree)
+    frames = _frames(model, order, tree)
     shapes = tuple(_on_moving_links(file, frames))
     legs, foot_notes = _legs(file, chains, frames, shapes)
     for leg in legs:
@@ -101,24 +102,30 @@ def _understand(file: ModelFile) -> Robot:
         frames=frames,
         shapes=(*shapes, *fitted_shapes(tree, legs, shapes)),
         source=file.path,
-        notes=(*notes, *foot_notes, *limit_notes),
+        notes=(*notes, *held, *foot_notes, *limit_notes),
     )
 
 
-def _link_index(order: list[int]) -> dict[int, int]:
-    """Index in `Tree.links` of what each of Pinocchio's joints moves."""
-    return {1: 0} | {joint: k + 1 for k, joint in enumerate(order)}
+def _without_other_joints(model: Any, chains: tuple[Chain, ...]) -> tuple[Any, list[str]]:
+    """The model with all joints but the legs' held at zero, and a note that says so."""
+    locked = sorted(set(range(2, model.njoints)).difference(*(chain.joints for chain in chains)))
+    if not locked:
+        return model, []
+    names = ", ".join(model.names[joint] for joint in locked)
+    reduced = pin.buildReducedModel(model, locked, pin.neutral(model))
+    return reduced, [f"held at zero, their links lumped into their parents, for they belong to no leg: {names}"]
 
 
 def _tree(file: ModelFile, model: Any, order: list[int]) -> Tree:
-    index = _link_index(order)
+    link_of_joint = [1, *order]
     joints = tuple(model.names[joint] for joint in order)
+    placements = [model.jointPlacements[joint] for joint in order]
     return Tree(
-        links=(file.trunk, *(file.links[name] for name in joints)),
+        links=(file.trunk, *map(file.links.__getitem__, joints)),
         joints=joints,
-        parents=tuple(index[model.parents[joint]] for joint in order),
-        rotations=np.array([model.jointPlacements[joint].rotation for joint in order]),
-        translations=np.array([model.jointPlacements[joint].translation for joint in order]),
+        parents=tuple(link_of_joint.index(model.parents[joint]) for joint in order),
+        rotations=np.array([placement.rotation for placement in placements]),
+        translations=np.array([placement.translation for placement in placements]),
         axes=np.array([joint_axis(model.joints[joint]) for joint in order]),
     )
 
@@ -133,15 +140,14 @@ def _inertias(file: ModelFile, model: Any, tree: Tree, order: list[int]) -> dict
     return inertias
 
 
-def _frames(model: Any, link_of_joint: dict[int, int], tree: Tree) -> dict[str, Frame]:
+def _frames(model: Any, order: list[int], tree: Tree) -> dict[str, Frame]:
     """Every link and site of the file as a frame on the moving link that carries it."""
-    import pinocchio as pin
-
+    link_of_joint = dict(zip([1, *order], tree.links, strict=True))
     frames = {}
     for frame in model.frames:
         if frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME) and frame.parentJoint in link_of_joint:
-            link = tree.links[link_of_joint[frame.parentJoint]]
-            frames[frame.name] = Frame(link, frame.placement.rotation.copy(), frame.placement.translation.copy())
+            pose = frame.placement
+            frames[frame.name] = Frame(link_of_joint[frame.parentJoint], pose.rotation.copy(), pose.translation.copy())
     return frames
 
 

@@ -6,7 +6,7 @@ link frame; for an MJCF the body's axes with the origin at the joint's anchor.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,12 +14,10 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.errors import ModelError, UnknownNameError
+from stadera.errors import ModelError, UnknownNameError, require_known
 from stadera.inertia import InertialParameters
-
-Array = NDArray[np.float64]
+from stadera.types import Array
 
 LEG_NAMES: tuple[str, ...] = ("LF", "RF", "LH", "RH")
 
@@ -46,8 +44,7 @@ class Tree:
 
     def __post_init__(self) -> None:
         n = len(self.joints)
-        shapes = {"rotations": (n, 3, 3), "translations": (n, 3), "axes": (n, 3)}
-        for name, shape in shapes.items():
+        for name, shape in (("rotations", (n, 3, 3)), ("translations", (n, 3)), ("axes", (n, 3))):
             if getattr(self, name).shape != shape:
                 raise ModelError(f"tree {name} need shape {shape}, got {getattr(self, name).shape}")
         if len(self.links) != n + 1 or len(self.parents) != n:
@@ -69,18 +66,16 @@ class Tree:
             UnknownNameError: a name is not a joint of this tree.
             ModelError: a joint's parent joint is left out.
         """
-        for name in joints:
-            if name not in self.joints:
-                raise UnknownNameError("joint", name, self.joints)
-        keep = [i for i, name in enumerate(self.joints) if name in joints]
-        position = {0: 0} | {i + 1: k + 1 for k, i in enumerate(keep)}
-        missing = [self.joints[i] for i in keep if self.parents[i] not in position]
-        if missing:
-            raise ModelError(f"joint {missing[0]!r} hangs on a joint that was left out")
+        require_known("joint", joints, self.joints)
+        keep = sorted(map(self.joints.index, joints))
+        kept_links = [0, *(i + 1 for i in keep)]
+        for i in keep:
+            if self.parents[i] not in kept_links:
+                raise ModelError(f"joint {self.joints[i]!r} hangs on a joint that was left out")
         return Tree(
-            links=(self.links[0], *(self.links[i + 1] for i in keep)),
+            links=tuple(self.links[k] for k in kept_links),
             joints=tuple(self.joints[i] for i in keep),
-            parents=tuple(position[self.parents[i]] for i in keep),
+            parents=tuple(kept_links.index(self.parents[i]) for i in keep),
             rotations=self.rotations[keep],
             translations=self.translations[keep],
             axes=self.axes[keep],
@@ -187,6 +182,12 @@ class Robot:
             object.__setattr__(self, name, MappingProxyType(dict(given)))
         object.__setattr__(self, "frames", MappingProxyType(dict(self.frames)))
 
+    def __repr__(self) -> str:
+        """A line for the robot and one for each leg."""
+        joints = len(self.tree.joints)
+        lines = [f"Robot {self.name!r}: {self.mass:.2f} kg, trunk {self.trunk!r}, {joints} joints, from {self.source}"]
+        return "\n".join(lines + [f"  {leg.name}: {', '.join(leg.joints)}, foot {leg.foot}" for leg in self.legs])
+
     @property
     def trunk(self) -> str:
         """Name of the trunk link."""
@@ -220,7 +221,7 @@ class Robot:
         Raises:
             UnknownNameError: a name is not a link of the tree.
         """
-        self._check_known("link", inertias, self.tree.links)
+        require_known("link", inertias, self.tree.links, self.name)
         return replace(self, inertias={**self.inertias, **inertias})
 
     def with_dynamics(self, dynamics: Mapping[str, JointDynamics]) -> Robot:
@@ -229,13 +230,8 @@ class Robot:
         Raises:
             UnknownNameError: a name is not a joint of the tree.
         """
-        self._check_known("joint", dynamics, self.tree.joints)
+        require_known("joint", dynamics, self.tree.joints, self.name)
         return replace(self, dynamics={**self.dynamics, **dynamics})
-
-    def _check_known(self, kind: str, names: Iterable[str], valid: tuple[str, ...]) -> None:
-        for name in names:
-            if name not in valid:
-                raise UnknownNameError(kind, name, valid, self.name)
 
     def leg_tree(self, name: str) -> Tree:
         """The tree of one leg on a held trunk."""

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import ModelError
 from stadera.robot.model import Shape
-
-Array = NDArray[np.float64]
+from stadera.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from stadera.robot.model import Array, Robot
+from stadera.robot.model import Robot
+from stadera.types import Array
 
 
 def pinocchio_model(robot: Robot) -> Any:
@@ -19,8 +22,6 @@ def pinocchio_model(robot: Robot) -> Any:
     Raises:
         ModelError: a link has zero mass and non-zero moments.
     """
-    import pinocchio as pin
-
     tree, model = robot.tree, pin.Model()
     model.name = robot.name
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
@@ -40,8 +41,6 @@ def pinocchio_model(robot: Robot) -> Any:
 
 
 def _joint_model(axis: Array) -> Any:
-    import pinocchio as pin
-
     aligned = {(1.0, 0.0, 0.0): pin.JointModelRX, (0.0, 1.0, 0.0): pin.JointModelRY, (0.0, 0.0, 1.0): pin.JointModelRZ}
     kind = aligned.get((float(axis[0]), float(axis[1]), float(axis[2])))
     return kind() if kind else pin.JointModelRevoluteUnaligned(np.array(axis))
@@ -49,16 +48,12 @@ def _joint_model(axis: Array) -> Any:
 
 def _set_joint_values(robot: Robot, model: Any) -> None:
     """Joint dynamics and limits; the free-flyer's are zero and infinite."""
-    dynamics = [robot.dynamics[joint] for joint in robot.tree.joints]
-    limits = [robot.limits[joint] for joint in robot.tree.joints]
-    free_v, free_q = np.full(6, np.inf), np.full(7, np.inf)
-    model.armature = np.array([0.0] * 6 + [d.armature for d in dynamics])
-    model.damping = np.array([0.0] * 6 + [d.viscous for d in dynamics])
-    friction = np.array([0.0] * 6 + [d.coulomb for d in dynamics])
-    model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
-    model.lowerPositionLimit = np.concatenate([-free_q, [limit.lower for limit in limits]])
-    model.upperPositionLimit = np.concatenate([free_q, [limit.upper for limit in limits]])
-    velocity = np.concatenate([free_v, [limit.velocity for limit in limits]])
-    effort = np.concatenate([free_v, [limit.effort for limit in limits]])
-    model.upperVelocityLimit, model.lowerVelocityLimit = velocity, -velocity
-    model.upperEffortLimit, model.lowerEffortLimit = effort, -effort
+    joints = robot.tree.joints
+    armature, viscous, coulomb, _ = np.array([astuple(robot.dynamics[joint]) for joint in joints]).T
+    lower, upper, velocity, effort = np.array([astuple(robot.limits[joint]) for joint in joints]).T
+    zero, free_q, free_v = np.zeros(6), np.full(7, np.inf), np.full(6, np.inf)
+    model.armature, model.damping = np.append(zero, armature), np.append(zero, viscous)
+    model.upperDryFrictionLimit, model.lowerDryFrictionLimit = np.append(zero, coulomb), np.append(zero, -coulomb)
+    model.upperPositionLimit, model.lowerPositionLimit = np.append(free_q, upper), np.append(-free_q, lower)
+    model.upperVelocityLimit, model.lowerVelocityLimit = np.append(free_v, velocity), np.append(-free_v, -velocity)
+    model.upperEffortLimit, model.lowerEffortLimit = np.append(free_v, effort), np.append(-free_v, -effort)

@@ -2,37 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.robot.model import Leg, Shape, Tree
-
-Array = NDArray[np.float64]
+from stadera.types import Array
 
 _SLENDERNESS = 0.12  # radius of a fitted capsule, as a share of its length
 _TRUNK_FLATNESS = 0.6  # height of a fitted trunk box, as a share of its width
 
 
 def fitted_shapes(tree: Tree, legs: tuple[Leg, ...], shapes: tuple[Shape, ...]) -> Iterator[Shape]:
-    """A capsule or box for every link, and a sphere for every foot, that `shapes` leave bare.
+    """A capsule or box for every link, and a sphere for every foot, that `shapes` lack.
 
     A leg link gets a capsule from its joint to the next joint or foot; the trunk a box that spans the hips.
     """
-    covered = {shape.link for shape in shapes}
-    if tree.links[0] not in covered:
+    if all(shape.link != tree.links[0] for shape in shapes):
         yield _trunk_box(tree, legs)
     for leg in legs:
-        next_joint = (*(tree.translations[tree.joints.index(name)] for name in leg.joints[1:]), leg.foot_position)
-        for link, end in zip(leg.links, next_joint, strict=True):
-            end_point = np.asarray(end, dtype=float)
-            own = [shape for shape in shapes if shape.link == link]
-            body = [shape for shape in own if shape.kind != "sphere"] if link == leg.links[2] else own
-            if not body and np.linalg.norm(end_point) > 1e-6:
-                yield _capsule(link, end_point)
-        if leg.foot_radius > 0 and not any(s.link == leg.links[2] and s.kind == "sphere" for s in shapes):
-            yield Shape(leg.links[2], "sphere", (leg.foot_radius,), np.eye(3), np.asarray(leg.foot_position))
+        yield from _leg_shapes(tree, leg, [shape for shape in shapes if shape.link in leg.links])
+
+
+def _leg_shapes(tree: Tree, leg: Leg, own: Sequence[Shape]) -> Iterator[Shape]:
+    last, foot = leg.links[2], np.array(leg.foot_position)
+    spheres = [shape for shape in own if shape.link == last and shape.kind == "sphere"]  # a foot covers no link
+    covered = {shape.link for shape in own if shape not in spheres}
+    hip, knee = (tree.translations[tree.joints.index(name)] for name in leg.joints[1:])
+    for link, end in zip(leg.links, (hip, knee, foot), strict=True):
+        if link not in covered and np.linalg.norm(end) > 1e-6:
+            yield _capsule(link, end)
+    if leg.foot_radius > 0 and not spheres:
+        yield Shape(last, "sphere", (leg.foot_radius,), np.eye(3), foot)
 
 
 def _capsule(link: str, end: Array) -> Shape:

@@ -6,10 +6,11 @@ import numpy as np
 
 from stadera.errors import ModelError
 from stadera.robot.kinematics import forward_kinematics
-from stadera.robot.model import Array, Leg, Robot, Tree
+from stadera.robot.model import Leg, Robot, Tree
+from stadera.types import Array
 
-_EXTENSION = 0.8  # height of the HFE joint above the foot, as a share of the stretched leg
-_OTHER_EXTENSIONS = (0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)  # where the joints' limits forbid the first
+# height of the HFE joint above the foot, as a share of the stretched leg; tried in turn, for limits may forbid some
+_EXTENSIONS = (0.8, 0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)
 _NEWTON_STEPS = 30
 _LARGEST_STEP = 0.3  # rad
 _SOLVED = 1e-8  # m and sine of an angle
@@ -29,7 +30,7 @@ def standing_configuration(robot: Robot) -> Array:
     """
     heights = _hips(robot)[:, 2]
     stretched = np.array([_stretched(robot, leg) for leg in robot.legs])
-    for extension in (_EXTENSION, *_OTHER_EXTENSIONS):
+    for extension in _EXTENSIONS:
         ground = float(np.mean(heights - extension * stretched))
         found = [_solve_leg(robot, leg, ground) for leg in robot.legs]
         q = np.zeros(len(robot.tree.joints))

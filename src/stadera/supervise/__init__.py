@@ -1,15 +1,14 @@
-"""Noticing that a walking robot's load has changed, and seeing to it that it is weighed before it walks on."""
+"""Supervisors: detect that a walking robot's load has changed and have it weighed, at rest or while it walks on."""
 
 from stadera.supervise.load_test import LoadCheck, LoadTest, LoadTestSettings
 from stadera.supervise.nonstop import NonstopSupervisor
 from stadera.supervise.rest import RestLimits, RestMoment, RestWatch
 from stadera.supervise.settings import SuperviseSettings
-from stadera.supervise.strength import Effort, hardest_effort
+from stadera.supervise.strength import hardest_effort
 from stadera.supervise.supervisor import Supervisor
 from stadera.supervise.walker import PosingWalker, State, Transition, Walker
 
 __all__ = [
-    "Effort",
     "LoadCheck",
     "LoadTest",
     "LoadTestSettings",

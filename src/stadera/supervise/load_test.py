@@ -1,4 +1,4 @@
-"""Whether the load has changed: a test of each moment near rest, with a false-alarm rate that is stated and kept.
+"""Whether the load has changed: a test of each moment near rest, with a stated false-alarm rate.
 
 What is unknown while nothing changes: the trunk's mass m (load included) and the run's constant torque offsets n, as a
 Gaussian x = (m, n) ~ N(x̂, P). Moment k says
@@ -9,9 +9,9 @@ Gaussian x = (m, n) ~ N(x̂, P). Moment k says
 
     ν_k = m_k - h_k x̂ ~ N(0, S_k),     S_k = h_k P h_kᵀ + σ_k² + σ_u²
 
-The offsets bias the mass by an amount that depends on the pose, the same in every cycle of a run. Were they only
-reckoned with in the variance, one unlucky draw of them would be tested over and over; since m and n are estimated from
-all moments (Kalman filter, constant state), the innovations ν_k are independent of one another, and
+The offsets bias the mass by an amount that depends on the pose, the same in every cycle of a run. If they were only
+part of the variance, one unlucky draw of them would be tested over and over. Since m and n are estimated from all
+moments (Kalman filter, constant state), the innovations ν_k are independent of one another, and
 
     |ν_k| > z √S_k,     z = Φ⁻¹(1 - α / 2)
 
@@ -19,10 +19,10 @@ raises a false alarm with probability α in each check, whatever the run. α fol
 asked for: at most one check is made in each interval, so α = rate x interval. A change δ is missed by one check with
 probability Φ(z - |δ| / √S_k): `LoadTest.detectable` is the δ for which that is a given one.
 
-After a change the mass is unknown again, and what was learnt of the offsets is kept: P_mm is made large, P_mn zero.
+After a change the mass is unknown again and the offsets are kept: P_mm is made large, P_mn zero.
 
-A leg in the air tells its own offsets (`stadera.supervise.offsets`), which is a measurement of three of x's components.
-Offsets may drift: with every such measurement their variance grows a little first.
+A leg in the air measures its own offsets (`stadera.supervise.offsets`), three of x's components. Offsets may drift:
+before every such measurement their variance grows a little.
 """
 
 from __future__ import annotations
@@ -31,27 +31,25 @@ from dataclasses import dataclass, fields
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from stadera.errors import StaderaError, require_positive
-from stadera.estimate.noise import ForceNoise
 from stadera.supervise.offsets import LegOffsets
 from stadera.supervise.rest import RestMoment
-
-Array = NDArray[np.float64]
+from stadera.trunk.standing.noise import ForceNoise
+from stadera.types import Array
 
 
 @dataclass(frozen=True)
 class LoadTestSettings:
-    """How sure to be.
+    """Settings of the test.
 
     Attributes:
         false_alarms: tolerated, per hour of walking.
         interval: between checks, at least [s].
         unexplained: σ_u, as a share of the robot's mass.
-        prior: standard deviation of the mass believed at first, as a share of the robot's mass; a load that is there
-            from the beginning is noticed if it is larger than that explains.
+        prior: standard deviation of the prior mass, as a share of the robot's mass; a load that is there from the
+            beginning is noticed if it is larger than that explains.
         drift: of a torque offset from one swing of its leg to the next, as a share of what offsets usually are.
 
     Raises:
@@ -86,7 +84,7 @@ class LoadCheck:
 
     Attributes:
         time: [s], of the end of the moment.
-        mass: [kg], of trunk and load as it came out; expected: as it was believed.
+        mass: [kg], of trunk and load as it came out; expected: by the estimate before.
         std: [kg], √S of their difference while nothing has changed.
         threshold: [kg], z √S.
     """
@@ -109,11 +107,11 @@ class LoadCheck:
 
 
 class LoadTest:
-    """The belief of mass and torque offsets, and the test of each moment against it.
+    """The estimate of mass and torque offsets, and the test of each moment against it.
 
     Args:
         robot_mass: [kg], what shares are of.
-        trunk_mass: [kg], believed at first.
+        trunk_mass: [kg], the prior.
         noise: of the torques.
         settings: None for the defaults.
     """
@@ -132,7 +130,7 @@ class LoadTest:
 
     @property
     def mass(self) -> float:
-        """Of trunk and load as believed [kg]."""
+        """Of trunk and load, estimated [kg]."""
         return float(self._x[0])
 
     @property
@@ -142,11 +140,11 @@ class LoadTest:
 
     @property
     def offsets(self) -> Array:
-        """Of the torques as believed, (12,) [N·m], leg by leg."""
+        """Of the torques, estimated, (12,) [N·m], leg by leg."""
         return self._x[1:].copy()
 
     def check(self, moment: RestMoment) -> LoadCheck | None:
-        """Tests a moment; learns from it unless the load has changed. None where it comes too soon after the last."""
+        """Tests a moment; updates the estimate unless the load has changed. None if too soon after the last."""
         if moment.end - self._checked < self.settings.interval:
             return None
         self._checked = moment.end
@@ -164,8 +162,8 @@ class LoadTest:
         """(12,) [N·m]."""
         return np.asarray(np.sqrt(np.diag(self._P)[1:]))
 
-    def zero(self, swing: LegOffsets) -> None:
-        """Learns a leg's offsets from a swing."""
+    def learn_offsets(self, swing: LegOffsets) -> None:
+        """Updates a leg's offsets with those measured on a swing."""
         own = slice(1 + 3 * swing.leg, 4 + 3 * swing.leg)
         self._P[own, own] += np.diag(self._drift[swing.leg])
         gain = np.linalg.solve(self._P[own, own] + np.diag(swing.variance), self._P[own]).T
@@ -178,11 +176,11 @@ class LoadTest:
         return (self.settings.deviations - float(ndtri(missed))) * sqrt(self._innovation(moment)[2])
 
     def forget_mass(self) -> None:
-        """The load is another one, not known how heavy; what is known of the offsets stays."""
+        """The load is another one of unknown mass; the offsets are kept."""
         self._P[0, :] = self._P[:, 0] = 0.0
         self._P[0, 0] = self._robot_mass**2
 
     def _innovation(self, moment: RestMoment) -> tuple[Array, float, float]:
-        h = np.array([1.0, *moment.felt])
+        h = np.array([1.0, *moment.slope])
         S = float(h @ self._P @ h) + moment.variance + self._unexplained
         return h, float(h @ self._x), S

@@ -1,68 +1,55 @@
-"""Notices, weighs and takes over a load without a stop: the walking estimator beside a robot that walks on.
+"""Supervisor that weighs a payload without stopping the robot.
 
     WALKING -> WEIGHING -> WALKING
 
-`WEIGHING` lasts from the moment a change is noticed until the new trunk is known well enough to be walked by
-(`stadera.estimate.trusted`). Until then controller and planner keep the last one; from then on they get every better
-one, whole, while the legs go on stepping. Pure, as `Supervisor`: it tells the walker what to believe, and keeps what
-happened as values.
+`WEIGHING` lasts from the detection of a change until the new estimate is accurate enough (`stadera.trunk.trusted`).
+Until then controller and planner keep the last trunk; from then on they get every better one, while the robot walks on.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
-from stadera.estimate.measurement import Measurement
-from stadera.estimate.protocol import Status, TrunkEstimate
-from stadera.estimate.trunk import TrunkModel
-from stadera.estimate.trusted import TrustedEstimator, TrustLimits
-from stadera.estimate.walking import WalkingEstimator
-from stadera.estimate.walking_noise import WalkingNoise
-from stadera.estimate.walking_result import LoadChange, centre_slope
 from stadera.robot.model import Robot
 from stadera.supervise.strength import hardest_effort
-from stadera.supervise.walker import State, Transition, Walker
-from stadera.weigh.payload import PayloadEstimate
+from stadera.supervise.walker import State, Supervised, Walker
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.protocol import Status, TrunkEstimate
+from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 
-class NonstopSupervisor:
-    """Fed with every measurement, tells a walker what to believe.
+class NonstopSupervisor(Supervised):
+    """Gets every measurement, and gives a walker the trunk's estimate.
 
-    The first trunk that is known well enough is the tare. It goes on being learnt with the trunk until a load comes on.
+    The first estimate that is accurate enough is the tare. It is refined with the trunk until a load comes on. STANDING
+    is final: the walker cannot walk on, or the load is too heavy.
 
     Args:
-        robot: whose legs are believed in.
-        walker: told what to believe; it is taken to walk.
-        believed: the trunk that controller and planner reckon with at first; None for the robot's own.
-        noise: of the sensors; None for `WalkingNoise.of(robot)`.
-        limits: how well a trunk must be known to be walked by; None for `TrustLimits.of(robot)`.
+        robot: the model that estimators use.
+        walker: taken to walk.
+        trunk: that controller and planner use at first; None for the robot's own.
+        settings: of the estimator; None for the defaults.
+        limits: how accurate a trunk must be for the controller; None for `TrustLimits.of(robot)`.
 
     Attributes:
-        state: WALKING; WEIGHING; STANDING, once and for all, when the walker cannot walk on or the load is too heavy.
-        believed: the trunk that controller and planner reckon with.
-        estimator: what weighs.
+        estimator: of the trunk.
     """
 
     def __init__(
         self,
         robot: Robot,
         walker: Walker,
-        believed: TrunkModel | None = None,
-        noise: WalkingNoise | None = None,
+        trunk: TrunkModel | None = None,
+        settings: TrunkSettings | None = None,
         limits: TrustLimits | None = None,
     ) -> None:
-        self.robot, self.walker, self.state = robot, walker, State.WALKING
-        self.believed = believed or TrunkModel.prior(robot)
-        self.estimator = WalkingEstimator(robot, noise, self.believed)
-        self._trusted = TrustedEstimator(self.estimator, robot, self.believed, limits)
-        self._transitions: list[Transition] = []
+        super().__init__(robot, walker, trunk)
+        self.estimator = TrunkEstimator(robot, start=self.trunk, settings=settings)
+        self._trusted = TrustedEstimator(self.estimator, robot, self.trunk, limits)
         self._noticed: list[float] = []
         self._seen = self._handed = self._trusted.estimate()
-
-    @property
-    def transitions(self) -> tuple[Transition, ...]:
-        """Every change of state so far."""
-        return tuple(self._transitions)
 
     @property
     def noticed(self) -> tuple[float, ...]:
@@ -71,22 +58,16 @@ class NonstopSupervisor:
 
     @property
     def estimate(self) -> TrunkEstimate:
-        """The trunk as known now, whether it can be walked by or not."""
+        """Of the trunk, accurate enough for the controller or not."""
         return self.estimator.estimate()
 
     @property
-    def payload(self) -> PayloadEstimate | None:
-        """What was put on since the tare; None before."""
-        found = self.estimator.payload()
-        if found is None:
-            return None
-        slope = centre_slope(found.parameters.vector[:4])[1:]
-        covariance = slope @ found.covariance[:4, :4] @ slope.T
-        covariance[np.isnan(found.com_std), :] = covariance[:, np.isnan(found.com_std)] = np.nan
-        return PayloadEstimate(found.mass, found.mass_std, found.com, covariance)
+    def payload(self) -> Payload | None:
+        """The payload since the tare; None before."""
+        return self.estimator.payload
 
     def update(self, m: Measurement) -> None:
-        """Takes one measurement in and does what follows from it. Times must increase."""
+        """One more measurement. Times must increase."""
         self._trusted.update(m)
         estimate = self.estimator.estimate()
         if self.state is State.STANDING or estimate is self._seen:
@@ -103,19 +84,19 @@ class NonstopSupervisor:
         if changes and (not self._noticed or changes[-1].noticed > self._noticed[-1]):
             self._noticed.append(changes[-1].noticed)
             if self.state is State.WALKING:
-                self._become(time, State.WEIGHING, _told(changes[-1]))
+                self._become(time, State.WEIGHING, _sentence(changes[-1]))
 
     def _hand_on(self, time: float) -> None:
-        """The trunk to the walker, if it can be walked by and is a new one."""
+        """Gives the trunk to the walker, if it is accurate enough and a new one."""
         found = self._trusted.estimate()
         if found is self._handed or found.status not in (Status.MOVING, Status.CONVERGED):
             return
         if self._handed.status is Status.WAITING:
             self.estimator.tare()
         self._handed = found
-        if not self.walker.believe(found.trunk):
+        if not self.walker.update_trunk(found.trunk):
             return
-        self.believed = found.trunk
+        self.trunk = found.trunk
         if self.state is not State.WEIGHING:
             return
         hardest = hardest_effort(self.robot, found.trunk)
@@ -132,12 +113,8 @@ class NonstopSupervisor:
         self.walker.request_stop()
         self._become(time, State.STANDING, reason)
 
-    def _become(self, time: float, state: State, reason: str) -> None:
-        self._transitions.append(Transition(time, self.state, state, reason))
-        self.state = state
 
-
-def _told(change: LoadChange) -> str:
+def _sentence(change: LoadChange) -> str:
     if change.kind == "shifted":
         return "the load has shifted"
     what = "put on" if change.kind == "on" else "taken off"

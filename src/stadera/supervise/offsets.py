@@ -1,4 +1,4 @@
-"""Constant torque offsets from legs in the air: a scale is zeroed while nothing lies on it.
+"""Constant torque offsets from legs in the air, which carry nothing.
 
 A swinging leg carries nothing, so with n the offsets of its torques (measured minus true), h what holds it against
 gravity and its own motion, M its inertia (`stadera.robot.dynamics`) and friction as known
@@ -19,25 +19,36 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.estimate.legs import MeasuredLegs
-from stadera.estimate.measurement import Measurement
-from stadera.estimate.noise import ForceNoise
+from stadera.legs.friction import JointFriction
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.standing.legs import MeasuredLegs
+from stadera.trunk.standing.noise import ForceNoise
+from stadera.types import Array
 
-Array = NDArray[np.float64]
 
-_LEFT_OUT = 0.05  # s, at both ends of a swing
-_SHORTEST = 0.1  # s, of what is left
-_UNMODELLED = 0.25  # share of the offsets' usual size
-_ENDS = 3  # samples, over which velocities at the ends are averaged
-_VELOCITY = 0.02  # rad/s, white noise of a joint's velocity
-_STICTION = 0.1  # rad/s, over which friction's sign is smoothed
+@dataclass(frozen=True)
+class OffsetSettings:
+    """How torque offsets are measured on a swinging leg.
+
+    Attributes:
+        left_out: at both ends of a swing, where the foot may touch [s].
+        shortest: of what is left [s].
+        unmodelled: share of the offsets' usual size that is left unmodelled.
+        ends: samples over which velocities at the ends are averaged.
+        velocity: white noise of a joint's velocity [rad/s].
+    """
+
+    left_out: float = 0.05
+    shortest: float = 0.1
+    unmodelled: float = 0.25
+    ends: int = 3
+    velocity: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class LegOffsets:
-    """What one swing says of its leg's torque offsets.
+    """A leg's torque offsets by one swing.
 
     Attributes:
         leg: its index.
@@ -65,30 +76,27 @@ class SwingOffsets:
     Args:
         legs: of the robot.
         noise: of the torques.
+        settings: None for the defaults.
     """
 
-    def __init__(self, legs: MeasuredLegs, noise: ForceNoise) -> None:
-        self.legs, self._noise = legs, noise
-        joints = [legs.robot.dynamics[joint] for joint in legs.robot.tree.joints]
-        self._viscous = np.array([d.viscous for d in joints])[legs.columns]
-        self._coulomb = np.array([d.coulomb for d in joints])[legs.columns]
-        self._known = np.array([d.offset for d in joints])[legs.columns]
+    def __init__(self, legs: MeasuredLegs, noise: ForceNoise, settings: OffsetSettings | None = None) -> None:
+        self.legs, self._noise, self._settings = legs, noise, settings or OffsetSettings()
+        self._friction = JointFriction.of(legs.robot)
         self._swings: dict[int, _Swing] = {}
 
     def update(self, m: Measurement) -> list[LegOffsets]:
-        """One more measurement; what the swings say that ended with it."""
+        """One more measurement; the offsets by the swings that ended with it."""
         if m.stance is None:
             return []
         found = []
         for leg in [leg for leg in self._swings if m.stance[leg]]:
-            offsets = self._judged(leg, self._swings.pop(leg))
+            offsets = self._offsets(leg, self._swings.pop(leg))
             found += [] if offsets is None else [offsets]
         swinging = np.flatnonzero(~m.stance).tolist()
         if swinging:
             state, motion = self.legs.at(m), self.legs.motion_at(m)
             rate, effort = m.joint_velocity[self.legs.columns], m.effort[self.legs.columns]
-            friction = self._viscous * rate + self._coulomb * np.tanh(rate / _STICTION) + self._known
-            torque = effort - state.bias - friction
+            torque = effort - state.bias - self._friction.torque(rate)
             for leg in swinging:
                 swing = self._swings.setdefault(leg, _Swing())
                 swing.time.append(m.time)
@@ -97,23 +105,24 @@ class SwingOffsets:
                 swing.rate.append(rate[leg])
         return found
 
-    def _judged(self, leg: int, swing: _Swing) -> LegOffsets | None:
-        time = np.array(swing.time)
-        inside = np.flatnonzero((time >= time[0] + _LEFT_OUT) & (time <= time[-1] - _LEFT_OUT))
-        if len(inside) <= 2 * _ENDS or time[inside[-1]] - time[inside[0]] < _SHORTEST:
+    def _offsets(self, leg: int, swing: _Swing) -> LegOffsets | None:
+        how, time = self._settings, np.array(swing.time)
+        ends = how.ends
+        inside = np.flatnonzero((time >= time[0] + how.left_out) & (time <= time[-1] - how.left_out))
+        if len(inside) <= 2 * ends or time[inside[-1]] - time[inside[0]] < how.shortest:
             return None
         time, torque, M, rate = (
             np.array(values)[inside] for values in (swing.time, swing.torque, swing.inertia, swing.rate)
         )
         # the integrals run between the middles of the two groups that the ends are averaged over
-        first, last = _ENDS // 2, len(time) - 1 - _ENDS // 2
+        first, last = ends // 2, len(time) - 1 - ends // 2
         momentum = (M @ rate[:, :, None])[:, :, 0]
-        begin, end = momentum[:_ENDS].mean(axis=0), momentum[-_ENDS:].mean(axis=0)
+        begin, end = momentum[:ends].mean(axis=0), momentum[-ends:].mean(axis=0)
         part = slice(first, last + 1)
         turning = (np.diff(M[part], axis=0) @ (0.5 * (rate[part][1:] + rate[part][:-1]))[:, :, None])[:, :, 0]
         whole = time[last] - time[first]
         value = (np.trapezoid(torque[part], time[part], axis=0) - (end - begin) + turning.sum(axis=0)) / whole
         white = self._noise.torque_white[leg] ** 2 / (last - first)
-        ends = ((M[first] ** 2 + M[last] ** 2) @ np.ones(3)) * _VELOCITY**2 / _ENDS / whole**2
-        unmodelled = (_UNMODELLED * self._noise.torque_constant[leg]) ** 2
-        return LegOffsets(leg, float(swing.time[-1]), value, white + ends + unmodelled)
+        at_ends = ((M[first] ** 2 + M[last] ** 2) @ np.ones(3)) * how.velocity**2 / ends / whole**2
+        unmodelled = (how.unmodelled * self._noise.torque_constant[leg]) ** 2
+        return LegOffsets(leg, float(swing.time[-1]), value, white + at_ends + unmodelled)

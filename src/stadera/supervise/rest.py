@@ -1,12 +1,12 @@
-"""Moments near rest while a robot walks, and what the robot weighs in each.
+"""Moments near rest while a robot walks, and the trunk's mass in each.
 
 Each time velocity and acceleration approach zero with all four feet down (the paper's section V.C), Newton's law along
 the vertical u (trunk axes) weighs the trunk. With F = u · Σ f_i of the feet and a = u · (specific force), g at rest,
 
     m_tr = mean F / mean a - m_l
 
-which is the paper's eq. 7 but for a in the place of g: what is left of a common acceleration of trunk and legs cancels,
-so a trunk that moves evenly over its feet weighs as well as one at rest. A moment is the mean over a quiet window.
+which is the paper's eq. 7 with a in place of g: a common acceleration of trunk and legs cancels, so a trunk that moves
+evenly over its feet can be weighed as well as one at rest. A moment is the mean over a quiet window.
 Constant torque offsets n (12) move it by s n with s = uᵀ (∂F/∂n) / a, and s changes from moment to moment, as the legs
 are never in the same pose. Of k samples, white noise and legs that accelerate half as much as the trunk come to
 
@@ -21,18 +21,13 @@ from dataclasses import dataclass, fields, replace
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stadera.constants import GRAVITY
 from stadera.errors import StaderaError, require_positive
-from stadera.estimate.contact import ContactForces
-from stadera.estimate.equilibrium import wrench_slope
-from stadera.estimate.forces import ContactForceEstimator
-from stadera.estimate.measurement import Measurement
-
-Array = NDArray[np.float64]
-
-GRAVITY = 9.81
-"""[m/s²]."""
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.standing.contact import ContactForces
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.types import Array
 
 _TORQUES = 12
 
@@ -45,7 +40,7 @@ class RestLimits:
         angular_velocity: of the trunk [rad/s].
         joint_velocity: of any joint [rad/s].
         specific_force: how far its size may be from that of gravity [m/s²].
-        smoothing: time constant of the low-pass that motion is judged after [s].
+        smoothing: time constant of the low-pass before motion is compared with the limits [s].
         shortest: of a window [s].
         longest: of a window; rest that goes on begins a new one [s].
         accelerometer: white noise of one sample [m/s²].
@@ -67,27 +62,27 @@ class RestLimits:
 
 @dataclass(frozen=True, eq=False)
 class RestMoment:
-    """What a moment near rest says of the trunk's mass.
+    """The trunk's mass by a moment near rest.
 
     Attributes:
         begin, end: [s].
         mass: [kg], of trunk and load.
         variance: [kg²], by all but constant errors.
-        felt: (12,) [kg/(N·m)], s: change of the mass with each leg's torque offsets, leg by leg.
+        slope: (12,) [kg/(N·m)], s: change of the mass with the torque offsets, leg by leg.
     """
 
     begin: float
     end: float
     mass: float
     variance: float
-    felt: Array
+    slope: Array
 
 
 class RestWatch:
     """Finds the moments near rest, sample by sample.
 
     Args:
-        forces: source of contact forces; its noise is reckoned with.
+        forces: source of contact forces, with their noise.
         limits: None for the defaults.
     """
 
@@ -106,7 +101,7 @@ class RestWatch:
         if not self._quiet(m):
             return self._finished()
         forces = self.forces.at(m)
-        # a foot in stance counts with what it carries, however little
+        # all feet in stance count, however little they carry
         stance = np.ones(4, dtype=bool) if m.stance is None else m.stance
         forces = replace(forces, stance=stance)
         up = m.up
@@ -118,7 +113,7 @@ class RestWatch:
         self._end, self._last = m.time, (forces, up)
         self._count += 1
         self._force += force
-        self._specific += float(up @ m.specific_force)
+        self._specific += float(up @ m.force_at_origin)
         return self._finished() if m.time - self._begin >= self.limits.longest else None
 
     def restart(self) -> None:
@@ -126,7 +121,7 @@ class RestWatch:
         self._count, self._force, self._specific, self._last = 0, 0.0, 0.0, None
 
     def _smoothen(self, m: Measurement) -> None:
-        values = np.concatenate([m.joint_velocity, m.angular_velocity, m.specific_force])
+        values = np.concatenate([m.joint_velocity, m.angular_velocity, m.force_at_origin])
         dt, self._time = m.time - self._time, m.time
         share = dt / (self.limits.smoothing + dt) if dt > 0 else 1.0
         self._smooth = self._smooth + share * (values - self._smooth)
@@ -152,9 +147,9 @@ class RestWatch:
         forces, up = last
         acceleration = specific / count
         robot_mass = force / count / acceleration
-        felt = up @ wrench_slope(forces)[:3, :_TORQUES] / acceleration
-        white = float(felt**2 @ self.forces.noise.torque_white.ravel() ** 2)
+        slope = up @ forces.wrench_slope[:3, :_TORQUES] / acceleration
+        white = float(slope**2 @ self.forces.noise.torque_white.ravel() ** 2)
         white += (robot_mass * self.limits.accelerometer / acceleration) ** 2
         leg_mass = self.forces.legs.mass
         legs_lag = (0.5 * leg_mass * (acceleration / GRAVITY - 1.0)) ** 2
-        return RestMoment(self._begin, self._end, robot_mass - leg_mass, white / count + legs_lag, felt)
+        return RestMoment(self._begin, self._end, robot_mass - leg_mass, white / count + legs_lag, slope)

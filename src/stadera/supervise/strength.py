@@ -1,12 +1,12 @@
-"""Whether a robot is strong enough to walk with a load: its joint torques on three legs, against their limits.
+"""Whether a robot is strong enough to walk with a load: joint torques on three legs against their limits.
 
 A statically stable crawl lifts each leg in turn while the centre of mass is over the triangle of the others. In the
 nominal stance on level ground, with the centre of mass over the point c of the triangle, vertical forces f_i hold it:
 
     Σ f_i = m_r g,   Σ f_i p_i = m_r g c  (seen from above)   =>   f_i = m_r g λ_i,   λ: barycentric coordinates of c
 
-and take torques τ_i = h_i - J_iᵀ f_i u. c is where the triangle's three margins are alike (its incentre), where a
-planner of margins would have it.
+and take torques τ_i = h_i - J_iᵀ f_i u. c is the triangle's incentre, where its three
+margins are equal.
 """
 
 from __future__ import annotations
@@ -14,17 +14,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.estimate.legs import MeasuredLegs
-from stadera.estimate.measurement import Measurement
-from stadera.estimate.trunk import TrunkModel
+from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
-
-Array = NDArray[np.float64]
-
-_GRAVITY = 9.81
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.standing.legs import MeasuredLegs
+from stadera.types import Array
 
 
 @dataclass(frozen=True)
@@ -50,10 +47,10 @@ def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
     """The joint nearest to its torque limit when the robot stands on any three legs with this trunk."""
     legs, q = MeasuredLegs(robot), standing_configuration(robot)
     up, n = np.array([0.0, 0.0, 1.0]), len(q)
-    still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), _GRAVITY * up, np.eye(3))
+    still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), GRAVITY * up, np.eye(3))
     state = legs.at(still)
     contact = state.feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
-    weight = (trunk.mass + legs.mass) * _GRAVITY
+    weight = (trunk.mass + legs.mass) * GRAVITY
     lifting = state.jacobians(contact)[:, 2, :]  # torques that a unit of vertical force takes off
     worst = Effort(robot.legs[0].joints[0], 0.0, np.inf)
     for swing in range(4):

@@ -1,10 +1,10 @@
-"""Walks, notices that the load has changed, stops, weighs, and walks on: the paper's section V.C as a state machine.
+"""Supervisor that stops the robot to weigh a changed load: the paper's section V.C as a state machine.
 
     WALKING -> STOPPING -> WEIGHING_MASS -> WEIGHING_COM -> CONVERGED -> WALKING
 
-A new trunk reaches controller and planner once, whole, after mass and centre of mass have both converged; until then
-both keep the old one. Whatever speaks against it leaves the robot STANDING or SITTING, with the reason. Pure: it
-tells the walker what to do, and keeps what happened as values.
+Controller and planner get the new trunk once, after mass and centre of mass have both converged; until then both keep
+the old one. If the weighing fails the robot is left STANDING or SITTING, with the reason. Pure: it commands the walker
+and keeps what happened as values.
 """
 
 from __future__ import annotations
@@ -13,42 +13,38 @@ from math import cos
 
 import numpy as np
 
+from stadera.constants import SATURATED
 from stadera.errors import StaderaError
-from stadera.estimate.forces import ContactForceEstimator
-from stadera.estimate.measurement import Measurement
-from stadera.estimate.protocol import TrunkEstimate
-from stadera.estimate.trunk import TrunkModel
 from stadera.robot.model import Robot
+from stadera.supervise.corrected import CorrectedForces, PayloadScale
 from stadera.supervise.load_test import LoadCheck, LoadTest
 from stadera.supervise.offsets import SwingOffsets
-from stadera.supervise.payload import PayloadScale
 from stadera.supervise.rest import RestWatch
 from stadera.supervise.settings import SuperviseSettings
 from stadera.supervise.strength import hardest_effort
-from stadera.supervise.walker import State, Transition, Walker
+from stadera.supervise.walker import State, Supervised, Walker
 from stadera.supervise.weighing import Stage, StandingWeighing, require_poses
-from stadera.supervise.zeroed import ZeroedForces
-from stadera.weigh.payload import PayloadEstimate
+from stadera.trunk.load import Payload
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.protocol import TrunkEstimate
+from stadera.trunk.standing.forces import ContactForceEstimator
 
-_SATURATED = 0.98  # share of a joint's limit from which its torque counts as at it
-_TAKE_OVER = 0.5  # s, that controller and trunk get to come to rest with a new trunk
 _PERIOD_SLACK = 1e-9  # s
 
 
-class Supervisor:
-    """Fed with every measurement, tells a walker when to stop, what to believe, and when to go on.
+class Supervisor(Supervised):
+    """Gets every measurement, and commands a walker to stop, to use a new trunk, and to go on.
 
     Args:
-        robot: whose legs are believed in.
-        walker: told what to do; it is taken to walk.
-        believed: the trunk that controller and planner reckon with at first; None for the robot's own.
+        robot: the model that estimators use.
+        walker: taken to walk.
+        trunk: that controller and planner use at first; None for the robot's own.
         forces: source of contact forces; None for one of its own.
         settings: None for the defaults.
 
     Attributes:
-        state: what the robot is doing.
-        believed: the trunk that controller and planner reckon with.
-        load_test: the belief of the mass, and its test.
+        load_test: the estimate of the mass, and its test.
 
     Raises:
         StaderaError: a method that the walker cannot be weighed by.
@@ -58,38 +54,30 @@ class Supervisor:
         self,
         robot: Robot,
         walker: Walker,
-        believed: TrunkModel | None = None,
+        trunk: TrunkModel | None = None,
         forces: ContactForceEstimator | None = None,
         settings: SuperviseSettings | None = None,
     ) -> None:
-        self.robot, self.walker = robot, walker
+        super().__init__(robot, walker, trunk)
         self.settings = settings or SuperviseSettings()
         if self.settings.method != "contact":
             require_poses(walker, self.settings.method)
         self.forces = forces or ContactForceEstimator(robot)
-        self.believed = believed or TrunkModel.prior(robot)
-        self.state = State.WALKING
-        self.load_test = LoadTest(robot.mass, self.believed.mass, self.forces.noise, self.settings.load_test)
+        self.load_test = LoadTest(robot.mass, self.trunk.mass, self.forces.noise, self.settings.load_test)
         self._rest = RestWatch(self.forces, self.settings.rest)
-        self._scale = PayloadScale(self.forces, self.believed)
-        self._swings = SwingOffsets(self.forces.legs, self.forces.noise)
+        self._scale = PayloadScale(self.forces, self.trunk)
+        self._swings = SwingOffsets(self.forces.legs, self.forces.noise, self.settings.offsets)
         self._weighing: StandingWeighing | None = None
         self._estimate: TrunkEstimate | None = None
-        self._payload: PayloadEstimate | None = None
-        self._transitions: list[Transition] = []
+        self._payload: Payload | None = None
         self._checks: list[LoadCheck] = []
         self._time, self._since, self._restarts = -np.inf, 0.0, 0
         self._saturated = 0.0
         self._loaded = self._is_down = False
         effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
-        self._effort = _SATURATED * effort
+        self._effort = SATURATED * effort
 
     # -- what happened --------------------------------------------------------------------------------------------
-    @property
-    def transitions(self) -> tuple[Transition, ...]:
-        """Every change of state, in order."""
-        return tuple(self._transitions)
-
     @property
     def checks(self) -> tuple[LoadCheck, ...]:
         """Every check of the mass, in order."""
@@ -111,20 +99,20 @@ class Supervisor:
         return self._weighing is not None
 
     @property
-    def zeroed(self) -> ZeroedForces:
-        """What it weighs with now: contact forces without the torque offsets known."""
-        if not self.settings.zero_torques:
-            return ZeroedForces.none(self.forces)
-        return ZeroedForces.of(self.forces, self.load_test.offsets, self.load_test.offsets_std)
+    def corrected(self) -> CorrectedForces:
+        """Contact forces less the torque offsets known now."""
+        if not self.settings.correct_torques:
+            return CorrectedForces.none(self.forces)
+        return CorrectedForces.of(self.forces, self.load_test.offsets, self.load_test.offsets_std)
 
     @property
-    def payload(self) -> PayloadEstimate | None:
-        """What was put on since the beginning, by the last weighing that converged; None before."""
+    def payload(self) -> Payload | None:
+        """The payload since the beginning, by the last weighing that converged; None before."""
         return self._payload
 
     # -- each period ----------------------------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> None:
-        """One more measurement; looked at once a period."""
+        """One more measurement; used once a period."""
         m = measurement
         elapsed = m.time - self._time
         if elapsed < self.settings.period - _PERIOD_SLACK:
@@ -135,9 +123,9 @@ class Supervisor:
             return
         if self._in_danger(m, min(elapsed, self.settings.period)):
             return
-        if self.settings.zero_torques:
+        if self.settings.correct_torques:
             for swing in self._swings.update(m):
-                self.load_test.zero(swing)
+                self.load_test.learn_offsets(swing)
         change = self._check(m)
         match self.state:
             case State.WALKING:
@@ -147,7 +135,7 @@ class Supervisor:
             case State.WEIGHING_MASS | State.WEIGHING_COM:
                 self._weigh(m, change)
             case State.CONVERGED:
-                self._take_over(m)
+                self._settle(m)
 
     def weigh(self, reason: str) -> None:
         """Stop and weigh, for a reason of the caller's; from WALKING or STANDING.
@@ -159,7 +147,7 @@ class Supervisor:
             raise StaderaError(f"a weighing begins from walking or standing, and the robot is {self.state}")
         self._restarts = 0
         self.walker.request_stop()
-        self._become(State.STOPPING, reason)
+        self._enter(State.STOPPING, reason)
 
     # -- states -----------------------------------------------------------------------------------------------
     def _walk(self, m: Measurement, change: LoadCheck | None) -> None:
@@ -169,7 +157,7 @@ class Supervisor:
             self._restarts, self._loaded = 0, True
             self._scale.new_load()
             self.walker.request_stop()
-            self._become(State.STOPPING, _told(change))
+            self._enter(State.STOPPING, _sentence(change))
         elif not self._loaded and self.walker.stopped:  # it has not begun to walk yet
             self._scale.take(m, loaded=False)
 
@@ -192,7 +180,7 @@ class Supervisor:
             self._stand(weighing.reason)
         elif weighing.stage is Stage.COM and self.state is State.WEIGHING_MASS and self._estimate is not None:
             found = self._estimate
-            self._become(
+            self._enter(
                 State.WEIGHING_COM, f"the trunk with its load weighs {found.trunk.mass:.2f} ± {found.std[0]:.2f} kg"
             )
         elif weighing.stage is Stage.DONE and self._estimate is not None:
@@ -200,7 +188,7 @@ class Supervisor:
 
     def _again(self, change: LoadCheck | None) -> None:
         self._restarts += 1
-        why = "" if change is None else _told(change)
+        why = "" if change is None else _sentence(change)
         if self._restarts > self.settings.restarts:
             self._stand(f"the load keeps changing, the weighing began anew {self.settings.restarts} times: {why}")
             return
@@ -208,31 +196,31 @@ class Supervisor:
         self._begin_weighing(f"{why}, the weighing begins anew")
 
     def _begin_weighing(self, reason: str) -> None:
-        self._weighing = StandingWeighing(self.zeroed, self.believed, self.walker, self.settings, self._time)
-        self._become(State.WEIGHING_MASS, reason)
+        self._weighing = StandingWeighing(self.corrected, self.trunk, self.walker, self.settings, self._time)
+        self._enter(State.WEIGHING_MASS, reason)
 
     def _converged(self, found: TrunkEstimate) -> None:
         trunk, self._weighing = found.trunk, None
         x, y, z = trunk.com_trunk
-        self._become(State.CONVERGED, f"{trunk.mass:.2f} kg with the centre of mass at ({x:.4f}, {y:.4f}, {z:.4f}) m")
+        self._enter(State.CONVERGED, f"{trunk.mass:.2f} kg with the centre of mass at ({x:.4f}, {y:.4f}, {z:.4f}) m")
         hardest = hardest_effort(self.robot, trunk)
         if hardest.share >= 1.0:
             self._sit(
                 f"the load is too heavy to walk with: on three legs joint {hardest.joint!r} would need "
                 f"{hardest.torque:.0f} N·m and has {hardest.limit:.0f} N·m"
             )
-        elif not self.walker.believe(trunk):
-            self._stand("controller and planner did not take the new trunk, both keep the last one")
+        elif not self.walker.update_trunk(trunk):
+            self._stand("controller and planner refused the new trunk, both keep the last one")
         else:
-            self.believed = trunk
-            self._payload = self._scale.payload(found, self.zeroed)
+            self.trunk = trunk
+            self._payload = self._scale.payload(found, self.corrected)
 
-    def _take_over(self, m: Measurement) -> None:
-        """Waits: the trunk moves with its new belief, so nothing is checked meanwhile."""
+    def _settle(self, m: Measurement) -> None:
+        """Waits while the trunk moves with its new model; nothing is checked meanwhile."""
         self._rest.restart()
-        if m.time - self._since >= _TAKE_OVER:
+        if m.time - self._since >= self.settings.settling:
             self.walker.resume()
-            self._become(State.WALKING, "controller and planner have taken the new trunk")
+            self._enter(State.WALKING, "controller and planner have taken the new trunk")
 
     # -- in every state -------------------------------------------------------------------------------------------
     def _check(self, m: Measurement) -> LoadCheck | None:
@@ -246,7 +234,7 @@ class Supervisor:
         before = self._checks[-1].time if self._checks else -np.inf
         self._checks.append(check)
         if not check.changed:
-            # a change late in this moment would not show yet, one before the last check would have
+            # a change late in this moment would not show yet; one before the last check would have
             self._scale.confirm(before)
             return None
         self.load_test.forget_mass()
@@ -258,7 +246,7 @@ class Supervisor:
             self._sit(f"the trunk is tilted by {angle:.0f}°, more than {np.rad2deg(self.settings.tilt):.0f}°")
             return True
         loads = np.abs(m.effort) / self._effort
-        # time at the limit adds up, and runs off when there is none
+        # time at the limit adds up, and decreases otherwise
         step = elapsed if loads.max() >= 1.0 else -elapsed
         self._saturated = max(self._saturated + step, 0.0)
         if self._saturated > self.settings.saturation:
@@ -273,12 +261,12 @@ class Supervisor:
     def _stand(self, reason: str) -> None:
         self._weighing = None
         self.walker.request_stop()
-        self._become(State.STANDING, reason)
+        self._enter(State.STANDING, reason)
 
     def _sit(self, reason: str) -> None:
         self._weighing = None
         self.walker.request_stop()
-        self._become(State.SITTING, reason)
+        self._enter(State.SITTING, reason)
         self._set_down()
 
     def _set_down(self) -> None:
@@ -287,12 +275,12 @@ class Supervisor:
             self.walker.sit()
             self._is_down = True
 
-    def _become(self, state: State, reason: str) -> None:
-        self._transitions.append(Transition(self._time, self.state, state, reason))
-        self.state, self._since = state, self._time
+    def _enter(self, state: State, reason: str) -> None:
+        self._become(self._time, state, reason)
+        self._since = self._time
 
 
-def _told(check: LoadCheck) -> str:
+def _sentence(check: LoadCheck) -> str:
     what = "put on" if check.change > 0 else "taken off"
     return (
         f"{abs(check.change):.2f} kg were {what}: {check.mass:.2f} kg where {check.expected:.2f} ± {check.std:.2f} kg "

@@ -1,4 +1,4 @@
-"""What the supervisor needs of whatever walks, and what it says of it."""
+"""What a supervisor needs of a walker, and what both supervisors have in common."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
-from stadera.estimate.orientation import PostureLaw
-from stadera.estimate.static_poses import PoseOffset
-from stadera.estimate.trunk import TrunkModel
+from stadera.robot.model import Robot
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.standing.orientation import PostureLaw
+from stadera.trunk.standing.static_poses import PoseOffset
 
 
 @runtime_checkable
 class Walker(Protocol):
-    """A robot that walks, stops and stands as it is told, under a controller and a planner of its own."""
+    """A robot that walks, stops and stands on request, under a controller and a planner of its own."""
 
     @property
     def phase(self) -> str:
@@ -42,8 +43,8 @@ class Walker(Protocol):
         """Lower the trunk, and stay there; asked of a robot that has stopped."""
         ...
 
-    def believe(self, trunk: TrunkModel) -> bool:
-        """Take a belief of the trunk into controller and planner, both or neither; False for neither."""
+    def update_trunk(self, trunk: TrunkModel) -> bool:
+        """Give a model of the trunk to controller and planner, both or neither; False for neither."""
         ...
 
 
@@ -95,3 +96,31 @@ class Transition:
     def to_dict(self) -> dict[str, float | str]:
         """Plain values, for JSON."""
         return {"time": self.time, "from": str(self.before), "to": str(self.after), "reason": self.reason}
+
+
+class Supervised:
+    """A walker under supervision: its state, and the trunk that its controller and planner use.
+
+    Args:
+        robot: the model that estimators use.
+        walker: taken to walk.
+        trunk: that controller and planner use at first; None for the robot's own.
+
+    Attributes:
+        state: what the robot is doing.
+        trunk: that controller and planner use.
+    """
+
+    def __init__(self, robot: Robot, walker: Walker, trunk: TrunkModel | None) -> None:
+        self.robot, self.walker, self.state = robot, walker, State.WALKING
+        self.trunk = trunk or TrunkModel.prior(robot)
+        self._transitions: list[Transition] = []
+
+    @property
+    def transitions(self) -> tuple[Transition, ...]:
+        """Every change of state, in order."""
+        return tuple(self._transitions)
+
+    def _become(self, time: float, state: State, reason: str) -> None:
+        self._transitions.append(Transition(time, self.state, state, reason))
+        self.state = state

@@ -1,6 +1,6 @@
-"""One weighing of a robot that has come to stand: first the mass (eq. 7), then the centre of mass by a chosen method.
+"""Weighing of a robot that has come to stand: first the mass (eq. 7), then the centre of mass by a chosen method.
 
-Nothing of it reaches controller or planner: what it ends with is one `TrunkEstimate`, or a sentence why there is none.
+Controller and planner keep their model meanwhile. The result is one `TrunkEstimate`, or a sentence why there is none.
 """
 
 from __future__ import annotations
@@ -11,23 +11,15 @@ from enum import StrEnum
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.estimate.forces import ContactForceEstimator
-from stadera.estimate.mass import MassEstimator
-from stadera.estimate.measurement import Measurement
-from stadera.estimate.protocol import Estimator, Status, TrunkEstimate
-from stadera.estimate.registry import Setup, make_estimator
-from stadera.estimate.static_poses import PoseOffset, static_poses
-from stadera.estimate.trunk import TrunkModel
+from stadera.supervise.corrected import CorrectedForces
 from stadera.supervise.settings import SuperviseSettings
 from stadera.supervise.walker import PosingWalker, Walker
-from stadera.supervise.zeroed import ZeroedForces
-
-POSED = ("poses", "combined")
-"""Methods that live on several poses of the trunk."""
-
-_POSES = {"poses": 5, "combined": 11}
-_MOVE, _HOLD = 0.8, 1.2  # s, to a pose and in it
-_BACK = 0.5  # s, that the trunk is waited for at the end
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
+from stadera.trunk.registry import Setup, make_estimator
+from stadera.trunk.standing.mass import MassEstimator
+from stadera.trunk.standing.static_poses import PoseOffset, static_poses
 
 
 class Stage(StrEnum):
@@ -43,8 +35,8 @@ class StandingWeighing:
     """Mass, then centre of mass, of a robot that stands.
 
     Args:
-        scale: source of contact forces; its robot's legs are believed in.
-        believed: the trunk that the controller reckons with, all the while.
+        corrected: source of contact forces.
+        trunk: that the controller uses meanwhile.
         walker: asked to lean, by methods that live on poses, and for its posture by the method "orientation".
         settings: see there.
         begin: [s], now.
@@ -52,7 +44,7 @@ class StandingWeighing:
     Attributes:
         stage: where it is.
         reason: of a failure, one sentence; else empty.
-        estimate: what it knows now; None before the first.
+        estimate: the last; None before the first.
 
     Raises:
         StaderaError: a method that needs poses or the posture, and a walker that has neither.
@@ -60,19 +52,20 @@ class StandingWeighing:
 
     def __init__(
         self,
-        scale: ZeroedForces,
-        believed: TrunkModel,
+        corrected: CorrectedForces,
+        trunk: TrunkModel,
         walker: Walker,
         settings: SuperviseSettings,
         begin: float,
     ) -> None:
-        self.scale, self.forces, self.settings = scale, scale.forces, settings
+        self.corrected, self.forces, self.settings = corrected, corrected.forces, settings
         self.stage, self.reason = Stage.MASS, ""
         self.estimate: TrunkEstimate | None = None
-        self._believed, self._begin = believed, begin
+        self._trunk, self._begin = trunk, begin
         self._walker = require_poses(walker, settings.method) if settings.method != "contact" else None
-        self._estimator: Estimator = MassEstimator(self.forces.robot, believed, self.forces)
-        self._poses = list(_poses(self.forces, settings.method))
+        self._estimator: Estimator = MassEstimator(self.forces.robot, trunk, self.forces)
+        count = settings.posing.poses.get(settings.method)
+        self._poses = [] if count is None else list(static_poses(self.forces.robot, count=count))
         self._held_from, self._held_until = -np.inf, np.inf
 
     def update(self, m: Measurement) -> None:
@@ -80,7 +73,7 @@ class StandingWeighing:
         if self.stage in (Stage.DONE, Stage.FAILED):
             return
         if m.time >= self._held_from:
-            self._estimator.update(self.scale.measurement(m))
+            self._estimator.update(self.corrected.measurement(m))
             self.estimate = self._estimator.estimate()
         if self.stage is Stage.MASS:
             self._weigh(m)
@@ -94,7 +87,7 @@ class StandingWeighing:
         if found is None or found.status is not Status.CONVERGED:
             self._give_up_after(m.time, self.settings.mass_within)
             return
-        start = TrunkModel(found.trunk.mass, self._believed.com_trunk, self._believed.inertia_com)
+        start = TrunkModel(found.trunk.mass, self._trunk.com_trunk, self._trunk.inertia_com)
         posture = None if self._walker is None else replace(self._walker.posture(), feeds_back=False)
         setup = Setup(self.forces.robot, start, self.forces, posture)
         self._estimator = make_estimator(self.settings.method, setup)
@@ -107,20 +100,21 @@ class StandingWeighing:
             self._give_up_after(m.time, self.settings.com_within)
 
     def _pose(self, m: Measurement) -> None:
-        """Leads the trunk through the poses, and back; nobody weighs on the way."""
+        """Leads the trunk through the poses and back; measurements on the way are ignored."""
+        how = self.settings.posing
         if m.time < self._held_until < np.inf or self._walker is None:
             return
         if self._poses:
-            self._walker.lean(self._poses.pop(0), _MOVE)
-            self._held_from, self._held_until = m.time + _MOVE, m.time + _MOVE + _HOLD
+            self._walker.lean(self._poses.pop(0), how.move)
+            self._held_from, self._held_until = m.time + how.move, m.time + how.move + how.hold
         elif self._held_from < np.inf:
-            self._walker.lean(PoseOffset(), _MOVE)
-            self._held_from, self._held_until = np.inf, m.time + _MOVE + _BACK
+            self._walker.lean(PoseOffset(), how.move)
+            self._held_from, self._held_until = np.inf, m.time + how.move + how.back
         else:
             self._held_until = np.inf
-            self._judge_poses()
+            self._end_poses()
 
-    def _judge_poses(self) -> None:
+    def _end_poses(self) -> None:
         status = Status.WAITING if self.estimate is None else self.estimate.status
         if status in (Status.CONVERGED, Status.MOVING):
             self.stage = Stage.DONE
@@ -149,7 +143,3 @@ def require_poses(walker: Walker, method: str) -> PosingWalker:
     if not isinstance(walker, PosingWalker):
         raise StaderaError(f"the method {method!r} needs a walker that can lean and tells its posture; use 'contact'")
     return walker
-
-
-def _poses(forces: ContactForceEstimator, method: str) -> tuple[PoseOffset, ...]:
-    return static_poses(forces.robot, count=_POSES[method]) if method in POSED else ()

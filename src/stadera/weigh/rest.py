@@ -1,53 +1,49 @@
-"""The log's times at rest, as blocks: the mass of each by eq. 7, and what it would feel of constant errors.
+"""The log's times at rest, as blocks: the mass of each by eq. 7, and its sensitivity to constant errors.
 
 In static equilibrium the ground carries the weight along the vertical u (trunk axes),
 
     m_tr = u · Σ f_i / g - m_l                                                    (eq. 7)
 
 Constant errors n of torques, feet and the legs' masses move it by s n with s = uᵀ (∂F/∂n) / g. Two blocks of one pose
-feel them alike, so that of their difference, (s_2 - s_1) C (s_2 - s_1)ᵀ, next to nothing is left: a change is told much
-better than a mass.
+have nearly the same s, so the variance of their difference, (s_2 - s_1) C (s_2 - s_1)ᵀ, is small: a change is known
+much better than a mass.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.estimate.contact import ContactForces
-from stadera.estimate.equilibrium import ConstantErrors
-from stadera.estimate.forces import ContactForceEstimator
-from stadera.estimate.mass import felt_by_mass
-from stadera.estimate.measurement import Measurement
-from stadera.estimate.stillness import GRAVITY, StillnessGate
+from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.standing.contact import ContactForces
+from stadera.trunk.standing.detection import StaticDetector
+from stadera.trunk.standing.equilibrium import ConstantErrors
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.mass import felt_by_mass
+from stadera.types import Array
 from stadera.weigh.result import Refusal
-
-Array = NDArray[np.float64]
-
-BLOCK = 0.25
-"""Length of a block [s]."""
 
 _FEWEST = 3  # samples of a block
 _FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # what differs between reasons of one kind
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """A quarter of a second at rest, or what there was of one.
+class RestBlock:
+    """A short time at rest.
 
     Attributes:
         begin, end: [s], of its samples.
         count: of samples.
         mass: [kg], their mean.
         variance: [kg²], of the mean by white noise, as stated or as the samples scatter, whatever is more.
-        felt: (39,), s of constant errors.
+        sensitivity: (39,), s: of the mass to constant errors.
         load: (4,) [N], vertical forces, mean.
     """
 
@@ -56,7 +52,7 @@ class Block:
     count: int
     mass: float
     variance: float
-    felt: Array
+    sensitivity: Array
     load: Array
 
     @property
@@ -75,7 +71,7 @@ class Rest:
         begin, end: of the log [s].
     """
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[RestBlock, ...]
     refusals: tuple[Refusal, ...]
     begin: float
     end: float
@@ -88,7 +84,9 @@ class Rest:
 
 
 @dataclass
-class _Gathering:
+class _OpenBlock:
+    """A block that is being filled."""
+
     begin: float
     count: int = 0
     mass: float = 0.0
@@ -107,70 +105,89 @@ class _Gathering:
         self.load = self.load + load
         self.end, self.last = m.time, (forces, m)
 
-    def block(self, robot: Robot) -> Block | None:
+    def closed(self, robot: Robot) -> Iterator[RestBlock]:
+        """The block, unless it has too few samples."""
         if self.last is None or self.count < _FEWEST:
-            return None
-        felt, noise = felt_by_mass(*self.last, robot), self.last[0].noise
-        white = float(felt[:12] ** 2 @ noise.torque_white.ravel() ** 2)
+            return
+        sensitivity, noise = felt_by_mass(*self.last, robot), self.last[0].noise
+        white = float(sensitivity[:12] ** 2 @ noise.torque_white.ravel() ** 2)
         n = self.count
         scatter = self.squares / (n - 1)
-        return Block(self.begin, self.end, n, self.mass, max(white, scatter) / n, felt, self.load / n)
+        yield RestBlock(self.begin, self.end, n, self.mass, max(white, scatter) / n, sensitivity, self.load / n)
 
 
-class _Refusing:
-    """A time that cannot be weighed by, and what spoke against it most often."""
+class _OpenRefusal:
+    """A time without rest that still lasts."""
 
     def __init__(self, begin: float) -> None:
         self._begin = begin
         self._count: Counter[str] = Counter()
-        self._said: dict[str, str] = {}
+        self._first: dict[str, str] = {}
 
     def add(self, reason: str) -> None:
         kind = _FIGURES.sub("#", reason)
         self._count[kind] += 1
-        self._said.setdefault(kind, reason)
+        self._first.setdefault(kind, reason)
 
     def until(self, end: float) -> Refusal:
-        return Refusal(self._begin, end, self._said[self._count.most_common(1)[0][0]])
+        """The refusal, with the reason given most often."""
+        return Refusal(self._begin, end, self._first[self._count.most_common(1)[0][0]])
 
 
-def times_at_rest(measurements: Iterable[Measurement], forces_of: ContactForceEstimator) -> Rest:
-    """Blocks at rest of a log, and why the rest of it is none. Flat in memory but for the blocks themselves."""
-    gate = StillnessGate(forces_of.legs)
-    blocks: list[Block | None] = []
-    refusals: list[Refusal] = []
-    gathering: _Gathering | None = None
-    refusing: _Refusing | None = None
+class _RestFinder:
+    """Sorts measurements into blocks at rest and the times between."""
+
+    def __init__(self, forces_of: ContactForceEstimator, length: float) -> None:
+        self._forces_of, self._length = forces_of, length
+        self._gate = StaticDetector(forces_of.legs)
+        self.blocks: list[RestBlock] = []
+        self.refusals: list[Refusal] = []
+        self._block: _OpenBlock | None = None
+        self._refusal: _OpenRefusal | None = None
+
+    def add(self, m: Measurement) -> None:
+        forces = self._forces_of.at(m)
+        if reason := _complaint(self._gate, m, forces):
+            self._close_block()
+            self._refusal = self._refusal or _OpenRefusal(m.time)
+            self._refusal.add(reason)
+            return
+        self._close_refusal(m.time)
+        if self._block is not None and m.time - self._block.begin >= self._length:
+            self._close_block()
+        self._block = self._block or _OpenBlock(m.time)
+        self._block.add(m, forces, self._forces_of.legs.mass)
+
+    def finish(self, end: float) -> None:
+        self._close_block()
+        self._close_refusal(end)
+
+    def _close_block(self) -> None:
+        if self._block is not None:
+            self.blocks += self._block.closed(self._forces_of.robot)
+            self._block = None
+
+    def _close_refusal(self, end: float) -> None:
+        if self._refusal is not None:
+            self.refusals.append(self._refusal.until(end))
+            self._refusal = None
+
+
+def times_at_rest(measurements: Iterable[Measurement], forces_of: ContactForceEstimator, length: float) -> Rest:
+    """Blocks at rest, up to `length` [s] each, and why the rest of the log has none. Memory holds the blocks alone."""
+    finder = _RestFinder(forces_of, length)
     begin = time = np.nan
     for m in measurements:
         begin, time = (m.time if np.isnan(begin) else begin), m.time
-        forces = forces_of.at(m)
-        if reason := _complaint(gate, m, forces):
-            if gathering is not None:
-                blocks.append(gathering.block(forces_of.robot))
-                gathering = None
-            refusing = refusing or _Refusing(time)
-            refusing.add(reason)
-            continue
-        if refusing is not None:
-            refusals.append(refusing.until(time))
-            refusing = None
-        if gathering is not None and time - gathering.begin >= BLOCK:
-            blocks.append(gathering.block(forces_of.robot))
-            gathering = None
-        gathering = gathering or _Gathering(time)
-        gathering.add(m, forces, forces_of.legs.mass)
-    if gathering is not None:
-        blocks.append(gathering.block(forces_of.robot))
-    if refusing is not None:
-        refusals.append(refusing.until(time))
-    return Rest(tuple(b for b in blocks if b is not None), tuple(refusals), begin, time)
+        finder.add(m)
+    finder.finish(time)
+    return Rest(tuple(finder.blocks), tuple(finder.refusals), begin, time)
 
 
-def _complaint(gate: StillnessGate, m: Measurement, forces: ContactForces) -> str:
+def _complaint(gate: StaticDetector, m: Measurement, forces: ContactForces) -> str:
     reason = gate.complaint(m, forces)
     if not reason and not np.isfinite(forces.force[forces.stance]).all():
-        return "a leg is so stretched that its foot's force is not felt"
+        return "a leg is near-singular, so that its foot's force is not determined"
     return reason
 
 
@@ -182,34 +199,44 @@ class MeanMass:
         begin: [s], of the first block.
         count: of samples.
         mass: [kg]. variance: by white noise alone [kg²].
-        felt: (39,), as for a block.
+        sensitivity: (39,), as for a block.
+        noticed: [s], the end of the block that confirmed the change to this load; NaN for the first load.
     """
 
     begin: float
     count: int
     mass: float
     variance: float
-    felt: Array
+    sensitivity: Array
+    noticed: float = np.nan
 
     @classmethod
-    def of(cls, block: Block) -> MeanMass:
+    def of(cls, block: RestBlock, noticed: float = np.nan) -> MeanMass:
         """The mean over one block."""
-        return cls(block.begin, block.count, block.mass, block.variance, block.felt)
+        return cls(block.begin, block.count, block.mass, block.variance, block.sensitivity, noticed)
 
-    def with_block(self, block: Block) -> MeanMass:
+    def with_block(self, block: RestBlock) -> MeanMass:
         """The mean over one more."""
         count = self.count + block.count
         old, new = self.count / count, block.count / count
-        variance = old**2 * self.variance + new**2 * block.variance
-        return MeanMass(
-            self.begin, count, old * self.mass + new * block.mass, variance, old * self.felt + new * block.felt
+        return replace(
+            self,
+            count=count,
+            mass=old * self.mass + new * block.mass,
+            variance=old**2 * self.variance + new**2 * block.variance,
+            sensitivity=old * self.sensitivity + new * block.sensitivity,
         )
 
     def std(self, errors: ConstantErrors) -> float:
         """Of the mass, constant errors included [kg]."""
-        return sqrt(self.variance + felt_variance(self.felt, errors))
+        return sqrt(self.variance + constant_variance(self.sensitivity, errors))
 
 
-def felt_variance(felt: Array, errors: ConstantErrors) -> float:
-    """s C sᵀ of constant errors [kg²]."""
-    return float(felt @ errors.covariance @ felt)
+def constant_variance(sensitivity: Array, errors: ConstantErrors) -> float:
+    """s C sᵀ: of a mass, by constant errors [kg²]."""
+    return float(sensitivity @ errors.covariance @ sensitivity)
+
+
+def difference_variance(before: MeanMass, after: MeanMass | RestBlock, errors: ConstantErrors) -> float:
+    """Of the difference of two masses [kg²]: white noise of both, and constant errors as far as they do not cancel."""
+    return before.variance + after.variance + constant_variance(after.sensitivity - before.sensitivity, errors)

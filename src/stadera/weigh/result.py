@@ -1,37 +1,29 @@
-"""What a weighing found, as plain values."""
+"""What a weighing found, whichever estimator weighed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from math import isfinite
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stadera.files import written_together
+from stadera.results import Result
 from stadera.robot.model import Robot
-from stadera.weigh.payload import PayloadEstimate
+from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.result import TrunkParameters
+from stadera.trust import Trust
+from stadera.types import Array, Bools
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Change:
-    """The load changed.
-
-    Attributes:
-        time: [s], the first time at rest after it.
-        mass: [kg], by how much; negative where something was taken off.
-        mass_std: [kg].
-    """
-
-    time: float
-    mass: float
-    mass_std: float
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """A time in which the log could not be weighed by.
+    """A time in which nothing was learnt from the log.
 
     Attributes:
         begin, end: [s].
@@ -45,14 +37,15 @@ class Refusal:
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """One entry for every block of time at rest; trunk frame.
+    """The trunk over time, with all that is on it; trunk frame.
 
     Attributes:
-        time: (blocks,) [s], the blocks' middles.
-        mass, mass_std: (blocks,) [kg], of the block alone (eq. 7).
-        com, com_std: (blocks, 3) [m], as the method has it at that time; NaN where not observed.
-        load: (blocks, 4) [N], the feet's vertical forces, legs in the robot's order.
-        level: (blocks,) number of changes before it.
+        time: (entries,) [s]; at rest the middle of each block.
+        mass, mass_std: (entries,) [kg]; at rest of the block alone.
+        com, com_std: (entries, 3) [m], as known at that time.
+        load: (entries, 4) [N], at rest the feet's vertical forces, legs in the robot's order; None in motion.
+
+    What was not observed is NaN.
     """
 
     time: Array
@@ -60,8 +53,7 @@ class Timeline:
     mass_std: Array
     com: Array
     com_std: Array
-    load: Array
-    level: NDArray[np.int64]
+    load: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +71,7 @@ class Balance:
 
     to_level: Array
     feet: Array
-    stance: NDArray[np.bool_]
+    stance: Bools
     force: Array
     pressure: Array
     robot_com: Array
@@ -91,7 +83,7 @@ class Balance:
 
 @dataclass(frozen=True, eq=False)
 class Vertical:
-    """Where up was in the trunk at the end, and who says so.
+    """The vertical in the trunk at the end, and its source.
 
     Attributes:
         source: "imu", or "forces" of the feet where there is no IMU.
@@ -105,28 +97,29 @@ class Vertical:
 
     @property
     def tilt_std(self) -> float:
-        """By how much it may be tilted, root of the mean square of both directions [rad]."""
+        """1 σ of its tilt, root of the mean square of both directions [rad]."""
         return float(np.linalg.norm(self.std) / np.sqrt(2.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Weighing:
-    """What a weighing found. Trunk: with all that is on it, as it was at the end of the log.
+@dataclass(frozen=True, eq=False, repr=False)
+class Weighing(Result):
+    """What a weighing found.
 
     Attributes:
-        robot: that was believed in.
+        robot: as it was given.
         source: the log.
-        method: of the centre of mass.
-        status: of the method at the end.
-        mass, mass_std: of the trunk [kg].
-        com, covariance: of the trunk, (3,) [m] and (3, 3) [m²], trunk frame; NaN where not observed.
-        payload: added since the tare, None without a tare.
+        method: that weighed, a name of `stadera.trunk.registry.METHODS`.
+        status: of the estimator at the end.
+        trust: whether the figures hold; where it is "bad" they are marked everywhere.
+        trunk: with all that was on it, at `time`.
+        time: of the last sample that was learnt from [s].
+        payload: added since the tare; None without a tare.
         changes: of the load, in order.
         timeline: see `Timeline`.
-        refusals: when the log could not be weighed by, and why, in order.
+        refusals: when nothing was learnt from the log, and why, in order.
         begin, end: of the log [s].
-        balance: see `Balance`.
-        vertical: see `Vertical`.
+        torque_lag: delay of the torques and its standard deviation [s]; None at rest.
+        balance, vertical: at the end of the last rest; None in motion.
         notes: one sentence each.
     """
 
@@ -134,26 +127,121 @@ class Weighing:
     source: str
     method: str
     status: str
-    mass: float
-    mass_std: float
-    com: Array
-    covariance: Array
-    payload: PayloadEstimate | None
-    changes: tuple[Change, ...]
+    trust: Trust
+    trunk: TrunkParameters
+    time: float
+    payload: Payload | None
+    changes: tuple[LoadChange, ...]
     timeline: Timeline
     refusals: tuple[Refusal, ...]
     begin: float
     end: float
-    balance: Balance
-    vertical: Vertical
+    torque_lag: tuple[float, float] | None = None
+    balance: Balance | None = None
+    vertical: Vertical | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def mass(self) -> float:
+        """Of the trunk with all that is on it [kg]."""
+        return self.trunk.inertial.mass
+
+    @property
+    def mass_std(self) -> float:
+        """[kg], NaN where not observed."""
+        return float(np.sqrt(self.trunk.covariance[0, 0]))
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass of the trunk with all that is on it, (3,) [m], trunk frame; NaN where not observed."""
+        return np.where(np.isnan(self.com_std), np.nan, self.trunk.inertial.com)
 
     @property
     def com_std(self) -> Array:
         """(3,) [m], NaN where not observed."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.diag(self.trunk.covariance)[1:])
 
     @property
     def refused(self) -> float:
-        """For how long the log could not be weighed by [s]."""
+        """For how long nothing was learnt from the log [s]."""
         return sum(refusal.end - refusal.begin for refusal in self.refusals)
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether figures may be shown without a mark."""
+        return self.trust.verdict != "bad"
+
+    def widened(self, factor: float) -> Weighing:
+        """The same with all standard deviations of trunk, payload and changes multiplied."""
+        payload, trunk = self.payload, self.trunk
+        if payload is not None:
+            std, covariance = factor * payload.mass_std, factor**2 * payload.com_covariance
+            payload = replace(payload, mass_std=std, com_covariance=covariance)
+        return replace(
+            self,
+            trunk=replace(trunk, covariance=factor**2 * trunk.covariance, inertia_std=factor * trunk.inertia_std),
+            payload=payload,
+            changes=tuple(replace(change, mass_std=factor * change.mass_std) for change in self.changes),
+        )
+
+    def __repr__(self) -> str:
+        """Trunk, payload, changes and trust, a line each."""
+        from stadera.report.numbers import with_std
+
+        def body(mass: float, mass_std: float, com: Array, com_std: Array) -> str:
+            seen = zip("xyz", com, com_std, strict=True)
+            shown = ", ".join(f"{axis} {with_std(v, s)}" for axis, v, s in seen if isfinite(s))
+            return f"{with_std(mass, mass_std)} kg, com {shown or 'not observed'} m"
+
+        lines = [f"Weighing of {self.robot.name} by {self.source} ({self.method}), at {self.time:.2f} s"]
+        lines.append(f"  trunk: {body(self.mass, self.mass_std, self.com, self.com_std)}")
+        if (payload := self.payload) is not None:
+            lines.append(f"  payload: {body(payload.mass, payload.mass_std, payload.com, payload.com_std)}")
+        if self.changes:
+            last = self.changes[-1]
+            lines.append(f"  changes of load: {len(self.changes)}, the last {last.kind} at {last.time:.2f} s")
+        lines.append(f"  trust: {self.trust.verdict}{''.join(f'; {reason}' for reason in self.trust.reasons[:2])}")
+        return "\n".join(lines)
+
+    # -- handed on --------------------------------------------------------------------------------------------
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, see `stadera.weigh.schema`."""
+        from stadera.weigh.schema import weighing_dict
+
+        return weighing_dict(self)
+
+    def to_dataframe(self) -> Any:
+        """The timeline as a pandas DataFrame: time [s], mass, mass_std [kg], com_x, com_x_std, ... [m].
+
+        Raises:
+            StaderaError: pandas is not installed.
+        """
+        from stadera.weigh.schema import timeline_frame
+
+        return timeline_frame(self.timeline)
+
+    def to_html(self) -> str:
+        """The report: one page that loads nothing."""
+        from stadera.report.weigh.page import weighing_html
+
+        return weighing_html(self)
+
+    def save_urdf(self, path: str | PathLike[str]) -> None:
+        """Writes the robot's model file as weighed, URDF or MJCF as it came, the payload as a separate link.
+
+        Raises:
+            IdentificationError: nothing was weighed that could be written.
+            ModelError: the path's ending is not that of the robot's model file.
+        """
+        from stadera.robot.export import export_model
+        from stadera.weigh.model import weighed_model
+
+        model = weighed_model(self)
+        with written_together([path]) as (draft,):
+            export_model(model.robot, draft, model.payload, model.note)
+
+    def plot(self) -> go.Figure:
+        """Mass over time with two standard deviations and the changes of the load."""
+        from stadera.report.weigh.plots import mass_figure
+
+        return mass_figure(self)

@@ -1,0 +1,162 @@
+"""What a leg may do while it is excited: position, velocity and torque within limits, clear of all else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stadera.errors import IdentificationError
+from stadera.excite.clearance import Clearance, ClearanceMap
+from stadera.inertia import ORDER
+from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.types import Array
+
+_WHOLE_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far an excitation stays away from what the leg can do.
+
+    Attributes:
+        position: kept from each joint limit [rad].
+        reach: farthest a joint goes from the rest pose [rad].
+        velocity: share of the joint's velocity limit that is used.
+        effort: share of the joint's effort limit that is used, by the torque which the prior model predicts.
+        distance: kept between the leg and everything else [m].
+    """
+
+    position: float = 0.05
+    reach: float = 1.0
+    velocity: float = 0.7
+    effort: float = 0.7
+    distance: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not (self.position >= 0 and self.distance >= 0 and self.reach > 0):
+            raise IdentificationError(f"margins must not be negative, the reach positive; got {self}")
+        if not (0 < self.velocity <= 1 and 0 < self.effort <= 1):
+            raise IdentificationError(f"shares of velocity and effort limits lie between 0 and 1; got {self}")
+
+
+@dataclass(frozen=True, eq=False)
+class LegBounds:
+    """Bounds on one leg's three joints, trunk held level; margins are taken off already.
+
+    Attributes:
+        robot, leg: whose.
+        rest: (3,) [rad], the pose at the start and the end.
+        lower, upper: (3,) [rad]; the rest pose is always within.
+        velocity: (3,) [rad/s], infinite where the model states none.
+        effort: (3,) [N·m], likewise.
+        clearance: from trunk, other legs, itself and the ground.
+    """
+
+    robot: Robot
+    leg: str
+    rest: Array
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+    clearance: Clearance
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        leg: str,
+        rest: ArrayLike | None = None,
+        margins: Margins | None = None,
+        ground: float | None = None,
+    ) -> LegBounds:
+        """The bounds of a robot's leg.
+
+        Args:
+            robot: with its limits and prior model.
+            leg: LF, RF, LH or RH.
+            rest: (3,) [rad]; None for the leg's nominal stance.
+            margins: None for the defaults.
+            ground: height of a level ground in the trunk frame [m], None for a leg over a void.
+
+        Raises:
+            UnknownNameError: no such leg.
+            IdentificationError: a rest pose outside the joints' limits, or too near the ground.
+            ModelError: no rest pose is given and the robot has no nominal stance.
+        """
+        margins = margins or Margins()
+        joints = robot.leg(leg).joints
+        indices = [robot.tree.joints.index(joint) for joint in joints]
+        pose = standing_configuration(robot)[indices] if rest is None else np.asarray(rest, dtype=float)
+        limits = [robot.limits[joint] for joint in joints]
+        for joint, angle, limit in zip(joints, pose, limits, strict=True):
+            if not limit.lower <= angle <= limit.upper:
+                raise IdentificationError(
+                    f"rest pose of joint {joint!r}, {angle:.4g} rad, lies outside its limits "
+                    f"{limit.lower:.4g} to {limit.upper:.4g} rad"
+                )
+        lower = np.array([limit.lower for limit in limits]) + margins.position
+        upper = np.array([limit.upper for limit in limits]) - margins.position
+        return cls(
+            robot,
+            robot.leg(leg).name,
+            pose,
+            np.minimum(pose, np.maximum(lower, pose - margins.reach)),
+            np.maximum(pose, np.minimum(upper, pose + margins.reach)),
+            margins.velocity * np.array([limit.velocity for limit in limits]),
+            margins.effort * np.array([limit.effort for limit in limits]),
+            Clearance.of(robot, leg, pose, margins.distance, ground),
+        )
+
+    @property
+    def joints(self) -> tuple[str, str, str]:
+        """Names of the leg's joints."""
+        return self.robot.leg(self.leg).joints
+
+    @property
+    def ranges(self) -> Array:
+        """What the joint limits themselves span, at most one turn, (3,) [rad]."""
+        limits = [self.robot.limits[joint] for joint in self.joints]
+        return np.array([min(limit.upper - limit.lower, _WHOLE_TURN) for limit in limits])
+
+    @cached_property
+    def _model(self) -> tuple[JointTorqueRegressor, dict[str, float]]:
+        leg = self.robot.leg(self.leg)
+        regressor = JointTorqueRegressor(self.robot.leg_tree(self.leg), FrictionModel.full())
+        values = {
+            f"{link}.{name}": float(value)
+            for link in leg.links
+            for name, value in zip(ORDER, self.robot.inertias[link].vector, strict=True)
+        }
+        for joint in leg.joints:
+            dynamics = self.robot.dynamics[joint]
+            values |= {f"{joint}.{term}": getattr(dynamics, term) for term in regressor.friction.terms}
+        return regressor, values
+
+    def torque(self, motion: JointMotion) -> Array:
+        """Torque of the motion by the prior model, friction included, (samples, 3) [N·m]."""
+        regressor, values = self._model
+        return regressor.predict(motion, values)
+
+    def gravity_torque(self, position: Array) -> Array:
+        """Torque that holds the poses by the prior model, (samples, 3), (samples, 3) [N·m]."""
+        still = np.zeros_like(position)
+        return self.torque(JointMotion(position, still, still))
+
+    @cached_property
+    def clearance_map(self) -> ClearanceMap:
+        """The clearance tabulated over the position bounds."""
+        return ClearanceMap.of(self.clearance, self.lower, self.upper)
+
+    def excess(self, motion: JointMotion) -> float:
+        """How far the motion is out of bounds: ≤ 0 within; in shares of the range, of the velocity and effort bound."""
+        q = motion.position
+        span = np.maximum(self.upper - self.lower, 1e-9)
+        over = max(float(((q - self.upper) / span).max()), float(((self.lower - q) / span).max()))
+        over = max(over, float((np.abs(motion.velocity) / self.velocity).max()) - 1.0)
+        return max(over, float((np.abs(self.torque(motion)) / self.effort).max()) - 1.0)

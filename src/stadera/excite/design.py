@@ -1,0 +1,170 @@
+"""Design of an excitation, and how much better it is than the paper's random draw: what `stadera excite` computes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from os import PathLike
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.excite.bounds import LegBounds, Margins
+from stadera.excite.optimise import FourierSearch, optimal_excitation
+from stadera.excite.paper_draw import check_duration, paper_draw
+from stadera.excite.result import Appraisal, Excitation, Peaks
+from stadera.excite.sinusoids import Reference, Sinusoids
+from stadera.excite.worth import LegExperiment
+from stadera.identify.observability import gradients_of
+from stadera.legs import FrictionModel, JointMotion
+from stadera.logs import Recording
+from stadera.robot.load import load_robot
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+
+_LOOK_RATE = 100.0  # Hz, enough for motions of a few hertz
+
+
+@dataclass(frozen=True)
+class ExciteSettings:
+    """What excitation is wanted.
+
+    Attributes:
+        duration: from rest to rest [s].
+        rate: of the table that is played, and of the log that is recorded [Hz].
+        seed: of all that is drawn.
+        random: the paper's random draw itself, instead of the optimum.
+        draws: how many random draws the optimum is compared with.
+        margins: kept from the leg's limits.
+        stand_height: height of the trunk's origin over a level ground [m], None for a leg over a void.
+        search: for the optimum.
+
+    Raises:
+        IdentificationError: a value that makes no sense.
+    """
+
+    duration: float = 180.0
+    rate: float = 500.0
+    seed: int = 0
+    random: bool = False
+    draws: int = 5
+    margins: Margins = field(default_factory=Margins)
+    stand_height: float | None = None
+    search: FourierSearch = field(default_factory=FourierSearch)
+
+    def __post_init__(self) -> None:
+        check_duration(self.duration)
+        if not (np.isfinite(self.rate) and self.rate >= 10.0):
+            raise IdentificationError(f"an excitation is played at 10 Hz at least, got {self.rate} Hz")
+        if self.draws < 1 or self.seed < 0:
+            raise IdentificationError(f"need a seed of at least 0 and at least one draw, got {self.seed}, {self.draws}")
+        if self.stand_height is not None and not (np.isfinite(self.stand_height) and self.stand_height > 0):
+            raise IdentificationError(f"the trunk's height over the ground must be positive, got {self.stand_height} m")
+
+
+def excite(
+    robot: Robot | str | PathLike[str],
+    leg: str,
+    settings: ExciteSettings | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Excitation:
+    """Designs the excitation of one leg on a held trunk.
+
+    Args:
+        robot: a robot with its limits and prior (CAD) model, its name, or a path to a URDF or MJCF.
+        leg: LF, RF, LH or RH.
+        settings: None for the defaults.
+        progress: called with what is being done, how much of it is done, and of how much.
+
+    Raises:
+        UnknownNameError: no such robot or leg.
+        ModelError: a model file that cannot be read, a robot without a nominal stance.
+        IdentificationError: a leg that has no room to move, or stands too near the ground.
+    """
+    robot, settings = load_robot(robot), settings or ExciteSettings()
+    report = progress or (lambda what, done, total: None)
+    ground = None if settings.stand_height is None else -settings.stand_height
+    bounds = LegBounds.of(robot, leg, margins=settings.margins, ground=ground)
+    experiment = LegExperiment.usual(bounds, settings.rate)
+    count = 1 if settings.random else settings.draws
+    draws = []
+    for k in range(count):
+        report("random draws", k, count)
+        rng = np.random.default_rng((settings.seed, k))
+        draws.append(paper_draw(robot, leg, rng, settings.duration, bounds))
+    report("random draws", count, count)
+    if settings.random:
+        return _appraised(experiment, settings, draws[0], [])
+    best = optimal_excitation(
+        experiment,
+        np.random.default_rng(settings.seed),
+        settings.duration,
+        settings.search,
+        lambda share: report("search", round(100 * share), 100),
+    )
+    return _appraised(experiment, settings, best, draws)
+
+
+def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Recording:
+    """A motion as a table that a controller can play: position, velocity and acceleration of each joint over time.
+
+    Args:
+        robot: whose joints they are.
+        reference: of some of its joints.
+        whole: with the robot's other joints too, still at their nominal stance; else the reference's joints alone.
+    """
+    if not whole:
+        motion, joints = reference.motion, reference.joints
+    else:
+        joints = robot.tree.joints
+        columns = [joints.index(joint) for joint in reference.joints]
+        position = np.tile(standing_configuration(robot), (len(reference), 1))
+        velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
+        position[:, columns] = reference.position
+        velocity[:, columns], acceleration[:, columns] = reference.velocity, reference.acceleration
+        motion = JointMotion(position, velocity, acceleration)
+    return Recording(
+        reference.time,
+        joints,
+        motion.position,
+        motion.velocity,
+        motion.acceleration,
+        source=f"excitation of {robot.name}",
+    )
+
+
+def _appraised(
+    experiment: LegExperiment, settings: ExciteSettings, chosen: Sinusoids, draws: Sequence[Sinusoids]
+) -> Excitation:
+    rigid = replace(experiment, friction=FrictionModel())
+    combinations = experiment.structure.combinations()
+    gradients = gradients_of(combinations, experiment.structure.columns)
+    prior_std = np.linalg.norm(gradients * experiment.prior.scales, axis=1)
+
+    def appraise(motion: Sinusoids) -> Appraisal:
+        reference = motion.sample(_LOOK_RATE)
+        seen = experiment.observability(reference)
+        std = seen.std(gradients) / prior_std
+        return Appraisal(motion, experiment.gain(reference), seen.rank, rigid.observability(reference).rank, std)
+
+    return Excitation(
+        experiment,
+        settings,
+        appraise(chosen),
+        tuple(appraise(draw) for draw in draws),
+        combinations,
+        rigid.structure.rank,
+        _peaks(chosen, experiment.bounds),
+    )
+
+
+def _peaks(chosen: Sinusoids, bounds: LegBounds) -> Peaks:
+    motion = chosen.sample(_LOOK_RATE).motion
+    return Peaks(
+        motion.position.min(axis=0),
+        motion.position.max(axis=0),
+        np.abs(motion.velocity).max(axis=0),
+        np.abs(motion.acceleration).max(axis=0),
+        np.abs(bounds.torque(motion)).max(axis=0),
+        float(bounds.clearance.distance(motion.position[::2]).min()),
+    )

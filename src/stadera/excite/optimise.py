@@ -1,0 +1,212 @@
+"""The most informative motion of a leg within its bounds.
+
+    maximise    ½ log det(1 + Sᵀ Y(q, q̇, q̈)ᵀ Σ⁻¹ Y S)                   the information gain, see `experiment`
+    subject to  position, velocity, predicted torque and clearance within the leg's bounds
+
+over the coefficients of a Fourier series (see `fourier`), at samples of both fades and of one period that stands for
+all between. The series' band is the paper's, for the paper's reason: what is faster shakes structures that no one
+models. Bounds enter as the square of what every sample exceeds them by, lightly first and then so heavily that less
+than about a hundredth is left; quasi-Newton (L-BFGS) does the rest, on forward differences that are all evaluated as
+one batch.
+
+Clearance is read off a table over joint space, which is interpolated and may promise too much: along the best motion it
+is corrected by exact distances, and the search goes on, until the two agree. What is still out of bounds on a dense
+grid is drawn in towards the rest pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from scipy.optimize import minimize
+
+from stadera.errors import IdentificationError
+from stadera.excite.clearance import ClearanceMap
+from stadera.excite.fourier import FourierSeries
+from stadera.excite.paper_draw import FREQUENCIES, check_duration, fitting_factor
+from stadera.excite.sinusoids import Sinusoids
+from stadera.excite.worth import LegExperiment
+from stadera.legs import JointMotion
+from stadera.types import Array
+
+Progress = Callable[[float], None]
+
+_PENALTIES = (50.0, 2000.0)  # nat for a whole bound exceeded by one sample
+_SPARE = 0.01  # share of each bound left unused
+_CLEARANCE_UNIT = 0.1  # m, counts as one whole bound
+_CLEARANCE_RATE = 50.0  # Hz
+_CLEARANCE_SPARE = 0.002  # m, for what lies between two samples
+_TIGHTENINGS = 8  # of the clearance map, at most
+_STEP = 1e-6  # of the finite differences, in the unknowns' own scale
+_POSES = 50  # tried for each start
+
+
+@dataclass(frozen=True)
+class FourierSearch:
+    """How the motion is parametrised and searched for.
+
+    Attributes:
+        harmonics: K.
+        top_frequency: K f [Hz].
+        samples: of one period that the search looks at.
+        starts: how many local searches are made.
+        iterations: most steps of each.
+    """
+
+    harmonics: int = 6
+    top_frequency: float = FREQUENCIES[1]
+    samples: int = 72
+    starts: int = 4
+    iterations: int = 80
+
+    def __post_init__(self) -> None:
+        if min(self.harmonics, self.starts, self.iterations) < 1:
+            raise IdentificationError(f"a search needs at least one harmonic, start and iteration, got {self}")
+        if self.samples < 4 * self.harmonics:
+            raise IdentificationError(f"a search needs at least 4 samples a harmonic, got {self}")
+        if not (np.isfinite(self.top_frequency) and self.top_frequency > 0):
+            raise IdentificationError(f"the highest frequency must be positive, got {self.top_frequency} Hz")
+
+
+def optimal_excitation(
+    experiment: LegExperiment,
+    rng: np.random.Generator,
+    duration: float = 180.0,
+    search: FourierSearch | None = None,
+    progress: Progress | None = None,
+) -> Sinusoids:
+    """The most informative motion found for this experiment, at rest at both ends.
+
+    Args:
+        experiment: leg, bounds and noise.
+        rng: source of the starts; the same state gives the same motion.
+        duration: from rest to rest [s].
+        search: None for the defaults.
+        progress: called with the share of the work that is done, 0 to 1.
+
+    Raises:
+        IdentificationError: a duration under two seconds; a leg that cannot move within its bounds.
+    """
+    search = search or FourierSearch()
+    check_duration(duration)
+    report = progress or (lambda share: None)
+    period = search.harmonics / search.top_frequency
+    series = FourierSeries(experiment.bounds, search.harmonics, period, duration)
+    problem = _Problem(experiment, series, experiment.bounds.clearance_map, search)
+    part = 1.0 / (search.starts + 1)
+    found: list[tuple[float, Array]] = []
+    for start in range(search.starts):
+        x = problem.solve(problem.start(rng), _PENALTIES, partial(_advance, report, start * part, part))
+        found.append((problem.merit(x), x))
+    best = max(found, key=lambda pair: pair[0])[1]
+    motion = series.motion(problem.tightened(best, partial(_advance, report, 1.0 - part, part)))
+    return motion.drawn_in(fitting_factor(motion, experiment.bounds))
+
+
+def _advance(report: Progress, done: float, part: float, share: float) -> None:
+    report(min(1.0, done + part * min(1.0, share)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Gain and excess as functions of the series' x (unknowns,)."""
+
+    experiment: LegExperiment
+    series: FourierSeries
+    clearance: ClearanceMap
+    search: FourierSearch
+
+    def start(self, rng: np.random.Generator) -> Array:
+        """A small motion about a random clear pose."""
+        bounds = self.experiment.bounds
+        poses = rng.uniform(-0.7, 0.7, (_POSES, 3))
+        clear = self.clearance.slack(0.5 * (bounds.lower + bounds.upper) + self.series.half * poses)
+        swings = rng.normal(0.0, 0.2 / self.series.harmonics, self.series.unknowns - 3)
+        return np.concatenate((poses[int(np.argmax(clear > 0.5 * clear.max()))], swings))
+
+    def solve(self, start: Array, penalties: tuple[float, ...], report: Progress) -> Array:
+        """A local optimum near `start`, under one penalty on what exceeds the bounds after the other."""
+        x, steps, most = start, 0, self.search.iterations
+
+        def step_done(xk: Array) -> None:
+            nonlocal steps
+            steps += 1
+            report(steps / (most * len(penalties)))
+
+        for weight in penalties:
+            cost = partial(self._cost_and_slope, weight=weight)
+            x = minimize(cost, x, method="L-BFGS-B", jac=True, callback=step_done, options={"maxiter": most}).x
+        report(1.0)
+        return x
+
+    def tightened(self, x: Array, report: Progress) -> Array:
+        """The optimum near `x` once the clearance map is true along the way."""
+        problem, part = self, 1.0 / _TIGHTENINGS
+        for done in range(_TIGHTENINGS):
+            path = self.series.motion(x).at(self.series.instants(_CLEARANCE_RATE)).position
+            slack = self.experiment.bounds.clearance.slack(path) - _CLEARANCE_SPARE
+            if slack.min() >= 0.0:
+                break
+            problem = replace(problem, clearance=problem.clearance.lowered(path, slack))
+            x = problem.solve(x, _PENALTIES[-1:], partial(_advance, report, done * part, part))
+        report(1.0)
+        return x
+
+    def merit(self, x: Array) -> float:
+        """Gain [nat], less the penalty."""
+        gain, over = self._values(x[None])
+        return float(gain[0] - _PENALTIES[-1] * over[0])
+
+    def _cost_and_slope(self, x: Array, weight: float) -> tuple[float, Array]:
+        gain, over = self._values(np.vstack((x, x + _STEP * np.eye(len(x)))))
+        cost = weight * over - gain
+        return float(cost[0]), (cost[1:] - cost[0]) / _STEP
+
+    def _values(self, x: Array) -> tuple[Array, Array]:
+        """Of each row of x (batch, unknowns): gain [nat], and the sum over samples of (share of a bound exceeded)²."""
+        bounds, batch = self.experiment.bounds, len(x)
+        coefficients = self.series.coefficients(x)
+        q, dq, ddq = (basis @ coefficients for basis in self._basis)
+        motion = JointMotion(*(v.reshape(-1, 3) for v in (bounds.rest + q, dq, ddq)))
+        gram, torque = self._gram_and_torque(motion, batch)
+        gain = 0.5 * np.linalg.slogdet(np.eye(gram.shape[1]) + gram)[1]
+        path = bounds.rest + self._dense_basis @ coefficients
+        slack = self.clearance.slack(path.reshape(-1, 3)).reshape(batch, -1, 1)
+        middle = 0.5 * (bounds.lower + bounds.upper) - bounds.rest
+        shares = (
+            np.abs(q - middle) / self.series.half,
+            np.abs(dq) / bounds.velocity,
+            np.abs(torque) / bounds.effort,
+            1.0 - slack / _CLEARANCE_UNIT,
+        )
+        over = [(np.maximum(share - 1.0 + _SPARE, 0.0) ** 2).sum(axis=(1, 2)) for share in shares]
+        return gain, np.sum(over, axis=0)
+
+    def _gram_and_torque(self, motion: JointMotion, batch: int) -> tuple[Array, Array]:
+        """Sᵀ Yᵀ Σ⁻¹ Y S of the whole duration (batch, n, n), and the predicted torque (batch, samples, 3) [N·m]."""
+        experiment = self.experiment
+        columns, prior = experiment.regressor.columns, experiment.prior
+        counts = experiment.rate * self._quadrature[1]
+        gram = np.zeros((batch, len(columns), len(columns)))
+        torque = np.empty((batch, len(counts), 3))
+        for k, row in enumerate(experiment.regressor.rows(motion, np.zeros((len(motion), 3)))):
+            picks = [columns.index(name) for name in row.columns]
+            torque[..., k] = row.predict(prior.values[picks]).reshape(batch, -1)
+            Y = row.matrix.T.reshape(len(picks), batch, -1).transpose(1, 0, 2) * (np.sqrt(counts) / experiment.noise[k])
+            gram[np.ix_(range(batch), picks, picks)] += Y @ Y.transpose(0, 2, 1)
+        return prior.root.T @ gram @ prior.root, torque
+
+    @cached_property
+    def _quadrature(self) -> tuple[Array, Array]:
+        return self.series.quadrature(self.search.samples)
+
+    @cached_property
+    def _basis(self) -> tuple[Array, Array, Array]:
+        return self.series.basis(self._quadrature[0])
+
+    @cached_property
+    def _dense_basis(self) -> Array:
+        return self.series.basis(self.series.instants(_CLEARANCE_RATE))[0]

@@ -1,0 +1,189 @@
+"""What the design of an excitation gives back, as plain values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stadera.excite.sinusoids import Sinusoids
+from stadera.excite.worth import LegExperiment
+from stadera.identify.observability import Combination
+from stadera.results import Result
+from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.excite.design import ExciteSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Appraisal:
+    """What one motion would determine.
+
+    Attributes:
+        motion: the motion.
+        gain: information gain [nat].
+        rank: directions that would be known better than the prior knows them, joint terms included.
+        rigid_rank: the same with the joints' own terms known, for the links' parameters alone.
+        std: (combinations,), standard deviation of each identifiable combination in shares of its prior one.
+    """
+
+    motion: Sinusoids
+    gain: float
+    rank: int
+    rigid_rank: int
+    std: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Excitation(Result):
+    """A designed excitation.
+
+    Attributes:
+        experiment: the leg, its bounds and the noise.
+        settings: what was asked for.
+        chosen: the motion to play.
+        draws: the paper's random draws it is compared with; empty where the motion is itself one.
+        combinations: what any motion can at best identify.
+        rigid_rank: how many combinations that are of the links alone.
+        peaks: what the chosen motion uses of the leg's bounds.
+    """
+
+    experiment: LegExperiment
+    settings: ExciteSettings
+    chosen: Appraisal
+    draws: tuple[Appraisal, ...]
+    combinations: tuple[Combination, ...]
+    rigid_rank: int
+    peaks: Peaks
+
+    @property
+    def gained(self) -> float | None:
+        """Information more than the median random draw's [nat]; None without draws."""
+        return self.chosen.gain - float(np.median([d.gain for d in self.draws])) if self.draws else None
+
+    @cached_property
+    def ratios(self) -> Array | None:
+        """By combination, median standard deviation over the random draws in units of the chosen motion's."""
+        return np.median([d.std for d in self.draws], axis=0) / self.chosen.std if self.draws else None
+
+    @property
+    def median_ratio(self) -> float | None:
+        """The median of `ratios`; None without draws."""
+        return None if self.ratios is None else float(np.median(self.ratios))
+
+    @property
+    def motions(self) -> dict[str, Appraisal]:
+        """The motion and what it is compared with, by name."""
+        if not self.draws:
+            return {"random draw": self.chosen}
+        return {"optimised": self.chosen, **{f"draw {k + 1}": draw for k, draw in enumerate(self.draws)}}
+
+    def to_html(self) -> str:
+        """The report: one page that loads nothing."""
+        from stadera.report.excite.page import excitation_html
+
+        return excitation_html(self)
+
+    def __repr__(self) -> str:
+        bounds, settings = self.experiment.bounds, self.settings
+        gained = "" if self.gained is None else f", {self.gained:.3g} nat more than the median random draw"
+        return (
+            f"Excitation of {bounds.robot.name} {bounds.leg}, {settings.duration:g} s at {settings.rate:g} Hz: "
+            f"{self.chosen.gain:.4g} nat, {self.chosen.rigid_rank} of {self.rigid_rank} combinations{gained}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON: settings, extremes, worth of each motion, and the sinusoids themselves.
+
+        Standard deviations are in shares of the prior's. Limits that the model does not state are null.
+        """
+        bounds, settings, motion = self.experiment.bounds, self.settings, self.chosen.motion
+        arrays = ("rest", "origins", "amplitudes", "frequencies", "phases", "starts")
+        return {
+            "robot": bounds.robot.name,
+            "leg": bounds.leg,
+            "kind": "random" if settings.random else "optimised",
+            "duration": settings.duration,
+            "rate": settings.rate,
+            "seed": settings.seed,
+            "stand_height": settings.stand_height,
+            "torque_noise": dict(zip(bounds.joints, self.experiment.noise.tolist(), strict=True)),
+            "joints": {joint: self._extremes(k) for k, joint in enumerate(bounds.joints)},
+            "least_distance": _finite(self.peaks.distance),
+            "motions": [
+                {"name": name, "gain": a.gain, "rank": a.rank, "rigid_rank": a.rigid_rank}
+                for name, a in self.motions.items()
+            ],
+            "combinations": [
+                {
+                    "text": str(combination),
+                    "std": float(self.chosen.std[k]),
+                    "random_std": float(np.median([draw.std[k] for draw in self.draws])) if self.draws else None,
+                    "ratio": None if self.ratios is None else float(self.ratios[k]),
+                }
+                for k, combination in enumerate(self.combinations)
+            ],
+            "gained": self.gained,
+            "median_ratio": self.median_ratio,
+            "rigid_rank": self.rigid_rank,
+            "sinusoids": {name: getattr(motion, name).tolist() for name in arrays} | {"fade": motion.fade},
+            "notes": list(bounds.clearance.notes),
+            "units": dict(_UNITS),
+        }
+
+    def _extremes(self, joint: int) -> dict[str, Any]:
+        """What the motion uses of a joint, and its bounds."""
+        bounds, peaks = self.experiment.bounds, self.peaks
+        return {
+            "position": [float(peaks.lower[joint]), float(peaks.upper[joint])],
+            "position_bounds": [float(bounds.lower[joint]), float(bounds.upper[joint])],
+            "velocity": float(peaks.velocity[joint]),
+            "velocity_bound": _finite(bounds.velocity[joint]),
+            "acceleration": float(peaks.acceleration[joint]),
+            "torque": float(peaks.torque[joint]),
+            "torque_bound": _finite(bounds.effort[joint]),
+        }
+
+
+_UNITS = {
+    "duration": "s",
+    "rate": "Hz",
+    "stand_height": "m",
+    "torque_noise": "N·m",
+    "position": "rad",
+    "velocity": "rad/s",
+    "acceleration": "rad/s²",
+    "torque": "N·m",
+    "least_distance": "m",
+    "gain": "nat",
+    "gained": "nat",
+    "std": "of the prior's",
+    "sinusoids": "rad, Hz, s",
+}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """Extremes of a motion, (3,) each.
+
+    Attributes:
+        lower, upper: position [rad].
+        velocity: magnitude [rad/s].
+        acceleration: magnitude [rad/s²].
+        torque: magnitude, as the prior model predicts [N·m].
+        distance: least distance to trunk, other legs, itself and the ground [m]; from 0.1 m on a lower bound of it.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    distance: float

@@ -1,0 +1,172 @@
+"""Joint references made of sinusoids: smooth, exactly differentiable, at rest at both ends.
+
+A motion is a row of segments. In segment s each joint j swings about its own origin (section IV of the paper)::
+
+    c_sj(t) = O_sj + Σ_k A_sjk sin(2π f_sjk (t - T_s) + φ_sjk)
+
+and the segments are faded into one another, and at both ends into the rest pose q_0, by windows w_s::
+
+    q(t) = q_0 + Σ_s w_s(t) (c_s(t) - q_0),     w_s(t) = b((t - T_s) / h) - b((t - T_{s+1}) / h)
+    b(x) = 10 x³ - 15 x⁴ + 6 x⁵ on 0..1, 0 before, 1 after
+
+With fades of length h no longer than a segment, all w_s are ≥ 0 and sum to at most 1: q(t) is a convex combination of
+the segments' curves and the rest pose, so that bounds on positions which hold for those hold throughout. b has two
+continuous derivatives, zero at both of its ends, and so velocity and acceleration are continuous, and zero at the start
+and the end. One segment whose frequencies are multiples of a base frequency is the usual Fourier series (Swevers et
+al. 1997).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stadera.errors import IdentificationError
+from stadera.legs.motion import JointMotion
+from stadera.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A motion for a controller to track, on an even clock.
+
+    Attributes:
+        joints: names, n of them.
+        time: (samples,) [s], from zero.
+        motion: position [rad], velocity [rad/s] and acceleration [rad/s²], (samples, n) each.
+    """
+
+    joints: tuple[str, ...]
+    time: Array
+    motion: JointMotion
+
+    def __post_init__(self) -> None:
+        shape = (len(self.time), len(self.joints))
+        if self.motion.position.shape != shape:
+            raise IdentificationError(f"a reference needs positions of shape {shape}, got {self.motion.position.shape}")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def position(self) -> Array:
+        """(samples, n) [rad]."""
+        return self.motion.position
+
+    @property
+    def velocity(self) -> Array:
+        """(samples, n) [rad/s]."""
+        return self.motion.velocity
+
+    @property
+    def acceleration(self) -> Array:
+        """(samples, n) [rad/s²]."""
+        return self.motion.acceleration
+
+
+@dataclass(frozen=True, eq=False)
+class Sinusoids:
+    """Segments of sinusoids about shifted origins, see the module's equations.
+
+    Attributes:
+        joints: names, n of them.
+        rest: (n,) [rad], the pose at the start and the end.
+        origins: (segments, n) [rad].
+        amplitudes: (segments, n, harmonics) [rad].
+        frequencies: likewise [Hz].
+        phases: likewise [rad].
+        starts: (segments + 1,) [s], increasing: when each segment begins to fade in; the last when all fades out.
+        fade: h [s], no longer than any segment.
+
+    Raises:
+        IdentificationError: shapes that do not fit together, values that are not finite, times that do not increase or
+            segments shorter than the fade.
+    """
+
+    joints: tuple[str, ...]
+    rest: Array
+    origins: Array
+    amplitudes: Array
+    frequencies: Array
+    phases: Array
+    starts: Array
+    fade: float
+
+    def __post_init__(self) -> None:
+        n, segments = len(self.joints), len(self.origins)
+        harmonics = self.amplitudes.shape[-1] if self.amplitudes.ndim == 3 else 0
+        shapes = {"rest": (n,), "origins": (segments, n), "starts": (segments + 1,)}
+        shapes |= dict.fromkeys(("amplitudes", "frequencies", "phases"), (segments, n, harmonics))
+        for name, shape in shapes.items():
+            values = getattr(self, name)
+            if values.shape != shape or not np.isfinite(values).all():
+                raise IdentificationError(f"sinusoids need finite {name} of shape {shape}, got shape {values.shape}")
+        if not 0 < self.fade <= np.diff(self.starts).min(initial=np.inf) + 1e-9:
+            raise IdentificationError(
+                f"every segment must last at least one fade, {self.fade} s; they start at {self.starts.tolist()} s"
+            )
+
+    @property
+    def duration(self) -> float:
+        """When the motion is back at rest [s]."""
+        return float(self.starts[-1] + self.fade)
+
+    def at(self, time: ArrayLike) -> JointMotion:
+        """Position, velocity and acceleration at increasing times (samples,) [s]; exact, at rest outside the motion."""
+        t = np.asarray(time, dtype=float)
+        q = np.tile(self.rest, (len(t), 1))
+        dq, ddq = np.zeros_like(q), np.zeros_like(q)
+        for s in range(len(self.origins)):
+            part = slice(*np.searchsorted(t, (self.starts[s], self.starts[s + 1] + self.fade)))
+            c, dc, ddc = self._curve(s, t[part])
+            faded = window(t[part], self.starts[s], self.starts[s + 1], self.fade)
+            w, dw, ddw = (values[:, None] for values in faded)
+            q[part] += w * c
+            dq[part] += dw * c + w * dc
+            ddq[part] += ddw * c + 2.0 * dw * dc + w * ddc
+        return JointMotion(q, dq, ddq)
+
+    def sample(self, rate: float) -> Reference:
+        """The whole motion, `rate` samples a second, from zero to the end.
+
+        Raises:
+            IdentificationError: a rate that is not positive.
+        """
+        if not (np.isfinite(rate) and rate > 0):
+            raise IdentificationError(f"a sampling rate must be positive, got {rate} Hz")
+        time = np.arange(int(np.ceil(self.duration * rate - 1e-6)) + 1) / rate
+        return Reference(self.joints, time, self.at(time))
+
+    def drawn_in(self, factor: float) -> Sinusoids:
+        """The same motion drawn in towards the rest pose: q_0 + factor (q(t) - q_0)."""
+        origins = self.rest + factor * (self.origins - self.rest)
+        return replace(self, origins=origins, amplitudes=factor * self.amplitudes)
+
+    def _curve(self, s: int, t: Array) -> tuple[Array, Array, Array]:
+        """c_s - q_0 with its two derivatives, (samples, n) each."""
+        c = np.tile(self.origins[s] - self.rest, (len(t), 1))
+        dc, ddc = np.zeros_like(c), np.zeros_like(c)
+        since = (t - self.starts[s])[:, None]
+        for k in range(self.amplitudes.shape[2]):
+            omega = 2.0 * np.pi * self.frequencies[s, :, k]
+            angle = omega * since + self.phases[s, :, k]
+            swing = self.amplitudes[s, :, k] * np.sin(angle)
+            c += swing
+            dc += self.amplitudes[s, :, k] * omega * np.cos(angle)
+            ddc -= omega**2 * swing
+        return c, dc, ddc
+
+
+def window(t: Array, start: float, end: float, fade: float) -> tuple[Array, Array, Array]:
+    """w with its two derivatives, (samples,) each; it rises over `fade` from `start`, falls over `fade` from `end`."""
+    rise, fall = _blend((t - start) / fade), _blend((t - end) / fade)
+    return rise[0] - fall[0], (rise[1] - fall[1]) / fade, (rise[2] - fall[2]) / fade**2
+
+
+def _blend(x: Array) -> tuple[Array, Array, Array]:
+    """b(x), b'(x), b''(x)."""
+    x = np.clip(x, 0.0, 1.0)
+    value = x**3 * (10.0 + x * (6.0 * x - 15.0))
+    return value, 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)

@@ -1,0 +1,41 @@
+"""What the feet carry in a log: legs are identified while they swing freely, so nothing.
+
+The forces are those of a robot at rest (`LegModel.forces_at_rest`), averaged over the log: accelerations and friction
+cancel over a motion that stays in place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.legs.model import LegModel
+from stadera.logs.recording import Recording
+from stadera.robot.model import Robot
+from stadera.types import Array
+
+_MOST_SAMPLES = 4000  # that a log is thinned out to
+
+
+def carried_shares(recording: Recording, robot: Robot, up: Array) -> dict[str, float]:
+    """Mean upward force on each foot as a share of the robot's weight.
+
+    Args:
+        recording: with positions and efforts of the legs' joints; legs that are not recorded are left out.
+        robot: the model.
+        up: (3,), the vertical in trunk axes, of any length.
+    """
+    model, joints = LegModel.of(robot), robot.tree.joints
+    thin = slice(None, None, -(-len(recording) // _MOST_SAMPLES))
+    position, effort = np.zeros((2, len(recording.time[thin]), len(joints)))
+    recorded = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
+    for leg in recorded:
+        columns = [joints.index(joint) for joint in leg.joints]
+        position[:, columns], effort[:, columns] = (
+            recording.channel(name, leg.joints)[thin] for name in ("position", "effort")
+        )
+    vertical = up / np.linalg.norm(up)
+    held = np.tile(GRAVITY * vertical, (len(position), 1))
+    force, _ = model.forces_at_rest(position[:, model.columns], effort[:, model.columns], held)
+    loads = force.mean(axis=0) @ vertical / (robot.mass * GRAVITY)
+    return {leg.name: float(loads[robot.legs.index(leg)]) for leg in recorded}

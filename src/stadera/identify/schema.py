@@ -1,0 +1,191 @@
+"""An identification as plain values: the JSON of `identify`, its table, and the robot that the JSON describes.
+
+Keys are only ever added; SI units; the inertia of a link is about its frame's origin, in its axes. A `std` is null
+where the data do not measure the value, which then rests on the prior: it is the prior's own, or where what was
+measured (on this leg or the others) moved it along.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from math import isfinite, nan
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stadera.errors import MissingExtraError, ModelError
+from stadera.identify.observability import Verdict
+from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
+from stadera.inertia import ORDER, InertialParameters
+from stadera.robot.model import JointDynamics, Robot
+
+_INERTIA = tuple(name.removeprefix("I") for name in ORDER[4:])
+_READ = ("armature", "viscous", "coulomb")
+_UNITS = {
+    "mass": "kg",
+    "com": "m",
+    "inertia": "kg·m²",
+    "armature": "kg·m²",
+    "viscous": "N·m·s/rad",
+    "coulomb": "N·m",
+    "offset": "N·m",
+    "rmse": "N·m",
+    "torque_lag": "s",
+}
+
+
+def identification_dict(result: Identification) -> dict[str, Any]:
+    """Everything as values that `json.dumps` takes; figures of a bad result are marked as not trusted."""
+    mark = {"trusted": False} if result.trust.verdict == "bad" else {}
+    return {
+        "robot": result.robot.name,
+        "source": result.source,
+        "method": result.method,
+        "trust": result.trust.to_dict(),
+        "links": {link: _link(leg, link, mark) for leg in result.legs for link in leg.leg.links},
+        "joints": {joint: _joint(leg, joint, mark) for leg in result.legs for joint in leg.leg.joints},
+        "rank": result.rank,
+        "parameters": result.parameters,
+        "physical": result.is_physical,
+        "rmse": _rmse(result),
+        "legs": {leg.leg.name: _leg(leg) for leg in result.legs},
+        "torque_lag": result.torque_lag,
+        "validated_on": result.validated_on,
+        "notes": list(result.notes),
+        "warnings": list(result.warnings),
+        "units": dict(_UNITS),
+    }
+
+
+def identification_frame(result: Identification) -> Any:
+    """A pandas DataFrame, one row a parameter: leg, of (link or joint), parameter, prior, value, std, observability,
+    unit.
+
+    Raises:
+        MissingExtraError: pandas is not installed.
+    """
+    try:
+        import pandas as pd  # type: ignore[import-untyped]
+    except ImportError:
+        raise MissingExtraError("pandas", "dataframe", "a data frame") from None
+    rows = [
+        (leg.leg.name, *name.rsplit(".", 1), q.prior, q.value, nan if q.is_held else q.std, str(q.verdict), q.unit)
+        for leg in result.legs
+        for name, q in leg.parameters.items()
+    ]
+    names = ["leg", "of", "parameter", "prior", "value", "std", "observability", "unit"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
+    """The robot with the links' inertias and the joints' rotor inertia and friction of an identification.
+
+    Legs that were not identified stay the model's. A joint's torque offset is left out: it belongs to the day's
+    sensors, and weighing estimates its own. Negative friction or rotor inertia, which noise can leave, counts as none.
+
+    Args:
+        path: the JSON that `identify --json` wrote.
+
+    Raises:
+        ModelError: no such file, not such a JSON, a link that no body could be.
+        UnknownNameError: a link or joint that this robot has not.
+    """
+    path = Path(path)
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+        links = {name: _body(entry) for name, entry in value["links"].items()}
+        joints = {name: _known(entry) for name, entry in value["joints"].items()}
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ModelError(f"{path}: not the JSON of an identification (identify --json): {error!r}") from None
+    for name, body in links.items():
+        if not body.is_physical():
+            raise ModelError(f"{path}: link {name!r} was identified as a body that cannot be")
+    robot = robot.with_inertias(links)
+    return robot.with_dynamics(
+        {name: replace(robot.dynamics.get(name, JointDynamics()), **terms) for name, terms in joints.items()}
+    )
+
+
+# -- writing ----------------------------------------------------------------------------------------------------------
+
+
+def _link(leg: LegIdentification, link: str, mark: dict[str, bool]) -> dict[str, Any]:
+    found = leg.parameters
+    return {
+        "mass": _quantity(found[f"{link}.m"]) | mark,
+        "com": [_quantity(q) | mark for q in leg.coms[link]],
+        "inertia": {name: _quantity(found[f"{link}.I{name}"]) | mark for name in _INERTIA},
+    }
+
+
+def _joint(leg: LegIdentification, joint: str, mark: dict[str, bool]) -> dict[str, Any]:
+    prefix = f"{joint}."
+    found = {name.removeprefix(prefix): q for name, q in leg.parameters.items() if name.startswith(prefix)}
+    return {name: _quantity(q) | mark for name, q in found.items()}
+
+
+def _quantity(quantity: Quantity) -> dict[str, Any]:
+    return {
+        "prior": quantity.prior,
+        "value": quantity.value,
+        "std": None if quantity.is_held else quantity.std,
+        "observability": str(quantity.verdict),
+    }
+
+
+def _leg(leg: LegIdentification) -> dict[str, Any]:
+    return {
+        "rank": leg.estimate.observability.rank,
+        "parameters": len(leg.estimate.columns),
+        "structural_rank": leg.structural_rank,
+        "physical": leg.estimate.is_physical,
+        "combinations": [_combination(c) for c in leg.combinations],
+        "noise": dict(leg.noise),
+        "warnings": list(leg.warnings),
+    }
+
+
+def _combination(combination: KnownCombination) -> dict[str, Any]:
+    return {
+        "text": combination.text,
+        "unit": combination.unit,
+        "prior": combination.prior,
+        "value": combination.value,
+        "std": None if combination.verdict is Verdict.UNOBSERVABLE else combination.std,
+        "observability": str(combination.verdict),
+    }
+
+
+def _rmse(result: Identification) -> dict[str, dict[str, dict[str, float]]]:
+    """By part, model and joint, over all legs [N·m]."""
+    merged: dict[str, dict[str, dict[str, float]]] = {}
+    for leg in result.legs:
+        for part, models in leg.rmse.items():
+            for model, joints in models.items():
+                merged.setdefault(part, {}).setdefault(model, {}).update(joints)
+    return merged
+
+
+# -- reading ----------------------------------------------------------------------------------------------------------
+
+
+def _body(entry: dict[str, Any]) -> InertialParameters:
+    mass = _number(entry["mass"])
+    moment = [mass * _number(component) for component in entry["com"]]
+    return InertialParameters(np.array([mass, *moment, *(_number(entry["inertia"][name]) for name in _INERTIA)]))
+
+
+def _known(entry: dict[str, Any]) -> dict[str, float]:
+    return {term: max(_number(entry[term]), 0.0) for term in _READ if term in entry}
+
+
+def _number(entry: dict[str, Any]) -> float:
+    value = float(entry["value"])
+    if not isfinite(value):
+        raise ValueError(f"{value} is no value")
+    return value

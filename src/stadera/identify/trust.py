@@ -1,0 +1,128 @@
+"""How well the identified legs explain the torques: residual variance over what noise and usual drives leave.
+
+The error bars of an identification are made of its own residuals, so they widen with a bad fit by themselves; what they
+cannot show is that the model is wrong. So each joint's residual is compared with what should be left of it,
+
+    s² = (σ √(2 f_c / f_s))² + (a τ_c)² + (b rms τ)²
+
+the torque's white noise σ in the band of the equations, what Coulomb and viscous friction do not explain of a drive's
+friction, and what the reported torque is off by besides its offset. The misfit of a leg is the mean over its
+joints of residual variance over s²; the verdict is by the worst joint. A torque of the wrong sign, which is bad
+however small its misfit, is looked for by reversing it: the cost of the posterior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from stadera.identify.gather import Gathered
+from stadera.identify.job import Job, LegTask
+from stadera.identify.settings import TrustSettings
+from stadera.identify.solutions import Estimate
+from stadera.trust import Trust, Verdict
+
+_LIKELIEST = (
+    "the likeliest causes are another robot's model, torques of another joint, a foot that touches something, or a "
+    "trunk that moves"
+)
+_ROUNDING = 1e-12  # N·m, so that a torque that is zero throughout has a size
+
+
+def trust_in(
+    job: Job, gathered: Sequence[Gathered], estimates: Sequence[Estimate], remarks: Sequence[str] = ()
+) -> Trust:
+    """The fit quality of the legs that were asked for.
+
+    Args:
+        gathered, estimates: by leg, in the job's order.
+        remarks: further reasons to doubt the result, a sentence each.
+    """
+    settings = job.settings.trust
+    wanted = list(zip(job.tasks, gathered, estimates, strict=True))[: job.wanted]
+    fits = [_LegFit(task, data, estimate, _stated(job, task, estimate)) for task, data, estimate in wanted]
+    is_bad, reasons = _explained(fits, settings)
+    reasons = (*reasons, *_far(fits, settings.far), *remarks)
+    verdict: Verdict = "bad" if is_bad else "doubtful" if reasons else "good"
+    by_leg = {fit.task.leg.name: float(np.mean(list(fit.misfits.values()))) for fit in fits}
+    return Trust(verdict, float(np.mean(list(by_leg.values()))), by_leg, reasons)
+
+
+def _explained(fits: Sequence[_LegFit], settings: TrustSettings) -> tuple[bool, tuple[str, ...]]:
+    """Whether the model does not explain the torques at all, and where it does not well."""
+    loud = {joint: misfit for fit in fits for joint, misfit in fit.misfits.items() if misfit > settings.doubtful}
+    signs = [reason for fit in fits if loud.keys() & fit.stated for reason in fit.reversed(settings.reversed_gain)]
+    if signs:
+        return True, (*signs, *map(_loud, loud, loud.values()))
+    if not any(misfit > settings.bad for misfit in loud.values()):
+        return False, tuple(map(_loud, loud, loud.values()))
+    return True, (*map(_loud, loud, loud.values()), _LIKELIEST)
+
+
+@dataclass(frozen=True, eq=False)
+class _LegFit:
+    """What is left of one leg's torques, and what should be: `stated` by joint, s [N·m]."""
+
+    task: LegTask
+    data: Gathered
+    estimate: Estimate
+    stated: Mapping[str, float]
+
+    @property
+    def misfits(self) -> dict[str, float]:
+        """By joint."""
+        return {joint: (self.data.noise[joint] / std) ** 2 for joint, std in self.stated.items()}
+
+    def reversed(self, gain: float) -> Iterator[str]:
+        """The joint or joints whose torque, with its sign reversed, the model explains far better."""
+        joints = self.task.leg.joints
+        costs = {flipped: self._cost(flipped) for flipped in ((), *((joint,) for joint in joints), joints)}
+        best = min(costs, key=lambda flipped: costs[flipped])
+        if best and gain * costs[best] < costs[()]:
+            yield f"leg {self.task.leg.name}: the torque of {', '.join(map(repr, best))} seems to have the other sign"
+
+    def _cost(self, flipped: tuple[str, ...]) -> float:
+        """min |R θ - z|² + |x|² over θ = prior + root x, rows in units of what should be left."""
+        by_joint = tuple(
+            replace(rows, z=-rows.z) if joint in flipped else rows
+            for joint, rows in zip(self.task.leg.joints, self.data.by_joint, strict=True)
+        )
+        information = replace(self.data, noise=self.stated, by_joint=by_joint).whitened(self.task.fixed)
+        prior = self.estimate.prior
+        rows = np.vstack([information.R @ prior.root, np.eye(len(prior.values))])
+        target = np.concatenate([information.z - information.R @ prior.values, np.zeros(len(prior.values))])
+        return information.cost + float(np.sum((rows @ np.linalg.lstsq(rows, target)[0] - target) ** 2))
+
+
+def _stated(job: Job, task: LegTask, estimate: Estimate) -> dict[str, float]:
+    """By joint, s [N·m]."""
+    found, settings = dict(task.fixed) | estimate.by_name(), job.settings.trust
+
+    def size(joint: str) -> float:
+        friction, torque = settings.friction * found[f"{joint}.coulomb"], settings.torque * job.torque_rms[joint]
+        return float(np.linalg.norm([job.torque_noise[joint], friction, torque, _ROUNDING]))
+
+    return {joint: size(joint) for joint in task.leg.joints}
+
+
+def _loud(joint: str, misfit: float) -> str:
+    return (
+        f"joint {joint!r}: the torque's residual is {np.sqrt(misfit):.3g} times what its noise and the usual "
+        f"imperfections of drives leave"
+    )
+
+
+def _far(fits: Sequence[_LegFit], chance: float) -> Iterator[str]:
+    """Whether all legs together are further from the model than the prior allows."""
+    if any(fit.estimate.method != "consistent" for fit in fits):
+        return
+    steps = [np.linalg.solve(f.task.prior.root, f.estimate.values - f.task.prior.values) for f in fits]
+    distance, rank = sum(float(x @ x) for x in steps), sum(f.estimate.observability.rank for f in fits)
+    if distance > chi2.isf(chance, max(rank, 1)):
+        yield (
+            f"the values are {np.sqrt(distance / max(rank, 1)):.2g} times as far from the model's as usual: look at "
+            f"the model, and at the unit of the torques"
+        )

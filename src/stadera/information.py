@@ -1,0 +1,448 @@
+"""Square-root information: all that least squares can ask of any number of rows, in one small triangle.
+
+Rows ``H x + B p = y`` of unit noise, x the unknowns and p errors of unit covariance that are not estimated, are summed
+up by the triangular factor of a QR::
+
+    [H y B] = Q [R z G]        |H x - y|² = |R x - z|² + ρ²  for every x (p = 0)
+                [0 ρ *]
+
+Batch and recursive least squares, forgetting, merging and prior information are operations on R, z, G and ρ. R has
+twice the digits of HᵀH, and a column's unit does not matter, for Householder QR treats each column by itself.
+
+The errors p are consider parameters (Schmidt 1966): the estimate R⁻¹z takes them for zero and is off by -R⁻¹G p, so its
+covariance is ``R⁻¹R⁻ᵀ + (R⁻¹G)(R⁻¹G)ᵀ``. An error that acts alike on two unknowns cancels in their difference.
+
+Unknowns are named blocks, of one entry or more: ``known.mean[known["theta"]]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import lapack
+from threadpoolctl import ThreadpoolController
+
+from stadera.errors import IdentificationError, UnknownNameError
+from stadera.legs.rows import Rows
+from stadera.types import Array
+
+Places = NDArray[np.intp]
+
+_EQUAL = 1e6  # a copy equals its original to a millionth of the original's standard deviation
+_DEPENDENT = 1e-12  # share of a column's norm below which what is left of it is rounding
+_BLOCK = 4096  # rows summed up at once, a block that fits into the processor's cache
+_PANEL = 8  # columns that are reflected at once
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Order and sizes of named blocks of unknowns.
+
+    Raises:
+        IdentificationError: a name twice, or sizes that are not one positive number a name.
+    """
+
+    names: tuple[str, ...]
+    sizes: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        if len(set(self.names)) < len(self.names):
+            raise IdentificationError(f"unknowns need names of their own, got {', '.join(self.names)}")
+        if len(self.sizes) != len(self.names) or not all(size > 0 for size in self.sizes):
+            raise IdentificationError(f"{len(self.names)} blocks of unknowns need as many sizes, got {self.sizes}")
+
+    @classmethod
+    def of(cls, **sizes: int) -> Unknowns:
+        """Blocks by name and size: ``Unknowns.of(theta=10, bias=3)``."""
+        return cls(tuple(sizes), tuple(sizes.values()))
+
+    @classmethod
+    def scalars(cls, names: Iterable[str]) -> Unknowns:
+        """One unknown a name."""
+        names = tuple(names)
+        return cls(names, (1,) * len(names))
+
+    def __len__(self) -> int:
+        return self._edges[-1]
+
+    def __getitem__(self, name: str) -> slice:
+        """Where a block's entries stand.
+
+        Raises:
+            UnknownNameError: no such block.
+        """
+        k = self._places.get(name)
+        if k is None:
+            raise UnknownNameError("parameter", name, self.names)
+        return slice(self._edges[k], self._edges[k + 1])
+
+    def index(self, names: Iterable[str]) -> Places:
+        """Where the entries of several blocks stand, in the order asked for."""
+        parts = [np.arange(s.start, s.stop) for s in map(self.__getitem__, names)]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
+
+    def only(self, names: Iterable[str]) -> Unknowns:
+        """Some of the blocks, in the order asked for."""
+        names = tuple(names)
+        return Unknowns(names, tuple(self[name].stop - self[name].start for name in names))
+
+    def without(self, names: Iterable[str]) -> Unknowns:
+        """The other blocks."""
+        left_out = set(names)
+        return self.only(name for name in self.names if name not in left_out)
+
+    @cached_property
+    def _edges(self) -> list[int]:
+        return [0, *np.cumsum(self.sizes, dtype=int).tolist()]
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.names)}
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What is known of n unknowns, as ``R x + G p = z`` with unit noise.
+
+    Attributes:
+        unknowns: their names and places.
+        R: (n, n), upper triangular, each column in units of 1/unknown; singular where nothing is known.
+        z: (n,).
+        G: (n, q), of the q considered errors.
+        cost: ρ², the sum of squares that no x explains.
+        count: how many rows went in (after forgetting: their sum of weights).
+
+    Raises:
+        IdentificationError: shapes that do not fit.
+    """
+
+    unknowns: Unknowns
+    R: Array
+    z: Array
+    G: Array
+    cost: float = 0.0
+    count: float = 0.0
+
+    @classmethod
+    def empty(cls, unknowns: Unknowns | Iterable[str], considered: int = 0) -> Information:
+        """Nothing known yet, of named blocks or of one unknown a name."""
+        layout = _layout(unknowns)
+        n = len(layout)
+        return cls(layout, np.zeros((n, n)), np.zeros(n), np.zeros((n, considered)))
+
+    @classmethod
+    def prior(cls, unknowns: Unknowns | Iterable[str], mean: Array, std: Array, considered: int = 0) -> Information:
+        """Independent unknowns with these means and standard deviations, (n,), which no considered error affects."""
+        return cls(_layout(unknowns), np.diag(1.0 / std), mean / std, np.zeros((len(mean), considered)))
+
+    @classmethod
+    def of(cls, rows: Iterable[Rows], unknowns: Unknowns | Iterable[str]) -> Information:
+        """The information of a stream of rows on unknowns of one entry each; memory does not grow with its length.
+
+        Raises:
+            UnknownNameError: rows with a parameter that is not among the unknowns.
+            IdentificationError: rows with values that are not finite.
+        """
+        layout = _layout(unknowns)
+        stream = _Stream(layout)
+        with _blas().limit(limits=1, user_api="blas"):  # the factors are small: two threads would wait for each other
+            for r in rows:
+                stream.add(r)
+            return _triangular(layout, stream.stacked(), count=float(stream.count))
+
+    def __post_init__(self) -> None:
+        n = len(self.unknowns)
+        if self.R.shape != (n, n) or self.z.shape != (n,) or len(self.G) != n:
+            raise IdentificationError(
+                f"information on {n} unknowns needs R {(n, n)} and z {(n,)}, got {self.R.shape}, {self.z.shape}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    def __getitem__(self, name: str) -> slice:
+        """Where a block of unknowns stands."""
+        return self.unknowns[name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the unknowns."""
+        return self.unknowns.names
+
+    # -- more rows --------------------------------------------------------------------------------------------------
+    def add(self, matrix: Array, target: Array, considered: Array | None = None) -> Information:
+        """With any number of rows of unit noise on all unknowns.
+
+        Args:
+            matrix, target: H (rows, n) and y (rows,).
+            considered: B (rows, q); None where the considered errors do not affect the rows.
+        """
+        n, rows = len(self), len(target)
+        stacked = self._stacked(n + rows, n)
+        stacked[n:, :n], stacked[n:, n] = matrix, target
+        if considered is not None:
+            stacked[n:, n + 1 :] = considered
+        return _triangular(self.unknowns, stacked, self.cost, self.count + rows)
+
+    def add_rows(self, rows: Iterable[Rows]) -> Information:
+        """With rows on named unknowns of one entry each."""
+        return self.merge(Information.of(rows, self.unknowns))
+
+    def merge(self, other: Information) -> Information:
+        """With all that another information on some of the same unknowns holds, under the same considered errors.
+
+        Raises:
+            UnknownNameError: the other has an unknown that this one has not.
+            IdentificationError: each considers another number of errors.
+        """
+        n, q = len(self), max(self.G.shape[1], other.G.shape[1])
+        if any(G.shape[1] not in (0, q) for G in (self.G, other.G)):
+            raise IdentificationError(
+                f"information merges under the same considered errors, got {self.G.shape[1]} and {other.G.shape[1]}"
+            )
+        stacked = np.zeros((n + len(other), n + 1 + q))
+        stacked[:n, :n], stacked[:n, n], stacked[:n, n + 1 : n + 1 + self.G.shape[1]] = self.R, self.z, self.G
+        stacked[n:, self.unknowns.index(other.names)] = other.R
+        stacked[n:, n], stacked[n:, n + 1 : n + 1 + other.G.shape[1]] = other.z, other.G
+        return _triangular(self.unknowns, stacked, self.cost + other.cost, self.count + other.count)
+
+    # -- less certain -----------------------------------------------------------------------------------------------
+    def forget(self, factor: float) -> Information:
+        """With everything so far worth `factor` (0 to 1) of what it was; 1 changes nothing.
+
+        Raises:
+            IdentificationError: a factor outside 0 to 1.
+        """
+        if not 0.0 <= factor <= 1.0:
+            raise IdentificationError(f"a forgetting factor lies between 0 and 1, got {factor}")
+        root = np.sqrt(factor)
+        return Information(
+            self.unknowns, root * self.R, root * self.z, root * self.G, factor * self.cost, factor * self.count
+        )
+
+    def scaled_noise(self, std: float) -> Information:
+        """With the noise of all rows multiplied by `std`, for rows that went in with a noise yet unknown."""
+        if not std > 0:
+            raise IdentificationError(f"a noise must be positive, got {std}")
+        return Information(self.unknowns, self.R / std, self.z / std, self.G / std, self.cost / std**2, self.count)
+
+    def diffuse(self, std: Mapping[str, ArrayLike]) -> Information:
+        """With blocks changed by independent zero-mean steps, of these standard deviations: a number or one an entry.
+
+        With w the step of the unknowns x' = x + w, the triangle of ``[1/s, 0 | 0; -R, R | z]`` without w's rows.
+        """
+        places = [self[name] for name in std]
+        n, k = len(self), sum(place.stop - place.start for place in places)
+        stacked = np.zeros((k + n, k + n + 1 + self.G.shape[1]))
+        stacked[:k, :k] = np.eye(k)
+        at = 0
+        for place, spread in zip(places, std.values(), strict=True):
+            stop = at + place.stop - place.start
+            stacked[k:, at:stop] = -self.R[:, place] * np.asarray(spread, dtype=float)
+            at = stop
+        stacked[k:, k:] = self._stacked(n, n)
+        triangle = _triangle(stacked)[k:, k:]
+        return Information(self.unknowns, triangle[:, :n], triangle[:, n], triangle[:, n + 1 :], self.cost, self.count)
+
+    # -- other unknowns ---------------------------------------------------------------------------------------------
+    def copy(self, name: str, to: str) -> Information:
+        """With a copy of a block as a new block at the end: equal now, to a negligible part of what is known.
+
+        The original may change afterwards and the copy stay, a reference for later (a tare).
+        """
+        n, place = len(self), self[name]
+        k = place.stop - place.start
+        layout = Unknowns((*self.names, to), (*self.unknowns.sizes, k))
+        stacked = self._stacked(n + k, n + k)
+        tight = np.diag(_EQUAL / np.linalg.norm(self.inverse[place], axis=1))
+        stacked[n:, place], stacked[n:, n : n + k] = -tight, tight
+        return _triangular(layout, stacked, self.cost, self.count)
+
+    def marginal(self, names: Iterable[str]) -> Information:
+        """What is known of some blocks when nothing is assumed of the others, in the order asked for.
+
+        The rows are projected onto the orthogonal complement of the other unknowns' columns; directions of the others
+        that no row has seen bind nothing and drop out.
+        """
+        layout = self.unknowns.only(names)
+        keep, away = self._split(layout.names)
+        sides = np.column_stack((self.R[:, keep], self.z, self.G))
+        triangle = _triangle(np.hstack([self.R[:, away], sides]))
+        pivots = np.abs(np.diagonal(triangle))[: len(away)]
+        if (pivots > _DEPENDENT * np.linalg.norm(self.R[:, away], axis=0)).all():
+            return _triangular(layout, triangle[len(away) :, len(away) :], self.cost, self.count)
+        U, s, _ = np.linalg.svd(self.R[:, away] / self.column_scales()[away])
+        complement = U[:, int(np.sum(s > _DEPENDENT * s.max(initial=0.0))) :].T
+        return _triangular(layout, complement @ sides, self.cost, self.count)
+
+    def fix(self, values: Mapping[str, ArrayLike]) -> Information:
+        """The information on the other unknowns when these are known: H_x x = y - H_f x_f, the paper's eq. 6.
+
+        Raises:
+            UnknownNameError: a name that is not among the unknowns.
+        """
+        layout = self.unknowns.without(values)
+        keep, fixed = self._split(layout.names, tuple(values))
+        known = [np.broadcast_to(v, self[name].stop - self[name].start) for name, v in values.items()]
+        target = self.z - self.R[:, fixed] @ (np.concatenate(known) if known else np.zeros(0))
+        return _triangular(layout, np.column_stack((self.R[:, keep], target, self.G)), self.cost, self.count)
+
+    def consider(self, root: Array, names: Iterable[str]) -> Information:
+        """The information on the other unknowns when these are taken for zero and their errors are considered.
+
+        Args:
+            root: (k, k), a square root of the covariance of the entries of `names`: ``covariance = root rootᵀ``.
+            names: blocks that become considered errors, after those that there are.
+        """
+        names = tuple(names)
+        layout = self.unknowns.without(names)
+        keep, away = self._split(layout.names, names)
+        G = np.hstack([self.G, self.R[:, away] @ root])
+        return _triangular(layout, np.column_stack((self.R[:, keep], self.z, G)), self.cost, self.count)
+
+    # -- asking -----------------------------------------------------------------------------------------------------
+    @cached_property
+    def inverse(self) -> Array:
+        """R⁻¹, (n, n).
+
+        Raises:
+            IdentificationError: unknowns that the rows do not determine.
+        """
+        inverse, first = lapack.dtrtri(np.asfortranarray(self.R))
+        if first:
+            raise IdentificationError(f"the rows do not determine all of: {', '.join(self.names)}")
+        return np.asarray(inverse)
+
+    @cached_property
+    def mean(self) -> Array:
+        """The least-squares estimate, (n,)."""
+        return np.asarray(self.inverse @ self.z)
+
+    @cached_property
+    def root(self) -> Array:
+        """[R⁻¹, -R⁻¹ G], (n, n + q): a square root of the covariance, of the rows' noise first."""
+        if not self.G.shape[1]:
+            return self.inverse
+        return np.hstack([self.inverse, -self.inverse @ self.G])
+
+    def covariance(self, name: str | None = None) -> Array:
+        """Of all unknowns, or of a block."""
+        root = self.root if name is None else self.root[self[name]]
+        return np.asarray(root @ root.T)
+
+    def residual_squared(self, values: Array) -> float:
+        """|H x - y|² over all rows that went in, in units of their noise, for unknowns x (n,)."""
+        return float(np.sum((self.R @ values - self.z) ** 2) + self.cost)
+
+    def rank(self) -> int:
+        """How many directions the rows know at all, to rounding."""
+        return int(np.linalg.matrix_rank(self.R / self.column_scales(), tol=1e-10))
+
+    def least_squares(self) -> dict[str, float]:
+        """The least-squares solution by name (blocks of one entry), also where the rows do not determine all unknowns:
+        then of smallest norm in units of the columns.
+        """
+        scale = self.column_scales()
+        solution = np.linalg.lstsq(self.R / scale, self.z, rcond=1e-10)[0] / scale
+        return dict(zip(self.names, solution.tolist(), strict=True))
+
+    def column_scales(self) -> Array:
+        """Norm of each unknown's column over all rows, (n,): how much of the data moves with it; 1 where nothing."""
+        norms = np.linalg.norm(self.R, axis=0)
+        return np.where(norms > 0, norms, 1.0)
+
+    # -- inside -----------------------------------------------------------------------------------------------------
+    def _split(self, keep: tuple[str, ...], away: tuple[str, ...] | None = None) -> tuple[Places, Places]:
+        """Places of the entries of some blocks and of the others."""
+        others = self.unknowns.without(keep).names if away is None else away
+        return self.unknowns.index(keep), self.unknowns.index(others)
+
+    def _stacked(self, rows: int, columns: int) -> Array:
+        """[R 0 | z, G] with as many rows and columns of unknowns as asked for, the rest zero."""
+        n = len(self)
+        stacked = np.zeros((rows, columns + 1 + self.G.shape[1]))
+        stacked[:n, :n], stacked[:n, columns], stacked[:n, columns + 1 :] = self.R, self.z, self.G
+        return stacked
+
+
+def _layout(unknowns: Unknowns | Iterable[str]) -> Unknowns:
+    return unknowns if isinstance(unknowns, Unknowns) else Unknowns.scalars(unknowns)
+
+
+def _triangular(unknowns: Unknowns, matrix: Array, cost: float = 0.0, count: float = 0.0) -> Information:
+    """From rows [H y B], any number of them."""
+    n = len(unknowns)
+    triangle = _triangle(matrix)
+    if len(triangle) < n:
+        triangle = np.vstack([triangle, np.zeros((n - len(triangle), triangle.shape[1]))])
+    more = float(triangle[n, n] ** 2) if len(triangle) > n else 0.0
+    return Information(unknowns, triangle[:n, :n], triangle[:n, n], triangle[:n, n + 1 :], cost + more, count)
+
+
+def _triangle(matrix: Array) -> Array:
+    """The triangular factor, (min(rows, columns), columns)."""
+    if not len(matrix):
+        return matrix
+    factor = lapack.dgeqrf(matrix)[0]
+    top = min(matrix.shape)
+    return np.asarray(factor[:top] * _upper(top, matrix.shape[1]))
+
+
+@lru_cache(maxsize=64)
+def _upper(rows: int, columns: int) -> Array:
+    return np.triu(np.ones((rows, columns)))
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+class _Stream:
+    """Sums up a stream of rows: one triangle for each kind of rows, taken in block by block.
+
+    A block goes into the triangle of those before it by the QR of a triangle on top of a rectangle (LAPACK's tpqrt).
+    Rows of one kind share columns and mixing: with H = reduced mixing, the triangle [R z] of [reduced y] stands for
+    [R mixing, z].
+    """
+
+    def __init__(self, unknowns: Unknowns) -> None:
+        self._unknowns = unknowns
+        self.count = 0
+        self._kinds: dict[tuple[tuple[str, ...], int | None], tuple[Array | None, Array, Array]] = {}
+
+    def add(self, rows: Rows) -> None:
+        """Takes rows in."""
+        key = rows.columns, None if rows.mixing is None else id(rows.mixing)
+        n = rows.reduced.shape[1]
+        if key not in self._kinds:
+            self._kinds[key] = rows.mixing, np.zeros((n + 1, n + 1), order="F"), np.empty((n + 1) * _BLOCK)
+        mixing, triangle, room = self._kinds[key]
+        weight = np.broadcast_to(1.0 / np.asarray(rows.std), len(rows))
+        for start in range(0, len(rows), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            block = room[: (n + 1) * len(weight[part])].reshape(n + 1, -1)
+            np.multiply(rows.reduced[part].T, weight[part], out=block[:n])
+            np.multiply(rows.target[part], weight[part], out=block[n])
+            triangle, *_ = lapack.dtpqrt(0, min(_PANEL, n + 1), triangle, block.T, overwrite_a=True, overwrite_b=True)
+        self._kinds[key] = mixing, triangle, room
+        self.count += len(rows)
+
+    def stacked(self) -> Array:
+        """Rows [H y] that say what all rows said."""
+        n = len(self._unknowns)
+        blocks = [np.zeros((1, n + 1))]
+        for (columns, _), (mixing, triangle, _) in self._kinds.items():
+            own = np.triu(triangle)
+            spread = np.zeros((len(own), n + 1))
+            spread[:, self._unknowns.index(columns)] = own[:, :-1] if mixing is None else own[:, :-1] @ mixing
+            spread[:, n] = own[:, -1]
+            blocks.append(spread)
+        stacked = np.vstack(blocks)
+        if not np.isfinite(stacked).all():
+            raise IdentificationError("rows hold values that are not finite")
+        return stacked

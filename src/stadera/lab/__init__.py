@@ -1,0 +1,20 @@
+"""The laboratory: a MuJoCo test-bed, controllers, baselines, and the paper's experiments. Needs the extra `lab`."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from stadera.errors import MissingExtraError
+
+_PACKAGES = ("mujoco", "proxsuite")
+
+
+def require_lab(purpose: str) -> None:
+    """Check that the packages of the extra `lab` are installed.
+
+    Raises:
+        MissingExtraError: one is not; `purpose` says what needs it.
+    """
+    for package in _PACKAGES:
+        if find_spec(package) is None:
+            raise MissingExtraError(package, "lab", purpose)

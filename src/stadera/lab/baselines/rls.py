@@ -1,0 +1,62 @@
+"""A baseline: recursive least squares on the trunk's ten parameters with constant forgetting.
+
+    K = P Aᵀ (λ 1 + A P Aᵀ)⁻¹,     θ ← θ + K (b - A θ),     P ← (P - K A P) / λ
+
+all rows alike, forces in N and moments in N·m, as the textbook has it. Its covariance is σ² P with σ² the residuals'
+forgetting mean square, and a thousandth of the weight at least.
+"""
+
+from __future__ import annotations
+
+from math import exp
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.lab.baselines.signals import SignalBaseline
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.trunk.model import TrunkModel
+from stadera.types import Array
+
+_FIRST = 1e3  # the first P, in units of the robot's mass and leg's length
+
+
+class RlsTrunk(SignalBaseline):
+    """Recursive least squares; an `Estimator`.
+
+    Args:
+        robot, start, mount: as for `SignalBaseline`.
+        memory: time constant of forgetting [s]: λ = exp(-block / memory).
+        block: [s].
+
+    Raises:
+        StaderaError: a memory that is not positive; and what `SignalBaseline` raises.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        start: TrunkModel | None = None,
+        memory: float = 1.0,
+        block: float = 0.01,
+        mount: ImuMount | None = None,
+    ) -> None:
+        if not memory > 0:
+            raise StaderaError(f"a memory must be positive, got {memory} s")
+        super().__init__(robot, start, block, 3.0 * memory, mount)
+        self.memory = memory
+        self._theta, self._P = self._prior().copy(), _FIRST * np.diag(self._scale**2)
+        self._square = self._weight = 0.0
+
+    def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
+        keep = exp(-elapsed / self.memory)
+        PA = self._P @ matrix.T
+        gain = np.linalg.solve(keep * np.eye(6) + matrix @ PA, PA.T).T
+        self._theta = self._theta + gain @ (target - matrix @ self._theta)
+        P = (self._P - gain @ PA.T) / keep
+        self._P = 0.5 * (P + P.T)
+        residual = target - matrix @ self._theta
+        self._square = keep * self._square + float(residual @ residual)
+        self._weight = keep * self._weight + 6.0
+        return self._centre(self._theta, (self._square / self._weight + self._floor) * self._P[:4, :4])

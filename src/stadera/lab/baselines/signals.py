@@ -1,0 +1,155 @@
+"""What the baselines that weigh a moving robot share: rows from averaged signals, ten milliseconds at a time.
+
+Positions, velocities, torques, angular velocity and specific force are averaged over a block, accelerations are the
+velocities' differences over it, and the exact rows A θ = b (`stadera.legs.base_wrench`) are made of these: the
+usual way, signals filtered first. The ground is taken to be level with the feet's spheres at its surface.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from math import inf
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import StaderaError
+from stadera.inertia import InertialParameters
+from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions
+from stadera.robot.imu import ImuMount, force_at_origin
+from stadera.robot.model import Robot
+from stadera.trunk.load import centre_slope
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
+from stadera.trunk.result import ObservedLimits
+from stadera.trunk.samples import SampleBuffer, Samples
+from stadera.trunk.wrench import trunk_matrix, trunk_signals
+from stadera.types import Array
+
+_LEAST_RESIDUAL = 1e-3  # of the robot's weight: no estimator of rows knows its noise better
+
+
+class SignalBaseline:
+    """An `Estimator` fed with rows of averaged signals; what it does with them is the method's.
+
+    Args:
+        robot: the model.
+        start: the trunk to start with; None for the model's.
+        block: over which signals are averaged [s].
+        settled: time of learning after which it counts as converged [s].
+        mount: of the IMU; None for the model's.
+
+    Raises:
+        ImplausibleError: an implausible start.
+        StaderaError: a block that is not positive.
+    """
+
+    def __init__(
+        self, robot: Robot, start: TrunkModel | None, block: float, settled: float, mount: ImuMount | None
+    ) -> None:
+        if not 0.0 < block < inf:
+            raise StaderaError(f"a block must last a positive time, got {block} s")
+        self.robot, self.bounds = robot, TrunkBounds.of(robot)
+        self._start = self.bounds.check(start or TrunkModel.prior(robot))
+        self._regressor = BaseWrenchRegressor(robot)
+        self._lever = (mount or ImuMount.of(robot)).translation
+        self._buffer = SampleBuffer(robot.tree.joints, block)
+        self._settled, self._first = settled, np.nan
+        length = self._regressor.length
+        self._scale = robot.mass * np.array([1.0, *[length] * 3, *[length**2] * 6])
+        self._limit = ObservedLimits().centre(robot.mass, length)
+        self._floor = (_LEAST_RESIDUAL * robot.mass * GRAVITY) ** 2
+        self._now = TrunkEstimate(np.nan, self._start, unobserved(), Status.WAITING)
+
+    def update(self, measurement: Measurement) -> None:
+        """Takes in one measurement; learns whenever a block is full."""
+        samples = self._buffer.gather(measurement)
+        if samples is not None:
+            self.add(samples)
+
+    def add(self, samples: Samples) -> None:
+        """Takes in any number of samples, as so many calls of `update` would."""
+        for stretch in self._buffer.take(samples):
+            if stretch.reason:
+                self._refuse(stretch.reason)
+            for block in stretch.blocks:
+                self._block(block)
+
+    def estimate(self) -> TrunkEstimate:
+        """The latest estimate; after a refusal the last good one, and why."""
+        return self._now
+
+    @abstractmethod
+    def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
+        """Takes in six rows (6, 10), (6,) of a block; mass and centre of mass (4,), and their covariance (4, 4)."""
+
+    def _centre(self, theta: Array, covariance: Array) -> tuple[Array, Array]:
+        """Mass and centre of mass (4,) of ten parameters, and their covariance (4, 4), NaN where not observed.
+
+        Args:
+            theta: (10,). covariance: (4, 4), of mass and first moment.
+        """
+        if not theta[0] > 0:
+            return np.array([theta[0], 0.0, 0.0, 0.0]), np.zeros((4, 4))
+        slope = centre_slope(theta[:4])
+        covariance = slope @ covariance @ slope.T
+        unknown = ~(np.sqrt(np.diag(covariance)) < self._limit)
+        covariance[unknown, :] = covariance[:, unknown] = np.nan
+        return np.array([theta[0], *theta[1:4] / theta[0]]), covariance
+
+    def _block(self, samples: Samples) -> None:
+        matrix, target, elapsed = self._rows(samples)
+        if not np.isfinite(target).all():
+            self._refuse("a leg is so stretched that its foot's force is not felt")
+            return
+        value, covariance = self._learn(matrix, target, elapsed)
+        seen = np.isfinite(np.diag(covariance))
+        value = np.where(seen, value, [self._start.mass, *self._start.com_trunk])
+        try:
+            trunk = self.bounds.check(TrunkModel(float(value[0]), value[1:], self._start.inertia_com))
+        except ImplausibleError as error:
+            self._refuse(f"the estimate runs away: {error}")
+            return
+        time = float(samples.time[-2])
+        if np.isnan(self._first):
+            self._first = time
+        status = Status.CONVERGED if time - self._first >= self._settled else Status.MOVING
+        self._now = TrunkEstimate(time, trunk, covariance, status)
+
+    def _rows(self, samples: Samples) -> tuple[Array, Array, float]:
+        """A (6, 10) and b (6,) of a block, and how long it lasts [s]."""
+        motion, effort = self._motion(samples)
+        target = self._regressor.at(motion).target(effort).sum(axis=-1).mean(axis=-1)
+        signals = trunk_signals(motion.specific_force, motion.angular_velocity, motion.angular_acceleration)
+        return trunk_matrix(signals.mean(axis=-1)), target, float(samples.time[-1] - samples.time[1])
+
+    def _motion(self, samples: Samples) -> tuple[LegMotions, Array]:
+        """The motion that rows are made of, and the legs' efforts (n, 4, 3): here the block's mean motion, n = 1."""
+        inside, columns = samples[1:-1], self._regressor.columns
+        span = float(samples.time[-1] - samples.time[0])
+        alpha = (samples.angular_velocity[-1] - samples.angular_velocity[0]) / span
+        joint_rate = (samples.velocity[-1] - samples.velocity[0]) / span
+        omega = inside.angular_velocity.mean(axis=0)
+        specific = force_at_origin(inside.specific_force.mean(axis=0), omega, self._lever, alpha)
+        motion = LegMotions(
+            inside.position.mean(axis=0)[columns][None],
+            inside.velocity.mean(axis=0)[columns][None],
+            joint_rate[columns][None],
+            omega[:, None],
+            alpha[:, None],
+            specific[:, None],
+            (specific / np.linalg.norm(specific))[:, None],
+        )
+        return motion, inside.effort.mean(axis=0)[columns][None]
+
+    def _refuse(self, reason: str) -> None:
+        now = self._now
+        self._now = TrunkEstimate(now.time, now.trunk, now.covariance, Status.REFUSED, reason)
+
+    def _prior(self) -> Array:
+        """The ten parameters of the start, (10,)."""
+        inertia = self._start.inertia_com
+        if inertia is None:
+            inertia = self.robot.inertias[self.robot.trunk].inertia_com
+        return InertialParameters.from_com(self._start.mass, self._start.com_trunk, inertia).vector

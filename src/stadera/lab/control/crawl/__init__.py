@@ -1,0 +1,1 @@
+"""A statically stable crawl."""

@@ -1,0 +1,158 @@
+"""Where the trunk is to be while it crawls: the planned centre of mass, less its lever from the trunk.
+
+With p(t) the planned centre of mass seen from above, R(t) the planned rotation, z(t) the planned height of the trunk's
+origin, and c the whole robot's centre of mass in trunk axes (the legs' part as measured),
+
+    b_xy = p - (R c)_xy,      b_z = z.
+
+c uses the model of the trunk that the plan was made with. A new model therefore moves nothing; the next plan starts
+at the new centre of mass, wherever that is, and moves it over the supports. Plans use the controller's target model, so
+that one new model is one new plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.lab.control.crawl.settings import CrawlTuning
+from stadera.lab.control.planner.com import ComPlan, SupportPhase, plan_com
+from stadera.lab.control.planner.feet import GroundPlane, facing
+from stadera.lab.control.planner.support import SupportPolygon
+from stadera.lab.control.reference import Move, TrunkPose
+from stadera.lab.control.trunk import TrunkController
+from stadera.legs.model import foot_jacobians
+from stadera.robot.stance import standing_configuration
+from stadera.trunk.measurement import Measurement
+from stadera.types import Array
+
+
+class BodyReference:
+    """A `TrunkReference` for the trunk controller, and the plan behind it.
+
+    Args:
+        controller: after its first update.
+        tuning: of the crawl.
+
+    Attributes:
+        plan: of the centre of mass.
+        normal: (3,), of the ground that the trunk is to be parallel to.
+    """
+
+    def __init__(self, controller: TrunkController, tuning: CrawlTuning) -> None:
+        self._controller, self._tuning = controller, tuning
+        here = controller.reference
+        self._legs, self._room = np.zeros(3), np.ones(4)
+        self._nominal = _determinants(
+            foot_jacobians(controller.robot, standing_configuration(controller.robot)[None])[0]
+        )
+        self._mass, self._moment = controller.trunk.target_mass, controller.trunk.target_moment
+        pose = TrunkPose(np.array([0.0, 0.0, here.position[2]]), here.rotation)
+        self._pose = Move(pose, pose, controller.time, 1.0)
+        self.plan = ComPlan.standing(controller.time, here.position[:2])
+        plane = GroundPlane.of(controller.feet)
+        self.normal, self._height = plane.normal, float(controller.position[2] - plane.at(controller.position))
+
+    def see(self, measurement: Measurement) -> None:
+        """Takes in where the legs are; before each use of a new measurement."""
+        state = self._controller.legs.at(measurement)
+        self._legs, self._room = state.moment, _determinants(state.jacobians(state.feet)) / self._nominal
+
+    def stretched(self, leg: int) -> bool:
+        """Whether a leg is nearly straight, so that its foot gets no farther."""
+        return bool(self._room[leg] < self._tuning.stretched)
+
+    def begin(self) -> None:
+        """Holds the trunk where the controller wants it now, after the first measurement was seen."""
+        here = self._controller.reference
+        self.plan = ComPlan.standing(self._controller.time, (here.position + here.rotation @ self._lever())[:2])
+
+    def _lever(self) -> Array:
+        """c, with the trunk of the plan."""
+        return np.asarray((self._moment + self._legs) / (self._mass + self._controller.legs.mass))
+
+    def _current_lever(self) -> Array:
+        """The same with the trunk of now."""
+        trunk = self._controller.trunk
+        return np.asarray((trunk.target_moment + self._legs) / (trunk.target_mass + self._controller.legs.mass))
+
+    @property
+    def moved(self) -> float:
+        """Distance of the modelled centre of mass from the plan's, seen from above [m]."""
+        away = self._controller.rotation @ (self._current_lever() - self._lever())
+        return float(np.hypot(away[0], away[1]))
+
+    @property
+    def com(self) -> Array:
+        """The robot's modelled centre of mass now, (3,) [m], odometry frame."""
+        return np.asarray(self._controller.position + self._controller.rotation @ self._current_lever())
+
+    @property
+    def _ground(self) -> float:
+        """Height of the feet in stance [m]."""
+        controller = self._controller
+        return float(controller.feet[controller.stance, 2].mean())
+
+    def least_margin(self, support: SupportPolygon, begin: float, end: float) -> float:
+        """Of the planned centre of mass and zero-moment point inside a polygon, over a time [s]; [m]."""
+        tau2 = (float(self.com[2]) - self._ground) / GRAVITY
+        states = np.array([self.plan.at(time) for time in np.linspace(begin, end, self._tuning.looks)])
+        points = np.concatenate([states[:, 0], states[:, 0] - tau2 * states[:, 2]])
+        return float(np.min(support.distances - points @ support.normals.T))
+
+    def at(self, time: float) -> TrunkPose:
+        """Where to be at a time [s]."""
+        (position, velocity, acceleration), pose = self.plan.at(time), self._pose.at(time)
+        lever = self._lever()
+        arm, turning = pose.rotation @ lever, pose.rotation @ np.cross(pose.angular_velocity, lever)
+        return TrunkPose(
+            np.array([*(position - arm[:2]), pose.position[2]]),
+            pose.rotation,
+            np.array([*(velocity - turning[:2]), pose.velocity[2]]),
+            pose.angular_velocity,
+            np.array([*acceleration, pose.acceleration[2]]),
+        )
+
+    def replan(self, time: float, phases: Sequence[SupportPhase], margin: float, rest: float) -> None:
+        """Plans the centre of mass anew, with the trunk of now, from where the reference is.
+
+        Args:
+            margin: [m], and
+            rest: as for `plan_com`.
+
+        Raises:
+            PlanError: there is no such plan.
+        """
+        now = self.at(time)
+        trunk = self._controller.trunk
+        self._mass, self._moment = trunk.target_mass, trunk.target_moment
+        com = now.position + now.rotation @ self._lever()
+        start = self.plan.at(time).copy()
+        start[0] = com[:2]
+        self.plan = plan_com(time, start, phases, float(com[2]) - self._ground, margin, rest)
+
+    def follow_ground(self, time: float, heading: float, duration: float) -> None:
+        """Turns the trunk parallel to the ground under the feet, headed along a direction [rad], and brings it to its
+        height over where it is going, within a duration [s]. An inclination is followed half of the way each time.
+        """
+        plane = GroundPlane.of(self._controller.feet)
+        normal = self.normal + self._tuning.follows * (plane.normal - self.normal)
+        self.normal = normal / np.linalg.norm(normal)
+        way = self.plan.at(time + duration)[0] - self.plan.at(time)[0]
+        height = plane.at(self.at(time).position[:2] + way) + self._height
+        self._move(time, facing(self.normal, heading), height, duration)
+
+    def lower(self, time: float, share: float, duration: float) -> None:
+        """Lowers the trunk to a share of its height over the ground, within a duration [s]."""
+        ground = GroundPlane.of(self._controller.feet).at(self._controller.position)
+        self._move(time, self.at(time).rotation, ground + share * self._height, duration)
+
+    def _move(self, time: float, rotation: Array, height: float, duration: float) -> None:
+        goal = TrunkPose(np.array([0.0, 0.0, height]), rotation)
+        self._pose = Move(self._pose.at(time), goal, time, duration)
+
+
+def _determinants(jacobians: Array) -> Array:
+    return np.asarray(np.abs(np.linalg.det(jacobians)))

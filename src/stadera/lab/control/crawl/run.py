@@ -1,0 +1,138 @@
+"""Whether a walking robot has fallen, and the margin of its centre of mass in its support, by the plant's truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.lab.control.planner.support import PlanError, SupportPolygon
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trunk import ControlError
+from stadera.lab.plant.plant import Plant, SimulationError
+from stadera.legs.instant import LegDynamics
+from stadera.types import Array, Bools
+
+
+@dataclass(frozen=True)
+class FallLimits:
+    """What counts as a fall, and as support.
+
+    Attributes:
+        tilt: of the trunk, above which the robot has toppled [rad].
+        lowest: of the trunk's height over the ground at the start, below which the robot lies.
+        carries: share of the weight that a foot of the support polygon carries at least.
+    """
+
+    tilt: float = float(np.deg2rad(45.0))
+    lowest: float = 0.3
+    carries: float = 0.01
+
+
+@dataclass(frozen=True)
+class Fall:
+    """A fall: when [s], and how."""
+
+    time: float
+    how: str
+
+
+class WalkMonitor:
+    """Evaluates a walk by the plant's truth, every so many periods.
+
+    Args:
+        plant: reset, on its feet.
+        every: periods from one look to the next.
+        limits: None for the defaults.
+
+    Attributes:
+        fall: None while it has not fallen.
+    """
+
+    def __init__(self, plant: Plant, every: int = 10, limits: FallLimits | None = None) -> None:
+        self.plant, self.every, self.limits = plant, every, limits or FallLimits()
+        self.fall: Fall | None = None
+        self._legs = LegDynamics(plant.robot)
+        self._rows: list[tuple[float, float, float, Array]] = []
+        self._height = self._clearance()
+        self._periods = 0
+
+    @property
+    def times(self) -> Array:
+        """[s], of the looks so far."""
+        return np.array([row[0] for row in self._rows])
+
+    @property
+    def margins(self) -> Array:
+        """[m], of the true centre of mass; NaN with fewer than three feet that carry."""
+        return np.array([row[1] for row in self._rows])
+
+    @property
+    def tilts(self) -> Array:
+        """[rad], from the ground's normal."""
+        return np.array([row[2] for row in self._rows])
+
+    @property
+    def positions(self) -> Array:
+        """[m], of the trunk's origin, world."""
+        return np.array([row[3] for row in self._rows]).reshape(-1, 3)
+
+    def look(self) -> None:
+        """Looks at the plant, if it is time to."""
+        self._periods += 1
+        if self._periods % self.every:
+            return
+        state = self.plant.state
+        tilt = float(np.arccos(np.clip(state.rotation[:, 2] @ self.plant.terrain.normal, -1.0, 1.0)))
+        self._rows.append((state.time, self.margin(), tilt, state.position))
+        if self.plant.trunk_on_ground or self._clearance() < self.limits.lowest * self._height:
+            self.fall = self.fall or Fall(state.time, "the trunk touched the ground")
+        elif tilt > self.limits.tilt:
+            self.fall = self.fall or Fall(
+                state.time, f"the trunk tilted by more than {np.rad2deg(self.limits.tilt):.0f}°"
+            )
+
+    def _clearance(self) -> float:
+        """Of the trunk's origin over the ground [m]."""
+        return float(self.plant.terrain.clearance(self.plant.state.position))
+
+    def com(self) -> Array:
+        """The whole robot's true centre of mass with its load, (3,) [m], world."""
+        state, trunk = self.plant.state, self.plant.truth()
+        zero = np.zeros(3)
+        legs = self._legs.at(state.joint_position, np.zeros(len(state.joint_position)), zero, zero)
+        mass = trunk.mass + self._legs.leg_mass
+        return np.asarray(state.position + state.rotation @ ((trunk.first_moment + legs.moment) / mass))
+
+    def carrying(self) -> Bools:
+        """(4,) bool, feet that carry now, those of the support polygon."""
+        least = self.limits.carries * self.plant.robot.mass * GRAVITY
+        return np.asarray(self.plant.state.foot_force @ self.plant.terrain.normal > least)
+
+    def margin(self) -> float:
+        """Of the true centre of mass inside the feet that carry now [m]; NaN with fewer than three of them."""
+        state = self.plant.state
+        carry = self.carrying()
+        if carry.sum() < 3:
+            return float("nan")
+        try:
+            return SupportPolygon.of(state.contact_point[carry]).margin(self.com())
+        except PlanError:
+            return float("nan")
+
+
+def walk(bed: TestBed, seconds: float, monitor: WalkMonitor) -> Fall | None:
+    """Steps the test-bed until that much time [s] has passed or the robot has fallen; returns how it fell, if it did.
+
+    A controller or a simulation that breaks down counts as a fall.
+    """
+    for _ in range(round(seconds / bed.plant.timestep)):
+        try:
+            bed.step()
+        except (ControlError, PlanError, SimulationError) as error:
+            monitor.fall = monitor.fall or Fall(bed.plant.time, str(error))
+        monitor.look()
+        if monitor.fall is not None:
+            break
+    return monitor.fall

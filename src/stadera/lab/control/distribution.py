@@ -1,0 +1,170 @@
+"""Shares a wrench out over the feet: a quadratic programme with friction pyramids and unilateral contact.
+
+    min_f  ‖Σ f_i - F‖² + ‖Σ r_i x f_i - Γ‖² / L² + ε ‖f‖² + β ‖f - f_before‖²
+    s.t.   least ≤ n·f_i ≤ most_i,     |t1·f_i| ≤ μ/√2 n·f_i,     |t2·f_i| ≤ μ/√2 n·f_i
+
+r_i: contacts from the point that Γ is about; n, t1, t2: the ground's normal and two tangents; L: a length that makes
+moments count like forces. ε and β are small: they choose among the forces that make the wrench, towards little and
+towards what was before; the wrench gives way by no more than about their size, relative, unless the constraints demand
+it.
+The pyramid lies inside the friction cone. Everything is in one frame's axes, any one.
+
+With W f the wrench, β' = β / (ε + β) and t what is asked for, the minimiser x_0 of the objective alone is
+
+    x_0 = β' f_before + Wᵀ (W Wᵀ + (ε + β) 1)⁻¹ (t - β' W f_before)
+
+The programme is strictly convex: where x_0 keeps the constraints G x ≤ b, it is the solution. Else, with the Hessian
+UᵀU and y = U (x - x_0), it is the least y with G U⁻¹ y ≤ b - G x_0, and such a least-distance problem is a
+non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23)::
+
+    u = argmin_{u ≥ 0} ‖E u - e_last‖,     E = [-G U⁻¹ | G x_0 - b]ᵀ,     r = E u - e_last,     y = -r / r_last
+
+which ends after a handful of exchanges, exactly. Feet that carry nothing are left out of both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
+from scipy.optimize import nnls
+
+from stadera.errors import ModelError
+from stadera.inertia import skews
+from stadera.types import Array
+
+_ROWS = 6  # of constraints a foot: at most, at least, four sides of the pyramid
+_KEPT = 1e-9  # N, by which rounding may exceed a constraint
+
+
+@dataclass(frozen=True)
+class ContactLimits:
+    """What the feet may do.
+
+    Attributes:
+        friction: coefficient that the controller counts on.
+        least_normal: [N], of every foot in stance.
+        most_normal: [N].
+    """
+
+    friction: float = 0.6
+    least_normal: float = 0.0
+    most_normal: float = np.inf
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.friction) and self.friction > 0):
+            raise ModelError(f"the friction coefficient must be positive, got {self.friction}")
+        if not 0 <= self.least_normal < self.most_normal:
+            raise ModelError(f"normal forces need 0 ≤ least < most, got {self.least_normal} N and {self.most_normal} N")
+
+
+class ForceDistribution:
+    """The quadratic programme of four feet.
+
+    Args:
+        limits: of the contacts.
+        length: L [m].
+        small: ε, and
+        smooth: β, both relative to the weight of a force error.
+
+    Attributes:
+        forces: (4, 3) [N], the last solution.
+        solved: whether the solver says so; if not, `forces` are those before.
+    """
+
+    def __init__(self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4) -> None:
+        self.limits, self.length = limits, length
+        self._keeping, self._six = smooth / (small + smooth), (small + smooth) * np.eye(6)
+        self.forces = np.zeros((4, 3))
+        self.solved = True
+        self._skew = -skews(np.eye(3)).reshape(3, 9) / length  # minus, as the rows of [r]x are taken for columns
+        self._wrench = np.zeros((6, 12))  # the map from forces to the weighted wrench
+        self._wrench[:3] = np.tile(np.eye(3), 4)
+        self._diagonal = np.diag(np.full(12, small + smooth))
+        self._bounds = np.zeros(4 * _ROWS)
+        self._before, self._target = np.zeros(12), np.zeros(6)
+        self._carrying = np.ones(12)
+        self.set_ground(np.array([0.0, 0.0, 1.0]))
+        self.set_load(np.ones(4))
+
+    def set_ground(self, normal: Array) -> None:
+        """The ground's unit normal (3,)."""
+        slope = self.limits.friction / np.sqrt(2.0)
+        helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
+        first = np.cross(normal, helper)
+        first /= np.linalg.norm(first)
+        second = np.cross(normal, first)
+        sides = [sign * t - slope * normal for t in (first, second) for sign in (1.0, -1.0)]
+        self._sides = np.kron(np.eye(4), np.array([normal, -normal, *sides]))
+
+    def set_load(self, share: ArrayLike) -> None:
+        """How much of its normal force each foot may carry, (4,) from 1 down to 0 for a foot in the air.
+
+        Less than one caps the force at that share of `most_normal`, or of four times the last solution's mean.
+        """
+        load = np.clip(np.asarray(share, dtype=float), 0.0, 1.0)
+        cap = self.limits.most_normal
+        if not np.isfinite(cap):
+            cap = max(4.0 * self.normal_force(), 1.0)
+        self.set_most(np.where(load < 1.0, load * cap, np.inf))
+
+    def set_most(self, most: ArrayLike) -> None:
+        """How much normal force each foot may carry at most, (4,) [N]; zero for a foot in the air."""
+        cap: Array = np.clip(np.asarray(most, dtype=float), 0.0, self.limits.most_normal)
+        carrying = np.repeat(np.where(cap > 0.0, 1.0, 0.0), 3)
+        if (carrying != self._carrying).any():
+            self._carrying = carrying
+            self._wrench[:3] = np.tile(np.eye(3), 4) * carrying
+            self._before = self._before * carrying
+        bounds = self._bounds.reshape(4, _ROWS)
+        bounds[:, 0], bounds[:, 1] = cap, -np.minimum(self.limits.least_normal, cap)
+
+    def normal_force(self) -> float:
+        """Of all feet together, at the last solution [N]."""
+        return float(self.forces.sum(axis=0) @ self._sides[0, :3])
+
+    def solve(self, levers: Array, force: Array, moment: Array) -> Array:
+        """Forces (4, 3) [N] on the feet at levers (4, 3) [m] that make a wrench of force and moment, (3,) each."""
+        wrench = self._wrench
+        wrench[3:] = levers.dot(self._skew).reshape(12, 3).T * self._carrying
+        target = self._target
+        target[:3], target[3:] = force, moment / self.length
+        near = self._keeping * self._before
+        square = wrench.dot(wrench.T)
+        square += self._six
+        _, pull, failed = dposv(square, target - wrench.dot(near), overwrite_a=1, overwrite_b=1)
+        if failed:
+            self.solved = False
+            return self.forces
+        best = near + pull.dot(wrench)
+        slack = self._bounds - self._sides.dot(best)
+        if slack.min() >= -_KEPT:
+            return self._found(best)
+        return self._constrained(best, slack)
+
+    def _constrained(self, best: Array, slack: Array) -> Array:
+        """The nearest forces to the best ones that leave no slack (24,) negative."""
+        upper, _ = dpotrf(self._wrench.T @ self._wrench + self._diagonal)
+        counted = np.isfinite(slack) & np.repeat(self._carrying[::3] > 0.0, _ROWS)
+        across, _ = dtrtrs(upper, self._sides[counted].T, trans=1)  # U⁻ᵀ Gᵀ, its columns the constraints
+        sizes = np.sqrt((across * across).sum(axis=0))
+        far = -slack[counted] / sizes  # of the constraints from y = 0
+        scale = float(far.max())
+        E = np.empty((13, len(far)))
+        E[:12], E[12] = -across / sizes, far / scale
+        goal = np.zeros(13)
+        goal[12] = 1.0
+        try:
+            u, _ = nnls(E, goal)
+        except RuntimeError:  # it did not end
+            self.solved = False
+            return self.forces
+        left = E @ u - goal
+        step, _ = dtrtrs(upper, left[:12] * (-scale / left[12]))
+        return self._found(best + step)
+
+    def _found(self, forces: Array) -> Array:
+        self.solved, self._before, self.forces = True, forces, forces.reshape(4, 3)
+        return self.forces

@@ -1,0 +1,114 @@
+"""Where the trunk is, from the legs it stands on.
+
+The base's position is not measured. Feet in stance do not move, so with R from the IMU and p_i from the legs::
+
+    b = mean over stance of (anchor_i - R p_i)
+    velocity of a point c of the trunk = -R mean over stance of (J_i q̇_i + ω x (r_i - c))
+
+in the odometry frame: the world's axes, its origin the trunk's origin at the first update. p_i is a foot's centre, and
+a foot is anchored where it is when it comes into stance; r_i is the point that touches the ground and J_i its Jacobian,
+for that is the point at rest while a foot rolls. A foot of radius ρ that turns by θ on ground of normal n rolls: its
+centre moves by θ x ρ n, and its anchor with it. Feet that do not slip keep their distances: what is left of
+anchor_i - R p_i - b tells one that does.
+
+Legs say little at the moment a foot comes down, and nothing in the air. With the specific force a of the IMU, the
+velocity is a complementary filter's, of time constant T::
+
+    v̇ = R a + g + (v_legs - v) / T
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stadera.errors import ModelError
+from stadera.types import Array, Bools
+
+_SLIP = 0.02  # m, that one foot may disagree with the others before it counts as slipped
+_NOBODY = np.zeros(4, dtype=bool)
+
+
+class LegOdometry:
+    """Dead reckoning on the feet in stance.
+
+    Args:
+        velocity_time: T [s]; 0 for the legs alone.
+
+    Attributes:
+        position: (3,) [m], of the trunk's origin in the odometry frame.
+        anchors: (4, 3) [m], where the feet in stance stand, and those in the air stood last.
+        anchored: (4,) bool, the feet that have been in stance at all.
+        slipped: (4,) bool, feet found to have slipped at the last update; they were anchored anew.
+    """
+
+    def __init__(self, velocity_time: float = 0.0) -> None:
+        if not (np.isfinite(velocity_time) and velocity_time >= 0):
+            raise ModelError(f"the velocity's time constant must not be negative, got {velocity_time} s")
+        self._velocity_time, self._velocity = velocity_time, np.zeros(3)
+        self.position = np.zeros(3)
+        self.anchors = np.zeros((4, 3))
+        self.anchored = np.zeros(4, dtype=bool)
+        self.slipped = _NOBODY
+        self._stance = _NOBODY
+        self._given = _NOBODY
+        self._weights, self._standing, self._rolls = np.zeros(4), False, np.zeros((4, 3))
+
+    def locate(self, levers: Array, stance: Bools, rolled: Array | None = None) -> None:
+        """Takes the position in; with no foot in stance it stays.
+
+        Args:
+            levers: (4, 3) [m], R p_i: centres of the feet from the trunk's origin, world axes.
+            stance: (4,) bool; not to be changed in place between calls.
+            rolled: (4, 3) [m], θ x ρ n since the last call, world axes; None for feet that do not roll.
+        """
+        if rolled is not None and self._standing:
+            self.anchors += rolled * self._rolls
+        if stance is not self._given:
+            self._change_stance(levers, stance)
+        left = self.anchors - levers
+        if self._standing:
+            self.position = self._weights.dot(left)
+        left -= self.position
+        everywhere = left.ravel()
+        self.slipped = _NOBODY
+        if everywhere.dot(everywhere) > _SLIP**2:
+            self.slipped = self._stance & ((left * left).sum(axis=1) > _SLIP**2)
+            self.anchors[self.slipped] -= left[self.slipped]
+
+    def velocity(self, arms: Array, joint_part: Array, angular_velocity: Array) -> Array:
+        """Velocity (3,) [m/s] of a point of the trunk, TRUNK axes, by the feet in stance at the last `locate`.
+
+        Args:
+            arms: (4, 3) [m], r_i - c, and
+            joint_part: (4, 3) [m/s], J_i q̇_i, both in trunk axes.
+            angular_velocity: (3,) [rad/s], trunk axes.
+        """
+        x, y, z = self._weights.dot(arms).tolist()
+        u, v, w = self._weights.dot(joint_part).tolist()
+        wx, wy, wz = angular_velocity.tolist()
+        return np.array([wz * y - wy * z - u, wx * z - wz * x - v, wy * x - wx * y - w])
+
+    def fused(self, by_legs: Array, acceleration: Array, dt: float) -> Array:
+        """Velocity (3,) [m/s] of the trunk's origin by legs and IMU, world axes.
+
+        Args:
+            by_legs: (3,) [m/s], as `velocity` says, world axes; not looked at when no foot stands.
+            acceleration: (3,) [m/s²], R a + g.
+            dt: [s], since the last call.
+        """
+        if self._velocity_time == 0.0:
+            return by_legs
+        ahead = self._velocity + dt * acceleration
+        if self._standing:
+            ahead += dt / (self._velocity_time + dt) * (by_legs - ahead)
+        self._velocity = ahead
+        return ahead
+
+    def _change_stance(self, levers: Array, stance: Bools) -> None:
+        new = stance & ~self._stance
+        self.anchors[new] = self.position + levers[new]
+        self._given, self._stance = stance, stance.copy()
+        self._rolls = np.repeat(stance, 3).reshape(4, 3).astype(float)
+        self.anchored = self.anchored | stance
+        self._standing = bool(stance.any())
+        self._weights = stance / max(int(stance.sum()), 1)

@@ -1,0 +1,31 @@
+"""Joints that have been at their torque limits for long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stadera.types import Bools
+
+_OVERLOADED = 0.5  # s
+
+
+class OverloadWatch:
+    """Sums up for how long each joint has been at its limit without a break.
+
+    Args:
+        joints: their names, in the order of the values.
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints, self._for, self._last = tuple(joints), np.zeros(len(joints)), np.nan
+
+    def update(self, time: float, saturated: Bools) -> str:
+        """What is overloaded, one sentence; empty if nothing is. Joints at their limit: (n,) bool at a time [s]."""
+        elapsed, self._last = 0.0 if np.isnan(self._last) else time - self._last, time
+        self._for = np.where(saturated, self._for + elapsed, 0.0)
+        worst = int(np.argmax(self._for))
+        if self._for[worst] <= _OVERLOADED:
+            return ""
+        return f"joint {self._joints[worst]} has been at its torque limit for {_OVERLOADED} s"

@@ -1,0 +1,1 @@
+"""Plans of footholds and of the centre of mass."""

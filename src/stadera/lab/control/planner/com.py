@@ -1,0 +1,255 @@
+"""The centre of mass's way over supports that are still to come: a quadratic programme with the zero-moment point.
+
+With the centre of mass at height h over the contacts, moving level, the ground's forces pass through the zero-moment
+point (Vukobratović)
+
+    z = c - (h / g) c̈,
+
+which must lie in the support polygon. The way is piecewise of constant jerk. Over the coming phases,
+
+    min  ∫ ‖τ² c̈‖² + β ‖τ³ c⃛‖² + γ ‖c - goal‖² + δ ‖τ ċ‖² [while a leg swings]  dt  +  penalty on what lacks of margins
+    s.t. n_i · z ≤ d_i - margin + lacking,   n_i · c ≤ d_i - margin + lacking,       at rest at the end
+
+with τ = √(h / g) and δ to be chosen. Slow walks come out as the paper's: the body moves while four feet carry, and
+rests over the next triangle while a leg swings. Where time is short it keeps moving, and the zero-moment point keeps
+the margin. Every plan ends at rest over four feet, so that one that is never followed by another stops safely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import proxsuite
+from numpy.typing import NDArray
+
+from stadera.constants import GRAVITY
+from stadera.lab.control.planner.support import PlanError, SupportPolygon
+from stadera.types import Array
+
+_INFINITE = 1e20
+
+
+@dataclass(frozen=True)
+class PlanWeights:
+    """Weights of the programme, and how it is solved.
+
+    Attributes:
+        longest: of a piece of constant jerk [s].
+        jerk, near, rest: β, γ, the largest δ.
+        lacking_zmp, lacking_com: cost of a missing margin, linear [m] and quadratic.
+        attempts: accuracy [SI units] and iterations, in turn; a coarse plan is better than none.
+    """
+
+    longest: float = 0.08
+    jerk: float = 1e-3
+    near: float = 0.5
+    rest: float = 20.0
+    lacking_zmp: tuple[float, float] = (20.0, 2e3)
+    lacking_com: tuple[float, float] = (2.0, 2e2)
+    attempts: tuple[tuple[float, int], ...] = ((1e-6, 500), (1e-4, 5000))
+
+
+_WEIGHTS = PlanWeights()
+
+
+@dataclass(frozen=True, eq=False)
+class SupportPhase:
+    """A time over which the same feet carry.
+
+    Attributes:
+        duration: [s], positive.
+        support: where the zero-moment point may be.
+        goal: (2,) [m], where the centre of mass would best be.
+        rests: whether the body would better not move: a leg swings.
+    """
+
+    duration: float
+    support: SupportPolygon
+    goal: Array
+    rests: bool
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise PlanError(f"a phase's duration must be positive, got {self.duration} s")
+
+
+@dataclass(frozen=True, eq=False)
+class ComPlan:
+    """A way of the centre of mass seen from above, in pieces of constant jerk; at rest after its end.
+
+    Attributes:
+        times: (k + 1,) [s], ends of the pieces.
+        states: (k + 1, 3, 2), position [m], velocity [m/s] and acceleration [m/s²] at these times.
+        jerks: (k, 2) [m/s³].
+        lacking: [m], by how much the zero-moment point falls short of the margin, at worst.
+    """
+
+    times: Array
+    states: Array
+    jerks: Array
+    lacking: float = 0.0
+
+    @classmethod
+    def standing(cls, time: float, position: Array) -> ComPlan:
+        """At rest at a position (2,) [m], from a time [s] on."""
+        state = np.zeros((2, 3, 2))
+        state[:, 0] = position
+        return cls(np.array([time, time + 1.0]), state, np.zeros((1, 2)))
+
+    @property
+    def end(self) -> float:
+        """[s], from when on it rests."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> Array:
+        """Position, velocity and acceleration (3, 2) at a time [s]."""
+        k = int(np.searchsorted(self.times, time, side="right")) - 1
+        if k >= len(self.jerks):
+            return np.asarray(self.states[-1])
+        k = max(k, 0)
+        t = time - self.times[k]
+        return _moved(self.states[k], self.jerks[k], t)
+
+
+def plan_com(
+    time: float, start: Array, phases: Sequence[SupportPhase], height: float, margin: float, rest: float = 1.0
+) -> ComPlan:
+    """The best way through the phases.
+
+    Args:
+        time: [s], of the first phase's beginning.
+        start: (3, 2), position, velocity and acceleration then.
+        phases: in their order.
+        height: [m], of the centre of mass over the contacts.
+        margin: [m], that zero-moment point and centre of mass are to keep to the polygons' edges.
+        rest: how much it counts that the body rests while a leg swings, from 1 to 0 for not at all.
+
+    Raises:
+        PlanError: no phases, a height that is not positive, or no solution.
+    """
+    if not phases or not height > 0:
+        raise PlanError(f"a plan needs phases and a positive height, got {len(phases)} phases and {height} m")
+    steps, owner = _pieces(phases)
+    programme = _Programme(steps, owner, phases, start, height, margin, rest)
+    jerks, lacking = programme.solved()
+    states = [np.asarray(start, dtype=float)]
+    for jerk, step in zip(jerks, steps, strict=True):
+        states.append(_moved(states[-1], jerk, step))
+    return ComPlan(time + np.concatenate([[0.0], np.cumsum(steps)]), np.array(states), jerks, lacking)
+
+
+def _moved(state: Array, jerk: Array, t: float) -> Array:
+    c, v, a = state
+    return np.array([c + t * v + t * t / 2 * a + t**3 / 6 * jerk, v + t * a + t * t / 2 * jerk, a + t * jerk])
+
+
+def _pieces(phases: Sequence[SupportPhase]) -> tuple[Array, NDArray[np.int_]]:
+    """Lengths of the pieces [s], (k,), and each one's phase, (k,)."""
+    counts = [max(int(np.ceil(phase.duration / _WEIGHTS.longest)), 1) for phase in phases]
+    steps = np.concatenate([np.full(n, phase.duration / n) for n, phase in zip(counts, phases, strict=True)])
+    return steps, np.repeat(np.arange(len(phases)), counts)
+
+
+class _Programme:
+    """The programme in the jerks of x, those of y, and what each phase lacks of its margins (z, then c)."""
+
+    def __init__(
+        self,
+        steps: Array,
+        owner: NDArray[np.int_],
+        phases: Sequence[SupportPhase],
+        start: Array,
+        height: float,
+        margin: float,
+        rest: float,
+    ) -> None:
+        self._phases, self._owner, self._margin, self._rest = phases, owner, margin, _WEIGHTS.rest * rest
+        self._n = len(steps)
+        self._tau2 = height / GRAVITY
+        self._steps = steps
+        self._maps, self._free = _response(steps, np.asarray(start, dtype=float))
+
+    def solved(self) -> tuple[Array, float]:
+        """Jerks (k, 2) and the largest lack of the zero-moment point's margin [m]."""
+        n, m = self._n, len(self._phases)
+        hessian, gradient = self._cost()
+        rows, bounds = self._supports()
+        least = np.full(len(bounds), -_INFINITE)
+        rows = np.vstack([rows, np.hstack([np.zeros((2 * m, 2 * n)), np.eye(2 * m)])])
+        bounds, least = np.append(bounds, np.full(2 * m, _INFINITE)), np.append(least, np.zeros(2 * m))
+        last, rest = np.zeros((4, 2 * n + 2 * m)), np.zeros(4)
+        for k, (what, axis) in enumerate(((1, 0), (1, 1), (2, 0), (2, 1))):
+            last[k, axis * n : (axis + 1) * n] = self._maps[what][-1]
+            rest[k] = -self._free[what][-1, axis]
+        for accuracy, most in _WEIGHTS.attempts:
+            result = proxsuite.proxqp.dense.solve(
+                H=hessian, g=gradient, A=last, b=rest, C=rows, l=least, u=bounds, eps_abs=accuracy, max_iter=most
+            )
+            if result.info.status == proxsuite.proxqp.PROXQP_SOLVED and np.isfinite(result.x).all():
+                return result.x[: 2 * n].reshape(2, n).T, float(result.x[2 * n : 2 * n + m].max())
+        raise PlanError("no way of the centre of mass found through the phases ahead")
+
+    def _cost(self) -> tuple[Array, Array]:
+        n, m = self._n, len(self._phases)
+        tau2, (position, speed, push) = self._tau2, self._maps
+        rests = np.array([self._phases[k].rests for k in self._owner], dtype=float)
+        goals = np.array([self._phases[k].goal for k in self._owner])
+        weight = self._steps[:, None]
+        hessian, gradient = np.zeros((2 * n + 2 * m,) * 2), np.zeros(2 * n + 2 * m)
+        block = tau2**2 * push.T @ (weight * push) + _WEIGHTS.near * position.T @ (weight * position)
+        block += self._rest * tau2 * speed.T @ ((rests[:, None] * weight) * speed)
+        block += np.diag(_WEIGHTS.jerk * tau2**3 * self._steps)
+        for axis in range(2):
+            free = [part[:, axis] for part in self._free]
+            part = slice(axis * n, (axis + 1) * n)
+            hessian[part, part] = block
+            gradient[part] = tau2**2 * push.T @ (self._steps * free[2])
+            gradient[part] += _WEIGHTS.near * position.T @ (self._steps * (free[0] - goals[:, axis]))
+            gradient[part] += self._rest * tau2 * speed.T @ (self._steps * rests * free[1])
+        for k, (linear, quadratic) in enumerate((_WEIGHTS.lacking_zmp, _WEIGHTS.lacking_com)):
+            part = slice(2 * n + k * m, 2 * n + (k + 1) * m)
+            hessian[part, part] = quadratic * np.eye(m)
+            gradient[part] = linear
+        return hessian, gradient
+
+    def _supports(self) -> tuple[Array, Array]:
+        """Rows and bounds that keep both points in their supports at the pieces' ends, and at their beginnings where
+        a leg has just left the ground.
+        """
+        m = len(self._phases)
+        position, _, push = self._maps
+        rows, bounds = [], []
+        for k, phase in enumerate(self._phases):
+            mine = np.flatnonzero(self._owner == k)
+            if phase.rests and mine[0] > 0:
+                mine = np.append(mine[0] - 1, mine)
+            polygon = phase.support
+            for which, map_, free in (
+                (0, position - self._tau2 * push, self._free[0] - self._tau2 * self._free[2]),
+                (1, position, self._free[0]),
+            ):
+                if which == 1 and not phase.rests:
+                    continue
+                lacking = np.zeros((len(mine), 2 * m))
+                lacking[:, which * m + k] = -1.0
+                for normal, distance in zip(polygon.normals, polygon.distances, strict=True):
+                    rows.append(np.hstack([normal[0] * map_[mine], normal[1] * map_[mine], lacking]))
+                    bounds.append(distance - self._margin - free[mine] @ normal)
+        return np.vstack(rows), np.concatenate(bounds)
+
+
+def _response(steps: Array, start: Array) -> tuple[list[Array], list[Array]]:
+    """Position, velocity and acceleration at the pieces' ends: maps (n, n) of one axis' jerks, and what comes without
+    jerk (n, 2).
+    """
+    n = len(steps)
+    maps, free = np.zeros((3, n, n)), np.zeros((3, n, 2))
+    one, state = np.zeros((3, n)), start
+    for k, t in enumerate(steps):
+        step = np.array([[1.0, t, t * t / 2], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
+        one, state = step @ one, step @ state
+        one[:, k] += (t**3 / 6, t * t / 2, t)
+        maps[:, k], free[:, k] = one, state
+    return list(maps), list(free)

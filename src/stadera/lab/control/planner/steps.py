@@ -1,0 +1,106 @@
+"""Which feet carry when, over the steps to come: what the way of the centre of mass is planned through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.lab.control.crawl.settings import StepTiming
+from stadera.lab.control.planner.com import SupportPhase, plan_com
+from stadera.lab.control.planner.support import SupportPolygon
+from stadera.types import Array
+
+_LEAST = 0.02  # s, of a phase
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedStep:
+    """One step to come: a leg (index), where its foot is to land (2,) [m], and the time before it lifts [s]."""
+
+    leg: int
+    target: Array
+    body: float
+
+
+@dataclass(frozen=True, eq=False)
+class Airborne:
+    """A leg that swings or has just landed: its index, where it lands (2,) [m], and how long the others carry [s]."""
+
+    leg: int
+    target: Array
+    remaining: float
+
+
+def support_phases(
+    feet: Array,
+    steps: Sequence[PlannedStep],
+    timing: StepTiming,
+    margin: float,
+    stand: float,
+    airborne: Airborne | None = None,
+) -> list[SupportPhase]:
+    """The phases from now on, ending with a stand on four feet.
+
+    While a foot's load is taken off or put on, the other three are counted as the support.
+
+    Args:
+        feet: (4, 2) [m], where the feet are; of an airborne one it does not matter.
+        steps: to come, in order.
+        margin: [m], of the goals within the triangles.
+        stand: [s], of the stand at the end.
+    """
+    feet, phases = np.array(feet[:, :2]), []
+    landed = 0.0
+    if airborne is not None:
+        phases.append(_on_three(feet, airborne.leg, airborne.target, airborne.remaining, margin))
+        feet[airborne.leg] = airborne.target
+        landed = timing.transfer
+    for step in steps:
+        swing = _on_three(feet, step.leg, step.target, 2.0 * timing.transfer + timing.swing, margin)
+        before = max(step.body - timing.transfer - landed, _LEAST)
+        phases += [SupportPhase(before, SupportPolygon.of(feet), swing.goal, rests=False), swing]
+        feet[step.leg] = step.target
+        landed = timing.transfer
+    phases.append(SupportPhase(stand, SupportPolygon.of(feet), feet.mean(axis=0), rests=False))
+    return phases
+
+
+def body_times(
+    offsets: Array, sequence: Sequence[int], stride: float, timing: StepTiming, height: float, margin: float
+) -> Array:
+    """How long the body has before each step of the sequence, (4,) [s]: more where it has farther to go.
+
+    Two cycles straight ahead are planned with equal times, and the ways from swing to swing are looked at: ways d in
+    times T with equal peak accelerations have T ∝ √d. The times' mean is the timing's; none is shorter than the
+    transfers of load take.
+
+    Args:
+        offsets: (4, 2) [m], nominal places of the feet.
+        sequence: the legs (indices) in the order in which they swing.
+        stride: [m], of a cycle.
+        height: [m], of the centre of mass over the feet.
+        margin: [m].
+    """
+    least = min(2.0 * timing.transfer + _LEAST, timing.body)
+    feet, steps = np.array(offsets), []
+    for k, leg in enumerate(sequence):  # as if they had just walked: the last to land is the farthest ahead
+        feet[leg, 0] += (k - 1.5) * 0.25 * stride
+    for k, leg in enumerate(2 * tuple(sequence)):
+        steps.append(PlannedStep(leg, feet[leg] + np.array([(k // 4 + 1) * stride, 0.0]), timing.body))
+    start = np.zeros((3, 2))
+    start[0] = feet.mean(axis=0)
+    phases = support_phases(feet, steps, timing, margin, timing.step)
+    plan = plan_com(0.0, start, phases, height, margin, timing.rest)
+    swings = timing.body + 0.5 * timing.swing + timing.step * np.arange(3, 8)
+    ways = np.diff([plan.at(time)[0] for time in swings], axis=0)  # to the swings 4, 5, 6, 7: a whole cycle
+    weights = np.sqrt(np.linalg.norm(ways, axis=1))
+    return np.asarray(least + 4.0 * (timing.body - least) * weights / weights.sum())
+
+
+def _on_three(feet: Array, leg: int, target: Array, duration: float, margin: float) -> SupportPhase:
+    """The others carry; the goal is the place in their triangle that is nearest to the middle of all four feet."""
+    triangle = SupportPolygon.of(np.delete(feet, leg, axis=0))
+    middle = feet.mean(axis=0) + 0.125 * (target - feet[leg])  # half-way through the swing
+    return SupportPhase(max(duration, _LEAST), triangle, triangle.goal(middle, margin), rests=True)

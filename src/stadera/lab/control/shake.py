@@ -1,0 +1,94 @@
+"""Standing with a small motion of the body: what makes a height and an inertia felt without a step.
+
+Each of the three turns and three shifts is a sum of sines of its own frequencies, none a multiple of another, smaller
+the faster they are; all begin from rest::
+
+    x(t) = e(t) A Σ_k w_k sin(2π f_k (t - t_0)),      w_k ∝ 1 / f_k,  Σ_k w_k = 1
+
+with A the amplitude and e the smooth step from 0 to 1 of the first second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from stadera.errors import ModelError
+from stadera.lab.control.reference import TrunkPose, turning_map
+from stadera.legs.model import foot_positions
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.types import Array
+
+_ANGLE = np.deg2rad(3.0)
+_SHIFT = 0.03  # of the height of the trunk above its feet
+_EASE = 1.0  # s, in which the motion grows
+# Hz, of roll, pitch, yaw, x, y, z: within 0.5 to 2 Hz
+_FREQUENCIES = np.array([[0.61, 1.37], [0.73, 1.61], [0.53, 1.13], [0.67, 1.49], [0.79, 1.27], [0.57, 1.87]])
+
+_OMEGA, _ONES = 2.0 * np.pi * _FREQUENCIES, np.ones(2)
+
+
+@dataclass(frozen=True, eq=False)
+class Shake:
+    """A motion about a pose; a `TrunkReference`.
+
+    Attributes:
+        centre: the pose, at rest.
+        begin: [s].
+        angle: amplitudes of roll, pitch and yaw, (3,) [rad].
+        shift: amplitudes along x, y and z of the odometry frame, (3,) [m].
+
+    Raises:
+        ModelError: an amplitude that is negative, not finite, or above half a radian.
+    """
+
+    centre: TrunkPose
+    begin: float
+    angle: Array
+    shift: Array
+
+    def __post_init__(self) -> None:
+        amplitudes = np.concatenate([np.broadcast_to(self.angle, 3), np.broadcast_to(self.shift, 3)])
+        if not (np.isfinite(amplitudes).all() and (amplitudes >= 0).all() and (amplitudes[:3] <= 0.5).all()):
+            raise ModelError(f"a shake's amplitudes must lie within 0 and 0.5 rad, got {self.angle} and {self.shift}")
+        weights = 1.0 / _FREQUENCIES
+        weights *= (amplitudes / weights.sum(axis=1))[:, None]
+        object.__setattr__(self, "_weights", weights)
+
+    @classmethod
+    def of(cls, robot: Robot, centre: TrunkPose, begin: float, amplitude: float = 1.0) -> Shake:
+        """Turns by 3° and shifts by 3 % of the robot's height, times an amplitude."""
+        height = -float(foot_positions(robot, standing_configuration(robot)[None])[0, :, 2].mean())
+        return cls(centre, begin, np.full(3, amplitude * _ANGLE), np.full(3, amplitude * _SHIFT * height))
+
+    def at(self, time: float) -> TrunkPose:
+        """Where to be at a time [s]."""
+        late = max(time - self.begin, 0.0)
+        weights = self._weights  # type: ignore[attr-defined]
+        phase = _OMEGA * late
+        sine, cosine = weights * np.sin(phase), weights * np.cos(phase)
+        x, rate, rate_2 = sine @ _ONES, (_OMEGA * cosine) @ _ONES, (-_OMEGA * _OMEGA * sine) @ _ONES
+        if late < _EASE:
+            e, e_1, e_2 = _eased(late)
+            rate_2 = e * rate_2 + 2.0 * e_1 * rate + e_2 * x
+            rate, x = e * rate + e_1 * x, e * x
+        return TrunkPose(
+            self.centre.position + x[3:],
+            self.centre.rotation @ pin.exp3(x[:3]),
+            rate[3:],
+            turning_map(x[:3]) @ rate[:3],
+            rate_2[3:],
+        )
+
+
+def _eased(late: float) -> tuple[float, float, float]:
+    """e and its first two derivatives."""
+    x = late / _EASE
+    return (
+        x**3 * (10.0 - 15.0 * x + 6.0 * x * x),
+        30.0 * (x * (1.0 - x)) ** 2 / _EASE,
+        60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / _EASE**2,
+    )

@@ -1,0 +1,73 @@
+"""The controller's model of the trunk: checked for plausibility, and low-passed.
+
+A new model is a target. Mass m and first moment h = m c follow it as a first-order low-pass::
+
+    ṁ = (m* - m) / T,     ḣ = (h* - h) / T
+
+Torques are continuous in m and h, so a step of the model changes them by at most the share dt / T of its whole effect
+in one control period. The centre of mass h / m is a weighted mean (weights: masses) of past and new ones, so it stays
+in any box that holds them all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stadera.errors import ModelError
+from stadera.trunk.model import TrunkBounds, TrunkModel
+
+_NEGLIGIBLE = 1e-12  # kg, kg·m
+
+
+class SmoothTrunk:
+    """A low-passed, guarded `TrunkModel`.
+
+    Args:
+        start: the model at first.
+        bounds: of plausible models.
+        time_constant: T [s].
+
+    Attributes:
+        mass: [kg], and
+        moment: (3,) [kg·m], in use now.
+        target_mass, target_moment: the same of the last model accepted, at once: for planning ahead.
+        rejected: why the last model was not accepted, one sentence; empty if it was.
+
+    Raises:
+        ImplausibleError: the start lies outside the bounds.
+        ModelError: a time constant that is not positive.
+    """
+
+    def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:
+        if not (np.isfinite(time_constant) and time_constant > 0):
+            raise ModelError(f"the trunk model's time constant must be positive, got {time_constant} s")
+        bounds.check(start)
+        self.bounds, self.time_constant = bounds, time_constant
+        self.rejected = ""
+        self.mass, self.moment = start.mass, start.mass * start.com_trunk
+        self.target_mass, self.target_moment = self.mass, self.moment
+        self._settled = True
+
+    @property
+    def model(self) -> TrunkModel:
+        """What is in use now."""
+        return TrunkModel(self.mass, self.moment / self.mass)
+
+    def accept(self, model: TrunkModel) -> bool:
+        """Makes it the target if it is plausible; else keeps the last one and says why in `rejected`."""
+        self.rejected = self.bounds.complaint(model) or ""
+        if self.rejected:
+            return False
+        self.target_mass, self.target_moment = model.mass, model.mass * model.com_trunk
+        self._settled = False
+        return True
+
+    def advance(self, dt: float) -> None:
+        """Lets time pass, dt [s]."""
+        if self._settled:
+            return
+        share = dt / (self.time_constant + dt)
+        self.mass += share * (self.target_mass - self.mass)
+        left = self.target_moment - self.moment
+        self.moment = self.moment + share * left
+        self._settled = abs(self.target_mass - self.mass) + float(np.abs(left).max()) < _NEGLIGIBLE

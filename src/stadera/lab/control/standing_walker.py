@@ -1,0 +1,80 @@
+"""A walker that only stands: a trunk controller on four feet, for weighing without walking."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stadera.lab.control.gains import Response
+from stadera.lab.control.reference import TrunkPose
+from stadera.lab.control.trunk import TrunkController
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.standing.orientation import PostureLaw
+from stadera.trunk.standing.static_poses import PoseOffset
+
+_SIT, _SITTING_HEIGHT = 1.5, 0.5  # s; share of the standing height
+
+
+class StandingWalker:
+    """Meets `PosingWalker` with a trunk controller that holds all four feet on the ground.
+
+    Args:
+        controller: what stands. Its reference when first asked to lean is the pose that others are relative to.
+
+    Attributes:
+        resumed: how often it was asked to walk on.
+    """
+
+    def __init__(self, controller: TrunkController) -> None:
+        self.controller, self.resumed = controller, 0
+        self._home: TrunkPose | None = None
+        self._phase = "standing"
+
+    @property
+    def phase(self) -> str:
+        """Standing or sitting."""
+        return self._phase
+
+    @property
+    def stopped(self) -> bool:
+        """It never walks."""
+        return self._phase == "standing"
+
+    @property
+    def fault(self) -> str:
+        """None."""
+        return ""
+
+    def posture(self) -> PostureLaw:
+        """The controller's springs about its reference."""
+        angular = Response(16.0)
+        gains = self.controller.gains
+        return PostureLaw(gains.angular_stiffness, self._at_home().rotation, angular.frequency, angular.damping)
+
+    def request_stop(self) -> None:
+        """It stands already."""
+
+    def resume(self) -> None:
+        """Counted, and that is all."""
+        self.resumed += 1
+
+    def sit(self) -> None:
+        """Lowers the trunk by half the height of its feet below it."""
+        if self._phase == "standing":
+            self._phase = "sitting"
+            home = self._at_home()
+            anchors = self.controller.odometry.anchors
+            height = float(home.position[2] - anchors[:, 2].mean())
+            self.controller.move(home.moved(np.array([0.0, 0.0, -_SITTING_HEIGHT * height]), np.zeros(3)), _SIT)
+
+    def update_trunk(self, trunk: TrunkModel) -> bool:
+        """Into the controller; there is no planner."""
+        return self.controller.update_trunk(trunk)
+
+    def lean(self, pose: PoseOffset, duration: float) -> None:
+        """Moves the controller's reference."""
+        home = self._at_home()
+        self.controller.move(home.moved(home.rotation @ pose.shift, pose.turn), duration)
+
+    def _at_home(self) -> TrunkPose:
+        self._home = self._home or self.controller.reference
+        return self._home

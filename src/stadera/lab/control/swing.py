@@ -1,0 +1,274 @@
+"""Legs in the air: where their feet are to go, the torques that take them there, and how they notice the ground.
+
+A foot is to move from a to b within a time T. With x = (t - t_0) / T and the smooth step s(x) = x³ (10 - 15 x + 6 x²)::
+
+    p(t) = a + s(x) (b - a) + c 64 x³ (1 - x)³ n,       c = clearance + ½ |n·(b - a)|
+
+so it is at rest at both ends, with no acceleration there, and passes the higher end by about the clearance. After T it
+goes on down against n, up to a steady speed, until somebody says that it has landed.
+
+Torques are those of inverse dynamics for the acceleration that a critically damped spring asks for::
+
+    p̈ = p̈_ref + ω² (p_ref - p) + 2 ω (ṗ_ref - ṗ),       q̈ = J⁻¹ (Rᵀ (p̈ - g) - p̈_free),       τ = h + M q̈ + friction
+
+with p̈_free the foot's acceleration less gravity while the joints do not accelerate: all from gyro, accelerometer and
+joints. One rule for every robot, as a leg's own inertia is in it. The trunk feels the reaction; `SwingTorques.wrench`
+is what the ground has to add.
+
+A touch-down is felt in the torques: f = -J⁻ᵀ (τ - h - M q̈). No joint acceleration is measured, but with ⟨·⟩ a
+first-order low-pass of time constant T, ⟨q̈⟩ = (q̇ - ⟨q̇⟩) / T, so with M changing slowly::
+
+    ⟨f⟩ = -J⁻ᵀ (⟨τ - h⟩ - M (q̇ - ⟨q̇⟩) / T)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.constants import GRAVITY
+from stadera.errors import ModelError
+from stadera.legs.friction import JointFriction
+from stadera.legs.instant import LegMotion, LegState
+from stadera.legs.model import foot_jacobians
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk.measurement import Measurement
+from stadera.types import Array
+
+_UP = np.array([0.0, 0.0, 1.0])
+_GRAVITY = np.array([0.0, 0.0, -GRAVITY])
+_EASE = 0.05  # s, in which the descent after the end reaches its speed: part of the trajectory's definition
+
+
+@dataclass(frozen=True)
+class SwingLegSettings:
+    """How swinging legs are controlled.
+
+    Attributes:
+        frequency: ω of the spring between foot and trajectory [rad/s].
+        filter: T of the touch-down's low-pass [s].
+        touch: share of the robot's weight, along the ground's normal, from which a foot feels the ground.
+        singular: share of the largest singular value of J below which a direction is damped.
+    """
+
+    frequency: float = 60.0
+    filter: float = 0.005
+    touch: float = 0.06
+    singular: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class SwingTrajectory:
+    """A foot's way through the air, in the odometry frame; of the foot's centre.
+
+    Attributes:
+        start, target: (3,) [m].
+        begin: [s]. duration: [s], positive.
+        clearance: [m], over the higher end; not negative.
+        normal: (3,) unit vector, up.
+        descent: [m/s], steady speed at which the foot feels for the ground after the end; 0 for none.
+
+    Raises:
+        ModelError: a duration that is not positive, a clearance or descent that is negative, values not finite.
+    """
+
+    start: Array
+    target: Array
+    begin: float
+    duration: float
+    clearance: float
+    normal: Array = field(default_factory=_UP.copy)
+    descent: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.duration) and self.duration > 0):
+            raise ModelError(f"a swing's duration must be positive, got {self.duration} s")
+        if not (isfinite(self.clearance + self.descent) and min(self.clearance, self.descent) >= 0):
+            raise ModelError(
+                f"a swing's clearance and descent must not be negative, got {self.clearance} m, {self.descent} m/s"
+            )
+        way = self.target - self.start
+        if not isfinite(way.dot(way)):
+            raise ModelError(f"a swing's ends must be finite, got {self.start} and {self.target}")
+        height = 64.0 * (self.clearance + 0.5 * abs(float(way.dot(self.normal))))
+        object.__setattr__(self, "_basis", np.array([way, height * self.normal]))
+
+    @property
+    def end(self) -> float:
+        """[s]."""
+        return self.begin + self.duration
+
+    def progress(self, time: float) -> float:
+        """Share of the time that has passed, 0 to 1."""
+        return min(max((time - self.begin) / self.duration, 0.0), 1.0)
+
+    def at(self, time: float) -> Array:
+        """Position, velocity and acceleration, (3, 3), at a time [s]."""
+        x, rate = (time - self.begin) / self.duration, 1.0 / self.duration
+        if x >= 1.0:
+            return self._descending(time - self.end)
+        x = max(x, 0.0)
+        y = x * (1.0 - x)
+        tilt = 1.0 - 2.0 * x
+        shares = np.array(
+            [
+                (x**3 * (10.0 - 15.0 * x + 6.0 * x * x), y**3),
+                (30.0 * y * y * rate, 3.0 * y * y * tilt * rate),
+                (60.0 * y * tilt * rate**2, 6.0 * y * (tilt * tilt - y) * rate**2),
+            ]
+        )
+        rows: Array = shares.dot(self._basis)  # type: ignore[attr-defined]
+        rows[0] += self.start
+        return rows
+
+    def _descending(self, late: float) -> Array:
+        ease = late + _EASE
+        depth, speed = self.descent * late**2 / ease, self.descent * (1.0 - (_EASE / ease) ** 2)
+        slowing = 2.0 * self.descent * _EASE**2 / ease**3
+        rows = np.array([[-depth], [-speed], [-slowing]]) * self.normal
+        rows[0] += self.target
+        return np.asarray(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class SwingTorques:
+    """What swinging legs need.
+
+    Attributes:
+        torque: (4, 3) [N·m]; of legs that do not swing, what would hold them in the air.
+        wrench: (6,) force [N] and moment [N·m] at the trunk's origin, trunk axes, that their acceleration takes.
+    """
+
+    torque: Array
+    wrench: Array
+
+
+class SwingLegs:
+    """The legs that swing now, and their trajectories.
+
+    Args:
+        robot: the model of the legs.
+        columns: (4, 3) int, where each leg's joints are in the tree's order.
+        settings: None for the defaults.
+
+    Attributes:
+        trajectories: of each leg; None for one that does not swing.
+        force: (4, 3) [N], ⟨f⟩ in the world's axes; zero for legs that do not swing.
+        touched: (4,) bool, swinging legs that feel the ground.
+        error: (4,) [m], how far each swinging foot is from its trajectory.
+    """
+
+    def __init__(self, robot: Robot, columns: NDArray[np.int_], settings: SwingLegSettings | None = None) -> None:
+        self.settings = how = settings or SwingLegSettings()
+        self._friction = JointFriction.of(robot)
+        self._columns = columns
+        self._least = how.touch * robot.mass * GRAVITY
+        nominal = np.linalg.norm(foot_jacobians(robot, standing_configuration(robot)[None])[0], axis=(1, 2)).max()
+        self._most_squared = 1.0 / (how.singular * float(nominal)) ** 2
+        self.trajectories: list[SwingTrajectory | None] = [None] * 4
+        self.force, self.touched, self.error = np.zeros((4, 3)), np.zeros(4, dtype=bool), np.zeros(4)
+        self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))
+        self._legs: list[int] = []
+        self._new: list[int] = []  # that have begun since the last update
+        self._swings = np.zeros((4, 1))
+
+    @property
+    def any(self) -> bool:
+        """Whether a leg swings."""
+        return bool(self._legs)
+
+    def begin(self, leg: int, trajectory: SwingTrajectory) -> None:
+        """Lets a leg swing, or changes the trajectory of one that does."""
+        new = self.trajectories[leg] is None
+        self.trajectories[leg] = trajectory
+        if new:
+            self._new.append(leg)
+            self._recount()
+
+    def end(self, leg: int) -> None:
+        """The leg swings no more."""
+        self.trajectories[leg] = None
+        self.force[leg], self.touched[leg], self.error[leg] = 0.0, False, 0.0
+        self._new = [one for one in self._new if one != leg]
+        self._recount()
+
+    def _recount(self) -> None:
+        self._legs = [leg for leg, path in enumerate(self.trajectories) if path is not None]
+        self._swings = np.zeros((4, 1))
+        self._swings[self._legs] = 1.0
+
+    def update(
+        self,
+        measurement: Measurement,
+        state: LegState,
+        motion: LegMotion,
+        trunk: tuple[Array, Array, Array],
+        normal: Array,
+        dt: float,
+    ) -> SwingTorques:
+        """Torques of the swinging legs, and what they feel.
+
+        Args:
+            measurement: of this instant, with orientation.
+            state, motion: of the legs at it.
+            trunk: position [m], velocity [m/s] and rotation of the trunk's origin in the odometry frame.
+            normal: (3,) of the ground, world axes.
+            dt: [s], since the last update.
+        """
+        position, speed, rotation = trunk
+        wanted, w = np.zeros((4, 3, 3)), self.settings.frequency
+        for leg in self._legs:
+            wanted[leg] = self.trajectories[leg].at(measurement.time)  # type: ignore[union-attr]
+        wanted -= np.array([position, speed, _GRAVITY])
+        wanted = wanted.reshape(12, 3).dot(rotation).reshape(4, 3, 3)  # trunk axes from here on
+        off = wanted[:, 0] - state.feet
+        pull = wanted[:, 2] + w * w * off + 2.0 * w * (wanted[:, 1] - motion.velocity) - motion.free_acceleration
+        inverse = self._inverse(state.jacobians(state.feet))
+        joint = np.matvec(inverse, pull)
+        rate = measurement.joint_velocity[self._columns]
+        held = state.bias + self._friction.torque(rate)
+        felt = self._felt(measurement.effort[self._columns] - held, rate, motion.inertia, dt)
+        self.force = np.vecmat(felt, inverse).dot(-rotation.T)
+        self.touched = self.force.dot(normal) > self._least
+        self.error = np.sqrt((off * off).sum(axis=1)) * self._swings[:, 0]
+        return SwingTorques(held + np.matvec(motion.inertia, joint), np.matvec(motion.coupling, joint).sum(axis=0))
+
+    def _felt(self, torque: Array, rate: Array, inertia: Array, dt: float) -> Array:
+        """⟨τ - h - M q̈⟩ (4, 3) [N·m]."""
+        if self._new:
+            self._slow_rate[self._new], self._slow_torque[self._new] = rate[self._new], 0.0
+            self._new = []
+        share = dt / (self.settings.filter + dt)
+        self._slow_torque += share * (torque - self._slow_torque)
+        self._slow_rate += share * (rate - self._slow_rate)
+        return np.asarray(self._slow_torque - np.matvec(inertia, rate - self._slow_rate) / self.settings.filter)
+
+    def _inverse(self, jacobians: Array) -> Array:
+        """J⁻¹ (4, 3, 3) of the swinging legs, damped where one is nearly stretched; by the adjugate, for speed."""
+        inverse = np.zeros((4, 3, 3))
+        for leg in self._legs:
+            (a, b, c), (d, e, f), (g, h, i) = jacobians[leg].tolist()
+            adjugate = np.array(
+                [
+                    (e * i - f * h, c * h - b * i, b * f - c * e),
+                    (f * g - d * i, a * i - c * g, c * d - a * f),
+                    (d * h - e * g, b * g - a * h, a * e - b * d),
+                ]
+            )
+            determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+            size = adjugate.ravel()
+            if size.dot(size) < self._most_squared * determinant**2 or not isfinite(determinant):
+                inverse[leg] = adjugate / determinant
+            else:
+                inverse[leg] = _damped(jacobians[leg], self.settings.singular)
+        return inverse
+
+
+def _damped(jacobian: Array, singular: float) -> Array:
+    u, s, vt = np.linalg.svd(jacobian)
+    least = singular * s[0]
+    return np.asarray((vt.T * (s / (s * s + np.where(s < least, least**2, 0.0)))) @ u.T)

@@ -1,0 +1,340 @@
+"""The trunk controller of the paper ([13], section III.B): virtual springs, gravity compensation, contact forces.
+
+All in the odometry frame (world axes, `stadera.lab.control.odometry`). With c the whole robot's centre of mass as it is
+modelled, in trunk axes, m its modelled mass, b, R the trunk's pose and b_d, R_d the reference, the ground is asked for
+
+    F = K (b_d + R_d c - b - R c) + D (velocity error of that point) + m g e_z
+    Γ = R [K_a log(Rᵀ R_d) + D_a (angular velocity error)]           about the modelled centre of mass
+
+so the spring holds the modelled centre of mass, and a change of the model asks for no motion. The feet
+share F and Γ (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f.
+
+What a wrong model does (the paper's eq. 12). At rest τ = h - Jᵀ f makes the ground's forces the ones asked for, so
+they carry the true weight, Σ f = m g e_z, and their moment about the TRUE centre of mass c vanishes. Their moment
+about the modelled one, ĉ, is Γ, hence with δ = c - ĉ (trunk axes, whole robot)
+
+    Γ = (R δ) x m g e_z,       i.e.      K_a log(Rᵀ R_d) = δ x m g Rᵀ e_z
+
+exactly. For an upright reference, small roll φ and pitch θ: log(Rᵀ R_d) = (-φ, -θ, ·), so K_x φ = -m g δ_y and
+K_y θ = m g δ_x::
+
+    c_x - ĉ_x =  K_y θ / (m g),      c_y - ĉ_y = -K_x φ / (m g)
+
+A true centre of mass ahead of the modelled one lowers the nose (θ > 0 turns z towards x). With e_o = (-φ, -θ) this is
+the paper's M = [[0, -1], [1, 0]] K / (m g); the update that goes with it moves ĉ_x by +α θ and ĉ_y by -α φ. Of the
+trunk alone, δ_trunk = δ (m / m_trunk).
+
+Walking. A gait relieves a leg, lets it swing along a trajectory, and lands it when it feels the ground::
+
+    controller.relieve(leg, 0.1)                  # its load goes to the others; `relieved[leg]` tells when
+    controller.swing(leg, SwingTrajectory(controller.feet[leg], target, controller.time, 0.4, clearance=0.08))
+    if controller.touched[leg]: controller.land(leg, 0.1)
+
+Swinging legs follow inverse dynamics (`stadera.lab.control.swing`), and F, Γ contain what their acceleration takes.
+"""
+
+from __future__ import annotations
+
+from math import atan2, isfinite, sqrt
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import StaderaError, UnknownNameError
+from stadera.inertia import skew
+from stadera.lab.control.distribution import ContactLimits, ForceDistribution
+from stadera.lab.control.gains import TrunkGains
+from stadera.lab.control.loading import FootLoads, Ramp
+from stadera.lab.control.odometry import LegOdometry
+from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
+from stadera.lab.control.smooth import SmoothTrunk
+from stadera.lab.control.swing import SwingLegs, SwingTrajectory
+from stadera.legs.instant import LegState
+from stadera.legs.model import cross, foot_positions
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkBounds, TrunkModel
+from stadera.trunk.standing.contact import ground_normal
+from stadera.trunk.standing.forces import JacobianOf
+from stadera.trunk.standing.legs import MeasuredLegs
+from stadera.types import Array, Bools
+
+_LEAST_NORMAL = 0.02  # share of the robot's weight on every foot in stance
+_FIRST_LOAD = 0.05  # share of the weight that a foot may carry as soon as it lands
+_UP = np.array([0.0, 0.0, 1.0])
+_GRAVITY = GRAVITY * _UP
+
+
+class ControlError(StaderaError):
+    """The controller was asked for something it cannot do, or given nothing it can control with."""
+
+
+class TrunkController:
+    """Holds the trunk on its legs. Sees measurements alone; one `update` a control period.
+
+    Args:
+        robot: the model of legs and trunk.
+        gains: None for those scaled from the robot.
+        trunk: its model at the start; None for the robot's own.
+        limits: of the contacts; None for friction 0.6 and 2 % of the robot's weight at least on every foot.
+        legs: shared with estimators that look at the same measurements; None for its own.
+        trunk_time: time constant [s] with which a new model of the trunk comes into use.
+        jacobian: for the torques, of the feet where the measurement says they are, or where the encoders say; the same
+            unless the measurement brings positions of its own.
+        velocity_time: time constant [s] with which the trunk's velocity by the IMU follows that by the legs; 0 for the
+            legs alone.
+        moment_length: L [m], by which errors of moments count like those of forces where the feet cannot make both;
+            None for half the diagonal between the feet.
+
+    Attributes:
+        trunk: see `SmoothTrunk`.
+        stance: (4,) bool, the legs that are to carry; assign a new array to change it at once, or use `relieve`,
+            `swing` and `land`.
+        forces: (4, 3) [N], asked of the ground at the last update, odometry frame.
+        saturated: (n,) bool, joints whose torque was cut to its limit at the last update.
+        time: [s], of the last update, and at it, in the odometry frame,
+        rotation: (3, 3), of the trunk,
+        velocity: (3,) [m/s], of the trunk's origin,
+        com: (3,) [m], the modelled centre of mass of the whole robot,
+        feet: (4, 3) [m], the feet's centres, and
+        normal: (3,) of the ground, the plane through where the feet stand or stood last.
+        swinging: the legs in the air: trajectories, forces felt, tracking errors.
+
+    Raises:
+        ImplausibleError: the trunk lies outside `TrunkBounds.of(robot)`.
+        UnknownNameError: another kind of Jacobian.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        gains: TrunkGains | None = None,
+        trunk: TrunkModel | None = None,
+        limits: ContactLimits | None = None,
+        legs: MeasuredLegs | None = None,
+        trunk_time: float = 0.05,
+        jacobian: JacobianOf = "feet",
+        velocity_time: float = 0.0,
+        moment_length: float | None = None,
+    ) -> None:
+        if jacobian not in ("feet", "encoders"):
+            raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
+        self._by_encoders = jacobian == "encoders"
+        self.robot, self.legs = robot, legs or MeasuredLegs(robot)
+        self.gains = gains or TrunkGains.of(robot)
+        self.trunk = SmoothTrunk(trunk or TrunkModel.prior(robot), TrunkBounds.of(robot), trunk_time)
+        self.odometry = LegOdometry(velocity_time)
+        self.stance: Bools = np.ones(4, dtype=bool)
+        self.forces = np.zeros((4, 3))
+        self.saturated = np.zeros(len(robot.tree.joints), dtype=bool)
+        self.time, self.rotation, self.velocity = np.nan, np.eye(3), np.zeros(3)
+        self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
+        self.swinging = SwingLegs(robot, self.legs.columns)
+        limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
+        self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
+        self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
+        self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
+        self._tree_order = np.argsort(self.legs.columns.ravel())
+        self._sharing, self._loads = ForceDistribution(limits, moment_length or _span(robot)), FootLoads()
+        self._reference: TrunkReference = Move(
+            TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0
+        )
+        self._below, self._ground_stance = np.zeros((4, 3)), np.zeros(4, dtype=bool)
+        self._across = skew(_UP)
+        self._position, self._started = np.zeros(len(robot.tree.joints)), False
+
+    # -- asked for ------------------------------------------------------------------------------------------------
+    def update_trunk(self, trunk: TrunkModel) -> bool:
+        """Takes a new model of the trunk, smoothly; False, and the old one kept, where it is not plausible."""
+        return self.trunk.accept(trunk)
+
+    @property
+    def reference(self) -> TrunkPose:
+        """Where the trunk is to be: the goal of a `move`, also while it is under way; else where to be now.
+
+        Raises:
+            ControlError: before the first update, when it is not known yet.
+        """
+        if not self._started:
+            raise ControlError(
+                "the controller's reference is where the trunk is at its first update; there was none yet"
+            )
+        return self._reference.goal if isinstance(self._reference, Move) else self._reference.at(self.time)
+
+    @property
+    def position(self) -> Array:
+        """(3,) [m], of the trunk's origin at the last update, odometry frame."""
+        return self.odometry.position
+
+    def move(self, goal: TrunkPose, duration: float) -> None:
+        """Moves the reference to a pose within a duration [s], from where and how fast it is now.
+
+        Raises:
+            ControlError: before the first update.
+            ModelError: a duration that is not positive.
+        """
+        if not self._started:
+            raise ControlError("a move needs a first update, which says where the trunk is")
+        self._reference = Move(self._reference.at(self.time), goal, self.time, duration)
+
+    def follow(self, reference: TrunkReference) -> None:
+        """Follows a reference from now on.
+
+        Raises:
+            ControlError: before the first update.
+        """
+        if not self._started:
+            raise ControlError("a reference is in the odometry frame, which begins with the first update")
+        self._reference = reference
+
+    def relieve(self, leg: int, duration: float) -> None:
+        """Takes the load off a leg within a duration [s]; it stays in stance, carrying nothing then."""
+        now = max(float(self.forces[leg] @ self.normal), 0.0)
+        self._loads.put(leg, Ramp(self.time, duration, now, 0.0, remains=True))
+
+    @property
+    def relieved(self) -> Bools:
+        """(4,) bool, legs that carry nothing, be it in stance or in the air."""
+        return np.array([not self.stance[k] or self._loads.relieved(k, self.time) for k in range(4)])
+
+    def swing(self, leg: int, trajectory: SwingTrajectory) -> None:
+        """Takes a leg out of stance and along a trajectory; for a leg that swings already, a new trajectory.
+
+        Raises:
+            ControlError: before the first update.
+        """
+        if not self._started:
+            raise ControlError("a trajectory is in the odometry frame, which begins with the first update")
+        self.swinging.begin(leg, trajectory)
+        if self.stance[leg]:
+            self.stance = self.stance & (np.arange(4) != leg)
+
+    @property
+    def touched(self) -> Bools:
+        """(4,) bool, swinging legs that felt the ground at the last update, anywhere on their way."""
+        return self.swinging.touched
+
+    def land(self, leg: int, duration: float) -> None:
+        """Puts a leg into stance where it is; what it may carry grows to the robot's weight within a duration [s]."""
+        weight = self._sharing.normal_force()
+        self.swinging.end(leg)
+        self._loads.put(leg, Ramp(self.time, duration, _FIRST_LOAD * weight, weight, remains=False))
+        self.stance = self.stance | (np.arange(4) == leg)
+
+    # -- each period ----------------------------------------------------------------------------------------------
+    def update(self, measurement: Measurement) -> Array:
+        """Joint torques (n,) [N·m] for one measurement.
+
+        The first update takes the trunk's pose for the reference.
+
+        Raises:
+            ControlError: no orientation in the measurement, time that does not increase, values that are not finite.
+        """
+        m, rotation = measurement, measurement.rotation
+        if rotation is None:
+            raise ControlError("the trunk controller needs the trunk's orientation")
+        state, columns = self.legs.at(m), self.legs.columns
+        feet = state.feet if m.foot_position is None else m.foot_position
+        levers = feet.dot(rotation.T)
+        dt = self._advance(m, levers, rotation, state)
+        contacts = (levers - self._below).dot(rotation)
+        jacobians = state.jacobians(state.feet - self._below.dot(rotation) if self._by_encoders else contacts)
+        moving = np.matvec(jacobians, m.joint_velocity[columns])
+        mass = self.trunk.mass + self.legs.mass
+        com = (self.trunk.moment + state.moment) / mass
+        arms = contacts - com
+        self.com = self.odometry.position + rotation.dot(com)
+        by_legs = rotation.dot(self.odometry.velocity(contacts, moving, m.angular_velocity))
+        self.velocity = self.odometry.fused(by_legs, rotation.dot(m.force_at_origin) - _GRAVITY, dt)
+        force, moment = self._springs(com, mass, m.angular_velocity)
+        force[2] += mass * GRAVITY
+        torque = state.bias
+        if self.swinging.any:
+            trunk = (self.odometry.position, self.velocity, rotation)
+            swing = self.swinging.update(m, state, self.legs.motion_at(m), trunk, self.normal, dt)
+            torque = np.where(self.stance[:, None], torque, swing.torque)
+            force += rotation.dot(swing.wrench[:3])
+            moment += rotation.dot(swing.wrench[3:] - cross(com, swing.wrench[:3]))
+        self._require_finite(force + moment)
+        self.forces = self._sharing.solve(arms.dot(rotation.T), force, moment)
+        against = np.vecmat(self.forces.dot(rotation), jacobians)
+        return self._within_limits((torque - against).ravel()[self._tree_order] + self._offset)
+
+    def _require_finite(self, values: Array) -> None:
+        if not isfinite(values.dot(values)):
+            raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")
+
+    def _within_limits(self, torque: Array) -> Array:
+        if not isfinite(torque.dot(torque)):
+            raise ControlError(f"no torques at {self.time:.6f} s: a value measured is not finite, or a leg is singular")
+        self.saturated = np.abs(torque) > self._effort
+        return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
+
+    def _advance(self, m: Measurement, levers: Array, rotation: Array, state: LegState) -> float:
+        """Time, model, pose and ground; levers (4, 3) [m] are the feet from the trunk's origin in world axes.
+
+        Returns:
+            Time since the last update [s].
+        """
+        time, dt = m.time, m.time - self.time
+        if self._started and not dt > 0:
+            raise ControlError(f"the controller's time must increase, got {time} s after {self.time} s")
+        rolled = self._rolled(m.joint_position, rotation, state) if self._started else None
+        self.odometry.locate(levers, self.stance, rolled)
+        self.feet = levers + self.odometry.position
+        if self._started:
+            self.trunk.advance(dt)
+        else:
+            here = TrunkPose(self.odometry.position, rotation)
+            self._reference, self._started, dt = Move(here, here, time - 1.0, 1.0), True, 0.0
+        self.time, self.rotation, self._position = time, rotation, m.joint_position
+        if self.stance is not self._ground_stance:
+            self.normal = ground_normal(self.odometry.anchors, self.odometry.anchored, _UP)
+            self._ground_stance, self._below = self.stance, self._radii * self.normal
+            self._across = skew(self.normal)  # turn x normal = turn @ this
+            self._sharing.set_ground(self.normal)
+            self._loads.changed()
+        most = self._loads.most(time)
+        if most is not None:
+            self._sharing.set_most(np.where(self.stance, most, 0.0))
+        return dt
+
+    def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:
+        """θ x ρ n (4, 3) [m] of the feet since the last update, world axes; θ turns the last links."""
+        r = rotation.dot(self.rotation.T).tolist()  # by which the trunk turned: little
+        trunk = np.array([0.5 * (r[2][1] - r[1][2]), 0.5 * (r[0][2] - r[2][0]), 0.5 * (r[1][0] - r[0][1])])
+        joints = (joint_position - self._position)[self.legs.columns]
+        turn = np.matvec(state.axes, joints).dot(rotation.T) + trunk
+        return np.asarray(turn.dot(self._across) * self._radii)
+
+    def _springs(self, com: Array, mass: float, omega: Array) -> tuple[Array, Array]:
+        """Force and moment [N, N·m] of springs and dampers, odometry frame; com and ω in trunk axes."""
+        gains, goal, rotation = self.gains, self._reference.at(self.time), self.rotation
+        to_goal = rotation.T.dot(goal.rotation)
+        far = goal.position - self.odometry.position + (goal.rotation - rotation).dot(com)
+        slow = -self.velocity - rotation.dot(cross(omega, com))
+        pull = gains.stiffness * far
+        if not goal.at_rest:
+            slow += goal.velocity + goal.rotation.dot(cross(goal.angular_velocity, com))
+            omega = omega - to_goal.dot(goal.angular_velocity)
+            pull += mass * goal.acceleration
+        moment = gains.angular_stiffness * _log(to_goal) - gains.angular_damping * omega
+        return pull + gains.damping * slow, rotation.dot(moment)
+
+
+def _span(robot: Robot) -> float:
+    """Half the diagonal between the feet of the nominal stance [m]."""
+    feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+    return 0.5 * float(np.linalg.norm(feet[0] - feet[3]))
+
+
+def _log(rotation: Array) -> Array:
+    """The rotation vector (3,) of a rotation matrix by less than half a turn."""
+    r = rotation.tolist()
+    x, y, z = r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]
+    sine = 0.5 * sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (r[0][0] + r[1][1] + r[2][2] - 1.0)
+    scale = 0.5 if sine < 1e-9 else 0.5 * atan2(sine, cosine) / sine
+    return np.array([scale * x, scale * y, scale * z])

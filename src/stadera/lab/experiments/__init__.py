@@ -1,0 +1,17 @@
+"""The paper's tables and figures, done again: one file each, named in the registry."""
+
+from stadera.lab.experiments.paper import Experiment, ReproduceSettings
+from stadera.lab.experiments.registry import ALL, EXPERIMENTS, experiments_named, run_experiments
+from stadera.lab.experiments.result import ExperimentResult, Record, Skipped
+
+__all__ = [
+    "ALL",
+    "EXPERIMENTS",
+    "Experiment",
+    "ExperimentResult",
+    "Record",
+    "ReproduceSettings",
+    "Skipped",
+    "experiments_named",
+    "run_experiments",
+]

@@ -1,0 +1,82 @@
+"""Torques and their errors over time, and tables of their RMSE: what Figs. 4 and 5 show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.identify.result import MODELS, Identification, LegIdentification, TorqueTrace
+from stadera.lab.experiments.paper import Paper
+from stadera.lab.experiments.result import FigureData, Line, Panel, Record
+from stadera.report.table import Cell, TableData
+
+NAMES = {"identified": "identified", "prior_friction": "CAD with friction", "prior": "CAD"}
+PART = "validation"
+
+
+def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[str, ...]) -> FigureData:
+    """Three panels of torques, then the errors of the first joint, as the paper's Figs. 4 and 5.
+
+    Args:
+        models: which are drawn, the later over the earlier.
+    """
+    trace = validation_trace(leg)
+    panels = []
+    for k, joint in enumerate(leg.leg.joints):
+        lines = [Line("measured", "measured", trace.time, trace.measured[:, k])]
+        lines += [Line(NAMES[m], m, trace.time, trace.predicted[m][:, k]) for m in models]
+        panels.append(Panel(joint, "time [s]", "torque [N·m]", tuple(lines)))
+    errors = tuple(
+        Line(f"error, {NAMES[m]}", m, trace.time, (trace.measured - trace.predicted[m])[:, 0]) for m in models
+    )
+    panels.append(Panel(f"{leg.leg.joints[0]}: errors", "time [s]", "error [N·m]", errors))
+    return FigureData(title, tuple(panels), note)
+
+
+def validation_trace(leg: LegIdentification) -> TorqueTrace:
+    """The trace on motion that was not fitted.
+
+    Raises:
+        IdentificationError: there is none.
+    """
+    for trace in leg.traces:
+        if trace.part == PART:
+            return trace
+    raise IdentificationError(f"leg {leg.leg.name}: nothing was held out to validate on")
+
+
+def rmse_table(result: Identification, title: str, note: str, models: tuple[str, ...]) -> TableData:
+    """Torque RMSE on validation, a row a joint, a column a model (the reference first, identified last)."""
+    head = ("joint", "torque RMS [N·m]", *(f"{NAMES[m]} [N·m]" for m in models), f"against {NAMES[models[-2]]}")
+    groups = {}
+    for leg in result.legs:
+        rms, rows = np.sqrt(np.mean(validation_trace(leg).measured ** 2, axis=0)), []
+        for k, joint in enumerate(leg.leg.joints):
+            *others, identified = (leg.rmse[PART][m][joint] for m in models)
+            change = 100.0 * (identified / others[-1] - 1.0) if others[-1] else 0.0
+            last = Cell(_figure(identified), strong=True), Cell(f"{change:+.1f} %", good=change <= 0.0)
+            rows.append((joint, f"{rms[k]:.3f}", *map(_figure, others), *last))
+        groups[leg.leg.name] = rows
+    return TableData.of(title, head, groups, note)
+
+
+def rmse_records(
+    paper: Paper,
+    case: Mapping[str, str | float],
+    leg: LegIdentification,
+    against: str,
+    models: tuple[str, ...] = MODELS,
+) -> Iterator[Record]:
+    """RMSE of each joint and model; the identified one has to keep to that of the model `against`."""
+    for joint in leg.leg.joints:
+        errors = {m: leg.rmse[PART][m][joint] for m in models}
+        where = {**case, "leg": leg.leg.name, "joint": joint}
+        for model, error in errors.items():
+            bound = errors[against] if model == "identified" else None
+            yield paper.record(where, f"torque RMSE, {NAMES[model]}", "N·m", error, bound=bound)
+
+
+def _figure(value: float) -> str:
+    return f"{value:.4f}" if value >= 1e-4 or value == 0.0 else f"{value:.1e}"

@@ -1,0 +1,204 @@
+"""The share of inertial forces in the joint torques of a crawl (section III), at four speeds.
+
+Over one cycle the paper compares the integral of the norm of the joint torques with that of "the joint torques related
+to inertial forces". Here, from the plant's truth. The equations of motion split into what rest would take at the same
+place, and what the motion takes besides::
+
+    τ = (g_j + n_j) - Jᵀ f,            G f = w_g + w_n
+    f = f_g + f_n + f_0,   f_g = G⁺ w_g,   f_n = G⁺ w_n,   G f_0 = 0
+
+with f the ground's forces, G their map to a wrench on the robot, w_g the weight's counterpart, w_n what the motion of
+all links takes (accelerations, centrifugal and Coriolis), g_j and n_j the same of the joints, f_0 internal to the feet.
+The least forces (G⁺) are taken for both parts, so that the split does not hang on how the controller shares out. Then
+
+    τ_n = n_j - Jᵀ f_n,              share = ∫ ‖τ_n‖ dt / ∫ ‖τ‖ dt.
+
+Neither accelerations nor the trunk's tensor are needed: w_n = G f - w_g and n_j = τ + Jᵀ f - g_j - friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import StaderaError
+from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
+from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
+from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record
+from stadera.lab.plant import IDEAL, Plant, Sensors, TrueState
+from stadera.legs.instant import LegDynamics
+from stadera.report.table import Cell, Row, TableData
+from stadera.robot import Robot, load_robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk import TrunkModel
+from stadera.types import Array, Progress
+
+PAPER = Paper.of("inertial_share")
+
+_EVERY = 2  # periods from one sample to the next
+_LONGEST = 20.0  # s, of a run
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """One cycle of a crawl.
+
+    Attributes:
+        speed: commanded, and
+        reached: [m/s].
+        time: (k,) [s], evenly spaced.
+        torque: (k,) [N·m], norm of the joint torques, and
+        inertial: (k,) [N·m], of those that the motion takes.
+    """
+
+    speed: float
+    reached: float
+    time: Array
+    torque: Array
+    inertial: Array
+
+    @property
+    def share(self) -> float:
+        """∫ ‖τ_n‖ dt / ∫ ‖τ‖ dt."""
+        return float(self.inertial.sum() / self.torque.sum())
+
+
+class InertialTorques:
+    """Splits a plant's joint torques; see the module.
+
+    Args:
+        robot: the plant's; its joints' viscous friction belongs to neither part, and it has no other.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._legs = LegDynamics(robot)
+        self._viscous = np.array([robot.dynamics[joint].viscous for joint in robot.tree.joints])
+        trunk = robot.inertias[robot.trunk]
+        self._weight, self._mass = np.array([0.0, 0.0, robot.mass * GRAVITY]), robot.mass
+        self._trunk_moment = trunk.first_moment
+
+    def of(self, state: TrueState) -> Array:
+        """τ_n (4, 3) [N·m] at a state of the plant, by leg."""
+        rotation, zero = state.rotation, np.zeros(3)
+        up = rotation.T @ np.array([0.0, 0.0, GRAVITY])
+        legs = self._legs.at(state.joint_position, np.zeros(len(state.joint_position)), zero, up)
+        touching = state.foot_contact
+        points = np.where(touching[:, None], state.contact_point - state.position, 0.0) @ rotation
+        forces, weight = state.foot_force @ rotation, self._weight @ rotation
+        com = (self._trunk_moment + legs.moment) / self._mass
+        moving = np.concatenate(
+            [forces.sum(axis=0) - weight, np.cross(points, forces).sum(axis=0) - np.cross(com, weight)]
+        )
+        share = np.zeros((4, 3))
+        share[touching] = np.linalg.lstsq(_wrench_map(points[touching]), moving, rcond=None)[0].reshape(-1, 3)
+        jacobians = legs.jacobians(points)
+        effort = (state.effort - self._viscous * state.joint_velocity)[self._legs.columns]
+        joints = effort - legs.bias + _transposed(jacobians, forces)
+        return np.asarray(joints - _transposed(jacobians, share))
+
+
+def crawl_cycle(robot: Robot, speed: float, skip: int = 1) -> Cycle:
+    """Lets a robot crawl and keeps one cycle, after so many to get going.
+
+    Raises:
+        StaderaError: it fell, or stopped.
+    """
+    plant = Plant(robot)
+    plant.reset(standing_configuration(robot))
+    crawl = Crawl(TrunkController(robot, trunk=TrunkModel.prior(robot)), command=CrawlCommand(speed))
+    crawl.resume()
+    bed, monitor, split = TestBed(plant, Sensors(IDEAL, 0, robot), crawl), WalkMonitor(plant), InertialTorques(robot)
+    rows: list[tuple[float, float, float, float]] = []
+    while (cycles := _cycles(crawl)) <= skip + 1:
+        fall = walk(bed, _EVERY * plant.timestep, monitor)
+        if fall is not None or crawl.failed or plant.time > _LONGEST:
+            how = fall.how if fall else crawl.reason or "no whole cycle"
+            raise StaderaError(f"{robot.name} does not crawl at {speed:.3g} m/s: {how}")
+        if cycles == skip + 1:
+            state = plant.state
+            norms = float(np.linalg.norm(state.effort)), float(np.linalg.norm(split.of(state)))
+            rows.append((state.time, *norms, float(state.position[0])))
+    time, torque, inertial, way = np.array(rows).T
+    return Cycle(speed, float((way[-1] - way[0]) / (time[-1] - time[0])), time - time[0], torque, inertial)
+
+
+def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """The share at each of the paper's speeds."""
+    robot, steps = load_robot("hyq"), Steps(PAPER.name, progress)
+    speeds = [float(speed) for speed in PAPER.values]
+    cycles = []
+    for speed in speeds[-1:] if settings.quick else speeds:
+        steps(f"{100 * speed:.0f} cm/s")
+        cycles.append(crawl_cycle(robot, speed))
+    steps.finished()
+    return PAPER.result(
+        (record for cycle in cycles for record in _records(cycle)),
+        (_table(cycles),),
+        (_figure(cycles),),
+        {"Robot": robot.name, "Plant": "MuJoCo, 1 kHz, controller in the loop; sensors without errors"},
+    )
+
+
+def _paper(cycle: Cycle) -> float:
+    """The paper's share [%]."""
+    return float(PAPER.values[f"{cycle.speed:g}"])
+
+
+def _records(cycle: Cycle) -> list[Record]:
+    case, metric = (
+        {"speed [cm/s]": round(100 * cycle.speed, 6)},
+        "share of inertial forces in the joint torques of one cycle",
+    )
+    return [
+        PAPER.record(case, metric, "%", 100 * cycle.share, _paper(cycle)),
+        PAPER.record(case, "speed reached", "cm/s", 100 * cycle.reached),
+    ]
+
+
+def _table(cycles: list[Cycle]) -> TableData:
+    head = ("", *(f"{100 * cycle.speed:.0f} cm/s" for cycle in cycles))
+    rows: tuple[Row, ...] = (
+        ("share here", *(Cell(f"{100 * cycle.share:.1f} %", strong=True) for cycle in cycles)),
+        ("the paper's", *(f"{_paper(cycle):.1f} %" for cycle in cycles)),
+        ("speed reached", *(f"{100 * cycle.reached:.1f} cm/s" for cycle in cycles)),
+        ("time of a cycle", *(f"{cycle.time[-1]:.2f} s" for cycle in cycles)),
+    )
+    return TableData.of("Inertial forces in the joint torques of one cycle", head, rows)
+
+
+def _figure(cycles: list[Cycle]) -> FigureData:
+    panels = tuple(
+        Panel(
+            f"{100 * cycle.speed:.0f} cm/s",
+            "time in the cycle [s]",
+            "norm of the joint torques [N·m]",
+            (
+                Line("all", "measured", cycle.time, cycle.torque),
+                Line("by inertial forces", "identified", cycle.time, cycle.inertial),
+            ),
+        )
+        for cycle in cycles
+    )
+    return FigureData("Joint torques over one cycle", panels)
+
+
+def _cycles(crawl: Crawl) -> int:
+    """How many times the first leg of the sequence has lifted."""
+    first = crawl.settings.sequence[0]
+    return sum(event.phase is CrawlPhase.SWING and event.leg == first for event in crawl.events)
+
+
+def _wrench_map(points: Array) -> Array:
+    """G (6, 3 k) of forces at points (k, 3)."""
+    columns = np.zeros((6, 3 * len(points)))
+    columns[:3] = np.tile(np.eye(3), len(points))
+    for axis, unit in enumerate(np.eye(3)):
+        columns[3:, axis::3] = np.cross(points, unit).T
+    return columns
+
+
+def _transposed(jacobians: Array, forces: Array) -> Array:
+    """Jᵀ f, (4, 3)."""
+    return np.asarray((forces[:, None, :] @ jacobians)[:, 0])

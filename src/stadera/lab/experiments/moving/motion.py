@@ -1,0 +1,128 @@
+"""A robot in motion with the walking estimator, and a controller that follows the estimate once it can be trusted."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.lab.control import Shake, TestBed, Trot, TrunkController
+from stadera.lab.control.crawl.crawl import Crawl
+from stadera.lab.control.crawl.settings import CrawlCommand
+from stadera.lab.control.stand import Controller
+from stadera.lab.plant import Plant, Sensors, estimator_model, plant_model, sensor_errors
+from stadera.lab.plant.payload import Tray
+from stadera.robot import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk import Measurement, TrunkEstimator, TrunkModel
+from stadera.trunk.protocol import TrunkEstimate
+from stadera.trunk.trusted import TrustedEstimator
+
+Gait = Literal["crawl", "trot", "shake"]
+"""How a robot moves; a shake is on the spot."""
+
+_TROT_SPEED = 0.26  # of √(g h)
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """What estimators are given in the studies.
+
+    Attributes:
+        light: the prior's mass, as a share of the true one.
+        off: the prior's error of the centre of mass, as a share of the hips' half spacing.
+    """
+
+    light: float = 0.9
+    off: float = 0.15
+
+
+_GIVEN = MotionSettings()
+
+
+class RobotInMotion:
+    """A robot that stands and is ready to go.
+
+    Args:
+        robot: as it is, but for what the errors make of it.
+        gait: what it will move by.
+        errors: of the sensors, a named set; the estimator is given their sizes.
+        draw: the seed of everything drawn.
+        hold: see `TestBed`.
+
+    Attributes:
+        model: the robot as controller and estimator are given it.
+        start: the estimator's prior of the trunk.
+        inner: the walking estimator.
+        trusted: its estimates that the controller follows.
+        controller, bed: as made.
+    """
+
+    def __init__(self, robot: Robot, gait: Gait, errors: str, draw: int, hold: int = 1) -> None:
+        sizes = sensor_errors(errors)
+        real = plant_model(robot, sizes)
+        self.model, self.start = estimator_model(real, sizes, draw), wrong_start(robot)
+        self.inner = TrunkEstimator(self.model, start=self.start)
+        self._timed = _Timed(self.inner)
+        self.trusted = TrustedEstimator(self._timed, robot)
+        self.controller = controller_of(gait, self.model, TrunkModel.prior(robot))
+        plant, sensors = Plant(real), Sensors(sizes, draw, robot)
+        plant.reset(standing_configuration(robot))
+        self.bed = TestBed(plant, sensors, self.controller, self.trusted, feed_back=True, hold=hold)
+
+    @property
+    def cost(self) -> float:
+        """Seconds of processor time that the estimator took."""
+        return self._timed.seconds
+
+
+class _Timed:
+    """An estimator with a clock."""
+
+    def __init__(self, inner: TrunkEstimator) -> None:
+        self.inner, self.seconds = inner, 0.0
+
+    def update(self, measurement: Measurement) -> None:
+        begin = time.process_time()
+        self.inner.update(measurement)
+        self.seconds += time.process_time() - begin
+
+    def estimate(self) -> TrunkEstimate:
+        return self.inner.estimate()
+
+
+def wrong_start(robot: Robot) -> TrunkModel:
+    """The prior of the trunk: 10 % too light, off by 15 % of the hips' half spacing."""
+    prior, tray = TrunkModel.prior(robot), Tray.of(robot)
+    shift = _GIVEN.off * np.array([*tray.half_size[:2], 0.0])
+    return TrunkModel(_GIVEN.light * prior.mass, prior.com_trunk + shift)
+
+
+def controller_of(gait: Gait, model: Robot, trunk: TrunkModel) -> Controller:
+    """That of a gait, standing."""
+    if gait == "trot":
+        return Trot.of(model, trunk)
+    controller = TrunkController(model, trunk=trunk)
+    return Crawl(controller) if gait == "crawl" else controller
+
+
+def walk_on(controller: Trot | Crawl, speed: float, turn: float) -> None:
+    """Walks from now on: ahead [m/s], and to the left [rad/s]."""
+    if isinstance(controller, Trot):
+        controller.walk((speed, 0.0), turn)
+    else:
+        controller.command = CrawlCommand(speed, turn)
+        controller.resume()
+
+
+def fastest_trot(controller: Trot) -> float:
+    """The highest speed asked of a trot [m/s], the same share of √(g h) for all robots: 0.6 m/s for HyQ."""
+    return _TROT_SPEED * GRAVITY * controller.settings.pendulum
+
+
+def sway(controller: TrunkController, amplitude: float = 1.0) -> None:
+    """Shakes its body where it stands; see `Shake`."""
+    controller.follow(Shake.of(controller.robot, controller.reference, controller.time, amplitude))

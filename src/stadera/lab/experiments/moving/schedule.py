@@ -1,0 +1,225 @@
+"""A robot without a load: it stands, sets out, walks, turns, stops and sways as drawn. Each change of load that the
+walking estimator reports is a false alarm.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from stadera.lab.control import Trot, TrunkController
+from stadera.lab.control.crawl.crawl import Crawl
+from stadera.lab.control.crawl.run import WalkMonitor, walk
+from stadera.lab.control.stand import Controller
+from stadera.lab.experiments.moving.motion import Gait, RobotInMotion, fastest_trot, sway, walk_on
+from stadera.robot import load_robot
+
+Doing = Literal["standing", "start", "steady", "turning", "stop", "shaking"]
+
+DOING: tuple[Doing, ...] = ("standing", "start", "steady", "turning", "stop", "shaking")
+"""What a schedule is made of; to start and to stop are counted from the command on."""
+
+_LOOKS = 0.02  # s, from one look at what the robot does to the next
+
+
+@dataclass(frozen=True)
+class ScheduleSettings:
+    """How a robot moves in the study.
+
+    Attributes:
+        start, stop: how long it has for each [s].
+        slower: times as long a crawl takes for everything.
+        trot_turn: the fastest [rad/s].
+        crawl_speed, crawl_turn: the fastest [m/s], [rad/s].
+        hold: periods for which torques are held; sensors and estimator run at 1 kHz all the same.
+    """
+
+    start: float = 1.0
+    stop: float = 1.5
+    slower: float = 2.0
+    trot_turn: float = 0.4
+    crawl_speed: float = 0.1
+    crawl_turn: float = 0.1
+    hold: int = 2
+
+
+_HOW = ScheduleSettings()
+
+
+@dataclass(frozen=True)
+class AlarmCase:
+    """A run.
+
+    Attributes:
+        robot: its name.
+        gait: crawl, trot or shake.
+        errors: of the sensors, a named set.
+        seed: of sensors and commands.
+        seconds: simulated; a shorter run is the beginning of a longer one.
+    """
+
+    robot: str
+    gait: Gait
+    errors: str
+    seed: int
+    seconds: float = 60.0
+
+
+@dataclass(frozen=True)
+class Activity:
+    """One part of a schedule.
+
+    Attributes:
+        doing: what it is.
+        seconds: for how long.
+        ahead: share of the fastest speed, 0 to 1.
+        turn: share of the fastest turn, -1 to 1, to the left.
+        amplitude: of a shake.
+    """
+
+    doing: Doing
+    seconds: float
+    ahead: float = 0.0
+    turn: float = 0.0
+    amplitude: float = 0.0
+
+
+def schedule(gait: Gait, rng: np.random.Generator) -> Iterator[Activity]:
+    """Activities without end, as drawn: stand, set out, go on in some way or other, stop, and again.
+
+    A trot's stands are used for a shake now and then; a crawl takes its time.
+    """
+    slower = _HOW.slower if gait == "crawl" else 1.0
+    yield Activity("standing", rng.uniform(0.3, 2.0))
+    while True:
+        if gait == "shake":
+            yield from _shake(rng)
+            continue
+        ahead, turn = rng.uniform(0.0, 1.0), rng.uniform(-0.5, 0.5)
+        yield Activity("start", _HOW.start * slower, ahead, turn)
+        for _ in range(rng.integers(1, 4)):
+            if rng.uniform() < 0.5:
+                yield Activity("turning", rng.uniform(2.0, 4.0) * slower, ahead, rng.choice((-1.0, 1.0)))
+            ahead = rng.uniform(0.0, 1.0)
+            yield Activity("steady", rng.uniform(2.0, 5.0) * slower, ahead, 0.0)
+        yield Activity("stop", _HOW.stop * slower)
+        yield Activity("standing", rng.uniform(0.5, 2.0))
+        if gait == "trot" and rng.uniform() < 0.3:
+            yield from _shake(rng)
+
+
+def _shake(rng: np.random.Generator) -> Iterator[Activity]:
+    yield Activity("shaking", rng.uniform(2.0, 6.0), amplitude=rng.uniform(0.3, 1.0))
+    yield Activity("stop", _HOW.stop)
+    yield Activity("standing", rng.uniform(0.5, 2.0))
+
+
+def watch(case: AlarmCase) -> dict[str, Any]:
+    """Changes of load reported in a run without a load.
+
+    `fell`: None, or how. `seconds`: simulated, by what the robot did. `stepped`: seconds of feet being lifted and put
+    down. `alarms`: every change reported: its `time`, when it was `noticed`, what the robot was `doing` then, and its
+    `mass` as a share of the robot's. `halts`: when and why a crawl stopped by itself. `share_of_time`: the estimator's
+    processor time in the simulated time.
+    """
+    run = _ScheduledRun(case)
+    run.go()
+    time = run.motion.bed.plant.time
+    return {
+        "fell": None if run.monitor.fall is None else run.monitor.fall.how,
+        "seconds": dict(run.seconds),
+        "stepped": run.stepped,
+        "alarms": [run.alarm(change.time, change.noticed, change.mass) for change in run.motion.inner.changes],
+        "halts": run.halts,
+        "share_of_time": run.motion.cost / max(time, 1e-3),
+    }
+
+
+class _ScheduledRun:
+    """A robot that follows its schedule."""
+
+    def __init__(self, case: AlarmCase) -> None:
+        self.case, self.robot = case, load_robot(case.robot)
+        draw = zlib.crc32(f"{case.robot} {case.gait} {case.errors} {case.seed}".encode())
+        self.motion = RobotInMotion(self.robot, case.gait, case.errors, draw, _HOW.hold)
+        self.monitor = WalkMonitor(self.motion.bed.plant)
+        self.seconds: dict[Doing, float] = defaultdict(float)
+        self.stepped = 0.0
+        self.halts: list[dict[str, Any]] = []
+        self._did: list[tuple[float, Doing]] = []
+        self._schedule = schedule(case.gait, np.random.default_rng(draw))
+
+    def go(self) -> None:
+        """Until the time is up or the robot has fallen."""
+        controller, plant = self.motion.controller, self.motion.bed.plant
+        for activity in self._schedule:
+            if self._did:  # a controller takes commands from its first update on
+                command(controller, activity)
+            end = min(plant.time + activity.seconds, self.case.seconds)
+            while plant.time < end - 0.5 * _LOOKS:
+                self._look(activity)
+                if walk(self.motion.bed, _LOOKS, self.monitor) is not None:
+                    return
+            if plant.time >= self.case.seconds - _LOOKS:
+                return
+
+    def _look(self, activity: Activity) -> None:
+        controller, doing = self.motion.controller, activity.doing
+        stepping = steps(controller)
+        if isinstance(controller, Crawl) and controller.failed and not stepping:
+            doing = "standing"
+            halt = {"time": controller.events[-1].time, "reason": controller.reason}
+            if halt not in self.halts:
+                self.halts.append(halt)
+        self._did.append((self.motion.bed.plant.time, doing))
+        self.seconds[doing] += _LOOKS
+        self.stepped += _LOOKS * stepping
+
+    def alarm(self, time: float, noticed: float, mass: float) -> dict[str, Any]:
+        """A change reported, and what the robot was doing at its time."""
+        doing = [doing for begin, doing in self._did if begin <= time] or ["standing"]
+        return {"time": time, "noticed": noticed, "doing": doing[-1], "mass": mass / self.robot.mass}
+
+
+def steps(controller: Controller) -> bool:
+    """Whether it lifts feet and puts them down."""
+    if isinstance(controller, Trot):
+        return controller.stepping
+    return isinstance(controller, Crawl) and controller.leg is not None
+
+
+def command(controller: Controller, activity: Activity) -> None:
+    """Commands the controller to an activity; a trot that has not come to rest yet does not shake."""
+    if isinstance(controller, Crawl):
+        _command_crawl(controller, activity)
+    elif isinstance(controller, Trot):
+        if activity.doing in _WALKED:
+            walk_on(controller, fastest_trot(controller) * activity.ahead, _HOW.trot_turn * activity.turn)
+        elif controller.stepping:
+            controller.stop()
+        else:
+            _stand(controller.controller, activity)
+    elif isinstance(controller, TrunkController):
+        _stand(controller, activity)
+
+
+_WALKED = ("start", "steady", "turning")
+
+
+def _command_crawl(crawl: Crawl, activity: Activity) -> None:
+    if activity.doing not in _WALKED:
+        crawl.request_stop("the schedule says so")
+    elif not crawl.failed or activity.doing == "start":  # one that has failed stands until the next start
+        walk_on(crawl, _HOW.crawl_speed * activity.ahead, _HOW.crawl_turn * activity.turn)
+
+
+def _stand(controller: TrunkController, activity: Activity) -> None:
+    if activity.doing == "shaking":
+        sway(controller, activity.amplitude)
+    elif activity.doing == "stop":
+        controller.move(controller.reference.moved(np.zeros(3), np.zeros(3)), 0.7 * activity.seconds)

@@ -1,0 +1,200 @@
+"""Table V: a robot that walks is loaded, stops, and is weighed by contact forces (c) and by static poses (a)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.lab.control.standing_walker import StandingWalker
+from stadera.lab.experiments.grid import Outcome, run_grid
+from stadera.lab.experiments.moving.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
+from stadera.lab.experiments.paper import Paper, ReproduceSettings
+from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.report.table import Cell, Row, TableData
+from stadera.robot import load_robot
+from stadera.supervise import State, SuperviseSettings, Supervisor
+from stadera.supervise.corrected import CorrectedForces
+from stadera.supervise.weighing import Stage, StandingWeighing
+from stadera.types import Progress
+
+PAPER = Paper.of("table5")
+
+_SEEDS = 5
+
+
+@dataclass(frozen=True)
+class Table5Times:
+    """Times of a run [s].
+
+    Attributes:
+        load, ask: when the load comes on, and when a weighing is asked for without a load.
+        longest: of a run.
+        every: control periods from one measurement that is weighed by to the next.
+    """
+
+    load: float = 5.5
+    ask: float = 6.0
+    longest: float = 45.0
+    every: int = 4
+
+
+@dataclass(frozen=True)
+class Table5Case:
+    """A load [N] and a seed."""
+
+    load: float
+    seed: int
+    times: Table5Times = field(default_factory=Table5Times)
+
+
+def weigh_on_the_way(case: Table5Case) -> Outcome:
+    """Centres of mass (x, y) [m] by (c), by (c) on torques as measured and by (a), and the truth.
+
+    Raises:
+        StaderaError: the robot fell, or was not weighed.
+    """
+    return _LoadedRun(case).outcome()
+
+
+class _LoadedRun:
+    """A walk with a weighing in it, and another one after it."""
+
+    def __init__(self, case: Table5Case) -> None:
+        self.case, self.times = case, case.times
+        payload = weight_at(load_robot("hyq"), "LH", case.load) if case.load else None
+        self.walk = LoadedWalk(LoadedWalkCase(payload=payload, load_at=case.times.load, seed=case.seed))
+        assert isinstance(self.walk.supervisor, Supervisor)
+        self.supervisor = self.walk.supervisor
+        self._periods = 0
+
+    def outcome(self) -> Outcome:
+        as_measured = self._by_forces()
+        found = self.supervisor.trunk
+        by_poses = self._weighed(self._weighing(self.supervisor.corrected, "poses"))
+        truth = self.walk.bed.plant.truth()
+        return {
+            "contact": found.com_trunk[:2].tolist(),
+            "contact_as_measured": as_measured,
+            "poses": by_poses,
+            "truth": truth.com[:2].tolist(),
+            "mass": found.mass,
+            "true_mass": truth.mass,
+        }
+
+    def _by_forces(self) -> list[float]:
+        """The supervisor's weighing; and another one of the same moments, with torque offsets left in."""
+        supervisor, asked = self.supervisor, self.case.load > 0.0
+        while not supervisor.weighing:
+            time = self._step()
+            if not asked and time >= self.times.ask:
+                supervisor.weigh("Table V asks for it")
+                asked = True
+        uncorrected = self._weighing(CorrectedForces.none(supervisor.forces), "contact")
+        while supervisor.state is not State.CONVERGED:
+            self._step(uncorrected)
+        self.walk.supervisor = None  # it stays where it stands
+        return self._weighed(uncorrected)
+
+    def _weighing(self, scale: CorrectedForces, method: str) -> StandingWeighing:
+        settings, time = SuperviseSettings(method=method), self.walk.bed.plant.time
+        walker = StandingWalker(self.walk.crawl.controller)
+        return StandingWeighing(scale, self.supervisor.trunk, walker, settings, time)
+
+    def _weighed(self, weighing: StandingWeighing) -> list[float]:
+        """Runs a weighing out; the centre of mass in x and y."""
+        while weighing.stage is not Stage.DONE:
+            if weighing.stage is Stage.FAILED:
+                raise StaderaError(f"{self.case}: {weighing.reason}")
+            self._step(weighing)
+        assert weighing.estimate is not None
+        return [float(c) for c in weighing.estimate.trunk.com_trunk[:2]]
+
+    def _step(self, weighing: StandingWeighing | None = None) -> float:
+        """One period; the time [s]."""
+        self.walk.step()
+        bed, self._periods = self.walk.bed, self._periods + 1
+        if self.walk.monitor.fall is not None:
+            raise StaderaError(f"{self.case}: the robot fell, {self.walk.monitor.fall.how}")
+        if self.supervisor.state in (State.STANDING, State.SITTING):
+            raise StaderaError(f"{self.case}: {self.supervisor.transitions[-1].reason}")
+        if bed.plant.time > self.times.longest:
+            raise StaderaError(f"{self.case}: not weighed within {self.times.longest} s")
+        if weighing is not None and self._periods % self.times.every == 0 and bed.measurement is not None:
+            weighing.update(bed.measurement)
+        return bed.plant.time
+
+
+def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """All loads, several seeds each."""
+    seeds = range(settings.seed, settings.seed + (1 if settings.quick else _SEEDS))
+    loads = [float(load) for load in PAPER.values]
+    cases = [Table5Case(load, seed) for load in loads for seed in seeds]
+    outcomes = run_grid(PAPER.name, weigh_on_the_way, cases, progress, settings.keep)
+    by_load = {load: [o for c, o in zip(cases, outcomes, strict=True) if c.load == load] for load in loads}
+    return PAPER.result(
+        (record for load, found in by_load.items() for record in _records(load, found)),
+        (_first(by_load, settings.seed), _all(by_load, len(seeds))),
+        facts={
+            "Robot": "hyq",
+            "Sensors": "standard errors",
+            "Seeds": f"{len(seeds)} a load",
+            "Plant": "MuJoCo, 1 kHz, crawl, controller and supervisor in the loop",
+        },
+    )
+
+
+def distances(outcomes: Sequence[Outcome], one: str, other: str) -> list[float]:
+    """‖δ‖ [cm] in x-y between two of a run's centres of mass, run by run."""
+    return [100.0 * float(np.linalg.norm(np.subtract(o[one], o[other]))) for o in outcomes]
+
+
+def _paper(load: float) -> float:
+    return float(PAPER.values[f"{load:g}"])
+
+
+def _records(load: float, outcomes: Sequence[Outcome]) -> Iterator[Record]:
+    case, bound = {"load [N]": load}, PAPER.bounds["plane"]
+    exact, raw = distances(outcomes, "contact", "truth"), distances(outcomes, "contact_as_measured", "truth")
+    apart, poses = distances(outcomes, "contact", "poses"), distances(outcomes, "poses", "truth")
+    masses = [abs(o["mass"] - o["true_mass"]) for o in outcomes]
+    for metric, unit, value, paper, most in (
+        ("(c) to the truth, ‖δ‖, median", "cm", np.median(exact), None, bound),
+        ("(c) to the truth, ‖δ‖, largest", "cm", max(exact), None, bound),
+        ("(c) to (a), ‖δ‖, median", "cm", np.median(apart), _paper(load), None),
+        ("(a) to the truth, ‖δ‖, median", "cm", np.median(poses), None, None),
+        ("(c) on torques as measured to the truth, ‖δ‖, median", "cm", np.median(raw), None, None),
+        ("(c) on torques as measured to the truth, ‖δ‖, largest", "cm", max(raw), None, None),
+        ("mass, |error|, largest", "kg", max(masses), None, None),
+    ):
+        yield PAPER.record(case, metric, unit, float(value), paper, most)
+
+
+def _first(by_load: Mapping[float, list[Outcome]], seed: int) -> TableData:
+    """The paper's table, of the first seed, and the truth."""
+    rows: list[Row] = []
+    for load, (first, *_) in by_load.items():
+        (error,), (apart,) = distances([first], "contact", "truth"), distances([first], "contact", "poses")
+        places = (f"({first[name][0]:.4f}, {first[name][1]:.4f})" for name in ("contact", "poses", "truth"))
+        good = error <= PAPER.bounds["plane"]
+        last = Cell(f"{error:.2f}", strong=True, good=good)
+        rows.append((f"{load:.0f} N", *places, f"{apart:.2f} ({_paper(load):.2f})", last))
+    head = ("payload", "(c) [m]", "(a) [m]", "truth [m]", "(c) to (a) [cm] (paper)", "(c) to the truth [cm]")
+    return TableData.of("Table V", head, rows, f"Centres of mass of the trunk with its load, x and y; seed {seed}.")
+
+
+def _all(by_load: Mapping[float, list[Outcome]], count: int) -> TableData:
+    """All seeds."""
+    rows: list[Row] = []
+    for name, title in (("contact", "(c)"), ("contact_as_measured", "(c), torques as measured"), ("poses", "(a)")):
+        errors = [distances(outcomes, name, "truth") for outcomes in by_load.values()]
+        bounded = name == "contact"
+        cells = (
+            Cell(f"{np.median(e):.2f}, {max(e):.2f}", None, True, max(e) <= PAPER.bounds["plane"] if bounded else None)
+            for e in errors
+        )
+        rows.append((title, *cells))
+    head = ("‖δ‖ to the truth [cm]: median, largest", *(f"{load:.0f} N" for load in by_load))
+    return TableData.of(f"{count} seeds", head, rows)

@@ -1,0 +1,143 @@
+"""An experiment as the registry holds it: its text, the paper's values and its bounds (`experiments.toml`), its run."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from stadera.errors import StaderaError
+from stadera.lab.experiments.result import CaseValues, ExperimentResult, FigureData, Record
+from stadera.report.table import TableData
+from stadera.types import Progress
+
+
+@dataclass(frozen=True)
+class ReproduceSettings:
+    """Settings that all experiments share.
+
+    Attributes:
+        seed: of every random draw; the same seed gives the same figures.
+        quick: a short, coarse version that shows the same in less time; its figures are not the published ones.
+        data: the folder of real logs; None to look for it (see `experiments.legs.real_logs`).
+        keep: the folder in which long studies keep their runs, to go on from (see `experiments.grid`); None for none.
+        seeds: how many, of a study that repeats its whole grid for each; None for its default.
+
+    Raises:
+        StaderaError: a negative seed, less than one of them.
+    """
+
+    seed: int = 0
+    quick: bool = False
+    data: Path | None = None
+    keep: Path | None = None
+    seeds: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.seeds is not None and self.seeds < 1:
+            raise StaderaError(f"a study needs at least 1 seed, got {self.seeds}")
+        if self.seed < 0:
+            raise StaderaError(f"a seed needs to be at least 0, got {self.seed}")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment as the registry holds it.
+
+    Attributes:
+        name, title: of it.
+        run: pure, it neither prints nor writes.
+        study: hundreds of runs that take an hour: asked for by name, and left out of `all`.
+        seeded: it repeats its grid for each of `ReproduceSettings.seeds`.
+    """
+
+    name: str
+    title: str
+    run: Callable[[ReproduceSettings, Progress], ExperimentResult]
+    study: bool = False
+    seeded: bool = False
+
+
+@dataclass(frozen=True)
+class Paper:
+    """An experiment's entry in `experiments.toml`.
+
+    Attributes:
+        name: of the experiment.
+        title, lead, notes, study, seeded: see `ExperimentResult` and `Experiment`.
+        values: what the paper prints.
+        bounds: what records are held against, by name.
+    """
+
+    name: str
+    title: str
+    lead: str
+    notes: tuple[str, ...] = ()
+    study: bool = False
+    seeded: bool = False
+    values: Mapping[str, Any] = field(default_factory=dict)
+    bounds: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, name: str) -> Paper:
+        """The entry of that name."""
+        entry = dict(_entries()[name])
+        values, notes = entry.pop("paper", {}), tuple(entry.pop("notes", ()))
+        return cls(name, values=values, notes=notes, **entry)
+
+    def experiment(self, run: Callable[[ReproduceSettings, Progress], ExperimentResult]) -> Experiment:
+        """With what runs it."""
+        return Experiment(self.name, self.title, run, self.study, self.seeded)
+
+    def record(
+        self,
+        case: CaseValues,
+        metric: str,
+        unit: str,
+        value: float,
+        paper: float | None = None,
+        bound: float | None = None,
+    ) -> Record:
+        """A record of this experiment."""
+        return Record(self.name, case, metric, unit, value, paper, bound)
+
+    def result(
+        self,
+        records: Iterable[Record],
+        tables: Iterable[TableData] = (),
+        figures: Iterable[FigureData] = (),
+        facts: Mapping[str, str] | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> ExperimentResult:
+        """A result with the text of this entry; `notes` come after its own."""
+        whole = tuple(records), tuple(tables), tuple(figures)
+        return ExperimentResult(self.name, self.title, self.lead, *whole, (*self.notes, *notes), facts or {})
+
+
+@cache
+def _entries() -> Mapping[str, Mapping[str, Any]]:
+    text = (resources.files(__package__) / "experiments.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+class Steps:
+    """Reports the step that an experiment is at."""
+
+    def __init__(self, name: str, progress: Progress) -> None:
+        self._name, self._progress, self._at = name, progress, ""
+
+    def __call__(self, what: str) -> None:
+        """The next step begins, so the last one is over."""
+        self.finished()
+        self._at = f"{self._name}: {what}"
+        self._progress(self._at, 0, 0)
+
+    def finished(self) -> None:
+        """The last step is over."""
+        if self._at:
+            self._progress(self._at, 1, 1)
+            self._at = ""

@@ -1,0 +1,230 @@
+"""One log of a robot with `real` errors, weighed by every method with the model file and nothing else.
+
+The only thing that is known of the run is the time of the tare, the last instant before the load comes on.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.errors import IdentificationError, RecordingError
+from stadera.identify.legs import identify
+from stadera.identify.schema import with_identified_legs
+from stadera.identify.settings import IdentifySettings
+from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.control.planner.support import PlanError
+from stadera.lab.control.trunk import ControlError
+from stadera.lab.plant import SimulationError, Tray
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.lab.scenarios.swing import swing
+from stadera.lab.scenarios.truth import Truth, read_truth, truth_json, truth_paths
+from stadera.logs import Recording, read, write_table
+from stadera.robot import Robot, load_robot
+from stadera.robot.imu import ImuMount
+from stadera.trunk import make_estimator
+from stadera.trunk.registry import Setup
+from stadera.trunk.samples import Samples
+from stadera.types import Array
+
+OURS = "walking"
+"""The library's estimator, by its name in the registry of methods."""
+LEGS = "walking, legs identified"
+"""The same with the legs that `identify` found in a log of the same robot's legs in the air."""
+
+LOADED_AT, DURATION = 5.0, 10.0  # s
+FIGURES = (
+    "trunk mass",
+    "trunk com x",
+    "trunk com y",
+    "trunk com z",
+    "payload mass",
+    "payload x",
+    "payload y",
+    "payload z",
+    "change mass",
+)
+"""What is found, each with its error and its standard deviation [kg, m]."""
+
+_OUT = 0.6  # of the tray's half size, within which loads are placed
+_HALF_CUBE = 0.05  # m, of a load
+_TOPPLED = np.deg2rad(45.0)
+_HOLD = 2  # periods of the test-bed between two torques of the controller
+
+
+@dataclass(frozen=True)
+class RealityCase:
+    """A run.
+
+    Attributes:
+        robot: its name.
+        scenario: trot, crawl, shake or stand.
+        share: of the load in the robot's mass; 0 for none.
+        errors: real or real-unit-gain.
+        seed: of the draw, with the rest of the case: no two cases draw the same robot, but for the common gain.
+    """
+
+    robot: str
+    scenario: str
+    share: float
+    errors: str
+    seed: int
+
+
+def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
+    """A run's figures.
+
+    `fell`: None, or how. `robot_mass`: [kg]. `methods`: by method (of the registry, and `LEGS`) a mapping with every
+    figure of `FIGURES` that it gives, as [error, standard deviation]; `verdict_before`, `verdict`: of the fit, at the
+    tare and at the end, None where the method has none; `noticed`: [s] from the load to the change found;
+    `false_changes`; `share_of_time`.
+
+    Args:
+        logs: the folder in which logs are kept for another time; None to keep none.
+    """
+    robot = load_robot(case.robot)
+    try:
+        log, truth = _log(case, robot, logs)
+    except (ControlError, PlanError, SimulationError) as error:
+        return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
+    if log.imu is None or log.imu.orientation is None:
+        raise RecordingError(f"{log.source}: a simulated log has an IMU with its orientation")
+    up = Rotation.from_quat(log.imu.orientation) * Rotation.from_matrix(ImuMount.of(robot).rotation).inv()
+    if (up.as_matrix()[:, 2, 2] < np.cos(_TOPPLED)).any():
+        return {"fell": "tilted by more than 45°", "robot_mass": robot.mass, "methods": {}}
+    samples = Samples.of_recording(log, robot)
+    methods = {name: _weighed(name, robot, samples, truth) for name in (OURS, "ls", "rls", "kalman")}
+    legs = _identified(case, robot, logs)
+    if legs is not None:
+        methods[LEGS] = _weighed(OURS, legs, samples, truth)
+    return {"fell": None, "robot_mass": robot.mass, "methods": methods}
+
+
+def _log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
+    """The run's log and truth, as kept or run now."""
+    path = None if logs is None else logs / f"{_name(case)}.parquet"
+    if path is not None and path.exists():
+        return read(path), read_truth(truth_paths(path)[0])
+    draw = _draw(case)
+    settings = SimulateSettings(
+        case.errors,
+        _load(case, robot, draw),
+        duration=DURATION,
+        seed=draw,
+        load_time=LOADED_AT,
+        hold=_HOLD,
+    )
+    run = simulate(robot, case.scenario, settings)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        truth_paths(path)[0].write_text(json.dumps(truth_json(run.truth)), encoding="utf-8")
+        write_table(run.recording, path)
+    return run.recording, run.truth
+
+
+def _identified(case: RealityCase, robot: Robot, logs: Path | None) -> Robot | None:
+    """The model file with the legs identified from the robot's own log in the air; None where that log is refused."""
+    with TemporaryDirectory() as folder:
+        path = (Path(folder) if logs is None else logs) / f"{_name(case)}.legs.json"
+        if not path.exists():
+            in_air = swing(robot, settings=SimulateSettings(case.errors, seed=_draw(case)))
+            try:
+                found = identify(robot, in_air.recording, IdentifySettings(split=1.0))
+            except IdentificationError:
+                return None
+            found.save_json(path)
+        return with_identified_legs(robot, path)
+
+
+def _name(case: RealityCase) -> str:
+    return "-".join(str(value) for value in vars(case).values())
+
+
+def _draw(case: RealityCase) -> int:
+    """The seed of the robot."""
+    return zlib.crc32(repr(replace(case, errors="")).encode())
+
+
+def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
+    """A cube on the tray, anywhere but near its edges."""
+    if not case.share:
+        return None
+    tray = Tray.of(robot)
+    aside = _OUT * np.random.default_rng(draw).uniform(-1.0, 1.0, 2) * tray.half_size[:2]
+    x, y = (tray.centre[:2] + aside).tolist()
+    return Load(case.share * robot.mass, "kg", (x, y, tray.top + _HALF_CUBE))
+
+
+def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
+    """A method's figures on the log."""
+    estimator: Any = make_estimator(name, Setup(robot), ALL_METHODS)
+    begun = time.process_time()
+    estimator.add(samples[samples.time < LOADED_AT])
+    before, verdict_before = estimator.estimate(), _verdict(estimator)
+    if name == OURS:
+        estimator.tare()
+    estimator.add(samples[samples.time >= LOADED_AT])
+    spent = time.process_time() - begun
+    bare, load = truth.moments[0], truth.moments[-1]
+    figures: dict[str, Any] = {"share_of_time": spent / float(samples.time[-1] - samples.time[0])}
+    figures |= {"verdict_before": verdict_before, "verdict": _verdict(estimator)}
+    figures |= _errors(FIGURES[:4], before.value - np.array([bare.mass, *bare.com]), before.std)
+    value, std = _payload(estimator) if name == OURS else _difference(before, estimator.estimate())
+    place = np.full(3, np.nan) if load.payload_com is None else np.asarray(load.payload_com)
+    figures |= _errors(FIGURES[4:8], value - np.array([load.payload_mass, *place]), std)
+    if name == OURS:
+        figures |= _changes(estimator.changes, load.payload_mass)
+    return figures
+
+
+def _errors(names: tuple[str, ...], errors: Array, stds: Array) -> dict[str, list[float]]:
+    """Those that were observed."""
+    pairs = zip(names, errors.tolist(), stds.tolist(), strict=True)
+    return {name: [error, std] for name, error, std in pairs if np.isfinite(error) and np.isfinite(std)}
+
+
+def _payload(estimator: Any) -> tuple[Array, Array]:
+    """Mass and place of the payload since the tare, and their standard deviations, (4,) each."""
+    found = estimator.payload
+    if found is None:
+        return np.full(4, np.nan), np.full(4, np.nan)
+    return np.array([found.mass, *found.com]), np.array([found.mass_std, *found.com_std])
+
+
+def _difference(before: Any, after: Any) -> tuple[Array, Array]:
+    """The same from two estimates of the trunk whose errors are taken to be independent; no bar for the place."""
+    mass = after.trunk.mass - before.trunk.mass
+    moment = after.trunk.mass * after.trunk.com_trunk - before.trunk.mass * before.trunk.com_trunk
+    seen = np.isfinite(before.std) & np.isfinite(after.std)
+    std = np.where(seen, np.hypot(before.std, after.std), np.nan)
+    place = moment / mass if mass else np.full(3, np.nan)
+    return np.array([mass, *place]), std
+
+
+def _verdict(estimator: Any) -> str | None:
+    trust = getattr(estimator, "trust", None)
+    trust = trust() if callable(trust) else trust
+    return None if trust is None else str(trust.verdict)
+
+
+def _changes(changes: tuple[Any, ...], mass: float) -> dict[str, Any]:
+    """The first change that was noticed after the load is the load's, if there is one; all others are false."""
+    after = [change for change in changes if change.noticed > LOADED_AT]
+    found = after[0] if after and mass > 0 else None
+    figures: Mapping[str, Any] = {
+        "noticed": None if found is None else found.noticed - LOADED_AT,
+        "false_changes": len(changes) - (found is not None),
+    }
+    if found is None:
+        return {**figures}
+    return {**figures, FIGURES[8]: [found.mass - mass, found.mass_std]}

@@ -1,0 +1,172 @@
+"""What an experiment returns, as plain values: records with bounds, tables and figures yet to be drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.report.table import Cell, TableData
+from stadera.types import Array
+
+CaseValues = Mapping[str, str | float]
+"""What was run, by name."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One measured figure, and what it is compared with.
+
+    Attributes:
+        experiment: its name.
+        case: what was run, by name.
+        metric: what was measured.
+        unit: of value, paper and bound; "1" for a plain number.
+        value: measured.
+        paper: what the paper prints, None where it prints nothing comparable.
+        bound: what the value has to keep to, None where nothing was promised.
+        bound_is: whether the bound is the largest or the least value that meets it.
+
+    Raises:
+        StaderaError: a value or bound that is not finite.
+    """
+
+    experiment: str
+    case: CaseValues
+    metric: str
+    unit: str
+    value: float
+    paper: float | None = None
+    bound: float | None = None
+    bound_is: Literal["at most", "at least"] = "at most"
+
+    def __post_init__(self) -> None:
+        for number in (self.value, self.paper, self.bound):
+            if number is not None and not np.isfinite(number):
+                raise StaderaError(f"{self.experiment}, {self.metric}: {number} is no figure to report")
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the bound is kept; None without one."""
+        if self.bound is None:
+            return None
+        return self.value <= self.bound if self.bound_is == "at most" else self.value >= self.bound
+
+    def to_dict(self) -> dict[str, Any]:
+        """As the JSON contract has it."""
+        bound_is = None if self.bound is None else self.bound_is
+        return {**vars(self), "case": dict(self.case), "bound_is": bound_is, "met": self.met}
+
+
+Naming = Callable[[Record], str]
+
+
+def crossed(
+    title: str, records: Iterable[Record], group: Naming, row: Naming, column: Naming, corner: str, note: str = ""
+) -> TableData:
+    """Records by group, row and column: each cell a value, the paper's in brackets, coloured by its bound."""
+    groups: dict[str, dict[str, dict[str, Cell]]] = {}
+    for record in records:
+        groups.setdefault(group(record), {}).setdefault(row(record), {})[column(record)] = _error_cell(record)
+    columns = tuple(dict.fromkeys(name for rows in groups.values() for cells in rows.values() for name in cells))
+    body = {
+        heading: [(name, *(cells[column] for column in columns)) for name, cells in rows.items()]
+        for heading, rows in groups.items()
+    }
+    return TableData.of(title, (corner, *columns), body, note)
+
+
+def spread(values: Sequence[float], bounds: tuple[float | None, float | None] = (None, None)) -> Cell:
+    """A cell of median and 95th percentile, coloured where there are bounds."""
+    if not values:
+        return Cell("–")
+    found = float(np.median(values)), float(np.percentile(values, 95))
+    kept = [v <= b for v, b in zip(found, bounds, strict=True) if b is not None]
+    return Cell(f"{found[0]:.2f}; {found[1]:.2f}", strong=bool(kept), good=all(kept) if kept else None)
+
+
+def _error_cell(record: Record) -> Cell:
+    digits = 3 if record.value >= 1e-3 else 4
+    paper = "" if record.paper is None else f" ({record.paper:.3f})"
+    return Cell(f"{record.value:.{digits}f}{paper}", strong=True, good=record.met)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One curve of a panel.
+
+    Attributes:
+        name: as in the legend.
+        role: what it stands for, which gives its colour: measured, identified, prior_friction or prior.
+        x, y: (samples,).
+        kind: a line, markers, or bars.
+        std: (samples,), error bars; None for none.
+    """
+
+    name: str
+    role: str
+    x: Array
+    y: Array
+    kind: Literal["line", "markers", "bars"] = "line"
+    std: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One pair of axes; `labels` of x = 0, 1, 2, ... are empty where x is a quantity."""
+
+    title: str
+    x_title: str
+    y_title: str
+    lines: tuple[Line, ...]
+    log_y: bool = False
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class FigureData:
+    """Panels one below the other."""
+
+    title: str
+    panels: tuple[Panel, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ExperimentResult:
+    """What one experiment showed.
+
+    Attributes:
+        name, title: of the experiment.
+        lead: what was done, in a few sentences for a reader who has not seen it.
+        records: figures, each with unit, the paper's value and its bound.
+        tables: for terminal and page; the first is the one the experiment is about.
+        figures: for the page.
+        notes: how to read it.
+        facts: what was run, by name.
+    """
+
+    name: str
+    title: str
+    lead: str
+    records: tuple[Record, ...]
+    tables: tuple[TableData, ...] = ()
+    figures: tuple[FigureData, ...] = ()
+    notes: tuple[str, ...] = ()
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def missed(self) -> tuple[Record, ...]:
+        """Records whose bound is not kept."""
+        return tuple(record for record in self.records if record.met is False)
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """An experiment that was left out, and why."""
+
+    name: str
+    reason: str

@@ -1,0 +1,173 @@
+"""One run of a standing robot: what it is made of, and what it found.
+
+The prior is CAD's trunk with its centre of mass shifted by shares of the hips' half spacing; the load presses down at
+a point that is the paper's (-0.75, 0.4, 0.0) m on HyQ, and on other robots that point scaled with the hips' spacing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stadera.lab.plant import IDEAL, Gaussian, SensorErrors
+from stadera.robot import Robot, load_robot
+from stadera.trunk import Status, TrunkModel
+from stadera.types import Array
+
+METHOD_NAMES: Mapping[str, str] = {
+    "poses": "(a) static poses",
+    "orientation": "(b) orientation error",
+    "contact": "(c) contact forces",
+    "combined": "combined",
+}
+"""As the paper calls them, by the registry's names."""
+
+_PAPER_ROBOT, _PAPER_POINT = "hyq", (-0.75, 0.4, 0.0)  # m, trunk frame
+
+
+@dataclass(frozen=True)
+class StandingTimes:
+    """Times of a run [s].
+
+    Attributes:
+        settle: before anything is estimated.
+        mass, mass_at_most: for the mass to converge.
+        plane, height: of a recursive law in the plane and along the height, 12 and 8 of its time constants.
+        move, hold: from one static pose to the next, and in each.
+        trace, trace_poses: between points of the trace; more where every look solves for all poses anew.
+    """
+
+    settle: float = 0.5
+    mass: float = 1.0
+    mass_at_most: float = 5.0
+    plane: float = 6.0
+    height: float = 4.0
+    move: float = 0.8
+    hold: float = 1.2
+    trace: float = 0.01
+    trace_poses: float = 0.2
+
+
+@dataclass(frozen=True)
+class StandingCase:
+    """What one run is made of.
+
+    Attributes:
+        robot: its name.
+        method: of `stadera.trunk.registry.METHODS`.
+        load: [N], pressing down at the paper's point; 0 for none.
+        slope: of the ground, rising forwards [deg].
+        errors: of the sensors.
+        misled: the controller is given the sensors' foot positions as well; else it uses the encoders.
+        drive_offset: of every joint [N·m], drawn once a run: the drives follow a torque measured with this error, so
+            that what acts is less by it. Zero for drives that give what is asked for.
+        seed: of all draws.
+        start: the prior's error: shares of the hips' half spacing in x, of that in y, and again of that in x for z.
+        every: the estimator looks at one measurement in so many.
+        height: go on to look for the height with a tilted trunk, where the method has a phase of its own for it.
+        tilt: of the trunk, to find the height [rad].
+        times: see `StandingTimes`.
+    """
+
+    robot: str
+    method: str
+    load: float = 0.0
+    slope: float = 0.0
+    errors: SensorErrors = IDEAL
+    misled: bool = False
+    drive_offset: Gaussian = field(default_factory=Gaussian)
+    seed: int = 0
+    start: tuple[float, float, float] = (0.3, -0.3, 0.3)
+    every: int = 5
+    height: bool = True
+    tilt: float = float(np.deg2rad(10.0))
+    times: StandingTimes = field(default_factory=StandingTimes)
+
+
+@dataclass(frozen=True, eq=False)
+class StandingOutcome:
+    """What one run found, and the truth it is evaluated by; trunk frame.
+
+    Attributes:
+        case: what was run.
+        mass, true_mass: of trunk and load [kg].
+        com, true_com, start: centres of mass: found, true, of the prior, (3,) [m].
+        std: (3,) [m], as the estimator states it; NaN where it observed nothing.
+        one_pose_com: (3,) [m], what was found before the trunk was tilted for the height; `com` where it was not.
+        rotation: (3, 3), of the trunk in the world when that was found.
+        status, reason: of the estimate at the end.
+        seconds: simulated [s].
+        trace_time, trace_com: (k,) [s], (k, 3) [m], the estimate on the way.
+    """
+
+    case: StandingCase
+    mass: float
+    true_mass: float
+    com: Array
+    true_com: Array
+    start: Array
+    std: Array
+    one_pose_com: Array
+    rotation: Array
+    status: Status
+    reason: str
+    seconds: float
+    trace_time: Array
+    trace_com: Array
+
+    @property
+    def in_plane(self) -> float:
+        """‖δ‖ [m] in the trunk's x-y plane."""
+        return float(np.linalg.norm((self.com - self.true_com)[:2]))
+
+    @property
+    def in_plane_of_one_pose(self) -> float:
+        """‖δ‖ [m] in the trunk's x-y plane, before the trunk was tilted for the height."""
+        return float(np.linalg.norm((self.one_pose_com - self.true_com)[:2]))
+
+    @property
+    def level(self) -> float:
+        """The same in the world's x-y plane, all that forces at rest in one pose can show [m]."""
+        return float(np.linalg.norm((self.rotation @ (self.one_pose_com - self.true_com))[:2]))
+
+    @property
+    def height(self) -> float:
+        """|δ_z| [m] in the trunk frame."""
+        return float(abs(self.com[2] - self.true_com[2]))
+
+    @property
+    def start_error(self) -> float:
+        """‖δ‖ [m] in x-y of the prior."""
+        return float(np.linalg.norm((self.start - self.true_com)[:2]))
+
+    @property
+    def mass_error(self) -> float:
+        """[kg], found minus true."""
+        return self.mass - self.true_mass
+
+
+def start_range(outcomes: Sequence[StandingOutcome]) -> str:
+    """How far off the priors were in x-y, in words."""
+    errors = [100 * o.start_error for o in outcomes]
+    return f"the centre of mass {min(errors):.0f} to {max(errors):.0f} cm off in x-y"
+
+
+def load_point(robot: Robot) -> tuple[float, float, float]:
+    """Where the load presses, trunk frame [m]."""
+    scale = hip_spacing(robot) / hip_spacing(load_robot(_PAPER_ROBOT))
+    x, y, z = np.asarray(_PAPER_POINT) * [*scale, 1.0]
+    return float(x), float(y), float(z)
+
+
+def hip_spacing(robot: Robot) -> Array:
+    """Half the distance between the legs' first joints, along x and along y, (2,) [m]."""
+    hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
+    return np.asarray(0.5 * (hips.max(axis=0) - hips.min(axis=0))[:2])
+
+
+def start_model(robot: Robot, shares: tuple[float, float, float]) -> TrunkModel:
+    """CAD's trunk, its centre of mass shifted by shares of the hips' half spacing, see `StandingCase.start`."""
+    prior, (x, y) = TrunkModel.prior(robot), hip_spacing(robot)
+    return TrunkModel(prior.mass, prior.com_trunk + np.asarray(shares) * [x, y, x], prior.inertia_com)

@@ -1,0 +1,123 @@
+"""Fig. 6: a load is put on while the robot stands, and contact forces find the new centre of mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.lab.control import TestBed, TrunkController
+from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
+from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record
+from stadera.lab.experiments.standing.case import load_point
+from stadera.lab.plant import IDEAL, Plant, Sensors, VirtualForce
+from stadera.report.table import Cell, TableData
+from stadera.robot import load_robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk import ContactForceEstimator
+from stadera.trunk.standing.contact_com import ContactCom
+from stadera.trunk.standing.convergence import settling_time
+from stadera.trunk.standing.recursive import LawSettings
+from stadera.types import Array, Progress
+
+PAPER = Paper.of("fig6")
+
+_LOAD = 100.0  # N
+_BEFORE, _AFTER = 1.0, 5.0  # s
+_ACCURACY = 0.002  # m
+_FAST = 0.6  # s, the faster of the two settling times
+
+
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """The estimate after the load was put on; time [s] from there, (k,); com (k, 3) [m]; true_com (3,) [m]."""
+
+    settling: float
+    time: Array
+    com: Array
+    true_com: Array
+
+    @property
+    def error(self) -> Array:
+        """‖δ‖ in x-y, (k,) [m]."""
+        return np.asarray(np.linalg.norm((self.com - self.true_com)[:, :2], axis=1))
+
+    @property
+    def reached(self) -> float:
+        """Time [s] from which the error stays below 2 mm; the whole run's where it never does."""
+        above = np.flatnonzero(self.error >= _ACCURACY)
+        return float(self.time[above[-1]]) if len(above) else 0.0
+
+
+def trajectory(settling: float, seed: int) -> Settling:
+    """Puts the load on a standing HyQ that weighs itself with this settling time [s]."""
+    robot = load_robot("hyq")
+    plant = Plant(robot)
+    plant.reset(standing_configuration(robot))
+    controller = TrunkController(robot)
+    forces = ContactForceEstimator(robot, legs=controller.legs)
+    estimator = ContactCom(robot, forces=forces, settings=LawSettings(settling=settling))
+    bed = TestBed(plant, Sensors(IDEAL, seed, robot), controller, estimator, feed_back=True)
+    bed.run(_BEFORE)
+    plant.apply_payload(VirtualForce(_LOAD, load_point(robot)))
+    applied, times, coms = plant.time, [0.0], [estimator.estimate().trunk.com_trunk]
+
+    def note(bed: TestBed) -> None:
+        times.append(bed.plant.time - applied)
+        coms.append(estimator.estimate().trunk.com_trunk)
+
+    bed.run(_AFTER, note)
+    return Settling(settling, np.array(times), np.array(coms), plant.truth().com)
+
+
+def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """One trajectory with a fast step, one with the paper's."""
+    step = Steps(PAPER.name, progress)
+    ways = []
+    for settling in (_FAST,) if settings.quick else (_FAST, settling_time()):
+        step(f"weighing with a settling time of {settling:.1f} s")
+        ways.append(trajectory(settling, settings.seed))
+    step.finished()
+    return PAPER.result(
+        [record for way in ways for record in _records(way)],
+        [_table(ways)],
+        [_figure(way) for way in ways],
+        {"Robot": "hyq", "Load": f"{_LOAD:g} N", "Plant": "MuJoCo, 1 kHz, controller and estimator in the loop"},
+    )
+
+
+def _records(way: Settling) -> tuple[Record, ...]:
+    bound = PAPER.bounds["reached"] if way.settling == _FAST else None
+    case: dict[str, str | float] = {"settling time asked for [s]": round(way.settling, 3)}
+    return (
+        PAPER.record(case, "time to stay under 2 mm", "s", way.reached, PAPER.values["reached"], bound),
+        PAPER.record(case, "‖δ‖ in x-y when the load comes on", "cm", 100 * float(way.error[0])),
+        PAPER.record(case, "‖δ‖ in x-y at the end", "cm", 100 * float(way.error[-1])),
+    )
+
+
+def _table(ways: list[Settling]) -> TableData:
+    head = ("settling time asked for", "‖δ‖ at first [cm]", "under 2 mm after [s] (paper)", "‖δ‖ at the end [cm]")
+    rows = [
+        (
+            f"{way.settling:.2f} s",
+            f"{100 * way.error[0]:.2f}",
+            Cell(f"{way.reached:.2f} ({PAPER.values['reached']:g})", strong=True),
+            f"{100 * way.error[-1]:.4f}",
+        )
+        for way in ways
+    ]
+    return TableData.of("How fast", head, rows, "The settling time is that after which 5 % of an error is left.")
+
+
+def _figure(way: Settling) -> FigureData:
+    panels = []
+    for axis, name in enumerate("xy"):
+        lines = (
+            Line("estimate", "identified", way.time, way.com[:, axis]),
+            Line("truth", "prior", way.time[[0, -1]], np.full(2, way.true_com[axis])),
+        )
+        panels.append(Panel(f"trunk's centre of mass, {name}", "time since the load [s]", f"{name} [m]", lines))
+    error = Line("‖δ‖ in x-y", "measured", way.time, np.maximum(1000 * way.error, 1e-3))
+    panels.append(Panel("error", "time since the load [s]", "‖δ‖ [mm]", (error,), log_y=True))
+    return FigureData(f"Settling time of {way.settling:.2f} s", tuple(panels))

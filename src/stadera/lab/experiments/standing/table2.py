@@ -1,0 +1,150 @@
+"""Table II: the three methods on level ground, ideal sensors, three loads; and the same on other robots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import MissingExtraError
+from stadera.lab.experiments.grid import run_grid
+from stadera.lab.experiments.paper import Paper, ReproduceSettings
+from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record, crossed
+from stadera.lab.experiments.standing.case import METHOD_NAMES, StandingCase, StandingOutcome, start_range
+from stadera.lab.experiments.standing.run import stand
+from stadera.report.table import Cell, TableData
+from stadera.robot import load_robot
+from stadera.types import Progress
+
+PAPER = Paper.of("table2")
+
+_LOADS = (0.0, 50.0, 100.0)  # N, the paper's
+_OTHERS, _SHARES = ("go2", "anymal_c", "b1"), (0.0, 0.06, 0.12)
+
+
+@dataclass(frozen=True)
+class _Cases:
+    """The runs: on HyQ by every method, and by the last on other robots, whose loads are shares of their weights."""
+
+    hyq: Sequence[StandingCase]
+    others: Sequence[tuple[StandingCase, float]]
+
+    @classmethod
+    def of(cls, settings: ReproduceSettings) -> _Cases:
+        if settings.quick:
+            return cls([_case("contact", 100.0, settings.seed)], [])
+        weights = {name: weight for name in _OTHERS if (weight := _weight(name)) is not None}
+        return cls(
+            [_case(method, load, settings.seed) for method in PAPER.values["plane"] for load in _LOADS],
+            [(_case("contact", s * w, settings.seed, name), s) for name, w in weights.items() for s in _SHARES],
+        )
+
+
+def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """Weighs HyQ by three methods under three loads, and other robots by the last."""
+    plan = _Cases.of(settings)
+    outcomes = run_grid(PAPER.name, stand, [*plan.hyq, *(case for case, _ in plan.others)], progress)
+    hyq, rest = outcomes[: len(plan.hyq)], outcomes[len(plan.hyq) :]
+    others = [(outcome, share) for outcome, (_, share) in zip(rest, plan.others, strict=True)]
+    plane, height = [_plane_record(o) for o in hyq], [_height_record(o) for o in hyq if _finds_height(o.case.method)]
+    bounds = PAPER.bounds
+    note = f"In brackets the paper's. Bound: {bounds['plane']:.2f} cm in every cell."
+    tables = [_table("Error in x-y", "‖δ‖ [cm]", plane, note)]
+    if height:
+        note = f"In brackets the paper's, which names one figure a method. Bound: {bounds['height']:.1f} cm."
+        tables.append(_table("Error of the height", "|δ_z| [cm]", height, note))
+    if others:
+        tables.append(_robots_table(others))
+    masses = [PAPER.record(_named(o), "error of the trunk's mass", "kg", abs(o.mass_error)) for o in hyq]
+    return PAPER.result(
+        [*plane, *height, *masses, *(record for o, share in others for record in _robot_records(o, share))],
+        tables,
+        [_convergence(hyq)],
+        {
+            "Robots": ", ".join(dict.fromkeys(("hyq", *(o.case.robot for o, _ in others)))),
+            "Start": f"{start_range(hyq)} on HyQ",
+            "Plant": "MuJoCo, 1 kHz, controller in the loop; estimators at 200 Hz",
+        },
+    )
+
+
+def _case(method: str, load: float, seed: int, robot: str = "hyq") -> StandingCase:
+    return StandingCase(robot, method, load, seed=seed, height=_finds_height(method))
+
+
+def _finds_height(method: str) -> bool:
+    return method in PAPER.values["height"]
+
+
+def _weight(name: str) -> float | None:
+    """Of a robot [N]; None if its model is not installed."""
+    try:
+        return load_robot(name).mass * GRAVITY
+    except MissingExtraError:
+        return None
+
+
+def _named(outcome: StandingOutcome) -> dict[str, str | float]:
+    case = outcome.case
+    return {"robot": case.robot, "method": METHOD_NAMES[case.method], "load [N]": round(case.load, 1)}
+
+
+def _plane_record(o: StandingOutcome) -> Record:
+    paper = PAPER.values["plane"][o.case.method][_LOADS.index(o.case.load)]
+    return PAPER.record(_named(o), "‖δ‖ in x-y", "cm", 100 * o.in_plane, paper, PAPER.bounds["plane"])
+
+
+def _height_record(o: StandingOutcome) -> Record:
+    paper = PAPER.values["height"][o.case.method]
+    return PAPER.record(_named(o), "|δ_z|", "cm", 100 * o.height, paper, PAPER.bounds["height"])
+
+
+def _robot_records(o: StandingOutcome, share: float) -> Iterator[Record]:
+    case = {**_named(o), "load, share of the weight": round(share, 3)}
+    yield PAPER.record(case, "‖δ‖ in x-y", "cm", 100 * o.in_plane)
+    yield PAPER.record(case, "‖δ‖ in x-y at the start", "cm", 100 * o.start_error)
+    yield PAPER.record(case, "error of the trunk's mass", "kg", abs(o.mass_error))
+
+
+def _table(title: str, error: str, records: list[Record], note: str) -> TableData:
+    """A row a method, a column a load."""
+    return crossed(
+        title,
+        records,
+        group=lambda r: "",
+        row=lambda r: str(r.case["method"]),
+        column=lambda r: f"{r.case['load [N]']:g} N",
+        corner=error,
+        note=note,
+    )
+
+
+def _robots_table(others: Sequence[tuple[StandingOutcome, float]]) -> TableData:
+    head = ("load", "load [N]", "‖δ‖ at the start [cm]", "‖δ‖ [cm]", "mass of trunk and load [kg]", "mass error [kg]")
+    groups: dict[str, list[tuple[Cell | str, ...]]] = {}
+    for o, share in others:
+        groups.setdefault(o.case.robot, []).append(
+            (
+                f"{100 * share:.0f} % of the weight",
+                f"{o.case.load:.1f}",
+                f"{100 * o.start_error:.1f}",
+                Cell(f"{100 * o.in_plane:.4f}", strong=True),
+                f"{o.true_mass:.3f}",
+                f"{o.mass_error:+.4f}",
+            )
+        )
+    note = "Method (c). The load presses at HyQ's point, scaled with the distances between the hips."
+    return TableData.of("Other robots", head, groups, note)
+
+
+def _convergence(outcomes: Sequence[StandingOutcome]) -> FigureData:
+    """How each method gets there under the largest load."""
+    most = max(o.case.load for o in outcomes)
+    panels = []
+    for o in (o for o in outcomes if o.case.load == most):
+        error = 100 * np.linalg.norm((o.trace_com - o.true_com)[:, :2], axis=1)
+        line = Line("‖δ‖", "identified", o.trace_time, np.maximum(error, 1e-4))
+        panels.append(Panel(METHOD_NAMES[o.case.method], "time [s]", "‖δ‖ [cm]", (line,), log_y=True))
+    return FigureData(f"Error in x-y on the way, load {most:g} N", tuple(panels), "At first the mass alone is weighed.")

@@ -1,0 +1,75 @@
+"""Table III: the centre of mass from contact forces, on ramps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from stadera.lab.experiments.grid import run_grid
+from stadera.lab.experiments.paper import Paper, ReproduceSettings
+from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record, crossed
+from stadera.lab.experiments.standing.case import StandingCase, StandingOutcome, start_range
+from stadera.lab.experiments.standing.run import stand
+from stadera.report.table import TableData
+from stadera.types import Progress
+
+PAPER = Paper.of("table3")
+
+_LOADS = (0.0, 50.0, 100.0)  # N, the paper's
+_START = (0.3, -0.3, 0.0)
+_LEVEL, _ONE_POSE = "‖δ‖ in the world's x-y, one pose", "‖δ‖ in the trunk's x-y, one pose"
+_TRUNK = "‖δ‖ in the trunk's x-y, two poses"
+
+
+def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """Weighs HyQ on three slopes under three loads."""
+    grid = [(float(slope), load) for slope in PAPER.values for load in _LOADS]
+    grid = grid[-1:] if settings.quick else grid
+    cases = [StandingCase("hyq", "contact", load, slope, seed=settings.seed, start=_START) for slope, load in grid]
+    outcomes = run_grid(PAPER.name, stand, cases, progress)
+    records = [record for outcome in outcomes for record in _records(outcome)]
+    return PAPER.result(
+        records,
+        (
+            _table(_LEVEL, records, "In brackets the paper's, which does not say whose x-y it means."),
+            _table(_ONE_POSE, records, "The same poses."),
+            _table(_TRUNK, records, "The same runs, after the trunk has pitched."),
+        ),
+        (_figure(outcomes[-1]),),
+        {
+            "Robot": "hyq",
+            "Start": start_range(outcomes),
+            "Plant": "MuJoCo, 1 kHz, controller in the loop; estimator at 200 Hz",
+        },
+    )
+
+
+def _records(o: StandingOutcome) -> Iterator[Record]:
+    case: dict[str, str | float] = {"slope [deg]": o.case.slope, "load [N]": o.case.load}
+    paper, bound = PAPER.values[f"{o.case.slope:g}"][_LOADS.index(o.case.load)], PAPER.bounds["plane"]
+    yield PAPER.record(case, _LEVEL, "cm", 100 * o.level, paper, bound)
+    yield PAPER.record(case, _ONE_POSE, "cm", 100 * o.in_plane_of_one_pose, paper, bound)
+    yield PAPER.record(case, _TRUNK, "cm", 100 * o.in_plane, paper, bound)
+    yield PAPER.record(case, "|δ_z| in the trunk, two poses", "cm", 100 * o.height)
+    yield PAPER.record(case, "error of the trunk's mass", "kg", abs(o.mass_error))
+
+
+def _table(metric: str, records: list[Record], note: str) -> TableData:
+    return crossed(
+        metric,
+        (r for r in records if r.metric == metric),
+        group=lambda r: "",
+        row=lambda r: f"{r.case['slope [deg]']:g}°",
+        column=lambda r: f"{r.case['load [N]']:g} N",
+        corner="slope, ‖δ‖ [cm]",
+        note=f"{note} Bound: {PAPER.bounds['plane']:.2f} cm in every cell.",
+    )
+
+
+def _figure(o: StandingOutcome) -> FigureData:
+    lines = tuple(
+        Line(f"{name}, estimate − truth", role, o.trace_time, 100 * (o.trace_com - o.true_com)[:, axis])
+        for name, role, axis in (("x", "identified", 0), ("y", "measured", 1))
+    )
+    panel = Panel("trunk's centre of mass", "time [s]", "error [cm]", lines)
+    title = f"On the way, slope {o.case.slope:g}°, load {o.case.load:g} N"
+    return FigureData(title, (panel,), "At first the mass alone is weighed.")

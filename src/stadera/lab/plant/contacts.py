@@ -1,0 +1,69 @@
+"""Where the ground acts on a simulated robot, read from MuJoCo's contacts."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from stadera.lab.plant.world import GROUND, TRAY, box_body, foot_geom
+from stadera.robot.model import Robot
+from stadera.types import Array, Bools
+
+_LEAST_NORMAL = 1e-9  # N, that a contact counts by when its place is averaged
+
+
+class Contacts:
+    """Who touches whom in one compiled world.
+
+    Args:
+        model: the world, as `build_world` makes it.
+        robot: that stands in it.
+    """
+
+    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+        self._model = model
+        self._ground = frozenset(g for g in range(model.ngeom) if model.geom(g).name.startswith(GROUND))
+        self._tray = model.geom(TRAY).id
+        self.feet = np.array([model.geom(foot_geom(leg)).id for leg in robot.legs])
+        """(4,) the geoms that are feet, legs in the robot's order."""
+        self._leg_of_geom = {int(geom): k for k, geom in enumerate(self.feet)}
+
+    def tray_on_ground(self, data: mujoco.MjData) -> bool:
+        """Whether the trunk's back touches the ground."""
+        pairs = data.contact.geom.tolist()
+        return any(self._tray in pair and not self._ground.isdisjoint(pair) for pair in pairs)
+
+    def box_on_tray(self, data: mujoco.MjData, index: int) -> bool:
+        """Whether the box of that number touches the tray."""
+        pair = {self._tray, self._model.geom(box_body(index)).id}
+        return any({int(a), int(b)} == pair for a, b in data.contact.geom)
+
+    def of_feet(self, data: mujoco.MjData) -> tuple[Array, Array, Bools]:
+        """Where the ground acts on the feet (4, 3) [m], how (4, 3) [N], both in the world, and whether (4,).
+
+        A foot on several stones gets their sum, at the mean of their points by normal force; the point of a foot in
+        the air is NaN.
+        """
+        count = len(self.feet)
+        points, forces, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+        touching = np.zeros(count, dtype=bool)
+        contact, efc_force = data.contact, data.efc_force
+        geoms, frames, positions = contact.geom, contact.frame.reshape(-1, 3, 3), contact.pos
+        for k, address in enumerate(contact.efc_address):
+            first, second = geoms[k].tolist()
+            # MuJoCo sorts the pair by the kind of geom: a plane comes before a sphere, a box after it
+            sign, foot = (1.0, second) if first in self._ground else (-1.0, first)
+            leg = self._leg_of_geom.get(foot)
+            if leg is None or address < 0 or not (first in self._ground or second in self._ground):
+                continue
+            # The frame's rows are its axes in the world, the first from the first geom to the second. With elliptic
+            # cones the constraint forces are the contact force on the second in this frame.
+            force = efc_force[address : address + 3]
+            weight = max(float(force[0]), _LEAST_NORMAL)
+            forces[leg] += sign * (force @ frames[k])
+            points[leg] += weight * positions[k]
+            weights[leg] += weight
+            touching[leg] = True
+        points[touching] /= weights[touching, None]
+        points[~touching] = np.nan
+        return points, forces, touching

@@ -1,0 +1,201 @@
+"""From a `Robot` value to a compiled MuJoCo model.
+
+The plant is built from the tree, the inertias, the joint dynamics and the feet alone, not by MuJoCo's own reader of
+model files: it needs no meshes, and its parameters may be any `Robot`, the truth an experiment chose among them.
+
+Inertias are written into the compiled model. MuJoCo's compiler refuses bodies whose principal moments are negative or
+break the triangle inequality, but its dynamics need only that the joint-space mass matrix M(q) is positive definite.
+That is checked here over a sampled workspace, so a link of the kind in the paper's Table I (perturbed to negative
+moments) can be simulated as long as the whole mechanism still has a kinetic energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import ModelError
+from stadera.inertia import InertialParameters
+from stadera.robot.model import Robot, Tree
+from stadera.types import Array
+
+_WORKSPACE_SAMPLES = 200
+_WORKSPACE_SEED = 20170924
+_FREE_RANGE = np.pi  # rad, where a joint has no limit
+
+_DRY_FRICTION = (0.99, 0.99, 1e-3, 0.5, 2.0)  # with the fastest reference allowed: the narrowest zone of creep
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """How the model is compiled.
+
+    Attributes:
+        floating: the trunk is free (a free joint) rather than held level.
+        timestep: [s].
+        drive_state: each motor's torque is the time integral of its control, so that a torque can be prescribed as a
+            continuous function of time, rather than the control itself.
+    """
+
+    floating: bool = False
+    timestep: float = 1e-3
+    drive_state: bool = False
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.timestep) and self.timestep > 0):
+            raise ModelError(f"simulation timestep must be positive, got {self.timestep} s")
+
+
+def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec:
+    """The bodies, joints and torque actuators of a tree of this robot; inertias are placeholders until compiled.
+
+    Every link becomes a body of its own name, every joint a hinge with armature and viscous damping and dry friction
+    (`frictionloss`) of the robot's joint dynamics, and gets one actuator that applies a torque and saturates at the
+    joint's effort limit. Offsets of the joint dynamics are constant generalised forces: see `joint_offsets`.
+    """
+    spec = mujoco.MjSpec()
+    spec.option.timestep = options.timestep
+    spec.option.gravity = (0.0, 0.0, -GRAVITY)
+    trunk = spec.worldbody.add_body(name=tree.links[0])
+    placeholder_inertia(trunk)
+    if options.floating:
+        trunk.add_freejoint(name="floating_base")
+    bodies = [trunk]
+    for i, joint in enumerate(tree.joints):
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(tree.rotations[i]).ravel())
+        body = bodies[tree.parents[i]].add_body(name=tree.links[i + 1], pos=tree.translations[i], quat=quat)
+        placeholder_inertia(body)
+        dynamics = robot.dynamics[joint]
+        body.add_joint(
+            name=joint,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=tree.axes[i],
+            armature=dynamics.armature,
+            damping=[dynamics.viscous, 0.0, 0.0],
+            frictionloss=dynamics.coulomb,
+            solref_friction=(2.0 * options.timestep, 1.0),
+            solimp_friction=_DRY_FRICTION,
+        )
+        _add_motor(spec, joint, robot.limits[joint].effort, options.drive_state)
+        bodies.append(body)
+    return spec
+
+
+def compile_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjModel:
+    """The compiled model, with the robot's inertias in it.
+
+    Raises:
+        ModelError: M(q) is not positive definite somewhere in the workspace; names the least eigenvalue and links.
+    """
+    model = _filled_model(spec, robot, tree)
+    least = least_mass_eigenvalue(model, workspace(robot, tree))
+    if least <= 0.0:
+        unphysical = [link for link in tree.links if not robot.inertias[link].is_physical()]
+        blame = f"; not physical: {', '.join(unphysical)}" if unphysical else ""
+        raise ModelError(
+            f"robot {robot.name}: the joint-space mass matrix is not positive definite in the workspace "
+            f"(least eigenvalue {least:.3g} kg·m²), it cannot be simulated{blame}"
+        )
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def build_model(robot: Robot, tree: Tree | None = None, options: ModelOptions | None = None) -> mujoco.MjModel:
+    """A compiled model of the robot, or of a part of its tree such as `robot.leg_tree("RH")`.
+
+    Raises:
+        ModelError: as `compile_model`.
+    """
+    tree = tree or robot.tree
+    options = options or ModelOptions()
+    return compile_model(build_spec(robot, tree, options), robot, tree)
+
+
+def least_leg_eigenvalue(robot: Robot, leg: str) -> float:
+    """Least eigenvalue of a held leg's M(q) over its workspace, positive where the leg can be simulated."""
+    tree = robot.leg_tree(leg)
+    model = _filled_model(build_spec(robot, tree, ModelOptions()), robot, tree)
+    return least_mass_eigenvalue(model, workspace(robot, tree))
+
+
+def joint_offsets(robot: Robot, tree: Tree) -> Array:
+    """Constant torque that each joint itself takes from the actuator, the offset of its dynamics [N·m], (n,)."""
+    return np.array([robot.dynamics[joint].offset for joint in tree.joints])
+
+
+def set_body_inertia(model: mujoco.MjModel, body: int, parameters: InertialParameters) -> None:
+    """Writes a body's mass, centre of mass and inertia, physical or not; call `mj_setConst` afterwards.
+
+    MuJoCo keeps the inertia about the centre of mass by its principal values and axes: I_c = R diag(d) Rᵀ.
+    """
+    values, axes = np.linalg.eigh(parameters.inertia_com)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1.0
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, axes.ravel())
+    model.body_mass[body] = parameters.mass
+    model.body_ipos[body] = parameters.com if parameters.mass else 0.0
+    model.body_iquat[body] = quat
+    model.body_inertia[body] = values
+
+
+def workspace(robot: Robot, tree: Tree, samples: int = _WORKSPACE_SAMPLES) -> Array:
+    """Joint positions spread over the joints' ranges (±π where unlimited) [rad], (samples, n); always the same."""
+    limits = [robot.limits[joint] for joint in tree.joints]
+    lower = np.array([max(limit.lower, -_FREE_RANGE) for limit in limits])
+    upper = np.array([min(limit.upper, _FREE_RANGE) for limit in limits])
+    return np.random.default_rng(_WORKSPACE_SEED).uniform(lower, upper, (samples, len(limits)))
+
+
+def least_mass_eigenvalue(model: mujoco.MjModel, positions: Array) -> float:
+    """Least eigenvalue of M(q) over joint positions (samples, n), the trunk where it is at rest in the model."""
+    data = mujoco.MjData(model)
+    matrices = np.empty((len(positions), model.nv, model.nv))
+    n = positions.shape[1]
+    for matrix, position in zip(matrices, positions, strict=True):
+        data.qpos[model.nq - n :] = position
+        matrix[:] = mass_matrix(model, data)
+    return float(np.linalg.eigvalsh(matrices).min())
+
+
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """M(q) at the data's position, armature included, (nv, nv); updates the data's position-dependent values."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_crb(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    return full
+
+
+def _filled_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjModel:
+    model = spec.compile()
+    for link in tree.links:
+        set_body_inertia(model, model.body(link).id, robot.inertias[link])
+    return model
+
+
+def placeholder_inertia(body: mujoco.MjsBody) -> None:
+    """Any inertia, for the compiler; `set_body_inertia` writes the true one into the compiled model.
+
+    It lies away from the body's frame on purpose: the compiler takes shortcuts where the two frames are one.
+    """
+    body.explicitinertial = True
+    body.mass = 1.0
+    body.ipos = (0.1, 0.2, 0.3)
+    body.iquat = (0.5, 0.5, 0.5, 0.5)
+    body.inertia = (1.0, 1.1, 1.2)
+
+
+def _add_motor(spec: mujoco.MjSpec, joint: str, effort: float, drive_state: bool) -> None:
+    motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.set_to_motor()
+    if drive_state:
+        motor.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
+    if np.isfinite(effort):
+        motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        motor.forcerange = (-effort, effort)

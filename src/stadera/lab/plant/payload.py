@@ -1,0 +1,150 @@
+"""Three ways to load a trunk: a force in the place of a weight, a mass bolted on, a box let fall on the back.
+
+Each knows what it adds to the trunk's ten parameters, in the trunk frame: the truth that weighing has to find.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import ModelError
+from stadera.inertia import InertialParameters
+from stadera.robot.model import Robot
+from stadera.types import Array
+
+
+@dataclass(frozen=True)
+class VirtualForce:
+    """The paper's virtual load (section V.A): a force straight down in the world, at a point fixed to the trunk.
+
+    It weighs but has no inertia: what it adds is the point mass that it equals at rest, whose tensor does not act.
+
+    Attributes:
+        force: [N], downwards.
+        position: [m], in the trunk frame.
+    """
+
+    force: float
+    position: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        _require_finite("virtual force", self.force, *self.position)
+
+    @property
+    def parameters(self) -> InertialParameters:
+        """Mass and first moment of the static equivalent, in the trunk frame; the tensor is zero."""
+        mass = self.force / GRAVITY
+        return InertialParameters.from_moments(mass, mass * np.asarray(self.position), np.zeros((3, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMass:
+    """A body fixed to the trunk.
+
+    Attributes:
+        parameters: its ten parameters in the trunk frame.
+    """
+
+    parameters: InertialParameters
+
+    def __post_init__(self) -> None:
+        if not self.parameters.is_physical():
+            raise ModelError("a rigid payload must be a physically possible body")
+
+    @classmethod
+    def box(cls, mass: float, size: tuple[float, float, float], position: tuple[float, float, float]) -> RigidMass:
+        """A homogeneous box, its edges along the trunk's axes.
+
+        Args:
+            mass: [kg].
+            size: full edge lengths [m].
+            position: of its centre in the trunk frame [m].
+        """
+        _require_positive("rigid payload", mass, *size)
+        return cls(InertialParameters.from_com(mass, position, box_inertia(mass, size)))
+
+
+@dataclass(frozen=True)
+class DroppedBox:
+    """A homogeneous box let go above the trunk's tray, held by friction alone; it can slide and it can fall off.
+
+    Attributes:
+        mass: [kg].
+        size: full edge lengths [m].
+        position: (x, y) of its centre in the trunk frame [m].
+        height: [m] of its underside above the tray when it is let go.
+        friction: Coulomb friction coefficient of the box, on the tray and on the ground.
+    """
+
+    mass: float
+    size: tuple[float, float, float] = (0.2, 0.2, 0.1)
+    position: tuple[float, float] = (0.0, 0.0)
+    height: float = 0.02
+    friction: float = 0.8
+
+    def __post_init__(self) -> None:
+        _require_positive("dropped box", self.mass, *self.size, self.friction)
+        _require_finite("dropped box", *self.position, self.height)
+        if self.height < 0:
+            raise ModelError(f"a dropped box starts above the tray, got height {self.height} m")
+
+    @property
+    def parameters(self) -> InertialParameters:
+        """Its ten parameters in its own frame, at its centre."""
+        return InertialParameters.from_com(self.mass, np.zeros(3), box_inertia(self.mass, self.size))
+
+
+Payload = VirtualForce | RigidMass | DroppedBox
+
+
+@dataclass(frozen=True, eq=False)
+class Tray:
+    """The flat top of the trunk: a box that spans the hips, its upper face level with the trunk's largest box shape.
+
+    Attributes:
+        centre: (3,) [m], in the trunk frame.
+        half_size: (3,) [m].
+    """
+
+    centre: Array
+    half_size: Array
+
+    @property
+    def top(self) -> float:
+        """Height of the upper face in the trunk frame [m]."""
+        return float(self.centre[2] + self.half_size[2])
+
+    @classmethod
+    def of(cls, robot: Robot) -> Tray:
+        """The tray of a robot; where its trunk has no box shape, the upper face is at the hips' height."""
+        hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
+        low, high = hips.min(axis=0), hips.max(axis=0)
+        boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
+        top = float(high[2])
+        if boxes:
+            largest = max(boxes, key=lambda shape: float(np.prod(shape.size)))
+            top = float(largest.translation[2] + 0.5 * np.abs(largest.rotation[2]) @ np.asarray(largest.size))
+        half = np.array([*(0.5 * (high - low)[:2]), _TRAY_HALF_THICKNESS])
+        return cls(np.array([*(0.5 * (high + low)[:2]), top - _TRAY_HALF_THICKNESS]), half)
+
+
+_TRAY_HALF_THICKNESS = 0.01  # m
+
+
+def box_inertia(mass: float, size: tuple[float, float, float]) -> Array:
+    """Inertia of a homogeneous box about its centre, edges along the axes [kg·m²], (3, 3)."""
+    x, y, z = (edge**2 for edge in size)
+    return np.diag([y + z, x + z, x + y]) * mass / 12.0
+
+
+def _require_finite(what: str, *values: float) -> None:
+    if not np.isfinite(values).all():
+        raise ModelError(f"{what}: every value must be finite, got {values}")
+
+
+def _require_positive(what: str, *values: float) -> None:
+    if not (np.isfinite(values).all() and min(values) > 0):
+        raise ModelError(f"{what}: mass, size and friction must be positive, got {values}")

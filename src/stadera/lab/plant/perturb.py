@@ -1,0 +1,107 @@
+"""Robots whose leg is not what its CAD says: the truths that an identification has to find."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm
+
+from stadera.errors import ModelError
+from stadera.inertia import InertialParameters
+from stadera.lab.plant.model import least_leg_eigenvalue
+from stadera.robot.model import Robot
+
+_MOST_DRAWS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Perturbed:
+    """A perturbed robot, and how many draws were thrown away before it."""
+
+    robot: Robot
+    redraws: int
+
+
+def perturbed(
+    robot: Robot,
+    leg: str,
+    rng: np.random.Generator,
+    *,
+    com_std: float = 0.02,
+    inertia_std: float = 0.02,
+    margin: float = 0.1,
+) -> Perturbed:
+    """The paper's perturbation (section IV.A): white noise on the leg links' centres of mass and inertia tensors.
+
+    Masses stay. Each component of a centre of mass gets an independent N(0, com_std²), and so does each of the six
+    entries of the tensor about the LINK ORIGIN, in link axes (the paper's footnote 5), N(0, inertia_std²). The two
+    draws are independent: the tensor does not follow the shifted centre. At the paper's sizes the links come out
+    non-physical more often than not (Table I has negative moments); the joint-space mass matrix is a sum over links,
+    and the whole set is drawn again until its least eigenvalue over the leg's workspace is at least `margin` times
+    that of the robot given, which keeps the leg simulable.
+
+    Args:
+        com_std: [m]. inertia_std: [kg·m²]. margin: dimensionless, above 0.
+
+    Raises:
+        UnknownNameError: no such leg.
+        ModelError: no draw out of 200 was simulable.
+    """
+    if not margin > 0:
+        raise ModelError(f"the margin on the mass matrix's least eigenvalue must be positive, got {margin}")
+    least = margin * least_leg_eigenvalue(robot, leg)
+    for redraws in range(_MOST_DRAWS):
+        candidate = _with_inertias(
+            robot, {link: _noisy(robot.inertias[link], rng, com_std, inertia_std) for link in robot.leg(leg).links}
+        )
+        if least_leg_eigenvalue(candidate, leg) >= least:
+            return Perturbed(candidate, redraws)
+    raise ModelError(
+        f"robot {robot.name}, leg {leg}: none of {_MOST_DRAWS} perturbations (com {com_std} m, inertia {inertia_std} "
+        "kg·m²) leaves the mass matrix positive definite; ask for smaller ones"
+    )
+
+
+def perturbed_physical(
+    robot: Robot, leg: str, rng: np.random.Generator, *, com_std: float = 0.02, stretch_std: float = 0.3
+) -> Perturbed:
+    """A perturbation of the same size that stays physically possible, link by link, with no redraws.
+
+    The link's matter is displaced as a whole by N(0, com_std²) a component, then deformed about its centre of mass by
+    the linear map exp(E), the nine entries of E independent N(0, stretch_std²). Matter moved is still matter: the
+    pseudo-inertia is acted on by congruence, so it stays positive definite where it was. To first order the second
+    moments change by 2 stretch_std of themselves. Masses stay.
+
+    Args:
+        com_std: [m]. stretch_std: dimensionless.
+
+    Raises:
+        UnknownNameError: no such leg.
+        ModelError: a link of this leg is not physical to begin with.
+    """
+    changed = {}
+    for link in robot.leg(leg).links:
+        body = robot.inertias[link]
+        if not body.is_physical():
+            raise ModelError(f"robot {robot.name}: link {link!r} is not physical before it is perturbed")
+        com = body.com
+        shift = rng.normal(0.0, com_std, 3)
+        deformation = expm(rng.normal(0.0, stretch_std, (3, 3)))
+        # r' = c + s + D (r - c)
+        changed[link] = body.transformed(deformation, com + shift - deformation @ com)
+    return Perturbed(_with_inertias(robot, changed), 0)
+
+
+def _noisy(
+    body: InertialParameters, rng: np.random.Generator, com_std: float, inertia_std: float
+) -> InertialParameters:
+    vector = body.vector.copy()
+    vector[1:4] += body.mass * rng.normal(0.0, com_std, 3)
+    vector[4:] += rng.normal(0.0, inertia_std, 6)
+    return InertialParameters(vector)
+
+
+def _with_inertias(robot: Robot, changed: Mapping[str, InertialParameters]) -> Robot:
+    return replace(robot, inertias={**robot.inertias, **changed})

@@ -1,0 +1,124 @@
+"""The ground: a plane, level or a ramp, with stones of uneven height on it. Gravity stays along -z of the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stadera.errors import ModelError
+from stadera.types import Array
+
+_STEEPEST = np.deg2rad(60.0)
+
+
+@dataclass(frozen=True)
+class Stones:
+    """Stepping stones: square slabs side by side, their tops parallel to the plane and uniformly drawn heights off it.
+
+    Seen in the plane's own axes they form a grid, of which one stone is centred at the origin.
+
+    Attributes:
+        seed: of the heights; the same seed gives the same stones.
+        height: [m], the tops lie within ± so much of the plane.
+        size: [m], edge of a stone.
+        length: [m], (behind, ahead) of the origin along the plane's x, to which stones are laid.
+        width: [m], across; half of it to either side.
+        level: [m], half edge of the square around the origin in which stones lie in the plane, to start from.
+        missing: share of the stones, away from that square, that are missing: nothing to stand on.
+
+    Raises:
+        ModelError: sizes that are not positive, a share that is none.
+    """
+
+    seed: int = 0
+    height: float = 0.05
+    size: float = 0.3
+    length: tuple[float, float] = (1.5, 6.0)
+    width: float = 3.0
+    level: float = 0.7
+    missing: float = 0.0
+
+    def __post_init__(self) -> None:
+        sizes = (self.size, *self.length, self.width)
+        if not (np.isfinite(sizes).all() and min(sizes) > 0):
+            raise ModelError(f"stepping stones need positive sizes, got {self.size}, {self.length}, {self.width} m")
+        if not (np.isfinite([self.height, self.level]).all() and min(self.height, self.level) >= 0):
+            raise ModelError(f"stepping stones need heights that are not negative, got {self.height}, {self.level} m")
+        if not 0.0 <= self.missing < 1.0:
+            raise ModelError(f"the share of missing stones must be at least 0 and less than 1, got {self.missing}")
+        if self.seed < 0:
+            raise ModelError(f"stepping stones need a seed of at least 0, got {self.seed}")
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Stones behind, ahead and to either side of the one at the origin."""
+        behind, ahead = (int(np.ceil(reach / self.size - 0.5)) for reach in self.length)
+        return behind, ahead, int(np.ceil(0.5 * self.width / self.size - 0.5))
+
+    def heights(self) -> Array:
+        """Tops over the plane [m], (along, across); NaN where a stone is missing."""
+        behind, ahead, side = self.counts
+        shape = (behind + ahead + 1, 2 * side + 1)
+        rng = np.random.default_rng(self.seed)
+        heights = rng.uniform(-self.height, self.height, shape)
+        gone = rng.uniform(size=shape) < self.missing
+        along, across = self.size * np.arange(-behind, ahead + 1), self.size * np.arange(-side, side + 1)
+        near = np.maximum(np.abs(along)[:, None], np.abs(across)[None, :]) <= self.level + 0.5 * self.size
+        return np.where(near, 0.0, np.where(gone, np.nan, heights))
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A plane through the world's origin, or stones along it.
+
+    Attributes:
+        slope: [rad], how steeply it rises; 0 for level ground.
+        heading: [rad], about the world's z from x: the direction in which it rises.
+        friction: Coulomb friction coefficient between the feet and it.
+        stones: on it; None for the bare plane. With stones the plane itself is not there.
+        softness: time constant of its contacts [s]; 0 for as hard as the simulation's timestep allows.
+    """
+
+    slope: float = 0.0
+    heading: float = 0.0
+    friction: float = 0.8
+    stones: Stones | None = None
+    softness: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.slope) <= _STEEPEST:
+            raise ModelError(f"terrain slope must lie within ±60°, got {np.rad2deg(self.slope):.1f}°")
+        if not np.isfinite(self.heading):
+            raise ModelError(f"terrain heading is not finite: {self.heading}")
+        if not (np.isfinite(self.softness) and self.softness >= 0):
+            raise ModelError(f"terrain softness must not be negative, got {self.softness} s")
+        if not (np.isfinite(self.friction) and self.friction > 0):
+            raise ModelError(f"terrain friction must be positive, got {self.friction}")
+
+    @property
+    def rotation(self) -> Array:
+        """The least rotation from level to this plane, (3, 3); its last column is the normal, in world axes."""
+        c, s = np.cos(self.heading), np.sin(self.heading)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        c, s = np.cos(self.slope), np.sin(self.slope)
+        tilt = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])  # rises along x: the normal leans towards -x
+        return np.asarray(turn @ tilt @ turn.T)
+
+    @property
+    def normal(self) -> Array:
+        """Unit normal in world axes, (3,)."""
+        return self.rotation[:, 2]
+
+    def clearance(self, points: ArrayLike) -> Array:
+        """How far points (..., 3) [m] are over the ground, along its normal; infinite where there is none."""
+        local = np.asarray(points, dtype=float) @ self.rotation
+        if self.stones is None:
+            return np.asarray(local[..., 2])
+        behind, _, side = self.stones.counts
+        heights = np.pad(self.stones.heights(), 1, constant_values=np.nan)
+        index = np.rint(local[..., :2] / self.stones.size).astype(int) + np.array([behind + 1, side + 1])
+        index = np.clip(index, 0, np.array(heights.shape) - 1)
+        tops = heights[index[..., 0], index[..., 1]]
+        return np.where(np.isnan(tops), np.inf, local[..., 2] - tops)

@@ -1,0 +1,190 @@
+"""A robot in its world: floating trunk, feet as spheres, ground to stand on, a tray for boxes, an IMU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from stadera.lab.plant.model import ModelOptions, build_spec, compile_model, placeholder_inertia, set_body_inertia
+from stadera.lab.plant.payload import DroppedBox, Tray
+from stadera.lab.plant.terrain import Terrain
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Leg, Robot
+from stadera.types import Array
+
+GROUND, TRAY, IMU = "ground", "tray", "imu_site"
+"""Names in the compiled model; every geom of the ground begins with the first."""
+
+_POINT_FOOT_RADIUS = 1e-3  # m, of a foot whose radius the model does not know: a point at its frame
+_GROUND_EXTENT = 50.0  # m, drawn size; the plane itself is endless
+_STONE_THICKNESS = 0.2  # m
+
+# Who touches whom: a pair collides where one's contype shares a bit with the other's conaffinity.
+_FOOT_BIT, _BOX_BIT = 1, 2
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How feet and boxes touch, and how exactly contacts are solved.
+
+    Attributes:
+        timesteps: time constant of a hard contact, in timesteps: as stiff as stays stable, so that feet sink in by
+            micrometres.
+        impedance: MuJoCo's solimp.
+        friction_to_normal: stiffness of friction over that of the normal (impratio); keeps standing feet from creeping.
+        tolerance: of MuJoCo's solver.
+    """
+
+    timesteps: float = 2.5
+    impedance: tuple[float, ...] = (0.95, 0.99, 1e-4, 0.5, 2.0)
+    friction_to_normal: float = 100.0
+    tolerance: float = 1e-12
+
+
+_CONTACT = ContactSettings()
+
+
+def foot_radius(leg: Leg) -> float:
+    """Radius of the foot's sphere in the plant [m]; a millimetre where the model knows none."""
+    return leg.foot_radius or _POINT_FOOT_RADIUS
+
+
+def foot_geom(leg: Leg) -> str:
+    """Name of a foot's sphere in the compiled model."""
+    return f"foot {leg.name}"
+
+
+def box_body(index: int) -> str:
+    """Name of a dropped box's body in the compiled model."""
+    return f"box {index}"
+
+
+class FootKinematics:
+    """Where a robot's own kinematics see its feet; fast for one sample at a time."""
+
+    def __init__(self, robot: Robot) -> None:
+        spec = build_spec(robot, robot.tree, ModelOptions())
+        for leg in robot.legs:
+            spec.body(leg.links[2]).add_site(name=foot_geom(leg), pos=leg.foot_position)
+        self._model = spec.compile()
+        self._data = mujoco.MjData(self._model)
+        self._feet = [self._model.site(foot_geom(leg)).id for leg in robot.legs]  # the compiler sorts them by body
+
+    def positions(self, joint_position: Array) -> Array:
+        """Centres of the feet in the trunk frame [m], (4, 3), of joint positions (n,) [rad]."""
+        self._data.qpos[:] = joint_position
+        mujoco.mj_kinematics(self._model, self._data)
+        return np.array(self._data.site_xpos[self._feet])
+
+
+def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence[DroppedBox] = ()) -> mujoco.MjModel:
+    """The compiled world; boxes come after the robot in the state, in their order.
+
+    Raises:
+        ModelError: the robot's mass matrix is not positive definite in its workspace.
+    """
+    options = ModelOptions(floating=True, timestep=timestep)
+    spec = build_spec(robot, robot.tree, options)
+    _set_solver(spec)
+    _add_ground(spec, terrain)
+    trunk = spec.body(robot.trunk)
+    for leg in robot.legs:
+        _add_foot(spec, leg, terrain)
+    tray = Tray.of(robot)
+    trunk.add_geom(
+        name=TRAY,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=tray.centre,
+        size=tray.half_size,
+        contype=_BOX_BIT,
+        conaffinity=_FOOT_BIT,
+        **_contact(timestep, 0.8),
+    )
+    for index, box in enumerate(boxes):
+        _add_box(spec, box_body(index), box, timestep)
+    _add_imu(spec, trunk, ImuMount.of(robot))
+    model = compile_model(spec, robot, robot.tree)
+    for index, box in enumerate(boxes):
+        set_body_inertia(model, model.body(box_body(index)).id, box.parameters)
+    if boxes:
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _set_solver(spec: mujoco.MjSpec) -> None:
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _CONTACT.friction_to_normal
+    spec.option.tolerance = _CONTACT.tolerance
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+
+
+def _contact(timestep: float, friction: float, softness: float = 0.0) -> dict[str, object]:
+    return {
+        "friction": (friction, 0.0, 0.0),
+        "condim": 3,
+        "solref": (max(softness, _CONTACT.timesteps * timestep), 1.0),
+        "solimp": _CONTACT.impedance,
+    }
+
+
+def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(terrain.rotation).ravel())
+    common = {"quat": quat, "contype": _FOOT_BIT, "conaffinity": 0}
+    common |= _contact(spec.option.timestep, terrain.friction, terrain.softness)
+    if terrain.stones is None:
+        kind, size = mujoco.mjtGeom.mjGEOM_PLANE, (_GROUND_EXTENT, _GROUND_EXTENT, 0.1)
+        spec.worldbody.add_geom(name=GROUND, type=kind, size=size, **common)
+        return
+    stones, half = terrain.stones, 0.5 * terrain.stones.size
+    behind, _, side = stones.counts
+    for (i, j), height in np.ndenumerate(stones.heights()):
+        if np.isfinite(height):
+            centre = (stones.size * (i - behind), stones.size * (j - side), height - 0.5 * _STONE_THICKNESS)
+            spec.worldbody.add_geom(
+                name=f"{GROUND} {i} {j}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=terrain.rotation @ centre,
+                size=(half, half, 0.5 * _STONE_THICKNESS),
+                **common,
+            )
+
+
+def _add_foot(spec: mujoco.MjSpec, leg: Leg, terrain: Terrain) -> None:
+    spec.body(leg.links[2]).add_geom(
+        name=foot_geom(leg),
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=leg.foot_position,
+        size=(foot_radius(leg), 0.0, 0.0),
+        contype=0,
+        conaffinity=_FOOT_BIT,
+        **_contact(spec.option.timestep, terrain.friction, terrain.softness),
+    )
+
+
+def _add_box(spec: mujoco.MjSpec, name: str, box: DroppedBox, timestep: float) -> None:
+    body = spec.worldbody.add_body(name=name)
+    placeholder_inertia(body)
+    body.add_freejoint(name=name)
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=0.5 * np.asarray(box.size),
+        contype=0,
+        conaffinity=_FOOT_BIT | _BOX_BIT,
+        priority=1,  # its friction counts, whatever it lies on
+        **_contact(timestep, box.friction),
+    )
+
+
+def _add_imu(spec: mujoco.MjSpec, trunk: mujoco.MjsBody, mount: ImuMount) -> None:
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(mount.rotation, dtype=float).ravel())
+    trunk.add_site(name=IMU, pos=mount.translation, quat=quat)
+    for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
+        spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU, name=kind.name)

@@ -1,0 +1,189 @@
+"""One robot of the `real` kind: its true bodies, joints, sensors and ground, drawn from a seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from stadera.inertia import InertialParameters
+from stadera.lab.plant.terrain import Stones, Terrain
+from stadera.lab.plant.world import foot_radius
+from stadera.lab.reality.sizes import Range, RealSizes
+from stadera.lab.sensor_errors import STANDARD, SensorErrors
+from stadera.lab.sensors import effort_limits
+from stadera.robot.model import JointDynamics, Leg, Robot
+from stadera.types import Array
+
+_LEAST_RADIUS = 1e-3  # m, of a foot
+_KINDS = 3  # of joints in a leg
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What is true of one run. Joint-wise values are in the tree's order, (n,).
+
+    Attributes:
+        robot: the plant: links, feet, friction and rotors as they are.
+        noise: factor on the noise of `STANDARD`.
+        torque_gain: measured torque over the true one; torque_offset: [N·m], added to it.
+        common_gain: the mean of `torque_gain` over the joints.
+        encoder_zero: [rad], measured position less the true one.
+        imu_rotation: (3,) rotation vector [rad] and imu_place: (3,) [m], of the IMU from its nominal place, both in
+            the nominal IMU frame.
+        gyro_offset, accelerometer_offset, orientation_offset: (3,) constant errors [rad/s, m/s², rad].
+        delay: [s], of the measured torques.
+        quantum: [rad], of the encoders; None where positions are not quantised and velocities are measured.
+        differenced: [s], over which quantised positions are differenced.
+        rate: of the log [Hz].
+        terrain: the ground.
+        lost: share of samples. spikes: a second.
+    """
+
+    robot: Robot
+    noise: float
+    torque_gain: Array
+    torque_offset: Array
+    common_gain: float
+    encoder_zero: Array
+    imu_rotation: Array
+    imu_place: Array
+    gyro_offset: Array
+    accelerometer_offset: Array
+    orientation_offset: Array
+    delay: float
+    quantum: float | None
+    differenced: float
+    rate: float
+    terrain: Terrain
+    lost: float
+    spikes: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values, SI units; joints by name, links with their true ten parameters."""
+        joints = self.robot.tree.joints
+        by_joint = {"torque_gain": self.torque_gain, "torque_offset": self.torque_offset}
+        by_joint["encoder_zero"] = self.encoder_zero
+        rest = [f.name for f in fields(self) if f.name not in ("robot", "terrain", *by_joint)]
+        t = self.terrain
+        return {
+            **{name: _plain(getattr(self, name)) for name in rest},
+            **{name: dict(zip(joints, values.tolist(), strict=True)) for name, values in by_joint.items()},
+            "joints": {joint: vars(self.robot.dynamics[joint]) for joint in joints},
+            "links": {link: self.robot.inertias[link].vector.tolist() for link in self.robot.tree.links},
+            "feet": {
+                leg.name: {"position": list(leg.foot_position), "radius": leg.foot_radius} for leg in self.robot.legs
+            },
+            "ground": {
+                "slope": t.slope,
+                "heading": t.heading,
+                "friction": t.friction,
+                "softness": t.softness,
+                "roughness": t.stones.height if t.stones else 0.0,
+            },
+        }
+
+
+def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
+    """The robot of that seed. The same seed gives the same robot, sensors and ground, whatever it is to do.
+
+    Args:
+        robot: the model file's.
+
+    Raises:
+        ModelError: a joint has no effort limit to take friction, rotor inertia and torque errors from.
+    """
+    body, sensors, ground = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+    n, limit = len(robot.tree.joints), effort_limits(robot)
+    noise = float(sensors.uniform(*sizes.noise))
+    common = 1.0 + sizes.common_gain * float(sensors.standard_normal())
+    gain = 1.0 + sizes.joint_gain * sensors.standard_normal(n)
+    gain *= common / gain.mean()
+    quantised = bool(sensors.uniform() < sizes.quantised)
+    quantum = 2.0 * np.pi / 2.0 ** int(sensors.choice(sizes.bits))
+    scaled = noise_of(noise)
+    return Drawn(
+        robot=_true_robot(robot, sizes, limit, body),
+        noise=noise,
+        torque_gain=gain,
+        torque_offset=scaled.torque_constant * limit * sensors.standard_normal(n),
+        common_gain=common,
+        encoder_zero=sizes.encoder_zero * sensors.standard_normal(n),
+        imu_rotation=sizes.imu_rotation / np.sqrt(3.0) * sensors.standard_normal(3),
+        imu_place=sizes.imu_place / np.sqrt(3.0) * sensors.standard_normal(3),
+        gyro_offset=scaled.gyro_constant * sensors.standard_normal(3),
+        accelerometer_offset=scaled.accelerometer_constant * sensors.standard_normal(3),
+        orientation_offset=scaled.orientation_constant * sensors.standard_normal(3),
+        delay=float(sensors.uniform(*sizes.delay)),
+        quantum=quantum if quantised else None,
+        differenced=sizes.differenced,
+        rate=float(sensors.choice(sizes.rates)),
+        terrain=_ground(sizes, ground),
+        lost=float(sensors.uniform(*sizes.lost)),
+        spikes=float(sensors.uniform(*sizes.spikes)),
+    )
+
+
+def noise_of(factor: float) -> SensorErrors:
+    """The errors of `STANDARD`, times a factor."""
+    sizes = {f.name: getattr(STANDARD, f.name) for f in fields(STANDARD)}
+    scaled: dict[str, Any] = {name: factor * size for name, size in sizes.items() if isinstance(size, float)}
+    return SensorErrors(**scaled)
+
+
+def _true_robot(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Generator) -> Robot:
+    def moved(inertia: InertialParameters) -> InertialParameters:
+        scale = 1.0 + sizes.link_mass * rng.standard_normal()
+        return InertialParameters(scale * inertia.vector).shifted(sizes.link_com * rng.standard_normal(3))
+
+    def trodden(leg: Leg) -> Leg:
+        radius = max(foot_radius(leg) + sizes.foot * float(rng.standard_normal()), _LEAST_RADIUS)
+        x, y, z = (np.asarray(leg.foot_position) + sizes.foot * rng.standard_normal(3)).tolist()
+        return replace(leg, foot_position=(x, y, z), foot_radius=radius)
+
+    inertias = {**robot.inertias, **{link: moved(robot.inertias[link]) for link in robot.tree.links}}
+    legs = tuple(trodden(leg) for leg in robot.legs)
+    return replace(robot, inertias=inertias, legs=legs, dynamics=_joints(robot, sizes, limit, rng))
+
+
+def _joints(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Generator) -> dict[str, JointDynamics]:
+    """Friction and rotors on top of the model file's; joints of a kind (HAA, HFE, KFE) are much alike."""
+    kind = {joint: k for leg in robot.legs for k, joint in enumerate(leg.joints)}
+    coulomb, viscous = _log_uniform(sizes.coulomb, rng), _log_uniform(sizes.viscous, rng)
+    rotor = rng.uniform(*sizes.rotor, _KINDS)
+    result = {}
+    for joint, most in zip(robot.tree.joints, limit.tolist(), strict=True):
+        k, given = kind[joint], robot.dynamics[joint]
+        differ = 1.0 + sizes.alike * rng.uniform(-1.0, 1.0, 2)
+        result[joint] = replace(
+            given,
+            armature=given.armature + float(rotor[k]) * sizes.rotor_per_limit * most,
+            coulomb=given.coulomb + float(np.clip(coulomb[k] * differ[0], *sizes.coulomb)) * most,
+            viscous=given.viscous + float(viscous[k] * differ[1]) * most,
+        )
+    return result
+
+
+def _log_uniform(limits: Range, rng: np.random.Generator) -> Array:
+    low, high = limits
+    return low * (high / low) ** rng.uniform(size=_KINDS)
+
+
+def _ground(sizes: RealSizes, rng: np.random.Generator) -> Terrain:
+    kind = rng.uniform()
+    softness, roughness = rng.uniform(*sizes.softness), rng.uniform(*sizes.roughness)
+    slope, heading, friction = rng.uniform(0.0, sizes.slope), rng.uniform(-np.pi, np.pi), rng.uniform(*sizes.friction)
+    stones_seed = int(rng.integers(2**31))
+    soft, rough = kind < sizes.soft, sizes.soft <= kind < sizes.soft + sizes.rough
+    return Terrain(
+        slope=float(slope),
+        heading=float(heading),
+        friction=float(friction),
+        stones=Stones(seed=stones_seed, height=float(roughness)) if rough else None,
+        softness=float(softness) if soft else 0.0,
+    )
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value

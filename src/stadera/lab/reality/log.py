@@ -1,0 +1,176 @@
+"""What the sensors of a drawn robot log of a motion: the true motion at 1 kHz, with every error of the draw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.constants import GRAVITY
+from stadera.lab.plant.state import TrueState
+from stadera.lab.reality.draw import Drawn, noise_of
+from stadera.lab.sensors import effort_limits
+from stadera.logs import Imu, Recording
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.types import Array
+
+
+@dataclass(frozen=True)
+class SpikeSizes:
+    """How far single wild samples are off, the largest of a uniform draw; torques: times the joint's limit.
+
+    A dropped or damaged message gives any value in the channel's range; these stay in what a log could hold.
+    """
+
+    position: float = 1.0  # rad
+    velocity: float = 20.0  # rad/s
+    effort: float = 1.0
+    angular_velocity: float = 5.0  # rad/s
+    specific_force: float = 50.0  # m/s²
+
+
+_SPIKES = SpikeSizes()
+
+
+@dataclass(frozen=True, eq=False)
+class TrueMotion:
+    """What is true at every millisecond of a run; of these joints, n of them.
+
+    Attributes:
+        joints: names.
+        time: (samples,) [s].
+        position, velocity, effort: (samples, n) [rad, rad/s, N·m].
+        orientation: (samples, 4) quaternion xyzw of the trunk in the world.
+        angular_velocity, angular_acceleration: (samples, 3) [rad/s, rad/s²], trunk axes.
+        linear_acceleration: (samples, 3) [m/s²], of the trunk's origin, world axes.
+    """
+
+    joints: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array
+    effort: Array
+    orientation: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    linear_acceleration: Array
+
+    @classmethod
+    def of(cls, states: Sequence[TrueState], robot: Robot) -> TrueMotion:
+        """Of a robot on the ground."""
+        joints = ("joint_position", "joint_velocity", "effort")
+        trunk = ("orientation", "angular_velocity", "angular_acceleration", "linear_acceleration")
+        values = [np.array([getattr(state, name) for state in states]) for name in joints + trunk]
+        return cls(robot.tree.joints, np.array([state.time for state in states]), *values)
+
+    @classmethod
+    def held(cls, recording: Recording) -> TrueMotion:
+        """Of legs on a trunk that is held level and still; the recording is exact."""
+        velocity, effort = (recording.channel(name, recording.joints) for name in ("velocity", "effort"))
+        level, still = np.tile([0.0, 0.0, 0.0, 1.0], (len(recording), 1)), np.zeros((len(recording), 3))
+        position = recording.position
+        return cls(recording.joints, recording.time, position, velocity, effort, level, still, still, still)
+
+    def __getitem__(self, which: slice) -> TrueMotion:
+        return TrueMotion(self.joints, *(getattr(self, f.name)[which] for f in fields(self)[1:]))
+
+
+def measured_log(
+    motion: TrueMotion, robot: Robot, draw: Drawn, seed: int, rate: float | None = None, source: str = ""
+) -> Recording:
+    """The log of a true motion.
+
+    Torques are late by the draw's delay, then scaled and offset; the IMU is misaligned and displaced; positions have
+    their zeros off. All is sampled at `rate`, gets white noise, and is quantised where the draw says so; then single
+    samples are made wild, and others lost.
+
+    Args:
+        motion: of every millisecond.
+        robot: the model file's; its limits and its IMU's nominal place count.
+        seed: of noise, spikes and losses.
+        rate: [Hz], 1000 over a whole number; None for the draw's.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])
+    time, columns = motion.time, [robot.tree.joints.index(joint) for joint in motion.joints]
+    period = (time[-1] - time[0]) / (len(time) - 1)
+    kept = slice(None, None, round(1.0 / (rate or draw.rate) / period))
+    noise, limit = noise_of(draw.noise), effort_limits(robot)[columns]
+    encoder = motion.position + draw.encoder_zero[columns]
+    shape = encoder[kept].shape
+    position = encoder[kept] + noise.position * rng.standard_normal(shape)
+    velocity = motion.velocity[kept] + noise.velocity * rng.standard_normal(shape)
+    if draw.quantum is not None:
+        position, velocity = _encoded(encoder, draw, period, noise.position, rng, kept)
+    effort = _late(motion.effort, time, draw.delay)[kept] * draw.torque_gain[columns]
+    effort += draw.torque_offset[columns] + noise.torque * limit * rng.standard_normal(shape)
+    imu = _imu(motion[kept], robot, draw)
+    gyro = imu.angular_velocity + draw.gyro_offset + noise.gyro * rng.standard_normal((shape[0], 3))
+    force = imu.linear_acceleration + draw.accelerometer_offset
+    force = force + noise.accelerometer * rng.standard_normal((shape[0], 3))
+    _spoil((position, velocity, effort, gyro, force), limit, rng.poisson(draw.spikes * (time[-1] - time[0])), rng)
+    there = np.asarray(rng.uniform(size=shape[0]) >= draw.lost)
+    there[:1] = True
+    orientation = imu.orientation
+    return Recording(
+        time=time[kept][there],
+        joints=motion.joints,
+        position=position[there],
+        velocity=velocity[there],
+        effort=effort[there],
+        imu=Imu(gyro[there], force[there], None if orientation is None else orientation[there], imu.frame),
+        source=source,
+    )
+
+
+def _spoil(channels: Sequence[Array], limit: Array, count: int, rng: np.random.Generator) -> None:
+    """Makes so many single values wild."""
+    most = (
+        _SPIKES.position,
+        _SPIKES.velocity,
+        _SPIKES.effort * limit,
+        _SPIKES.angular_velocity,
+        _SPIKES.specific_force,
+    )
+    for _ in range(count):
+        which = int(rng.integers(len(channels)))
+        values = channels[which]
+        row, column = rng.integers(len(values)), rng.integers(values.shape[1])
+        values[row, column] += np.broadcast_to(most[which], values.shape[1])[column] * rng.uniform(-1.0, 1.0)
+
+
+def _late(effort: Array, time: Array, delay: float) -> Array:
+    """Torques as they were `delay` ago, linear between the milliseconds; the first one until then."""
+    at = np.clip((time - delay - time[0]) / (time[1] - time[0]), 0.0, len(time) - 1.0)
+    before = np.minimum(at.astype(int), len(time) - 2)
+    share = (at - before)[:, None]
+    return np.asarray((1.0 - share) * effort[before] + share * effort[before + 1])
+
+
+def _encoded(
+    position: Array, draw: Drawn, period: float, noise: float, rng: np.random.Generator, kept: slice
+) -> tuple[Array, Array]:
+    """Quantised positions, and velocities that a drive makes by differencing them over a few milliseconds."""
+    quantum = draw.quantum or 1.0
+    steps = max(1, round(draw.differenced / period))
+    encoded = quantum * np.round((position + noise * rng.standard_normal(position.shape)) / quantum)
+    before = np.concatenate([np.repeat(encoded[:1], steps, axis=0), encoded[:-steps]])
+    return encoded[kept], ((encoded - before) / (steps * period))[kept]
+
+
+def _imu(motion: TrueMotion, robot: Robot, draw: Drawn) -> Imu:
+    """Without noise: what an IMU reads that sits off its nominal pose.
+
+    The point r of the trunk, in trunk axes, has the specific force Rᵀ (a - g) + α x r + ω x (ω x r).
+    """
+    mount = ImuMount.of(robot)
+    to_trunk = Rotation.from_matrix(mount.rotation) * Rotation.from_rotvec(draw.imu_rotation)
+    place = mount.translation + mount.rotation @ draw.imu_place
+    trunk, omega = Rotation.from_quat(motion.orientation), motion.angular_velocity
+    force = trunk.inv().apply(motion.linear_acceleration - np.array([0.0, 0.0, -GRAVITY]))
+    force += np.cross(motion.angular_acceleration, place) + np.cross(omega, np.cross(omega, place))
+    orientation = trunk * to_trunk * Rotation.from_rotvec(draw.orientation_offset)
+    inverse = to_trunk.inv()
+    return Imu(inverse.apply(omega), inverse.apply(force), orientation.as_quat(), mount.name)

@@ -1,0 +1,1 @@
+"""Report of the demo: terminal, page and plots."""

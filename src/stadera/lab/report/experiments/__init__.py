@@ -1,0 +1,1 @@
+"""Report of reproduced experiments: terminal, page and plots."""

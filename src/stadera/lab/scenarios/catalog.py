@@ -1,0 +1,214 @@
+"""The scenarios, by name. A new one is a function that lists its events, and an entry here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
+from typing import TypeVar
+
+import numpy as np
+
+from stadera.errors import StaderaError, UnknownNameError
+from stadera.lab.control.crawl.crawl import Crawl
+from stadera.lab.control.crawl.settings import CrawlCommand
+from stadera.lab.control.reference import TrunkPose
+from stadera.lab.control.shake import Shake
+from stadera.lab.control.stand import Controller, TestBed
+from stadera.lab.control.trot import Trot
+from stadera.lab.control.trunk import TrunkController
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.robot.model import Robot
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.standing.static_poses import static_poses
+
+SWING = "swing"
+"""The scenario without a controller, of legs in the air: see `stadera.lab.scenarios.swing`."""
+
+
+@dataclass(frozen=True)
+class ScenarioDefaults:
+    """What scenarios do unless asked for otherwise.
+
+    Attributes:
+        load: as a share of the robot's mass, of a scenario's own load.
+        load_after: as a share of the duration, when a load is put on.
+        trot, crawl: speeds [m/s].
+        over_stones: by which a crawling foot clears the highest stone next to the lowest [m].
+        still: of standing before a motion begins [s].
+        moving: share of the time for a pose, that the way there takes.
+    """
+
+    load: float = 0.1
+    load_after: float = 0.4
+    trot: float = 0.3
+    crawl: float = 0.1
+    over_stones: float = 0.02
+    still: float = 0.3
+    moving: float = 0.4
+
+
+_DEFAULTS = ScenarioDefaults()
+
+
+@dataclass(frozen=True, eq=False)
+class ScriptEvent:
+    """Something that happens once.
+
+    Attributes:
+        time: [s], from the start.
+        act: done to the test-bed at that time.
+    """
+
+    time: float
+    act: Callable[[TestBed], None]
+
+
+Script = Callable[[Robot, SimulateSettings, float], Sequence[ScriptEvent]]
+"""Events of a run of a robot with settings and a duration [s]."""
+
+ControllerOf = Callable[[Robot, TrunkModel], Controller]
+"""A controller for the model of a robot, with a model of its trunk to start with."""
+
+
+def _standing(robot: Robot, trunk: TrunkModel) -> Controller:
+    return TrunkController(robot, trunk=trunk)
+
+
+def _crawling(robot: Robot, trunk: TrunkModel) -> Controller:
+    return Crawl(TrunkController(robot, trunk=trunk))
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A kind of run.
+
+    Attributes:
+        summary: one line.
+        duration: [s], unless asked for otherwise.
+        script: what happens.
+        slope: [rad], unless asked for otherwise.
+        controller: of stance and gait.
+    """
+
+    summary: str
+    duration: float
+    script: Script
+    slope: float = 0.0
+    controller: ControllerOf = _standing
+
+
+def _stand(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    return _loading(robot, settings, 0.0)
+
+
+def _stand_load(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    return _loading(robot, settings, _DEFAULTS.load_after * duration, own=True)
+
+
+def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    """Level, then every pose of `static_poses` relative to where the trunk is first, evenly over the duration."""
+    poses = static_poses(robot)
+    each = duration / len(poses)
+    nominal: list[TrunkPose] = []
+
+    def remember(bed: TestBed) -> None:
+        nominal.append(trunk_controller_of(bed).reference)
+
+    def move(bed: TestBed, shift: np.ndarray, turn: np.ndarray) -> None:
+        start = nominal[0]
+        trunk_controller_of(bed).move(start.moved(start.rotation @ shift, turn), _DEFAULTS.moving * each)
+
+    return [
+        *_stand(robot, settings, duration),
+        ScriptEvent(0.5 * each, remember),
+        *(ScriptEvent(k * each, partial(move, shift=p.shift, turn=p.turn)) for k, p in enumerate(poses) if k),
+    ]
+
+
+def _motion(start: Callable[[TestBed, SimulateSettings], None], own: bool = False) -> Script:
+    """A motion that starts after a short stand, and a load: that of the settings, or the scenario's `own`."""
+
+    def script(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+        begin = ScriptEvent(_DEFAULTS.still, lambda bed: start(bed, settings))
+        return [begin, *_loading(robot, settings, _DEFAULTS.load_after * duration, own)]
+
+    return script
+
+
+def _trot(bed: TestBed, settings: SimulateSettings) -> None:
+    speed = _DEFAULTS.trot if settings.speed is None else settings.speed
+    _gait(bed, Trot).walk((speed, 0.0), settings.turn)
+
+
+def _shake(bed: TestBed, settings: SimulateSettings) -> None:
+    controller = trunk_controller_of(bed)
+    controller.follow(Shake.of(controller.robot, controller.reference, controller.time, settings.amplitude))
+
+
+def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
+    crawl = _gait(bed, Crawl)
+    over = 2.0 * settings.stones + _DEFAULTS.over_stones if settings.stones else 0.0
+    crawl.settings = replace(crawl.settings, clearance=max(crawl.settings.clearance, over))
+    crawl.command = CrawlCommand(_DEFAULTS.crawl if settings.speed is None else settings.speed, settings.turn)
+    crawl.resume()
+
+
+def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = False) -> Sequence[ScriptEvent]:
+    """The settings' load at the settings' time, else at this one [s]; without one the scenario's own, if it has one."""
+    if settings.load is None and not own:
+        return []
+    payload = (settings.load or Load(round(_DEFAULTS.load * robot.mass, 2))).payload(robot)
+    when = time if settings.load_time is None else settings.load_time
+    return [ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload))]
+
+
+def trunk_controller_of(bed: TestBed) -> TrunkController:
+    """The trunk controller that a test-bed stands or walks by."""
+    controller = bed.controller
+    if isinstance(controller, TrunkController):
+        return controller
+    inner = getattr(controller, "controller", None)
+    if not isinstance(inner, TrunkController):
+        raise StaderaError(f"a {type(controller).__name__} has no trunk controller")
+    return inner
+
+
+_Gait = TypeVar("_Gait", Trot, Crawl)
+
+
+def _gait(bed: TestBed, kind: type[_Gait]) -> _Gait:
+    if not isinstance(bed.controller, kind):
+        raise StaderaError(f"the test-bed's controller is a {type(bed.controller).__name__}, not a {kind.__name__}")
+    return bed.controller
+
+
+_LATER, _OWN = "with --load after 40 % of the time", "a load (10 % of its mass) is put on after 40 % of the time"
+
+SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
+    {
+        "stand": Scenario("stands still, with --load from the beginning", 8.0, _stand),
+        "stand-load": Scenario(f"stands still; {_OWN}", 12.0, _stand_load),
+        "poses": Scenario("holds eleven poses of the trunk, for the method 'poses'", 33.0, _poses),
+        "trot": Scenario(f"trots at 0.3 m/s, {_LATER}", 8.0, _motion(_trot), controller=Trot.of),
+        "trot-load": Scenario(f"trots; {_OWN}", 8.0, _motion(_trot, own=True), controller=Trot.of),
+        "crawl": Scenario(f"crawls at 0.1 m/s, {_LATER}", 12.0, _motion(_crawl), controller=_crawling),
+        "crawl-load": Scenario(f"crawls; {_OWN}", 12.0, _motion(_crawl, own=True), controller=_crawling),
+        "shake": Scenario(f"stands with a small motion of the body, {_LATER}", 8.0, _motion(_shake)),
+        "shake-load": Scenario(f"stands with a small motion; {_OWN}", 8.0, _motion(_shake, own=True)),
+        "ramp": Scenario("stands still on a ramp that rises by 10°", 8.0, _stand, float(np.deg2rad(10.0))),
+    }
+)
+"""By name."""
+
+
+def scenario_named(name: str) -> Scenario:
+    """The scenario of that name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if name not in SCENARIOS:
+        raise UnknownNameError("scenario", name, (*SCENARIOS, SWING))
+    return SCENARIOS[name]

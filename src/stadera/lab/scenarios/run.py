@@ -1,0 +1,168 @@
+"""A scenario run on the test-bed: what the sensors said, and what was true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from stadera.lab.control import TestBed
+from stadera.lab.plant import (
+    Plant,
+    SensorReading,
+    Sensors,
+    Stones,
+    Terrain,
+    TrueState,
+    estimator_model,
+    plant_model,
+    recording_of,
+    truth_of,
+)
+from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log
+from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, scenario_named, trunk_controller_of
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.scenarios.truth import Truth, TruthAt
+from stadera.logs import Recording
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk.model import TrunkModel
+from stadera.types import Progress
+
+PERIOD = 1e-3
+"""[s], of simulation and control."""
+
+_PROGRESS_EVERY = 250  # periods
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a run left behind.
+
+    Attributes:
+        recording: what the sensors said.
+        truth: what was true of the trunk.
+        true_motion: joints, accelerations, efforts and the ground's forces as they were, at the log's times.
+        model: the robot as estimators are given it; harsh and real errors make it differ from the plant's.
+    """
+
+    recording: Recording
+    truth: Truth
+    true_motion: Recording
+    model: Robot
+
+
+class _KeptSensors(Sensors):
+    """Sensors that keep every so manieth sample, and the state it was read in."""
+
+    def keep(self, every: int) -> None:
+        self._every, self._reads = every, 0
+        self.samples: list[SensorReading] = []
+        self.states: list[TrueState] = []
+
+    def read(self, plant: Plant) -> SensorReading:
+        sample = super().read(plant)
+        if self._reads % self._every == 0:
+            self.samples.append(sample)
+            self.states.append(plant.state)
+        self._reads += 1
+        return sample
+
+
+def simulate(
+    robot: Robot, name: str, settings: SimulateSettings | None = None, progress: Progress | None = None
+) -> Run:
+    """Runs a scenario. The same arguments give the same run.
+
+    The trunk controller keeps the model file's trunk: a load tilts the trunk, as eq. 12 says.
+
+    Args:
+        robot: the truth; friction and wrong legs of harsh errors come on top.
+        name: of the scenario.
+        settings: None for the defaults.
+        progress: called with how many periods are done.
+
+    Raises:
+        UnknownNameError: no such scenario.
+        StaderaError: the robot cannot be simulated, or its motion runs away.
+    """
+    settings, scenario = settings or SimulateSettings(), scenario_named(name)
+    duration = settings.duration or scenario.duration
+    made = _drawn(robot, scenario, settings) if settings.real_sizes else _sized(robot, scenario, settings)
+    plant = Plant(made.real, made.terrain, PERIOD)
+    plant.reset(standing_configuration(robot))
+    sensors = _KeptSensors(settings.sensor_errors, settings.seed, robot)
+    sensors.keep(1 if made.draw else settings.every)
+    bed = TestBed(plant, sensors, scenario.controller(made.model, TrunkModel.prior(robot)), hold=settings.hold)
+    script = scenario.script(robot, made.settings, duration)
+    moments = _played(bed, sorted(script, key=_when), duration, progress)
+    truth = Truth(
+        robot=robot.name,
+        scenario=name,
+        errors=settings.errors,
+        seed=settings.seed,
+        slope=made.terrain.slope,
+        stiffness=tuple(float(k) for k in trunk_controller_of(bed).gains.angular_stiffness),
+        moments=moments,
+        drawn=made.draw.to_dict() if made.draw else None,
+    )
+    source = f"simulated {robot.name}, {name}"
+    if made.draw is None:
+        return Run(recording_of(sensors.samples, robot, source), truth, truth_of(sensors.states, robot), made.model)
+    rate = settings.rate or made.draw.rate
+    log = measured_log(TrueMotion.of(sensors.states, robot), robot, made.draw, settings.seed, rate, source)
+    return Run(log, truth, truth_of(sensors.states[:: round(1.0 / (rate * PERIOD))], robot), made.model)
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """What a run is made of: plant, model file, ground, and the draw of real errors."""
+
+    real: Robot
+    model: Robot
+    terrain: Terrain
+    settings: SimulateSettings
+    draw: Drawn | None = None
+
+
+def _sized(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
+    errors = settings.sensor_errors
+    real = plant_model(robot, errors)
+    slope = scenario.slope if settings.slope is None else settings.slope
+    stones = Stones(seed=settings.seed, height=settings.stones) if settings.stones else None
+    return _Made(real, estimator_model(real, errors, settings.seed), Terrain(slope=slope, stones=stones), settings)
+
+
+def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
+    """With real errors the model file's robot is what controller and estimator have; what is asked for comes first."""
+    assert settings.real_sizes is not None
+    draw = drawn(robot, settings.real_sizes, settings.seed)
+    terrain = draw.terrain
+    slope = settings.slope if settings.slope is not None else scenario.slope or None
+    if slope is not None:
+        terrain = replace(terrain, slope=slope, heading=0.0)
+    if settings.stones:
+        terrain = replace(terrain, stones=Stones(seed=settings.seed, height=settings.stones))
+    draw = replace(draw, terrain=terrain)
+    stones = terrain.stones.height if terrain.stones else 0.0
+    return _Made(draw.robot, robot, terrain, replace(settings, stones=stones), draw)
+
+
+def _when(event: ScriptEvent) -> float:
+    return event.time
+
+
+def _played(bed: TestBed, events: list[ScriptEvent], duration: float, progress: Progress | None) -> tuple[TruthAt, ...]:
+    """Runs the events out; the trunk's truth at the start and whenever it changes."""
+    bare = bed.plant.truth()
+    moments = [TruthAt.of(0.0, bare, bare)]
+    total, waiting = round(duration / PERIOD), list(events)
+    for k in range(total):
+        while waiting and waiting[0].time <= k * PERIOD + 1e-9:
+            loads = bed.plant.payloads
+            waiting.pop(0).act(bed)
+            if bed.plant.payloads != loads:
+                moments = [m for m in moments if m.time < bed.plant.time]
+                moments.append(TruthAt.of(bed.plant.time, bed.plant.truth(), bare))
+        bed.step()
+        if progress and k % _PROGRESS_EVERY == 0:
+            progress("simulating", k, total)
+    return tuple(moments)

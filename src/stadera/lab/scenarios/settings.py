@@ -1,0 +1,133 @@
+"""What a simulated run is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stadera.errors import StaderaError, UnknownNameError
+from stadera.lab.plant import SensorErrors, sensor_errors
+from stadera.lab.plant.payload import Payload, RigidMass, VirtualForce
+from stadera.lab.reality import REAL_SETS, RealSizes
+from stadera.lab.sensor_errors import ERROR_SETS
+from stadera.robot.model import Robot
+from stadera.trunk.model import TrunkBounds
+
+_RATE = 250.0  # Hz
+_BOX = (0.1, 0.1, 0.1)  # m, edges of a load given as a mass
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is put on the trunk.
+
+    Attributes:
+        amount: positive.
+        unit: "kg", a rigid cube of 10 cm fixed to the trunk; "N", the paper's virtual force, without inertia.
+        at: [m], of its centre in the trunk frame; None for a quarter of the feet's rectangle behind and to the left of
+            the middle, on the level of the hips.
+
+    Raises:
+        StaderaError: an amount that is not positive, a unit that is none of these, a place that is not finite.
+    """
+
+    amount: float
+    unit: Literal["kg", "N"] = "kg"
+    at: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.amount) and self.amount > 0):
+            raise StaderaError(f"a load must be positive, got {self.amount} {self.unit}")
+        if self.unit not in ("kg", "N"):
+            raise StaderaError(f"a load is in kg or N, got {self.unit!r}")
+        if self.at is not None and not np.isfinite(self.at).all():
+            raise StaderaError(f"a load's place must be three finite numbers, got {self.at}")
+
+    def payload(self, robot: Robot) -> Payload:
+        """As the test-bed takes it."""
+        at = self.at or _behind(robot)
+        return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, _BOX, at)
+
+
+@dataclass(frozen=True)
+class SimulateSettings:
+    """A run.
+
+    Attributes:
+        errors: ideal, standard or harsh, of the sensors; or real, real-unit-gain: of robot, sensors and ground.
+        load: None for the scenario's own.
+        slope: of the ground [rad]; None for the scenario's own, or of real errors the drawn one.
+        duration: [s]; None for the scenario's own.
+        rate: of the log [Hz]; the test-bed itself runs at 1 kHz, of which the log keeps every so manieth sample. None
+            for 250 Hz, or of real errors the drawn one.
+        seed: of all sensor errors.
+        load_time: [s], at which the load is put on; None for the scenario's own.
+        speed: of a walk, forwards [m/s]; None for the scenario's own.
+        turn: of a walk, to the left [rad/s].
+        amplitude: of a shake, times 3° and 3 % of the robot's height.
+        stones: [m], the ground is made of stepping stones whose heights differ by ± so much; 0 for a plane.
+        hold: periods of the test-bed for which the controller's torques are held, see `TestBed`.
+
+    Raises:
+        StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
+            negative seed; a load's time that is negative; a speed, turn, amplitude or stones' height that is
+            not finite.
+    """
+
+    errors: str = "standard"
+    load: Load | None = None
+    slope: float | None = None
+    duration: float | None = None
+    rate: float | None = None
+    seed: int = 0
+    load_time: float | None = None
+    speed: float | None = None
+    turn: float = 0.0
+    amplitude: float = 1.0
+    stones: float = 0.0
+    hold: int = 1
+
+    def __post_init__(self) -> None:
+        if self.errors.lower() not in (*ERROR_SETS, *REAL_SETS):
+            raise UnknownNameError("set of errors", self.errors, (*ERROR_SETS, *REAL_SETS))
+        rate = _RATE if self.rate is None else self.rate
+        every = 1000.0 / rate if np.isfinite(rate) and rate > 0 else 0.0
+        if every < 1 or abs(every - round(every)) > 1e-9:
+            raise StaderaError(
+                f"a log's rate must be 1000 Hz over a whole number (1000, 500, 250, ...), got {self.rate}"
+            )
+        if self.duration == 0.0:
+            raise StaderaError("a run's duration must be positive, got 0.0 s")
+        _require(0.0, duration=self.duration, seed=self.seed, load_time=self.load_time, stones=self.stones)
+        _require(-np.inf, speed=self.speed, turn=self.turn, amplitude=self.amplitude)
+
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """Of the sensors that the controller sees; with real errors it has some of `standard` quality for itself."""
+        return sensor_errors("standard" if self.real_sizes else self.errors)
+
+    @property
+    def real_sizes(self) -> RealSizes | None:
+        """What real errors are drawn from; None for errors of another kind."""
+        return REAL_SETS.get(self.errors.lower())
+
+    @property
+    def every(self) -> int:
+        """Periods of the test-bed for one sample of the log."""
+        return round(1000.0 / (self.rate or _RATE))
+
+
+def _require(least: float, **values: float | None) -> None:
+    """Values that are given are finite, and at least so large."""
+    for name, value in values.items():
+        if value is not None and not (np.isfinite(value) and value >= least):
+            wanted = "finite" if least == -np.inf else f"finite and at least {least:g}"
+            raise StaderaError(f"a run's {name} must be {wanted}, got {value}")
+
+
+def _behind(robot: Robot) -> tuple[float, float, float]:
+    bounds = TrunkBounds.of(robot)
+    middle, half = 0.5 * (bounds.low + bounds.high), 0.5 * (bounds.high - bounds.low)
+    return float(middle[0] - 0.5 * half[0]), float(middle[1] + 0.5 * half[1]), float(middle[2])

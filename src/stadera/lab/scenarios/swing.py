@@ -1,0 +1,121 @@
+"""Legs that swing in the air, the trunk held level: the log that legs are identified from, of the robot of a run.
+
+Each leg follows a draw of the paper's sinusoids, two and a half times as fast, so that rotor inertia shows. The legs
+move at once: on a held trunk none of them feels another, and nothing collides in this plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.excite.bounds import LegBounds
+from stadera.excite.paper_draw import fitting_factor, paper_draw
+from stadera.excite.sinusoids import Sinusoids
+from stadera.lab.plant import Gains, measured, plant_model, simulate_leg
+from stadera.lab.reality import TrueMotion, drawn, measured_log
+from stadera.lab.scenarios.catalog import SWING
+from stadera.lab.scenarios.run import PERIOD, Run
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.scenarios.truth import Truth, TruthAt
+from stadera.logs import Recording
+from stadera.robot.model import Robot
+from stadera.types import Progress
+
+ALL = "all"
+DURATION = 40.0
+"""[s], unless asked for otherwise."""
+
+_FASTER = 2.5  # than the paper's 0.3 to 0.9 Hz
+_DRAWS = 10  # until one is clear
+
+
+def swing(
+    robot: Robot,
+    leg: str = ALL,
+    settings: SimulateSettings | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Swings one leg, or all at once. The same seed draws the same robot as for a run on the ground.
+
+    Args:
+        robot: the model file's.
+        leg: LF, RF, LH, RH or all.
+        settings: errors, duration, rate and seed count; None for the defaults.
+        progress: called with what is done, how many legs are, and of how many.
+
+    Raises:
+        UnknownNameError: no such leg.
+        StaderaError: as `simulate_leg`.
+    """
+    settings = settings or SimulateSettings()
+    draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None
+    real = draw.robot if draw else plant_model(robot, settings.sensor_errors)
+    swings = _swings(robot, real, leg, settings, progress or (lambda *_: None))
+    every = round(1.0 / (settings.rate or draw.rate) / PERIOD) if draw else settings.every
+    exact, trunk = _merged(swings, every), real.inertias[real.trunk]
+    truth = Truth(
+        robot=robot.name,
+        scenario=SWING,
+        errors=settings.errors,
+        seed=settings.seed,
+        slope=0.0,
+        stiffness=(),
+        moments=(TruthAt.of(0.0, trunk, trunk),),
+        drawn=draw.to_dict() if draw else None,
+    )
+    if draw is None:
+        return Run(measured(exact, robot, settings.sensor_errors, settings.seed), truth, exact, robot)
+    motion, source = TrueMotion.held(_merged(swings)), f"simulated {robot.name}, {SWING}"
+    return Run(measured_log(motion, robot, draw, settings.seed, settings.rate, source), truth, exact, robot)
+
+
+def _swings(robot: Robot, real: Robot, leg: str, settings: SimulateSettings, progress: Progress) -> list[Recording]:
+    """Exact recordings of the legs, a millisecond a sample."""
+    every = [one.name for one in robot.legs]
+    names = every if leg.lower() == ALL else [robot.leg(leg).name]
+    swings = []
+    for k, name in enumerate(names):
+        progress("swinging", k, len(names))
+        rng = np.random.default_rng((settings.seed, every.index(name)))
+        motion = _brisk(robot, name, rng, settings.duration or DURATION).sample(1.0 / PERIOD)
+        swings.append(simulate_leg(real, name, motion, gains=Gains.scaled(robot, name)))
+    return swings
+
+
+def _brisk(robot: Robot, leg: str, rng: np.random.Generator, duration: float) -> Sinusoids:
+    """The paper's draw, faster, drawn in towards the rest pose where speeds or torques would be too large.
+
+    Where the way to the rest pose is not clear (a draw on the far side of the trunk), another one is drawn.
+    """
+    for left in reversed(range(_DRAWS)):
+        try:
+            draw = paper_draw(robot, leg, rng, duration)
+            faster = replace(draw, frequencies=_FASTER * draw.frequencies)
+            return faster.drawn_in(fitting_factor(faster, LegBounds.of(robot, leg)))
+        except IdentificationError:
+            if not left:
+                raise
+    raise AssertionError("unreachable: the last draw returns or raises")
+
+
+def _merged(swings: Sequence[Recording], every: int = 1) -> Recording:
+    """Recordings of the same times, of different joints, as one of every so manieth sample."""
+    first = swings[0]
+    joints = tuple(joint for swing in swings for joint in swing.joints)
+
+    def joined(name: str) -> np.ndarray:
+        return np.hstack([swing.channel(name, swing.joints) for swing in swings])[::every]
+
+    return Recording(
+        time=first.time[::every],
+        joints=joints,
+        position=joined("position"),
+        velocity=joined("velocity"),
+        acceleration=joined("acceleration"),
+        effort=joined("effort"),
+        source=first.source,
+    )

@@ -1,0 +1,144 @@
+"""What was true in a simulated run, in files of its own: estimators never read them, reports may show them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from stadera.errors import RecordingError
+from stadera.inertia import InertialParameters
+
+_NEGLIGIBLE = 1e-9  # kg
+
+
+@dataclass(frozen=True)
+class TruthAt:
+    """The trunk, payload included, from a time on; trunk frame.
+
+    Attributes:
+        time: [s].
+        mass: [kg]. com: [m]. inertia: (Ixx, Ixy, Ixz, Iyy, Iyz, Izz) about the trunk's origin [kg·m²].
+        payload_mass: [kg], payload_com: [m], None where there is no payload.
+    """
+
+    time: float
+    mass: float
+    com: tuple[float, float, float]
+    inertia: tuple[float, ...]
+    payload_mass: float = 0.0
+    payload_com: tuple[float, float, float] | None = None
+
+    @classmethod
+    def of(cls, time: float, trunk: InertialParameters, bare: InertialParameters) -> TruthAt:
+        """From the trunk with and without payload."""
+        load = trunk - bare
+        loaded = load.mass > _NEGLIGIBLE
+        return cls(
+            time,
+            float(trunk.mass),
+            _triple(trunk.com),
+            tuple(float(v) for v in trunk.vector[4:]),
+            float(load.mass) if loaded else 0.0,
+            _triple(load.com) if loaded else None,
+        )
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A run's truth.
+
+    Attributes:
+        robot, scenario, errors, seed: what was run.
+        slope: of the ground [rad].
+        stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method 'orientation'.
+        moments: the trunk at the start and from each change on.
+        drawn: everything that real errors drew, as `Drawn.to_dict`; None for errors of another kind.
+    """
+
+    robot: str
+    scenario: str
+    errors: str
+    seed: int
+    slope: float
+    stiffness: tuple[float, ...]
+    moments: tuple[TruthAt, ...]
+    drawn: Mapping[str, Any] | None = None
+
+    def at(self, time: float) -> TruthAt:
+        """The truth at a time [s]."""
+        return next((m for m in reversed(self.moments) if m.time <= time), self.moments[0])
+
+
+def truth_paths(log: str | PathLike[str]) -> tuple[Path, Path]:
+    """Where the truth of a log is kept: its JSON, and the table of true motion and forces (of the log's kind)."""
+    path = Path(log)
+    return path.with_name(f"{path.stem}.truth.json"), path.with_name(f"{path.stem}.truth{path.suffix}")
+
+
+def truth_json(truth: Truth) -> dict[str, Any]:
+    """As plain values; SI units, trunk frame."""
+    return {
+        "robot": truth.robot,
+        "scenario": truth.scenario,
+        "errors": truth.errors,
+        "seed": truth.seed,
+        "slope": truth.slope,
+        "controller": {"angular_stiffness": list(truth.stiffness)},
+        "trunk": [
+            {
+                "time": m.time,
+                "mass": m.mass,
+                "com": list(m.com),
+                "inertia": dict(zip(("xx", "xy", "xz", "yy", "yz", "zz"), m.inertia, strict=True)),
+                "payload": None if m.payload_com is None else {"mass": m.payload_mass, "com": list(m.payload_com)},
+            }
+            for m in truth.moments
+        ],
+        **({} if truth.drawn is None else {"drawn": truth.drawn}),
+    }
+
+
+def read_truth(path: str | PathLike[str]) -> Truth:
+    """The truth that `truth_json` wrote.
+
+    Raises:
+        RecordingError: no such file, or not such a JSON.
+    """
+    path = Path(path)
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+        return Truth(
+            robot=str(value["robot"]),
+            scenario=str(value["scenario"]),
+            errors=str(value["errors"]),
+            seed=int(value["seed"]),
+            slope=float(value["slope"]),
+            stiffness=tuple(map(float, value["controller"]["angular_stiffness"])),
+            moments=tuple(_moment(m) for m in value["trunk"]),
+            drawn=value.get("drawn"),
+        )
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise RecordingError(f"{path}: not the truth of a simulated run (LOG.truth.json): {error!r}") from None
+
+
+def _moment(value: dict[str, Any]) -> TruthAt:
+    load = value["payload"]
+    return TruthAt(
+        float(value["time"]),
+        float(value["mass"]),
+        _triple(value["com"]),
+        tuple(float(v) for v in value["inertia"].values()),
+        0.0 if load is None else float(load["mass"]),
+        None if load is None else _triple(load["com"]),
+    )
+
+
+def _triple(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

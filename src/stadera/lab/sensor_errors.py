@@ -1,0 +1,140 @@
+"""Errors of the sensors, and of the model that an estimator is given: named sets of their sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Literal
+
+import numpy as np
+
+from stadera.errors import ModelError, UnknownNameError
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """A Gaussian error of every component, drawn once a run or anew for every sample.
+
+    Attributes:
+        mean, std: in the unit of what it is added to.
+        drawn: "run" for a constant error, "sample" for a white one.
+    """
+
+    mean: float = 0.0
+    std: float = 0.0
+    drawn: Literal["run", "sample"] = "run"
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std >= 0):
+            raise ModelError(f"a Gaussian error needs a finite mean and std ≥ 0, got {self.mean}, {self.std}")
+        if self.drawn not in ("run", "sample"):
+            raise UnknownNameError("draw of a Gaussian error", self.drawn, ("run", "sample"))
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it adds nothing."""
+        return self.mean == 0.0 and self.std == 0.0
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """Sizes of the errors, one standard deviation unless it says otherwise. "Constant" is drawn once a run.
+
+    Attributes:
+        position: white [rad].
+        velocity: white [rad/s].
+        torque, torque_constant: white, constant; as a share of the joint's effort limit.
+        torque_delay: [s], by how much measured torques are late.
+        gyro, gyro_constant: white, constant [rad/s].
+        accelerometer, accelerometer_constant: white, constant [m/s²].
+        orientation_constant: of each component of a rotation vector, in the IMU frame [rad].
+        imu_misalignment: exact angle, about a random axis, by which the IMU is mounted off [rad].
+        torque_offset: of every joint's torque [N·m] (Table IV).
+        foot_position: of every component of the feet's positions in the trunk frame [m] (Table IV).
+        friction: Coulomb friction in the plant's joints, as a share of the effort limit (exact).
+        friction_known: relative error of the friction in the estimator's model.
+        leg_mass: relative error of the leg links' masses in the estimator's model.
+        leg_com: error of each component of their centres of mass [m].
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    torque: float = 0.0
+    torque_constant: float = 0.0
+    torque_delay: float = 0.0
+    gyro: float = 0.0
+    gyro_constant: float = 0.0
+    accelerometer: float = 0.0
+    accelerometer_constant: float = 0.0
+    orientation_constant: float = 0.0
+    imu_misalignment: float = 0.0
+    torque_offset: Gaussian = Gaussian()
+    foot_position: Gaussian = Gaussian()
+    friction: float = 0.0
+    friction_known: float = 0.0
+    leg_mass: float = 0.0
+    leg_com: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float | int) and not (np.isfinite(value) and value >= 0):
+                raise ModelError(f"sensor error {field.name!r} must be finite and not negative, got {value}")
+
+
+IDEAL = SensorErrors()
+"""No errors at all."""
+
+STANDARD = SensorErrors(
+    position=2e-4,
+    velocity=0.02,
+    torque=0.0033,
+    torque_constant=0.0033,
+    gyro=0.003,
+    gyro_constant=0.002,
+    accelerometer=0.05,
+    accelerometer_constant=0.03,
+    orientation_constant=np.deg2rad(0.2),
+)
+"""Encoders, torque sensors and an IMU as good robots have them."""
+
+HARSH = SensorErrors(
+    position=4e-4,
+    velocity=0.04,
+    torque=0.0066,
+    torque_constant=0.0066,
+    gyro=0.006,
+    gyro_constant=0.004,
+    accelerometer=0.1,
+    accelerometer_constant=0.06,
+    orientation_constant=np.deg2rad(0.4),
+    torque_delay=0.003,
+    imu_misalignment=np.deg2rad(0.5),
+    friction=0.006,
+    friction_known=0.2,
+    leg_mass=0.05,
+    leg_com=0.005,
+)
+"""Twice `STANDARD`, with late torques, joint friction, a misaligned IMU and a wrong model of the legs."""
+
+ERROR_SETS = {"ideal": IDEAL, "standard": STANDARD, "harsh": HARSH}
+
+
+def sensor_errors(name: str) -> SensorErrors:
+    """The named set: ideal, standard or harsh.
+
+    Raises:
+        UnknownNameError: another name.
+    """
+    if name.lower() not in ERROR_SETS:
+        raise UnknownNameError("set of sensor errors", name, ERROR_SETS)
+    return ERROR_SETS[name.lower()]
+
+
+def with_torque_offset(mean: float, std: float, drawn: Literal["run", "sample"] = "run") -> SensorErrors:
+    """Table IV's upper half: a Gaussian error of every joint torque [N·m], nothing else."""
+    return replace(IDEAL, torque_offset=Gaussian(mean, std, drawn))
+
+
+def with_foot_position(mean: float, std: float, drawn: Literal["run", "sample"] = "run") -> SensorErrors:
+    """Table IV's lower half: a Gaussian error of every foot coordinate in the trunk frame [m], nothing else."""
+    return replace(IDEAL, foot_position=Gaussian(mean, std, drawn))

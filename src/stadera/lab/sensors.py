@@ -1,0 +1,242 @@
+"""Sensors of the plant: what estimators and controllers get is the truth with errors, and nothing else."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
+
+from stadera.errors import ModelError
+from stadera.inertia import InertialParameters
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.world import FootKinematics
+from stadera.lab.sensor_errors import Gaussian, SensorErrors
+from stadera.logs import Recording
+from stadera.robot.model import Robot
+from stadera.types import Array
+
+_XYZW = np.array([1, 2, 3, 0])
+_BLOCK = 64  # samples
+_SAME_INSTANT = 1e-9  # s
+
+
+@dataclass(frozen=True, eq=False)
+class SensorReading:
+    """What the sensors say at one instant.
+
+    Attributes:
+        time, joint_position, joint_velocity, effort: as in `Measurement`.
+        angular_velocity, specific_force: (3,) [rad/s], [m/s²], IMU frame.
+        orientation: (4,) quaternion xyzw of the IMU frame in the world.
+        foot_position: (4, 3) [m], centres of the feet in the trunk frame by the robot's own kinematics, where these
+            are given an error of their own (Table IV); None where forward kinematics of `joint_position` say it.
+    """
+
+    time: float
+    joint_position: Array
+    joint_velocity: Array
+    effort: Array
+    angular_velocity: Array
+    specific_force: Array
+    orientation: Array
+    foot_position: Array | None = None
+
+
+class Sensors:
+    """Reads a plant with errors, the constant ones drawn when made. The same seed gives the same errors.
+
+    Args:
+        errors: their sizes.
+        seed: of all draws.
+        robot: the robot the sensors sit on, for its limits and its nominal kinematics.
+
+    Raises:
+        ModelError: an error is a share of a joint's effort limit, and the joint has none.
+    """
+
+    def __init__(self, errors: SensorErrors, seed: int, robot: Robot) -> None:
+        self.errors, self.robot = errors, robot
+        constant, self._white = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+        n = self._joint_count = len(robot.tree.joints)
+        torque = JointTorqueError.drawn(errors, robot, constant)
+        gyro = constant.normal(0.0, errors.gyro_constant, 3)
+        accelerometer = constant.normal(0.0, errors.accelerometer_constant, 3)
+        # of position, velocity, effort, gyro and accelerometer, in this order
+        self._offset = np.concatenate([np.zeros(2 * n), torque.constant, gyro, accelerometer])
+        white = [errors.position, errors.velocity, *torque.white, errors.gyro, errors.accelerometer]
+        self._scale = np.repeat(white, [n, n, *[1] * n, 3, 3])
+        # The IMU is mounted misaligned, r_nominal = mounting r_imu, and its orientation has an error of its own.
+        self._mounting = Rotation.from_rotvec(errors.imu_misalignment * _unit_vector(constant))
+        turn = Rotation.from_rotvec(constant.normal(0.0, errors.orientation_constant, 3))
+        self._from_nominal = block_diag(self._mounting.as_matrix().T, self._mounting.as_matrix().T)
+        self._turn = (self._mounting * turn).as_quat(scalar_first=True)
+        self._foot_offset = _constant_part(errors.foot_position, constant, (len(robot.legs), 3))
+        self._kinematics = None if errors.foot_position.is_zero else FootKinematics(robot)
+        # drawn for many samples at once, where nothing else is drawn in between
+        self._block = 1 if errors.foot_position.drawn == "sample" else _BLOCK
+        self._noise: Iterator[Array] = iter(())
+        self._late: deque[tuple[float, Array]] = deque()
+
+    def read(self, plant: Plant) -> SensorReading:
+        """One sample of the plant's present instant; read every step, as late torques are kept here meanwhile."""
+        n, time = self._joint_count, plant.time
+        values = next(self._noise, None)
+        if values is None:
+            drawn = self._white.standard_normal((self._block, 3 * n + 6))
+            self._noise = iter(drawn * self._scale + self._offset)
+            values = next(self._noise)
+        values[:n] += plant.joint_position
+        values[n : 2 * n] += plant.joint_velocity
+        values[2 * n : 3 * n] += self._arriving(time, plant.effort)
+        values[3 * n :] += self._from_nominal.dot(plant.imu_motion)
+        orientation = np.empty(4)
+        mujoco.mju_mulQuat(orientation, plant.imu_quaternion_wxyz, self._turn)
+        return SensorReading(
+            time=time,
+            joint_position=values[:n],
+            joint_velocity=values[n : 2 * n],
+            effort=values[2 * n : 3 * n],
+            angular_velocity=values[3 * n : 3 * n + 3],
+            specific_force=values[3 * n + 3 :],
+            orientation=orientation[_XYZW],
+            foot_position=self._feet(values[:n]),
+        )
+
+    def _arriving(self, time: float, effort: Array) -> Array:
+        """The torques that arrive now: those of `torque_delay` ago, the first ones until then."""
+        late = self._late
+        if late and time < late[-1][0]:  # the plant was reset
+            late.clear()
+        late.append((time, effort))
+        due = time - self.errors.torque_delay + _SAME_INSTANT
+        while len(late) > 1 and late[1][0] <= due:
+            late.popleft()
+        return late[0][1]
+
+    def _feet(self, joint_position: Array) -> Array | None:
+        if self._kinematics is None:
+            return None
+        feet = self._kinematics.positions(joint_position) + self._foot_offset
+        error = self.errors.foot_position
+        return feet + self._white.normal(error.mean, error.std, feet.shape) if error.drawn == "sample" else feet
+
+
+@dataclass(frozen=True, eq=False)
+class JointTorqueError:
+    """Errors of joint torques: a run's constants and the standard deviations of the white part, (n,) each [N·m]."""
+
+    constant: Array
+    white: Array
+
+    @classmethod
+    def drawn(cls, errors: SensorErrors, robot: Robot, rng: np.random.Generator) -> JointTorqueError:
+        """The run's constants drawn from `rng`."""
+        n = len(robot.tree.joints)
+        limit = effort_limits(robot) if errors.torque or errors.torque_constant else np.zeros(n)
+        constant = errors.torque_constant * limit * rng.standard_normal(n)
+        offset = errors.torque_offset
+        if offset.drawn == "run":
+            return cls(constant + rng.normal(offset.mean, offset.std, n), errors.torque * limit)
+        return cls(constant + offset.mean, np.hypot(errors.torque * limit, offset.std))
+
+    def applied(self, effort: Array, rng: np.random.Generator) -> Array:
+        """Efforts (..., n) as measured."""
+        return effort + self.constant + self.white * rng.standard_normal(effort.shape)
+
+
+def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int) -> Recording:
+    """A recording of true joint motion and effort as joint sensors would have given it.
+
+    White noise on position, velocity and effort, the constants of a run on the effort, and late torques (by whole
+    samples, the first one repeated). Accelerations are left out: nothing measures them. IMU and feet are kept.
+
+    Raises:
+        UnknownNameError: a recorded joint is not the robot's.
+        ModelError: as `Sensors`.
+        RecordingError: velocity or effort is not recorded.
+    """
+    constant, white = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    torque = JointTorqueError.drawn(errors, robot, constant)
+    effort = np.zeros((len(recording), len(robot.tree.joints)))
+    columns = [robot.tree.joints.index(joint) for joint in _known(recording.joints, robot)]
+    true_effort = recording.channel("effort", recording.joints)
+    delayed = np.searchsorted(recording.time, recording.time - errors.torque_delay + _SAME_INSTANT, side="right") - 1
+    effort[:, columns] = true_effort[np.maximum(delayed, 0)]
+    shape = recording.position.shape
+    return replace(
+        recording,
+        position=recording.position + errors.position * white.standard_normal(shape),
+        velocity=recording.channel("velocity", recording.joints) + errors.velocity * white.standard_normal(shape),
+        acceleration=None,
+        effort=torque.applied(effort, white)[:, columns],
+        notes=(*recording.notes, f"sensor errors of seed {seed} were added"),
+    )
+
+
+def plant_model(robot: Robot, errors: SensorErrors) -> Robot:
+    """The robot that the plant is made of: the given one, with the errors' dry friction in its joints.
+
+    Raises:
+        ModelError: friction is a share of a joint's effort limit, and the joint has none.
+    """
+    if not errors.friction:
+        return robot
+    friction = dict(zip(robot.tree.joints, errors.friction * effort_limits(robot), strict=True))
+    dynamics = {
+        joint: replace(given, coulomb=given.coulomb + friction[joint]) for joint, given in robot.dynamics.items()
+    }
+    return replace(robot, dynamics=dynamics)
+
+
+def estimator_model(robot: Robot, errors: SensorErrors, seed: int) -> Robot:
+    """The model that an estimator is given: the plant's robot, with wrong legs and roughly known friction.
+
+    A leg link's ten parameters are scaled by 1 + N(0, leg_mass²), and its matter displaced by N(0, leg_com²) a
+    component. Each joint's Coulomb friction is scaled by 1 + N(0, friction_known²). The trunk is the plant's.
+
+    Args:
+        robot: the plant's, as made by `plant_model`.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
+    inertias = dict(robot.inertias)
+    for link in robot.tree.links[1:]:
+        scale, shift = 1.0 + errors.leg_mass * rng.standard_normal(), errors.leg_com * rng.standard_normal(3)
+        inertias[link] = InertialParameters(scale * inertias[link].vector).shifted(shift)
+    dynamics = {
+        joint: replace(given, coulomb=given.coulomb * (1.0 + errors.friction_known * rng.standard_normal()))
+        for joint, given in robot.dynamics.items()
+    }
+    return replace(robot, inertias=inertias, dynamics=dynamics)
+
+
+def effort_limits(robot: Robot) -> Array:
+    """The joints' effort limits [N·m], (n,).
+
+    Raises:
+        ModelError: a joint has none.
+    """
+    limits = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
+    if not np.isfinite(limits).all():
+        joint = robot.tree.joints[int(np.argmin(np.isfinite(limits)))]
+        raise ModelError(f"robot {robot.name}: joint {joint!r} has no effort limit to take the torque errors from")
+    return limits
+
+
+def _constant_part(error: Gaussian, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    draw = rng.normal(error.mean, error.std, shape)
+    return draw if error.drawn == "run" else np.zeros(shape)
+
+
+def _unit_vector(rng: np.random.Generator) -> Array:
+    vector = rng.standard_normal(3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _known(joints: tuple[str, ...], robot: Robot) -> tuple[str, ...]:
+    robot.tree.restricted(joints)  # names an unknown one
+    return joints

@@ -1,0 +1,196 @@
+"""Six rows a sample in the trunk's ten parameters, whichever feet touch the ground.
+
+Every leg has three joints and a point foot, so the force f of the ground on a foot follows from the leg's own joints,
+in contact or not. With τ what the actuators do, h the torque that the leg's rigid bodies, rotors and friction take at
+this motion, and J the Jacobian of the point that touches, for a trunk held still::
+
+    h = τ + Jᵀ f        =>        f = J^-T (h - τ)
+
+The wrench of the trunk's inertia is what the feet do to the robot, less what the legs' own inertia takes. With w_l the
+inertial wrench of leg l and p_l its contact point, force above moment about the trunk's origin::
+
+    A(a, α, ω) θ = b,        b = Σ_l [ f_l ; p_l x f_l ] - Σ_l w_l
+
+All is in the trunk's axes, and the trunk's motion enters by its angular velocity ω, angular acceleration α and
+specific force a alone: neither orientation, nor slope, nor the direction of gravity, nor velocity. The columns e_k of
+J^-T are (j_k+1 x j_k+2) / det J, so that with E_k = [e_k ; p x e_k]
+
+    b = Σ_k E_k (h_k - τ_k) - Σ_l w_l
+
+and E is what a torque's error does to the rows: a leg near its singularity counts little by itself.
+
+**Where the ground touches.** The foot is a sphere of radius r: p = p_foot - r n, n the ground's normal. A foot in
+the air has f = 0 by whatever point, so one normal serves all.
+
+**Accelerations.** Rows are linear in q̈ and α. Filtered with weights w_k that begin and end with zero, central
+differences of the velocities go over to the weights,
+
+    Σ_k w_k G_k (v_k+1 - v_k-1) / 2T = -Σ_k v_k (w_k+1 G_k+1 - w_k-1 G_k-1) / 2T
+
+which is the momentum G v filtered by parts. So differentiating first and filtering the ROWS afterwards is exact, and
+loud only in what is thrown away; filtering the signals first is not, for G depends on where the legs are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from stadera.legs.model import LegModel, cross, inverse_transposed, outwards, rotated, rotated_back
+from stadera.robot.model import Robot
+from stadera.types import Array
+
+__all__ = ["BaseWrenchRegressor", "LegMotions", "LegWrenches", "LinkMotions", "cross"]
+
+
+class LegMotions(NamedTuple):
+    """How the robot moves over some samples, components first.
+
+    Attributes:
+        position, velocity, acceleration: (samples, 4, 3) of the joints, by leg, from the trunk outwards.
+        angular_velocity, angular_acceleration, specific_force: (3, samples), of the trunk, its origin and axes.
+        normal: (3, samples), unit vector of the ground's normal, trunk axes.
+        sliding: (samples, 4, 3), velocities that decide friction's direction; None for `velocity`.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    specific_force: Array
+    normal: Array
+    sliding: Array | None = None
+
+
+class LinkMotions(NamedTuple):
+    """How links move, trunk axes, (3, samples, 4, 3) by leg and link.
+
+    Attributes:
+        turn: (3, 3, samples, 4, 3), from the links' axes to the trunk's.
+        joints: [m], where each link's joint is.
+        angular_velocity, angular_acceleration: [rad/s], [rad/s²].
+        force, moment: [N], [N·m], that the link's inertia takes, the moment about the trunk's origin.
+    """
+
+    turn: Array
+    joints: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    force: Array
+    moment: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LegWrenches:
+    """Torques, inertial wrenches and contact maps of the legs at some samples, trunk axes; legs in the robot's order.
+
+    Attributes:
+        torque: (samples, 4, 3) [N·m], h: what rigid bodies, rotors, friction and offsets take.
+        inertial: (6, samples, 4) [N, N·m], w_l: wrench of the legs' inertia about the trunk's origin.
+        to_wrench: (6, samples, 4, 3), E: wrench on the trunk for a unit of h - τ.
+        feet: (3, samples, 4) [m], centres of the feet.
+        volume: (samples, 4) [m³], det J: near zero where a leg is singular.
+        axis: (3, samples, 4, 3), unit vectors of the joints.
+        links: how each link moves, and what it takes.
+    """
+
+    torque: Array
+    inertial: Array
+    to_wrench: Array
+    feet: Array
+    volume: Array
+    axis: Array
+    links: LinkMotions
+
+    def target(self, effort: Array) -> Array:
+        """b by leg (6, samples, 4), from efforts (samples, 4, 3) [N·m]."""
+        felt = (self.to_wrench * (self.torque - effort)).sum(axis=-1)
+        return np.asarray(felt - self.inertial)
+
+    def forces(self, effort: Array) -> Array:
+        """Contact forces (3, samples, 4) [N]."""
+        return np.asarray((self.to_wrench[:3] * (self.torque - effort)).sum(axis=-1))
+
+
+class BaseWrenchRegressor(LegModel):
+    """Makes the rows of one robot.
+
+    Args:
+        robot: the model of the legs: inertias, rotors, friction and offsets of the joints.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._armature = np.array([[robot.dynamics[joint].armature for joint in leg.joints] for leg in robot.legs])
+
+    def at(self, motion: LegMotions) -> LegWrenches:
+        """The legs' side of the rows at some samples."""
+        pose = self.pose(motion.position)
+        turn, arm, origin, axis = pose.turn, pose.arms, pose.joints, pose.axis
+        spin = axis * motion.velocity
+        # what a joint adds to its link, summed up along the leg; `from_` is the link before, the trunk for the first
+        omega, from_omega = _along(motion.angular_velocity, spin)
+        alpha, from_alpha = _along(motion.angular_acceleration, cross(from_omega, spin) + axis * motion.acceleration)
+        swing = cross(from_alpha, arm) + cross(from_omega, cross(from_omega, arm))
+        a, _ = _along(motion.specific_force, swing)
+        force, moment = self._inertial(turn, omega, alpha, a, origin)
+        carried_force, carried_moment = outwards(force), outwards(moment)
+        torque = (axis * (carried_moment - cross(origin, carried_force))).sum(axis=0)
+        torque += self._armature * motion.acceleration + self.friction.torque(motion.velocity, motion.sliding)
+        contact = self.contacts(pose.feet, motion.normal)
+        dual, volume = inverse_transposed(pose.jacobians(contact))
+        to_wrench = np.concatenate([dual, cross(contact[..., None], dual)])
+        inertial = np.concatenate([carried_force[..., 0], carried_moment[..., 0]])
+        links = LinkMotions(turn, origin, omega, alpha, force, moment)
+        return LegWrenches(torque, inertial, to_wrench, pose.feet, volume, axis, links)
+
+    def by_links(self, wrenches: LegWrenches, samples: int) -> Array:
+        """What errors of the links' masses and centres of mass do to b, (samples, 6, 48), of the first samples.
+
+        A link whose ten parameters are all larger by a share ε takes ε times its own inertial force F and moment M
+        about the trunk's origin. With matter that lies elsewhere by δ, no differently turned, about its joint at p and
+        its centre of mass at p + c,
+
+            ΔF = m (α x δ + ω x (ω x δ)),    ΔM = δ x F + (p + c) x ΔF
+
+        Link i hangs from the joints k ≤ i, so b changes by Σ_k≤i E_k s_k · (ΔM - p_k x ΔF) - [ΔF ; ΔM].
+
+        Returns:
+            per unit of ε [1] of the twelve links, by leg, then of δ [m] along link axes, 3 by 12.
+        """
+        links, n = wrenches.links, samples
+        at, turn = links.joints[:, :n], links.turn[:, :, :n]
+        force, moment = links.force[:, :n], links.moment[:, :n]
+        E, s = wrenches.to_wrench[:, :n], wrenches.axis[:, :n]
+        felt = np.concatenate([cross(at, s), s])[None] * E[:, None]  # s · (p x F) = (s x p) · F
+        np.cumsum(felt, axis=-1, out=felt)
+        felt -= np.eye(6)[..., None, None, None]
+        effects = np.empty((6, 4, n, 4, 3))  # the wrench; ε and three axes; samples, leg, link
+        effects[:3, 0], effects[3:, 0] = force, moment
+        omega, alpha = links.angular_velocity[:, :n], links.angular_acceleration[:, :n]
+        centre = at + rotated(turn, self._moment) / self.link_mass
+        for axis in range(3):
+            shift = turn[:, axis]
+            moved = self.link_mass * (cross(alpha, shift) + cross(omega, cross(omega, shift)))
+            effects[:3, 1 + axis], effects[3:, 1 + axis] = moved, cross(shift, force) + cross(centre, moved)
+        return np.asarray(np.einsum("wvnlk,vtnlk->nwtlk", felt, effects).reshape(n, 6, 48))
+
+    def _inertial(self, turn: Array, omega: Array, alpha: Array, a: Array, origin: Array) -> tuple[Array, Array]:
+        """Inertial force and moment about the trunk's origin of each link, (3, samples, leg, link)."""
+        h = rotated(turn, self._moment)
+        force = self.link_mass * a + cross(alpha, h) + cross(omega, cross(omega, h))
+        own_omega, own_alpha = rotated_back(turn, omega), rotated_back(turn, alpha)
+        own = rotated(self._tensor, own_alpha) + cross(own_omega, rotated(self._tensor, own_omega))
+        moment = cross(h, a) + rotated(turn, own) + cross(origin, force)
+        return force, moment
+
+
+def _along(trunk: Array, added: Array) -> tuple[Array, Array]:
+    """Of each link and of the one before: the trunk's (3, samples) and what joints add (3, samples, leg, joint)."""
+    chain = np.empty((*added.shape[:-1], 4))
+    chain[..., 0], chain[..., 1:] = trunk[:, :, None], added
+    np.cumsum(chain, axis=-1, out=chain)
+    return chain[..., 1:], chain[..., :3]

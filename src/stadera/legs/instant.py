@@ -1,0 +1,150 @@
+"""The legs' model for one sample, fast enough for a 1 kHz loop (Pinocchio underneath).
+
+Everything is in the trunk frame. A trunk that moves with angular velocity ω and specific force a obeys the equations of
+one at rest in gravity-free space accelerated by a, so the bias torque
+
+    h(q, q̇, ω, a) = what the actuators would have to do, the feet free and the joints not accelerating, without friction
+
+needs neither orientation nor gravity.
+
+Joint accelerations add M q̈ to a leg's h, M its own block of the joint-space inertia (rotors included), and the trunk's
+rows, force and moment at its origin, the coupling C q̈.
+
+A point r that moves with a leg's last link moves, per joint j of that leg, by a_j x (r - o_j) = v_j + a_j x r, where
+v_j is the velocity of the link's point at the trunk's origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from stadera.inertia import skew
+from stadera.legs.friction import joint_columns
+from stadera.robot.model import Robot
+from stadera.robot.pinocchio import pinocchio_model
+from stadera.types import Array
+
+_PERMUTATION = np.stack([-skew(axis) for axis in np.eye(3)]).reshape(3, 9)  # a x r = -[r]x a
+
+
+@dataclass(frozen=True, eq=False)
+class LegState:
+    """The legs at one sample, trunk frame; legs in the robot's order, joints HAA, HFE, KFE.
+
+    Attributes:
+        feet: (4, 3) [m], centres of the feet.
+        axes: (4, 3, 3), `axes[leg, :, joint]` is the joint's axis.
+        at_origin: (4, 3, 3) [m/rad], Jacobians of the last links' points at the trunk's origin.
+        bias: (4, 3) [N·m], h.
+        moment: (3,) [kg·m], first moment of all leg links.
+    """
+
+    feet: Array
+    axes: Array
+    at_origin: Array
+    bias: Array
+    moment: Array
+
+    def jacobians(self, points: Array) -> Array:
+        """Jacobians (4, 3, 3) [m/rad] of points (4, 3) [m] that move with the legs' last links."""
+        across = points.dot(_PERMUTATION).reshape(4, 3, 3)  # -[r]x for each leg
+        return np.asarray(self.at_origin + across @ self.axes)
+
+
+@dataclass(frozen=True, eq=False)
+class LegMotion:
+    """How the legs move at one sample, and what it takes to accelerate them; trunk axes.
+
+    Attributes:
+        velocity: (4, 3) [m/s], of the feet's centres, past a trunk whose origin is at rest: ω x p + J q̇.
+        free_acceleration: (4, 3) [m/s²], of the feet's centres less gravity, if neither joints nor ω accelerated.
+        inertia: (4, 3, 3) [kg·m²], M.
+        coupling: (4, 6, 3), C: force [N] and moment [N·m] on the trunk, at its origin, a unit of joint acceleration.
+    """
+
+    velocity: Array
+    free_acceleration: Array
+    inertia: Array
+    coupling: Array
+
+
+def inverse_transposed(jacobians: Array, least_volume: float) -> Array:
+    """J^-T (..., 3, 3) of Jacobians (..., 3, 3) [m/rad]; NaN where |det J| is below `least_volume` [m³]."""
+    singular = np.abs(np.linalg.det(jacobians)) < least_volume
+    if not singular.any():
+        return np.asarray(np.linalg.inv(jacobians.swapaxes(-1, -2)))
+    regular = np.where(singular[..., None, None], np.eye(3), jacobians.swapaxes(-1, -2))
+    return np.asarray(np.where(singular[..., None, None], np.nan, np.linalg.inv(regular)))
+
+
+class LegDynamics:
+    """Evaluates `LegState`s of one robot; keeps buffers, so one instance belongs to one thread."""
+
+    def __init__(self, robot: Robot) -> None:
+        model = pinocchio_model(robot)
+        model.gravity = pin.Motion.Zero()
+        frames = []
+        for leg in robot.legs:
+            place = pin.SE3(np.eye(3), np.array(leg.foot_position))
+            frame = pin.Frame(f"{leg.name} sole", model.getJointId(leg.joints[2]), place, pin.FrameType.OP_FRAME)
+            frames.append(model.addFrame(frame))
+        self.robot = robot
+        self.columns = joint_columns(robot)
+        trunk = robot.inertias[robot.trunk]
+        self.leg_mass = robot.mass - trunk.mass
+        self._trunk_moment, self._mass = np.array(trunk.first_moment), robot.mass
+        self._model, self._data = model, model.createData()
+        data = self._data
+        self._frames = frames
+        # views into Pinocchio's memory, filled anew by every evaluation
+        self._feet = [data.oMf[frame].translation for frame in frames]
+        self._motions, self._torque, self._com = data.J.T, data.tau, data.com[0]
+        self._q, self._v, self._a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+        self._q[6] = 1.0
+        self._in_v = 6 + self.columns
+        self._block = (self._in_v[:, :, None], self._in_v[:, None, :])
+        self._coupling = (np.arange(6)[None, :, None], self._in_v[:, None, :])
+
+    def at(self, position: Array, velocity: Array, angular_velocity: Array, specific_force: Array) -> LegState:
+        """The legs' state.
+
+        Args:
+            position, velocity: (n,) [rad, rad/s], of the joints in the tree's order.
+            angular_velocity: (3,) [rad/s], of the trunk, and
+            specific_force: (3,) [m/s²], of the trunk's origin, both in trunk axes.
+        """
+        model, data = self._model, self._data
+        self._q[7:] = position
+        self._v[3:6], self._v[6:] = angular_velocity, velocity
+        self._a[:3] = specific_force  # the trunk's own velocity is zero, so spatial and classical acceleration agree
+        pin.rnea(model, data, self._q, self._v, self._a)
+        pin.computeJointJacobians(model, data, self._q)
+        pin.updateFramePlacements(model, data)
+        pin.centerOfMass(model, data, False)
+        motions = self._motions[self._in_v]  # (leg, joint, linear and angular velocity a unit of rate)
+        return LegState(
+            feet=np.array(self._feet),
+            axes=motions[:, :, 3:].swapaxes(1, 2),
+            at_origin=motions[:, :, :3].swapaxes(1, 2),
+            bias=self._torque[self._in_v],
+            moment=self._mass * self._com - self._trunk_moment,
+        )
+
+    def motion(self) -> LegMotion:
+        """The legs' motion at the sample of the last `at`."""
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, self._q, self._v, self._a)
+        pin.crba(model, data, self._q)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        velocity = [pin.getFrameVelocity(model, data, frame, axes).linear for frame in self._frames]
+        acceleration = [pin.getFrameClassicalAcceleration(model, data, frame, axes).linear for frame in self._frames]
+        inertia = data.M
+        return LegMotion(
+            velocity=np.array(velocity),
+            free_acceleration=np.array(acceleration),
+            inertia=inertia[self._block],
+            coupling=inertia[self._coupling],
+        )

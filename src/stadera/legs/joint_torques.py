@@ -1,0 +1,283 @@
+"""Joint torques (and the wrench on the trunk) as rows in the inertial parameters: the paper's eq. 2, Y(q, q̇, q̈) φ = τ.
+
+By virtual power. Let joint j turn at unit rate and everything else be frozen: link i then has angular velocity s and
+its origin the velocity v, both in link i's axes. The torque of joint j that link i's inertia asks for is the power of
+its inertial wrench along that motion::
+
+    τ_j = Σ_i  v · f_i + s · n_i
+    f_i = m a + α x h + ω x (ω x h)              h = m c
+    n_i = h x a + I α + ω x I ω                  about the link's origin
+
+which is linear in (m, h, I), with coefficients (u = s x ω)::
+
+    m:  v · a
+    h:  v x α + (ω·v) ω - (ω·ω) v + a x s
+    I:  Ixx: s_x α_x + u_x ω_x     Ixy: s_x α_y + s_y α_x + u_x ω_y + u_y ω_x     and so on
+
+The six trunk rows are the same with s, v the unit motions of the trunk. No matrix is built per sample and nothing loops
+over samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag, qr
+
+from stadera.errors import IdentificationError
+from stadera.inertia import ORDER
+from stadera.legs.components import (
+    ZERO,
+    Component,
+    Vector,
+    add,
+    cross,
+    dot,
+    minus,
+    plus,
+    scale,
+    times,
+    vector,
+)
+from stadera.legs.friction import FrictionModel
+from stadera.legs.motion import JointMotion, JointRotation, TrunkMotion
+from stadera.legs.rows import Rows
+from stadera.robot.model import Tree
+from stadera.types import Array
+
+TRUNK_ROWS: tuple[str, ...] = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
+"""Names of the six trunk rows: force [N] and moment about the trunk's origin [N·m], trunk axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pattern:
+    """What an output's row is made of.
+
+    Attributes:
+        columns: names of all columns that can differ from zero, friction's last.
+        picks: for each link, which of its ten coefficients are computed; the other columns depend on these.
+        mixing: (computed and friction, columns), takes the computed columns to all.
+    """
+
+    columns: tuple[str, ...]
+    picks: tuple[tuple[int, tuple[int, ...]], ...]
+    mixing: Array
+
+
+def inertial_columns(links: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the inertial parameters of some links: `<link>.m`, `<link>.mcx`, ... in the one order."""
+    return tuple(f"{link}.{name}" for link in links for name in ORDER)
+
+
+@dataclass(frozen=True, eq=False)
+class JointTorqueRegressor:
+    """Makes one set of rows a joint: inertial parameters of the links it carries, and its own friction columns.
+
+    Attributes:
+        tree: of the whole robot, or of one leg.
+        friction: which joint-side columns to add, see `FrictionModel`.
+        trunk_rows: also make the six rows of the wrench that the outside does to the trunk, `force.*`, `moment.*`.
+
+    Columns are only those that can differ from zero for this tree (a knee's torque does not depend on the hip's mass),
+    on a trunk that does not turn or on one that does, and of these only independent ones are computed: a hip's 23
+    columns have rank 17 whatever the motion. Which ones is found once, from random motion.
+    """
+
+    tree: Tree
+    friction: FrictionModel = field(default_factory=FrictionModel)
+    trunk_rows: bool = False
+
+    @cached_property
+    def outputs(self) -> tuple[str, ...]:
+        """What rows are made for: the trunk's six if asked for, then the joints."""
+        return (TRUNK_ROWS if self.trunk_rows else ()) + self.tree.joints
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """All parameters: ten a link (with the trunk's when `trunk_rows`), then the friction columns, joint by
+        joint.
+        """
+        links = self.tree.links if self.trunk_rows else self.tree.links[1:]
+        return inertial_columns(links) + tuple(c for joint in self.tree.joints for c in self.friction.columns(joint))
+
+    def rows(
+        self, joints: JointMotion, torque: Array, trunk: TrunkMotion | None = None, std: Array | float = 1.0
+    ) -> Iterator[Rows]:
+        """One `Rows` for each output, in the order of `outputs`.
+
+        Args:
+            joints: motion of the tree's joints, (samples, joints).
+            torque: (samples, outputs) [N·m, N]: what the actuators do to the joints, and the wrench on the trunk.
+            trunk: motion of the trunk; a level trunk held still if not given.
+            std: noise of the torque, one number or one for each output [N·m, N].
+
+        Raises:
+            IdentificationError: shapes that do not fit the tree.
+        """
+        if torque.shape != (len(joints), len(self.outputs)):
+            raise IdentificationError(
+                f"torque needs shape {(len(joints), len(self.outputs))} for {self.outputs}, got {torque.shape}"
+            )
+        noise = np.broadcast_to(std, len(self.outputs))
+        for k, pattern, reduced in self._reduced(joints, trunk):
+            yield Rows(pattern.columns, reduced, torque[:, k], float(noise[k]), pattern.mixing)
+
+    def predict(self, joints: JointMotion, parameters: dict[str, float], trunk: TrunkMotion | None = None) -> Array:
+        """Torques [N·m] (and trunk wrench) that the parameters would give, (samples, outputs); absent ones are zero."""
+        out = np.empty((len(joints), len(self.outputs)))
+        for k, pattern, reduced in self._reduced(joints, trunk):
+            out[:, k] = reduced @ (pattern.mixing @ [parameters.get(c, 0.0) for c in pattern.columns])
+        return out
+
+    def _reduced(self, joints: JointMotion, trunk: TrunkMotion | None) -> Iterator[tuple[int, _Pattern, Array]]:
+        """Output index, pattern and the computed columns (samples, k; column-major) for each output."""
+        if joints.position.shape[1] != len(self.tree.joints):
+            raise IdentificationError(
+                f"motion has {joints.position.shape[1]} joints, the tree {len(self.tree.joints)}: {self.tree.joints}"
+            )
+        trunk = trunk or TrunkMotion.held()
+        links = list(_walk(self.tree, joints, trunk, self.trunk_rows))
+        turns = self.trunk_rows or trunk.turns
+        for k, pattern in enumerate(self._patterns_turning if turns else self._patterns_held):
+            block = np.empty((len(pattern.mixing), len(joints)))
+            at = 0
+            for link, wanted in pattern.picks:
+                links[link].coefficients(k, wanted, block[at : at + len(wanted)])
+                at += len(wanted)
+            if at < len(block):
+                joint = k - (len(TRUNK_ROWS) if self.trunk_rows else 0)
+                self.friction.fill(joints.velocity[:, joint], joints.acceleration[:, joint], block[at:])
+            yield k, pattern, block.T
+
+    @cached_property
+    def _patterns_held(self) -> tuple[_Pattern, ...]:
+        return self._patterns(turning=False)
+
+    @cached_property
+    def _patterns_turning(self) -> tuple[_Pattern, ...]:
+        return self._patterns(turning=True)
+
+    def _patterns(self, *, turning: bool) -> tuple[_Pattern, ...]:
+        """For each output, what differs from zero and what depends on what whatever the motion, found from random
+        motion: of the joints and of the trunk, which turns or only feels any gravity.
+        """
+        rng = np.random.default_rng(0)
+        samples = 20 * len(self.tree.links) + 40
+        motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, samples, len(self.tree.joints))))
+        force, omega, alpha = rng.uniform(-3.0, 3.0, (3, samples, 3))
+        trunk = TrunkMotion(force, omega, alpha) if turning else TrunkMotion(force, np.zeros(3), np.zeros(3))
+        links = list(_walk(self.tree, motion, trunk, self.trunk_rows))
+        return tuple(self._pattern(k, links, samples) for k in range(len(self.outputs)))
+
+    def _pattern(self, output: int, links: list[_LinkMotion], samples: int) -> _Pattern:
+        carried = [i for i, link in enumerate(links) if output in link.unit_motions]
+        full = np.empty((len(carried), 10, samples))
+        for block, i in zip(full, carried, strict=True):
+            links[i].coefficients(output, tuple(range(10)), block)
+        present = np.abs(full).max(axis=2) > _NOTHING
+        kept, mixing = _independent(full[present].T)
+        places = np.argwhere(present)
+        names = tuple(f"{links[carried[a]].name}.{ORDER[c]}" for a, c in places)
+        chosen = places[kept]
+        picks = tuple((carried[a], tuple(chosen[chosen[:, 0] == a, 1].tolist())) for a in np.unique(chosen[:, 0]))
+        joint = output - (len(TRUNK_ROWS) if self.trunk_rows else 0)
+        extra = self.friction.columns(self.tree.joints[joint]) if joint >= 0 else ()
+        return _Pattern(names + extra, picks, block_diag(mixing, np.eye(len(extra))) if extra else mixing)
+
+
+def _independent(matrix: Array) -> tuple[list[int], Array]:
+    """Some columns on which all of a matrix (rows, n) depend, in their order, and how: matrix[:, kept] @ mixing.
+
+    Columns are taken by their part that is not explained by those before (QR with pivoting), each in units of its own
+    size.
+    """
+    size = np.linalg.norm(matrix, axis=0)
+    _, R, order = qr(matrix / size, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    kept = np.sort(order[: int(np.sum(diagonal > _DEPENDENT * diagonal[0]))])
+    mixing = np.linalg.lstsq(matrix[:, kept] / size[kept], matrix, rcond=None)[0] / size[kept, None]
+    mixing[:, kept] = np.eye(len(kept))
+    return kept.tolist(), mixing
+
+
+@dataclass(frozen=True, eq=False)
+class _LinkMotion:
+    """Motion of one link: ω, α, a, and for each output its unit motion (s, v) of this link."""
+
+    name: str
+    omega: Vector
+    alpha: Vector
+    a: Vector
+    unit_motions: dict[int, tuple[Vector, Vector]]
+
+    @cached_property
+    def _omega_squared(self) -> Component:
+        return dot(self.omega, self.omega)
+
+    def coefficients(self, output: int, wanted: tuple[int, ...], out: Array) -> None:
+        """The wanted ones of the ten coefficients of an output's row, written into out (len(wanted), samples)."""
+        s, v = self.unit_motions[output]
+        omega, alpha, a = self.omega, self.alpha, self.a
+        u = cross(s, omega)
+        moment = add(cross(a, s), cross(v, alpha))
+        along, minus_squared = dot(omega, v), minus(0.0, self._omega_squared)
+        moment = add(moment, scale(along, omega), scale(minus_squared, v))
+        for row, c in zip(out, wanted, strict=True):
+            if c == 0:
+                row[:] = dot(v, a)
+            elif c < 4:
+                row[:] = moment[c - 1]
+            else:
+                i, j = _TENSOR[c - 4]
+                value = plus(times(s[i], alpha[j]), times(u[i], omega[j]))
+                if i != j:
+                    value = plus(value, plus(times(s[j], alpha[i]), times(u[j], omega[i])))
+                row[:] = value
+
+
+_NOTHING = 1e-12  # coefficients below which a number is rounding
+_DEPENDENT = 1e-9  # share of a column that the others leave unexplained, below which it is rounding
+_TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_UNIT: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def _walk(tree: Tree, joints: JointMotion, trunk: TrunkMotion, trunk_rows: bool) -> Iterator[_LinkMotion]:
+    """The links' motions in tree order; the trunk itself only with `trunk_rows`. See `stadera.legs.motion`."""
+    unit: dict[int, tuple[Vector, Vector]] = {}
+    if trunk_rows:
+        unit = {k: (ZERO, e) for k, e in enumerate(_UNIT)} | {3 + k: (e, ZERO) for k, e in enumerate(_UNIT)}
+    base = _LinkMotion(
+        tree.links[0],
+        vector(trunk.angular_velocity),
+        vector(trunk.angular_acceleration),
+        vector(trunk.specific_force),
+        unit,
+    )
+    if trunk_rows:
+        yield base
+    done = [base]
+    for i in range(len(tree.joints)):
+        link = _next(tree, i, done[tree.parents[i]], joints, i + len(unit))
+        done.append(link)
+        yield link
+
+
+def _next(tree: Tree, i: int, parent: _LinkMotion, joints: JointMotion, output: int) -> _LinkMotion:
+    """The motion of the link that joint i moves, which is the row number `output`."""
+    turn = JointRotation.of(tree, i, np.ascontiguousarray(joints.position[:, i]))
+    t, axis = vector(tree.translations[i]), vector(tree.axes[i])
+    spin = scale(np.ascontiguousarray(joints.velocity[:, i]), axis)
+    carried = turn(parent.omega)
+    at_joint = add(parent.a, cross(parent.alpha, t), cross(parent.omega, cross(parent.omega, t)))
+    moved = {k: (turn(s), turn(add(v, cross(s, t)))) for k, (s, v) in parent.unit_motions.items()}
+    moved[output] = (axis, ZERO)
+    return _LinkMotion(
+        tree.links[i + 1],
+        omega=add(carried, spin),
+        alpha=add(turn(parent.alpha), cross(carried, spin), scale(joints.acceleration[:, i], axis)),
+        a=turn(at_joint),
+        unit_motions=moved,
+    )

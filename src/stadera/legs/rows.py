@@ -1,0 +1,81 @@
+"""Rows `A θ = b` with a known noise: what solvers get from measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Linear equations `matrix @ θ[columns] = target` with independent noise of standard deviation `std`.
+
+    Columns of rigid-body rows depend on one another whatever the motion: a link's mass acts on its parent's joint like
+    a certain moment and inertia of the parent. Then `matrix = reduced @ mixing`, with fewer columns to make, filter and
+    sum up.
+
+    Attributes:
+        columns: names of the parameters the matrix's columns belong to; parameters not named have zero columns.
+        reduced: (rows, k), the matrix itself where there is no mixing.
+        target: (rows,).
+        std: noise of the target, one number or (rows,), in the target's unit; positive.
+        mixing: (k, columns); None for the identity.
+
+    Raises:
+        IdentificationError: shapes that do not fit, a std that is not positive and finite. Whether matrix and target
+            are finite is found out where they are summed up.
+    """
+
+    columns: tuple[str, ...]
+    reduced: Array
+    target: Array
+    std: float | Array = 1.0
+    mixing: Array | None = None
+
+    def __post_init__(self) -> None:
+        rows, width = len(self.target), len(self.columns if self.mixing is None else self.mixing)
+        if self.reduced.shape != (rows, width):
+            raise IdentificationError(f"rows need a matrix of shape {(rows, width)}, got {self.reduced.shape}")
+        if self.mixing is not None and self.mixing.shape != (width, len(self.columns)):
+            raise IdentificationError(
+                f"rows need a mixing of shape {(width, len(self.columns))}, got {self.mixing.shape}"
+            )
+        std = np.asarray(self.std)
+        if std.shape not in ((), (rows,)) or not ((std > 0) & (std < np.inf)).all():
+            raise IdentificationError(
+                f"the standard deviation of rows must be one number or {rows}, positive and finite"
+            )
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    @property
+    def matrix(self) -> Array:
+        """The matrix of all columns, (rows, columns)."""
+        return self.reduced if self.mixing is None else self.reduced @ self.mixing
+
+    def replaced(self, reduced: Array, target: Array) -> Rows:
+        """Rows of the same kind and unit noise: some of these, or these filtered."""
+        return Rows(self.columns, reduced, target, mixing=self.mixing)
+
+    def predict(self, values: Array) -> Array:
+        """The target that parameters (ordered as `columns`) would give, shape (rows,)."""
+        return np.asarray(self.reduced @ (values if self.mixing is None else self.mixing @ values))
+
+
+def stack(rows: Sequence[Rows], columns: tuple[str, ...]) -> Rows:
+    """Several rows as one dense set over `columns`, in order; columns a set does not name are zero in it."""
+    index = {name: k for k, name in enumerate(columns)}
+    matrix = np.zeros((sum(len(r) for r in rows), len(columns)))
+    at = 0
+    for r in rows:
+        matrix[at : at + len(r), [index[c] for c in r.columns]] = r.matrix
+        at += len(r)
+    target = np.concatenate([r.target for r in rows]) if rows else np.zeros(0)
+    std = np.concatenate([np.broadcast_to(r.std, len(r)) for r in rows]) if rows else np.zeros(0)
+    return Rows(columns, matrix, target, std)

@@ -1,0 +1,69 @@
+"""Recordings: reading, writing and preprocessing of robot logs."""
+
+from typing import TYPE_CHECKING
+
+from stadera.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from stadera.logs.cutoff import suggest_cutoff
+    from stadera.logs.join import concatenate, take
+    from stadera.logs.processing import Processed, preprocess, preprocess_stream
+    from stadera.logs.reader import READERS, Log, Reader, as_log, as_logs, read, reader_of, stream
+    from stadera.logs.recording import Imu, Recording
+    from stadera.logs.settings import Preprocessing, PreprocessingReport
+    from stadera.logs.smoothing import smooth_rows
+    from stadera.logs.tables.write import write_table
+    from stadera.logs.topics import LogFile, Topics
+
+__all__ = [
+    "READERS",
+    "Imu",
+    "Log",
+    "LogFile",
+    "Preprocessing",
+    "PreprocessingReport",
+    "Processed",
+    "Reader",
+    "Recording",
+    "Topics",
+    "as_log",
+    "as_logs",
+    "concatenate",
+    "preprocess",
+    "preprocess_stream",
+    "read",
+    "reader_of",
+    "smooth_rows",
+    "stream",
+    "suggest_cutoff",
+    "take",
+    "write_table",
+]
+
+_HOMES = {
+    "Imu": "stadera.logs.recording",
+    "Log": "stadera.logs.reader",
+    "LogFile": "stadera.logs.topics",
+    "Preprocessing": "stadera.logs.settings",
+    "PreprocessingReport": "stadera.logs.settings",
+    "Processed": "stadera.logs.processing",
+    "READERS": "stadera.logs.reader",
+    "Reader": "stadera.logs.reader",
+    "Recording": "stadera.logs.recording",
+    "Topics": "stadera.logs.topics",
+    "as_log": "stadera.logs.reader",
+    "as_logs": "stadera.logs.reader",
+    "concatenate": "stadera.logs.join",
+    "preprocess": "stadera.logs.processing",
+    "preprocess_stream": "stadera.logs.processing",
+    "read": "stadera.logs.reader",
+    "reader_of": "stadera.logs.reader",
+    "smooth_rows": "stadera.logs.smoothing",
+    "stream": "stadera.logs.reader",
+    "suggest_cutoff": "stadera.logs.cutoff",
+    "take": "stadera.logs.join",
+    "write_table": "stadera.logs.tables.write",
+}
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazy_names(__name__, _HOMES)

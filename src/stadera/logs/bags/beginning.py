@@ -1,0 +1,181 @@
+"""What the beginning of a bag decides about all of it: which topics are read, who publishes which columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs.bags.container import Topic
+from stadera.logs.bags.decode import IMU, IMU_NAMES, JOINT_STATE, Sample
+from stadera.logs.bags.settings import BagSettings
+from stadera.logs.bags.unitree import LOW_STATES
+from stadera.logs.topics import Topics
+
+Columns = tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """A bag's first messages, and what they decide. Columns are named as in the flat table.
+
+    Attributes:
+        samples: the messages.
+        joints: for each publisher of joints, by the columns of its samples in any order: those that ever have a value.
+            The publisher whose stamps count comes first.
+        imu: columns of the IMU's own topic; None without one that can be used.
+        imu_frame: frame_id of its messages, None if empty.
+        imu_fault: why an IMU that is there cannot be used; empty if it can.
+        clock_offset: of the IMU's stamps against the joints', by the time of recording [s]; NaN without an IMU.
+    """
+
+    samples: tuple[Sample, ...]
+    joints: Mapping[frozenset[str], Columns]
+    imu: Columns | None
+    imu_frame: str | None
+    imu_fault: str
+    clock_offset: float
+
+    @property
+    def columns(self) -> Columns:
+        """Of all publishers."""
+        return (*(name for columns in self.joints.values() for name in columns), *(self.imu or ()))
+
+
+def chosen_topics(found: Mapping[str, Topic], topics: Topics, source: str) -> tuple[str, str | None]:
+    """The topic of joints and that of the IMU. None if there is none, or if the joints' messages have it.
+
+    Raises:
+        RecordingError: a topic that is not there or of another type, none of joints, several and none chosen.
+    """
+    states = (JOINT_STATE, *(kind for kind in LOW_STATES if kind in {topic.kind for topic in found.values()}))
+    joint = _chosen(found, states, topics.joint, "--joint-topic", source)
+    if joint is None:
+        there = ", ".join(f"{name} ({topic.kind})" for name, topic in sorted(found.items())) or "none"
+        raise RecordingError(f"{source}: no topic of type {LOW_STATES[0]} or {JOINT_STATE}; topics: {there}")
+    if found[joint].kind in LOW_STATES and topics.imu in (None, joint):
+        return joint, None
+    return joint, _chosen(found, (IMU,), topics.imu, "--imu-topic", source)
+
+
+def _chosen(
+    found: Mapping[str, Topic], kinds: Sequence[str], asked: str | None, option: str, source: str
+) -> str | None:
+    fitting = sorted(name for name, topic in found.items() if topic.kind in kinds)
+    listed = f"topics of type {' or '.join(kinds)}: {', '.join(fitting) or 'none'}"
+    if asked is not None:
+        if asked not in found:
+            raise RecordingError(f"{source}: {option} {asked}: no such topic; {listed}")
+        if asked not in fitting:
+            raise RecordingError(f"{source}: {option} {asked} is a {found[asked].kind}; {listed}")
+        return asked
+    if len(fitting) > 1:
+        raise RecordingError(f"{source}: several {listed}; choose one with {option}")
+    return fitting[0] if fitting else None
+
+
+def first_samples(
+    samples: Iterable[Sample], joint_topic: str, imu_topic: str | None, settings: BagSettings
+) -> tuple[Sample, ...]:
+    """The first messages: so many of joints, and one of an IMU if it has a topic."""
+    head: list[Sample] = []
+    counts = {joint_topic: 0, imu_topic: imu_topic is None}
+    for sample in samples:
+        head.append(sample)
+        counts[sample.topic] += 1
+        if (counts[joint_topic] >= settings.head and counts[imu_topic]) or len(head) >= settings.most_ahead:
+            break
+    return tuple(head)
+
+
+def beginning_of(
+    head: Sequence[Sample], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None, settings: BagSettings
+) -> Beginning:
+    """What the first messages, some of joints among them, decide for the joints asked for (None: all).
+
+    Raises:
+        RecordingError: publishers that do not agree.
+    """
+    of_joints = [sample for sample in head if sample.topic == joint_topic]
+    of_imu = [sample for sample in head if sample.topic == imu_topic]
+    offset = _delay(of_joints) - _delay(of_imu)
+    fault = _fault(of_imu, offset, settings) if imu_topic is not None else ""
+    usable = bool(of_imu) and not fault
+    return Beginning(
+        samples=tuple(head),
+        joints=_publishers(of_joints, joints, imu=imu_topic is None),
+        imu=_known(of_imu) if usable else None,
+        imu_frame=(of_imu[0].frame or None) if usable else None,
+        imu_fault=fault,
+        clock_offset=offset,
+    )
+
+
+def joints_in(columns: Iterable[str]) -> Columns:
+    """The joints that have a position among these columns."""
+    return tuple(name.removesuffix(".position") for name in columns if name.endswith(".position"))
+
+
+def _publishers(samples: Sequence[Sample], joints: Sequence[str] | None, *, imu: bool) -> dict[frozenset[str], Columns]:
+    """The publishers of one topic, the one with most of the joints asked for first.
+
+    Publishers of none of these joints are left out, unless it is all of them. Columns of an IMU in the same messages
+    are kept with `imu`.
+    """
+    groups = _grouped(samples)
+    if not groups:
+        raise RecordingError(f"{samples[0].topic}: its messages name no joints")
+    named = {key: joints_in(group[0].columns) for key, group in groups.items()}
+    asked = frozenset(joints or ()) & frozenset().union(*named.values())
+    shared = {key: len(asked.intersection(named[key]) if asked else key) for key in groups}
+    kept = sorted(filter(shared.get, groups), key=lambda key: -shared[key])
+    _check_agreement([named[key] for key in groups if key in kept], samples[0].topic)
+    left_out = () if imu else IMU_NAMES
+    return {key: tuple(name for name in _known(groups[key]) if name not in left_out) for key in kept}
+
+
+def _grouped(samples: Iterable[Sample]) -> dict[frozenset[str], list[Sample]]:
+    """By their columns in any order; samples without any are left out."""
+    groups: dict[frozenset[str], list[Sample]] = {}
+    for sample in samples:
+        groups.setdefault(frozenset(sample.columns), []).append(sample)
+    groups.pop(frozenset(), None)
+    return groups
+
+
+def _check_agreement(named: Sequence[Columns], topic: str) -> None:
+    """Raises if publishers have a joint in common, or one names a joint twice."""
+    for k, names in enumerate(named):
+        if twice := next((joint for joint in names if names.count(joint) > 1), None):
+            raise RecordingError(f"{topic}: a JointState names joint {twice!r} twice")
+        for other in named[:k]:
+            if both := sorted(set(names).intersection(other)):
+                raise RecordingError(
+                    f"{topic}: joint {both[0]!r} comes in messages of {len(other)} and in messages of {len(names)} "
+                    "joints: two publishers that do not agree share the topic"
+                )
+
+
+def _known(samples: Sequence[Sample]) -> Columns:
+    """The columns that ever have a value, of samples with the same columns in any order."""
+    values = [dict(zip(sample.columns, np.isfinite(sample.values).tolist(), strict=True)) for sample in samples]
+    return tuple(name for name in samples[0].columns if any(known[name] for known in values))
+
+
+def _fault(samples: Sequence[Sample], offset: float, settings: BagSettings) -> str:
+    if not samples:
+        return "it has no messages that can be read"
+    if other := next((sample.frame for sample in samples if sample.frame != samples[0].frame), None):
+        return f"its messages are in two frames, {samples[0].frame!r} and {other!r}"
+    if missing := [name for name in IMU_NAMES[:6] if name not in _known(samples)]:
+        return f"it has no {missing[0].removeprefix('imu.')}"
+    if abs(offset) > settings.clocks_apart:
+        return f"the clock of its headers is {offset:+.3f} s off that of the joints'"
+    return ""
+
+
+def _delay(samples: Sequence[Sample]) -> float:
+    """From stamp to recording, median [s]; NaN of none."""
+    return 1e-9 * float(np.median([s.received - s.stamp for s in samples])) if samples else float("nan")

@@ -1,0 +1,166 @@
+"""Bags as files: topics and messages of one file or a folder of files, damaged ones read as far as possible."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple, Protocol, TypeVar
+
+from stadera.errors import RecordingError
+
+Record = TypeVar("Record")
+Part = TypeVar("Part")
+
+
+class Message(NamedTuple):
+    """One message as stored: its topic, when it was recorded [ns], and its bytes."""
+
+    topic: str
+    received: int
+    data: bytes
+
+
+class Topic(NamedTuple):
+    """Message type of a topic, in ROS 2's notation, and its definition; empty where the file has none."""
+
+    kind: str
+    definition: str = ""
+
+
+class Container(Protocol):
+    """A file format of bags.
+
+    Attributes:
+        name: of the format, for messages.
+        suffix, magic: how its files end and begin.
+        encoding: of its messages, "cdr" or "ros1".
+    """
+
+    name: str
+    suffix: str
+    magic: bytes
+    encoding: str
+
+    def topics(self, path: Path) -> dict[str, Topic]:
+        """The topics of a file by name, those in `encoding`.
+
+        Raises:
+            RecordingError: nothing of the file can be read.
+        """
+        ...
+
+    def messages(self, path: Path, topics: Collection[str], damage: list[str]) -> Iterator[Message]:
+        """Messages of these topics as recorded. What cannot be read is left out and reported in `damage`."""
+        ...
+
+
+@dataclass
+class Bag:
+    """The files of a bag, in order.
+
+    Attributes:
+        path: of the file or folder.
+        container: the format of its files.
+        files: its files.
+        damage: what could not be read, one sentence each; grows while messages are read.
+    """
+
+    path: Path
+    container: Container
+    files: tuple[Path, ...]
+    damage: list[str] = field(default_factory=list)
+
+    @classmethod
+    def at(cls, path: Path, container: Container) -> Bag:
+        """The file, or a folder's files in the order of the numbers in their names.
+
+        Raises:
+            RecordingError: a file of the folder is compressed as a whole.
+        """
+        if not path.is_dir():
+            return cls(path, container, (path,))
+        there, suffix = sorted(path.iterdir(), key=_in_order), container.suffix
+        if packed := next((p for p in there if p.name.endswith((f"{suffix}.zstd", f"{suffix}.zst"))), None):
+            raise RecordingError(f"{packed}: compressed as a whole; unpack it first: zstd -d {packed.name}")
+        files = tuple(p for p in there if p.suffix == suffix)
+        return cls(path, container, files, [missing] if (missing := _missing_parts(files)) else [])
+
+    def topics(self) -> dict[str, Topic]:
+        """The topics of all files.
+
+        Raises:
+            RecordingError: no file can be read.
+        """
+        found: dict[str, Topic] = {}
+        errors: dict[Path, RecordingError] = {}
+        for path in self.files:
+            try:
+                found |= self.container.topics(path)
+            except RecordingError as error:
+                errors[path] = error
+        if len(errors) == len(self.files):
+            raise next(iter(errors.values()))
+        self.files = tuple(path for path in self.files if path not in errors)
+        self.damage += map(str, errors.values())
+        return found
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """All messages of these topics, file after file."""
+        for path in self.files:
+            yield from self.container.messages(path, topics, self.damage)
+
+
+def salvaged(
+    path: Path,
+    records: Iterator[Record],
+    unpack: Callable[[Record], Iterable[Part]],
+    read_so_far: Callable[[int], str],
+    damage: list[str],
+) -> Iterator[Part]:
+    """The parts of a file's records, as far as they can be read.
+
+    The libraries raise errors of many kinds on damaged bytes: all are caught here.
+
+    Args:
+        path: the file.
+        records: in the file's order. An error ends them: there is no way to find the next one.
+        unpack: the parts of a record: of a chunk many, of another itself. An error leaves out the record.
+        read_so_far: what of the file was read, by the number of records, for the report.
+        damage: gets a sentence for whatever could not be read.
+    """
+    read, broken, reason = 0, 0, ""
+    while True:
+        try:
+            record = next(records, None)
+        except Exception as error:
+            damage.append(f"{path}: cut off or damaged after {read_so_far(read)}{_why(error)}; read up to there")
+            break
+        if record is None:
+            break
+        read += 1
+        try:
+            inner = unpack(record)
+        except Exception as error:
+            broken, reason = broken + 1, _why(error)
+            continue
+        yield from inner
+    if broken:
+        damage.append(f"{path}: left out {broken} damaged chunk{'s' * (broken > 1)} of messages{reason}")
+
+
+def _why(error: Exception) -> str:
+    text = " ".join(str(error).split())[:100]
+    return f" ({text})" if text else ""
+
+
+def _missing_parts(files: Collection[Path]) -> str:
+    """A sentence on numbers left out in a bag's file names; empty if there are none."""
+    numbered = [int(m.group(1)) for p in files if (m := re.search(r"_(\d+)$", p.stem))]
+    left_out = sorted(set(range(max(numbered, default=-1) + 1)) - set(numbered))
+    return f"parts of the bag are missing: number {', '.join(map(str, left_out))}" if left_out else ""
+
+
+def _in_order(path: Path) -> tuple[tuple[int, str], ...]:
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name))

@@ -1,0 +1,153 @@
+"""From batches of a table's columns to recordings: dropouts removed, every value checked, chunks of even length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import RecordingError
+from stadera.logs.columns import Layout
+from stadera.logs.recording import Imu, Recording
+from stadera.types import Array, Bools
+
+LARGEST = 1e15
+"""A larger value is no measurement. Its square is still far from overflow."""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Consecutive rows of a table.
+
+    Attributes:
+        values: (columns, rows), one row of the array for each of `Layout.columns`.
+        blank: (columns, rows), the cells without a value; None if there are none.
+    """
+
+    values: Array
+    blank: Bools | None = None
+
+    def __len__(self) -> int:
+        return int(self.values.shape[1])
+
+    def __getitem__(self, rows: slice) -> Batch:
+        return Batch(self.values[:, rows], None if self.blank is None else self.blank[:, rows])
+
+    @classmethod
+    def joined(cls, batches: Sequence[Batch]) -> Batch:
+        """One batch of consecutive ones."""
+        if len(batches) == 1:
+            return batches[0]
+        values = np.concatenate([batch.values for batch in batches], axis=1)
+        if all(batch.blank is None for batch in batches):
+            return cls(values)
+        blanks = [np.zeros(b.values.shape, dtype=bool) if b.blank is None else b.blank for b in batches]
+        return cls(values, np.concatenate(blanks, axis=1))
+
+
+def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
+    """Recordings of `rows` samples each (the last one shorter; None: a single one) from batches of any length.
+
+    A blank cell is a dropout: its row is removed, counted and named in the notes. NaN or infinity is an error.
+
+    Raises:
+        RecordingError: a value that is not a finite number, time that does not increase (also across chunks), fewer
+            than two samples. Names the source, the column and the sample, counted from 0 over the whole log.
+    """
+    last, row, samples = -np.inf, 0, 0
+    for batch in _rebatched(batches, rows):
+        chunk = _recording(batch, layout, source, row, last)
+        row += len(batch)
+        if chunk is not None:
+            last, samples = float(chunk.time[-1]), samples + len(chunk)
+            yield chunk
+    if samples < 2:
+        blank = f" without blank cells among {row}" if row > samples else ""
+        raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least 2 are needed")
+
+
+def _rebatched(batches: Iterable[Batch], rows: int | None) -> Iterator[Batch]:
+    waiting: list[Batch] = []
+    count = 0
+    for batch in batches:
+        waiting.append(batch)
+        count += len(batch)
+        if rows is not None and count >= rows:
+            whole, full = Batch.joined(waiting), count - count % rows
+            for start in range(0, full, rows):
+                yield whole[start : start + rows]
+            waiting, count = [whole[full:]], count - full
+    if count:
+        yield Batch.joined(waiting)
+
+
+def _recording(batch: Batch, layout: Layout, source: str, first: int, last: float) -> Recording | None:
+    values, samples, notes = _without_dropouts(batch, layout.columns, first)
+    if not len(samples):
+        return None
+    _check_values(values, layout.columns, samples, source)
+    _check_time(values[0], samples, source, last)
+    place = {name: i for i, name in enumerate(layout.columns)}
+
+    def block(columns: tuple[str, ...]) -> Array:
+        start = place[columns[0]]  # the columns of a block follow each other
+        return values[start : start + len(columns)].T
+
+    imu = {key: block(columns) for key, columns in layout.imu.items()}
+    return Recording(
+        time=values[0],
+        joints=layout.joints,
+        imu=_imu(imu, layout.imu_frame) if imu else None,
+        foot_force={foot: block(columns) for foot, columns in layout.force.items()},
+        foot_contact={foot: values[place[column]] > 0.5 for foot, column in layout.contact.items()},
+        source=source,
+        notes=(layout.notes if first == 0 else ()) + notes,
+        **{channel: block(columns) for channel, columns in layout.channels.items()},
+    )
+
+
+def _imu(quantities: Mapping[str, Array], frame: str | None) -> Imu:
+    return Imu(quantities["angular_velocity"], quantities["linear_acceleration"], quantities.get("orientation"), frame)
+
+
+def _without_dropouts(
+    batch: Batch, columns: Sequence[str], first: int
+) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
+    """The rows without blank cells, their numbers in the log, and a note on the others."""
+    samples = np.arange(first, first + len(batch))
+    if batch.blank is None or not batch.blank.any():
+        return batch.values, samples, ()
+    valid: Bools = np.logical_not(batch.blank.any(axis=0))
+    holes = int(np.count_nonzero(np.diff(valid.astype(np.int8), prepend=1) == -1))
+    at = int(np.argmin(valid))
+    name = columns[int(np.argmax(batch.blank[:, at]))]
+    note = (
+        f"dropped {np.count_nonzero(~valid)} of {len(valid)} samples with blank cells, in {holes} "
+        f"dropout{'s' * (holes > 1)}, the first at sample {samples[at]}, column {name!r}"
+    )
+    return batch.values[:, valid], samples[valid], (note,)
+
+
+def _check_values(values: Array, columns: Sequence[str], samples: NDArray[np.int64], source: str) -> None:
+    bad = np.argwhere(~(np.abs(values) <= LARGEST))
+    if not len(bad):
+        return
+    column, at = bad[0]
+    where = f"{source}: column {columns[column]!r} is"
+    if not np.isfinite(value := values[column, at]):
+        raise RecordingError(f"{where} {value} at sample {samples[at]}")
+    raise RecordingError(
+        f"{where} {value:.3g} at sample {samples[at]}, more than any sensor says in SI units (at most {LARGEST:g})"
+    )
+
+
+def _check_time(time: Array, samples: NDArray[np.int64], source: str, last: float) -> None:
+    steps = np.diff(time, prepend=last)
+    if steps.min() > 0:
+        return
+    at = int(np.argmax(steps <= 0))
+    before = last if at == 0 else time[at - 1]
+    what = "stands still" if steps[at] == 0 else "runs back"
+    raise RecordingError(f"{source}: column 'time' {what} at sample {samples[at]} ({before:.6f} to {time[at]:.6f} s)")

@@ -1,0 +1,173 @@
+"""The flat table's column names: which column of a log is what. Pure names, no file access."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+from stadera.errors import RecordingError, UnknownNameError
+
+TIME = "time"
+CHANNELS: tuple[str, ...] = ("position", "velocity", "acceleration", "effort")
+IMU_COLUMNS: dict[str, tuple[str, ...]] = {
+    "angular_velocity": tuple(f"imu.angular_velocity.{axis}" for axis in "xyz"),
+    "linear_acceleration": tuple(f"imu.linear_acceleration.{axis}" for axis in "xyz"),
+    "orientation": tuple(f"imu.orientation.{axis}" for axis in "xyzw"),
+}
+IMU_FRAME = "imu.frame"
+"""Key of a Parquet table's metadata: the frame that the IMU's values are in."""
+_SEPARATORS = (";", "\t", "|")
+REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns of a table are read, and as what.
+
+    Attributes:
+        joints: in the order of the asked joints, or of the table's columns.
+        channels: by channel, one column for each joint; channels that are not recorded are absent.
+        imu: by quantity, its three or four columns; empty where there is no complete IMU.
+        force: by foot, the x, y, z columns.
+        contact: by foot, its column.
+        notes: what was kept out and why.
+        imu_frame: name of the frame that the IMU's values are in, None where the log does not say.
+    """
+
+    joints: tuple[str, ...]
+    channels: Mapping[str, tuple[str, ...]]
+    imu: Mapping[str, tuple[str, ...]]
+    force: Mapping[str, tuple[str, ...]]
+    contact: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+    imu_frame: str | None = None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Every column to read, time first."""
+        groups = (*self.channels.values(), *self.imu.values(), *self.force.values(), tuple(self.contact.values()))
+        return (TIME, *(name for group in groups for name in group))
+
+
+def layout(
+    names: Sequence[str], source: str, joints: Sequence[str] | None = None, require: Collection[str] = ()
+) -> Layout:
+    """Sort a table's column names into a layout.
+
+    Args:
+        names: the table's header.
+        source: the file, for messages.
+        joints: the joints to read, in this order; None for all that have a position.
+        require: what each of these joints must have: any of position, velocity, acceleration, effort; and "imu".
+
+    Raises:
+        RecordingError: a column that is there twice, missing or misspelled; names it and the closest ones.
+        UnknownNameError: `require` holds something else.
+    """
+    if other := next((item for item in require if item not in REQUIRABLE), None):
+        raise UnknownNameError("channel", other, REQUIRABLE)
+    _check_header(names, source)
+    known = dict.fromkeys(names)
+    wanted = tuple(joints) if joints is not None else _joints_in(known, source)
+    channels, notes = _channels(known, source, wanted, require)
+    imu, imu_notes = _imu(known, source, "imu" in require)
+    force = _forces(known)
+    contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
+    found = Layout(wanted, channels, imu, force, contact)
+    unknown = [name for name in names if name not in set(found.columns) and not _is_joint_column(name)]
+    if unknown:
+        notes += (f"kept out unknown columns: {_listed(unknown)}",)
+    return replace(found, notes=notes + imu_notes)
+
+
+def _check_header(names: Sequence[str], source: str) -> None:
+    if names.count("") > 1:
+        blank = ", ".join(str(k) for k, name in enumerate(names, start=1) if not name)
+        raise RecordingError(f"{source}: columns {blank} of the header have no name")
+    if len(names) == 1 and (sign := next((sign for sign in _SEPARATORS if sign in names[0]), None)):
+        raise RecordingError(
+            f"{source}: not a flat table: the separator looks like {sign!r}; columns are separated by ',', and "
+            "decimals written with '.'"
+        )
+    name, times = Counter(names).most_common(1)[0] if names else ("", 0)
+    if times > 1:
+        raise RecordingError(f"{source}: column {name!r} is there {times} times")
+    if TIME not in names:
+        raise _missing(TIME, names, source, "not a flat table")
+
+
+def _joints_in(names: Collection[str], source: str) -> tuple[str, ...]:
+    found = _prefixes(names, ".position")
+    unknown = [name for name in names if not _is_joint_column(name)]
+    for channel in CHANNELS[1:]:
+        for joint in _prefixes(names, f".{channel}"):
+            expected = f"{joint}.position"
+            if joint not in found and get_close_matches(expected, unknown, n=1, cutoff=0.85):
+                raise _missing(expected, names, source)
+    if not found:
+        raise _missing("<joint>.position", names, source, "not a flat table")
+    return found
+
+
+def _channels(
+    names: Collection[str], source: str, joints: tuple[str, ...], require: Collection[str]
+) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """Columns of each channel. One that only some joints have is an error for effort, else left out with a note."""
+    channels: dict[str, tuple[str, ...]] = {}
+    notes: tuple[str, ...] = ()
+    for channel in CHANNELS:
+        columns = tuple(f"{joint}.{channel}" for joint in joints)
+        absent = [column for column in columns if column not in names]
+        partial = 0 < len(absent) < len(columns)
+        if absent and (channel == "position" or channel in require or (channel == "effort" and partial)):
+            raise _missing(absent[0], names, source)
+        if not absent:
+            channels[channel] = columns
+        elif partial:
+            notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
+    return channels, notes
+
+
+def _imu(names: Collection[str], source: str, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    kept = {quantity: columns for quantity, columns in IMU_COLUMNS.items() if set(columns) <= set(names)}
+    needed = [
+        column
+        for quantity in ("angular_velocity", "linear_acceleration")
+        for column in IMU_COLUMNS[quantity]
+        if column not in names
+    ]
+    if not needed:
+        return kept, ()
+    if required:
+        others = f"; nor {_listed(needed[1:])}" if needed[1:] else ""
+        raise RecordingError(f"{_missing(needed[0], names, source)}{others}")
+    some = any(column in names for columns in IMU_COLUMNS.values() for column in columns)
+    return {}, (f"left out the IMU: no column {_listed(needed)}",) if some else ()
+
+
+def _forces(names: Collection[str]) -> dict[str, tuple[str, ...]]:
+    feet = {foot: tuple(f"{foot}.force.{axis}" for axis in "xyz") for foot in _prefixes(names, ".force.x")}
+    return {foot: columns for foot, columns in feet.items() if set(columns) <= set(names)}
+
+
+def _missing(column: str, names: Collection[str], source: str, what: str = "") -> RecordingError:
+    close = get_close_matches(column, names, n=3, cutoff=0.75)
+    joints = _prefixes(names, ".position")
+    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+    there = f"joints with a position: {_listed(joints)}" if joints else f"columns: {_listed(tuple(names))}"
+    return RecordingError(f"{source}: {what + ': ' if what else ''}no column {column!r}{hint} ({there})")
+
+
+def _prefixes(names: Iterable[str], suffix: str) -> tuple[str, ...]:
+    return tuple(n.removesuffix(suffix) for n in names if n.endswith(suffix) and n != suffix)
+
+
+def _is_joint_column(name: str) -> bool:
+    return any(name.endswith(f".{channel}") for channel in CHANNELS)
+
+
+def _listed(names: Sequence[str], most: int = 16) -> str:
+    shown = ", ".join((name or "(no name)") if len(name) <= 60 else name[:57] + "..." for name in names[:most])
+    return shown + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,0 +1,88 @@
+"""A cut-off for the low-pass filter where the user gives none, from the motion's own spectrum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from stadera.logs.filters import RATES_PER_CUTOFF
+from stadera.logs.recording import Recording
+from stadera.logs.sampling import GAP_FACTOR, Block, resampled, sampling_of, segments
+from stadera.types import Array
+
+
+@dataclass(frozen=True)
+class CutoffSettings:
+    """What counts as motion.
+
+    Attributes:
+        power_share: share of the velocity's power that shall pass unchanged.
+        lowest_hz: no lower cut-off is suggested [Hz]: Coulomb friction changes sign at once, whatever the motion's
+            frequency.
+        stretch: length of the stretches whose spectra are averaged [s]; 10 s resolve 0.1 Hz.
+        noise_factor: position power below this multiple of the noise floor counts as noise.
+    """
+
+    power_share: float = 0.99
+    lowest_hz: float = 5.0
+    stretch: float = 10.0
+    noise_factor: float = 4.0
+
+
+def suggest_cutoff(
+    recording: Recording, joints: Sequence[str] | None = None, settings: CutoffSettings | None = None
+) -> float | None:
+    """The cut-off below which the motion passes unchanged and the noise does not.
+
+    The power spectrum P(f) of every joint's position (Welch) has a floor, the median over the upper half of the band:
+    encoder noise and resolution. What stands out of it, up to the highest cut-off that the sampling rate allows, is
+    motion, with velocity power (2π f)² P(f). The filter is flat up to half its cut-off, so the cut-off is twice the
+    frequency below which 99 % of that power lies, for the fastest joint; not below 5 Hz, not above an eighth of the
+    sampling rate.
+
+    Args:
+        recording: the log, or the beginning of a long one.
+        joints: the joints that matter; None for all.
+        settings: see `CutoffSettings`.
+
+    Returns:
+        Cut-off [Hz] for `Preprocessing`; None where accelerations are recorded, which only a simulation does: there is
+        nothing to filter.
+
+    Raises:
+        RecordingError: fewer than two samples.
+        UnknownNameError: a joint that is not recorded.
+    """
+    if recording.acceleration is not None:
+        return None
+    sampling = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source)
+    position = recording.channel("position", tuple(joints) if joints is not None else recording.joints).T
+    blocks = segments([(recording.time, position)], sampling)
+    longest = max(blocks if sampling.even else resampled(blocks, sampling.period), key=lambda block: len(block.time))
+    settings = settings or CutoffSettings()
+    wanted = max(2.0 * _highest_motion(longest, sampling.rate_hz, settings), settings.lowest_hz)
+    return min(float(np.floor(10 * wanted) / 10), sampling.rate_hz / RATES_PER_CUTOFF)
+
+
+def highest_cutoff(recording: Recording) -> float:
+    """The highest cut-off that the recording's sampling rate allows [Hz]."""
+    rate_hz = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source).rate_hz
+    return rate_hz / RATES_PER_CUTOFF
+
+
+def _highest_motion(block: Block, rate_hz: float, settings: CutoffSettings) -> float:
+    """Frequency below which `power_share` of the fastest joint's velocity power lies [Hz]; 0 if nothing moves."""
+    samples = min(len(block.time), round(settings.stretch * rate_hz))
+    frequency, power = signal.welch(block.values, rate_hz, nperseg=samples, axis=1)
+    floor = np.median(power[:, frequency >= rate_hz / 4], axis=1, keepdims=True)
+    motion = (power > settings.noise_factor * floor) & (frequency <= rate_hz / RATES_PER_CUTOFF)
+    velocity_power: Array = np.where(motion, power - floor, 0.0) * (2 * np.pi * frequency) ** 2
+    share = np.cumsum(velocity_power, axis=1)
+    moving = share[:, -1] > 0
+    if not moving.any():
+        return 0.0
+    reached = share[moving] >= settings.power_share * share[moving, -1:]
+    return float(frequency[reached.argmax(axis=1)].max())

@@ -1,0 +1,77 @@
+"""Recordings as columns in memory: from data frames of pandas, polars and pyarrow, and back to named columns.
+
+None of these libraries is imported: a data frame is whatever has columns with names and gives each by its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs.batches import Batch, recordings
+from stadera.logs.columns import IMU_FRAME, TIME, layout
+from stadera.logs.recording import Recording
+from stadera.types import Array
+
+
+def from_dataframe(
+    df: Any, joints: Sequence[str] | None, require: Collection[str], imu_frame: str | None, source: str
+) -> Recording:
+    """See `Recording.from_dataframe`."""
+    names = _names(df, source)
+    if TIME not in names and getattr(getattr(df, "index", None), "name", None) == TIME:
+        df = df.reset_index()
+        names = _names(df, source)
+    found = layout(names, source, joints, require)
+    found = replace(found, imu_frame=imu_frame or _frame_in(df))
+    columns = {name: _numbers(df[name], name, source) for name in found.columns}
+    samples = len(columns[TIME])
+    if wrong := next((name for name, values in columns.items() if values.shape != (samples,)), None):
+        raise RecordingError(
+            f"{source}: column {wrong!r} has {len(columns[wrong])} values, {TIME!r} has {samples}; both need as many"
+        )
+    values = np.stack(tuple(columns.values()))
+    return next(recordings([Batch(values, np.isnan(values))], found, source, None))
+
+
+def columns_of(recording: Recording) -> dict[str, Array]:
+    """The flat table's columns of a recording by name, each (samples,)."""
+    found: dict[str, Array] = {}
+    for name, values in recording.arrays().items():
+        table = values.astype(np.float64, copy=False).reshape(len(recording), -1)
+        found |= zip(recording.columns(name), table.T, strict=True)
+    return found
+
+
+def _names(df: Any, source: str) -> tuple[str, ...]:
+    """A pyarrow table has `column_names`, pandas and polars have `columns`; a mapping has its keys."""
+    names = list(df) if isinstance(df, Mapping) else getattr(df, "column_names", getattr(df, "columns", None))
+    if names is None:
+        raise RecordingError(
+            f"{source}: {type(df).__name__} is not a data frame; valid: a pandas or polars DataFrame, a pyarrow Table, "
+            "a mapping of column names to arrays"
+        )
+    return tuple(map(str, names))
+
+
+def _frame_in(df: Any) -> str | None:
+    """The IMU frame in a pyarrow table's metadata."""
+    metadata = getattr(getattr(df, "schema", None), "metadata", None)
+    frame = metadata.get(IMU_FRAME.encode()) if metadata else None
+    return None if frame is None else str(frame.decode())
+
+
+def _numbers(column: Any, name: str, source: str) -> Array:
+    """A column as float64; missing values are NaN."""
+    values = np.asarray(column)
+    if values.dtype.kind == "O":
+        missing = (type(None), *({type(value) for value in values if type(value).__name__ == "NAType"}))  # pandas.NA
+        values = np.array([np.nan if isinstance(value, missing) else value for value in values])
+    if values.dtype.kind not in "fiub":
+        seconds = "; time is needed in seconds" if name == TIME else ""
+        raise RecordingError(f"{source}: column {name!r} holds {values.dtype}, not numbers{seconds}")
+    return values.astype(np.float64)

@@ -1,0 +1,40 @@
+"""Cutting recordings in time and putting them together again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import RecordingError
+from stadera.logs.recording import Recording
+from stadera.types import Bools
+
+Rows = slice | Bools | NDArray[np.int64]
+
+
+def take(recording: Recording, rows: Rows) -> Recording:
+    """The samples that `rows` (slice, mask or increasing indices) picks, of everything recorded."""
+    return recording.mapped(lambda _, values: values[rows])
+
+
+def concatenate(recordings: Sequence[Recording]) -> Recording:
+    """One recording of consecutive ones that hold the same things; notes are put one after the other.
+
+    Raises:
+        RecordingError: none given, joints or channels that differ, time that does not increase.
+    """
+    if not recordings:
+        raise RecordingError("nothing to concatenate")
+    first = recordings[0]
+    if len(recordings) == 1:
+        return first
+    parts = [recording.arrays() for recording in recordings]
+    if any(other.joints != first.joints for other in recordings) or any(
+        part.keys() != parts[0].keys() for part in parts
+    ):
+        raise RecordingError(f"{first.source}: parts that hold different joints or channels cannot be concatenated")
+    joined = first.mapped(lambda name, _: np.concatenate([part[name] for part in parts]))
+    return replace(joined, notes=tuple(dict.fromkeys(note for part in recordings for note in part.notes)))

@@ -1,0 +1,217 @@
+"""From a log to the signals that regressors take: even, filtered, differentiated, without the samples at rest.
+
+After section IV.B of Tournois et al. (IROS 2017): all variables through one zero-delay low-pass filter, samples with
+all joints at rest removed (their friction is undetermined). A log read in chunks gives what the whole log gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs.filters import Kernels, apply, kernels
+from stadera.logs.join import concatenate
+from stadera.logs.recording import Recording
+from stadera.logs.sampling import HEAD, Block, Sampling, resampled, sampling_of, segments, windows
+from stadera.logs.settings import Preprocessing, PreprocessingReport
+from stadera.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Processed:
+    """Signals of the chosen joints, all through the same filter.
+
+    Attributes:
+        time: (samples,) [s]; steps are uneven where samples were dropped.
+        joints: names, n of them.
+        position, velocity, acceleration: (samples, n) [rad, rad/s, rad/s²].
+        effort: (samples, n) [N·m], None where not recorded.
+        report: what was done so far; the last chunk's covers the whole log.
+        source: of the log.
+        notes: the log's own and the report's.
+    """
+
+    time: Array
+    joints: tuple[str, ...]
+    position: Array
+    velocity: Array
+    acceleration: Array
+    effort: Array | None
+    report: PreprocessingReport
+    source: str = "recording"
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[str] | None = None) -> Processed:
+    """Preprocess a whole recording.
+
+    Args:
+        recording: the log.
+        settings: what to do.
+        joints: the joints to keep, in this order; None for all.
+
+    Raises:
+        RecordingError: too few samples for the filter, a cut-off too high for the rate.
+        UnknownNameError: a joint that is not recorded.
+    """
+    parts = tuple(preprocess_stream([recording], settings, joints))
+    return parts[0] if len(parts) == 1 else _joined(parts)
+
+
+def preprocess_stream(
+    chunks: Iterable[Recording], settings: Preprocessing, joints: Sequence[str] | None = None
+) -> Iterator[Processed]:
+    """Preprocess consecutive chunks of one log; the results put together are those of the whole log.
+
+    Memory is flat in the log's length. The rate, and whether stamps are uneven, is decided on the first 4096 samples.
+    Arguments and errors as `preprocess`.
+    """
+    head, rest = _head(iter(chunks))
+    names = tuple(joints) if joints is not None else head.joints
+    even = {"auto": None, "always": False, "never": True}[settings.resample]
+    sampling = sampling_of(head.time, settings.tolerance, settings.gap_factor, even, head.source)
+    return _run(chain([head], rest), _plan(head, names, settings, sampling))
+
+
+@dataclass(frozen=True, eq=False)
+class _Preparation:
+    """What a log's first chunk decides for all of it."""
+
+    joints: tuple[str, ...]
+    channels: tuple[str, ...]  # stacked in this order, each with a row for every joint
+    settings: Preprocessing
+    sampling: Sampling
+    window: Kernels
+
+
+@dataclass
+class _Tally:
+    """What one run has seen so far."""
+
+    report: PreprocessingReport
+    notes: dict[str, None] = field(default_factory=dict)
+
+    def add(self, **counts: int) -> None:
+        self.report = replace(self.report, **{name: getattr(self.report, name) + n for name, n in counts.items()})
+
+
+def _plan(head: Recording, joints: tuple[str, ...], settings: Preprocessing, sampling: Sampling) -> _Preparation:
+    channels = ["position"]
+    if settings.cutoff_hz is None:
+        channels += [name for name in ("velocity", "acceleration") if getattr(head, name) is not None]
+    elif settings.derive_from == "velocity":
+        channels.append("velocity")
+    if head.effort is not None:
+        channels.append("effort")
+    derivatives = not {"velocity", "acceleration"} <= set(channels)
+    window = kernels(sampling.rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=settings.effort_delay)
+    return _Preparation(joints, tuple(channels), settings, sampling, window)
+
+
+def _head(chunks: Iterator[Recording]) -> tuple[Recording, Iterator[Recording]]:
+    """The first HEAD samples or more as one recording, and the chunks after it."""
+    parts: list[Recording] = []
+    while sum(map(len, parts)) < HEAD and (chunk := next(chunks, None)) is not None:
+        parts.append(chunk)
+    if not parts:
+        raise RecordingError("too few samples: none")
+    return concatenate(parts), chunks
+
+
+def _run(chunks: Iterator[Recording], plan: _Preparation) -> Iterator[Processed]:
+    sampling, source = plan.sampling, "recording"
+    tally = _Tally(
+        PreprocessingReport(
+            rate_hz=sampling.rate_hz,
+            cutoff_hz=plan.settings.cutoff_hz,
+            resampled=not sampling.even,
+            window=2 * plan.window.half + 1,
+            drop_below=plan.settings.drop_below,
+            effort_delay=plan.settings.effort_delay,
+        )
+    )
+
+    def stacks() -> Iterator[tuple[Array, Array]]:
+        nonlocal source
+        for chunk in chunks:
+            source = chunk.source
+            tally.add(samples_in=len(chunk))
+            tally.notes |= dict.fromkeys(chunk.notes)
+            yield chunk.time, np.concatenate([chunk.channel(name, plan.joints).T for name in plan.channels])
+
+    blocks = segments(stacks(), sampling)
+    if not sampling.even:
+        blocks = resampled(blocks, sampling.period)
+    pending: Processed | None = None
+    for block in windows(_counted(blocks, 2 * plan.window.half + 1, tally), plan.window.half):
+        result = _moving(_differentiated(block, plan), source, plan, tally)
+        if len(result):
+            if pending is not None:
+                yield pending
+            pending = result
+        elif pending is None or not len(pending):
+            pending = result  # nothing moves so far: an empty result still says what was done
+    if pending is None:
+        window = tally.report.window
+        raise RecordingError(
+            f"{source}: too few samples: {tally.report.samples_in} in {tally.report.segments} "
+            f"stretch{'es' * (tally.report.segments != 1)} without a gap, "
+            f"none as long as the {window} samples ({window * sampling.period:.3g} s) that the filter needs"
+        )
+    yield replace(pending, report=tally.report, notes=(*tally.notes, *tally.report.notes))
+
+
+def _counted(blocks: Iterable[Block], window: int, tally: _Tally) -> Iterator[Block]:
+    """The same blocks; segments are counted, and those shorter than a window."""
+    samples = 0
+    for block in blocks:
+        samples = len(block.time) + (0 if block.start else samples)
+        tally.add(segments=block.start, short_segments=block.end and samples < window)
+        yield block
+
+
+def _differentiated(block: Block, plan: _Preparation) -> dict[str, Array]:
+    """Every channel filtered, velocity and acceleration by the derived kernels where they are not stacked."""
+    half, window = plan.window.half, plan.window
+    raw = dict(zip(plan.channels, np.split(block.values, len(plan.channels)), strict=True))
+    out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}
+    if "velocity" not in raw:
+        out["velocity"] = apply(window.first, raw["position"])
+    if "acceleration" not in raw:
+        out["acceleration"] = (
+            apply(window.first, raw["velocity"]) if "velocity" in raw else apply(window.second, raw["position"])
+        )
+    return out | {"time": block.time[half : len(block.time) - half]}
+
+
+def _moving(signals: dict[str, Array], source: str, plan: _Preparation, tally: _Tally) -> Processed:
+    """The samples at which some joint moves."""
+    moving = np.any(np.abs(signals["velocity"]) >= plan.settings.drop_below, axis=0)
+    tally.add(filtered=len(moving), at_rest=int(np.count_nonzero(~moving)))
+    if not moving.all():
+        signals = {name: values[..., moving] for name, values in signals.items()}
+    return Processed(
+        time=signals["time"],
+        joints=plan.joints,
+        position=signals["position"].T,
+        velocity=signals["velocity"].T,
+        acceleration=signals["acceleration"].T,
+        effort=signals["effort"].T if "effort" in signals else None,
+        report=tally.report,
+        source=source,
+    )
+
+
+def _joined(parts: Sequence[Processed]) -> Processed:
+    last = parts[-1]
+    signals = ["time", "position", "velocity", "acceleration", *([] if last.effort is None else ["effort"])]
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in signals}
+    return replace(last, **joined)

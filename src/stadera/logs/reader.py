@@ -1,0 +1,176 @@
+"""Opening a log of any known kind, a file or a recording in memory.
+
+A new kind of file is one module with a reader and one line in READERS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Protocol
+
+from stadera.errors import RecordingError
+from stadera.logs.bags.log import BagLog
+from stadera.logs.bags.mcap import McapFile
+from stadera.logs.bags.ros1 import Ros1File
+from stadera.logs.bags.sqlite import SqliteFile
+from stadera.logs.columns import layout
+from stadera.logs.frames import columns_of
+from stadera.logs.join import concatenate, take
+from stadera.logs.recording import Recording
+from stadera.logs.tables.csv import CsvTable
+from stadera.logs.tables.parquet import ParquetTable
+from stadera.logs.topics import LogFile, Topics
+
+Log = str | PathLike[str] | Recording
+"""A log, wherever one is taken: a path, a LogFile (a path with topics), or a recording in memory."""
+
+CHUNK_ROWS = 65536
+
+
+class Reader(Protocol):
+    """What a kind of log must offer."""
+
+    @property
+    def name(self) -> str:
+        """What it reads, for messages."""
+        ...
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """File name endings, lower case, that promise this kind; may be none."""
+        ...
+
+    def accepts(self, path: Path) -> bool:
+        """Whether the content at `path` (not its name) is of this kind; looks at the beginning only."""
+        ...
+
+    def stream(
+        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
+    ) -> Iterator[Recording]:
+        """As the module's `stream`; `rows` None: all in one. A kind without topics refuses any asked for."""
+        ...
+
+
+# The first that accepts reads: those with magic bytes stand before those that take any text.
+READERS: tuple[Reader, ...] = (
+    ParquetTable(),
+    BagLog(McapFile()),
+    BagLog(SqliteFile()),
+    BagLog(Ros1File()),
+    CsvTable(),
+)
+
+
+def as_log(log: Log) -> LogFile | Recording:
+    """A log in one of its two forms, each of which has `source` and `name` for messages.
+
+    Raises:
+        RecordingError: neither a path nor a recording.
+    """
+    if isinstance(log, Recording):
+        return log
+    if isinstance(log, str | PathLike):
+        return LogFile.of(log)
+    hint = "; make a data frame a recording by Recording.from_dataframe" if hasattr(log, "columns") else ""
+    raise RecordingError(f"a log is a path, a LogFile or a Recording, got {type(log).__name__}{hint}")
+
+
+def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
+    """One log or several as a tuple.
+
+    Raises:
+        RecordingError: none given, or something that is neither a path nor a recording.
+    """
+    several = isinstance(logs, Iterable) and not isinstance(logs, str | PathLike | Recording | bytes)
+    if several and not hasattr(logs, "columns"):
+        found = tuple(as_log(log) for log in logs)  # type: ignore[union-attr]
+    else:
+        found = (as_log(logs),)  # type: ignore[arg-type]
+    if not found:
+        raise RecordingError("no log given")
+    return found
+
+
+def stream(
+    log: Log,
+    *,
+    joints: Sequence[str] | None = None,
+    require: Collection[str] = (),
+    rows: int = CHUNK_ROWS,
+) -> Iterator[Recording]:
+    """A log as consecutive recordings of `rows` samples each. Memory is flat in the length of a file.
+
+    Args:
+        log: a path, a LogFile, which chooses among the topics of a bag, or a recording in memory.
+        joints: the joints to read, in this order; None for all.
+        require: what each of these joints must have: velocity, acceleration, effort; and "imu".
+        rows: samples a chunk; the last one is shorter.
+
+    Raises:
+        RecordingError: at once if the file is not there, of no known kind or lacks a column; on iterating if a
+            value is not a finite number or time does not increase. Names the file, the column and the sample.
+    """
+    if rows < 1:
+        raise RecordingError(f"a chunk needs at least one row, got {rows}")
+    log = as_log(log)
+    if isinstance(log, Recording):
+        return _chunks(_chosen(log, joints, require), rows)
+    return reader_of(log.path).stream(log.path, joints=joints, require=require, rows=rows, topics=log.topics)
+
+
+def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:
+    """A whole log as one recording. Arguments and errors as `stream`."""
+    log = as_log(log)
+    if isinstance(log, Recording):
+        return _chosen(log, joints, require)
+    reader = reader_of(log.path)
+    return concatenate(tuple(reader.stream(log.path, joints=joints, require=require, rows=None, topics=log.topics)))
+
+
+def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:
+    """The joints asked for, checked as the columns of a table are."""
+    found = layout(tuple(columns_of(recording)), recording.source, joints, require)
+    if len(recording) < 2:
+        raise RecordingError(f"{recording.source}: too few samples: {len(recording)}, at least 2 are needed")
+    if found.joints == recording.joints:
+        return recording
+    channels = {name: recording.channel(name, found.joints) for name in found.channels}
+    return replace(recording, joints=found.joints, **channels)  # type: ignore[arg-type]
+
+
+def _chunks(recording: Recording, rows: int) -> Iterator[Recording]:
+    for start in range(0, len(recording), rows):
+        chunk = take(recording, slice(start, start + rows))
+        yield chunk if start == 0 else replace(chunk, notes=())
+
+
+def reader_of(path: Path) -> Reader:
+    """The reader for what is at `path`, by content.
+
+    Raises:
+        RecordingError: nothing there, nothing in it, of no known kind, or of another kind than its name says.
+    """
+    accepted = "accepted: " + ", ".join(f"{reader.name} ({', '.join(reader.suffixes)})" for reader in READERS)
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file")
+    if path.is_file() and path.stat().st_size == 0:
+        raise RecordingError(f"{path}: the file is empty; {accepted}")
+    try:
+        found = next((reader for reader in READERS if reader.accepts(path)), None)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    named = next((reader for reader in READERS if path.suffix.lower() in reader.suffixes), None)
+    if found is not None and named in (None, found):
+        return found
+    raise RecordingError(f"{path}: {_not_what_it_seems(path, found, named)}; {accepted}")
+
+
+def _not_what_it_seems(path: Path, found: Reader | None, named: Reader | None) -> str:
+    if found is not None:
+        return f"not what its name says: content is {found.name}"
+    if path.is_dir():
+        return "a directory, not a log"
+    return f"not what its name says, no {named.name} that can be read" if named else "no log that can be read"

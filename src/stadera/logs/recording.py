@@ -1,0 +1,255 @@
+"""A recording: a robot's sensor values as time-major arrays in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stadera.errors import RecordingError, UnknownNameError
+from stadera.logs.columns import CHANNELS, IMU_COLUMNS, TIME
+from stadera.types import Array, Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Imu:
+    """Values of an inertial measurement unit, in its own frame.
+
+    Attributes:
+        angular_velocity: (samples, 3) [rad/s].
+        linear_acceleration: (samples, 3) [m/s²], the specific force: at rest +9.81 upwards.
+        orientation: (samples, 4) quaternion xyzw of the IMU frame in the world, None where there is none.
+        frame: name of the IMU frame, None where the log does not say.
+    """
+
+    angular_velocity: Array
+    linear_acceleration: Array
+    orientation: Array | None = None
+    frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Samples of joints, IMU and feet on one strictly increasing clock.
+
+    Attributes:
+        time: (samples,) [s].
+        joints: names, n of them.
+        position: (samples, n) [rad].
+        velocity: (samples, n) [rad/s], None where not recorded.
+        acceleration: (samples, n) [rad/s²], None where not recorded.
+        effort: (samples, n) [N·m], what the actuator does to the joint, None where not recorded.
+        imu: None where there is none.
+        foot_force: by foot, (samples, 3) [N], what the ground does to the foot, world axes.
+        foot_contact: by foot, (samples,) bool.
+        source: where it came from, for messages.
+        notes: what the reader and later steps changed, one sentence each.
+
+    Raises:
+        RecordingError: shapes that do not fit together, a value that is not finite, time that does not increase; the
+            message names the source, the column and the sample.
+    """
+
+    time: Array
+    joints: tuple[str, ...]
+    position: Array
+    velocity: Array | None = None
+    acceleration: Array | None = None
+    effort: Array | None = None
+    imu: Imu | None = None
+    foot_force: Mapping[str, Array] = field(default_factory=dict)
+    foot_contact: Mapping[str, Bools] = field(default_factory=dict)
+    source: str = "recording"
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Validated where made: see the class's Raises."""
+        if self.time.ndim != 1:
+            raise RecordingError(f"{self.source}: time needs shape (samples,), got {self.time.shape}")
+        if twice := next((joint for joint in self.joints if self.joints.count(joint) > 1), None):
+            raise RecordingError(f"{self.source}: joint {twice!r} is named {self.joints.count(twice)} times")
+        for name, values in self.arrays().items():
+            table = () if name == TIME or name.endswith(".contact") else (len(self.columns(name)),)
+            _check_shape(values, (len(self.time), *table), name, self.source)
+        _check_time(self.time, self.source)
+        for name, values in self.arrays().items():
+            _check_finite(values, self.columns(name), self.source)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: ArrayLike,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
+        *,
+        joints: Sequence[str],
+        acceleration: ArrayLike | None = None,
+        imu: Imu | None = None,
+        foot_force: Mapping[str, ArrayLike] | None = None,
+        foot_contact: Mapping[str, ArrayLike] | None = None,
+        source: str = "recording",
+    ) -> Recording:
+        """A recording of own data: arrays or lists of numbers, copied to float64 where they are not.
+
+        Args:
+            time: (samples,) [s], strictly increasing.
+            position: (samples, n) [rad].
+            velocity: (samples, n) [rad/s].
+            effort: (samples, n) [N·m], what the actuator does to the joint.
+            joints: names of the n columns, as in the robot's model.
+            acceleration: (samples, n) [rad/s²].
+            imu: its arrays may be lists as well.
+            foot_force: by foot, (samples, 3) [N], what the ground does to the foot, world axes.
+            foot_contact: by foot, (samples,), non-zero in contact.
+            source: a name for messages.
+
+        Raises:
+            RecordingError: values that are not numbers, and all that the class raises.
+        """
+        if isinstance(joints, str):
+            raise RecordingError(f"{source}: joints needs a list of names, got {joints!r}")
+
+        def array(values: ArrayLike | None, name: str) -> Any:
+            return None if values is None else _as_numbers(values, name, source)
+
+        if imu is not None:
+            imu = replace(imu, **{name: array(getattr(imu, name), f"imu.{name}") for name in IMU_COLUMNS})
+        return cls(
+            time=array(time, "time"),
+            joints=tuple(joints),
+            position=array(position, "position"),
+            velocity=array(velocity, "velocity"),
+            acceleration=array(acceleration, "acceleration"),
+            effort=array(effort, "effort"),
+            imu=imu,
+            foot_force={foot: array(force, f"{foot}.force") for foot, force in (foot_force or {}).items()},
+            foot_contact={foot: array(c, f"{foot}.contact") != 0 for foot, c in (foot_contact or {}).items()},
+            source=source,
+        )
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        df: Any,
+        *,
+        joints: Sequence[str] | None = None,
+        require: Collection[str] = (),
+        imu_frame: str | None = None,
+        source: str = "dataframe",
+    ) -> Recording:
+        """A recording from a data frame whose columns are named as those of the flat table.
+
+        Rows with a missing value (null, NaN) are dropouts: they are removed and noted. Unknown columns are kept out
+        and noted.
+
+        Args:
+            df: a pandas or polars DataFrame, a pyarrow Table, or a mapping of column names to arrays. `time` [s] may be
+                the index of a pandas DataFrame.
+            joints: the joints to take, in this order; None for all.
+            require: what each of these joints must have: velocity, acceleration, effort; and "imu".
+            imu_frame: frame of the IMU's values; None for that in a pyarrow table's metadata.
+            source: a name for messages.
+
+        Raises:
+            RecordingError: a column that is missing, misspelled or not of numbers, time that does not increase.
+        """
+        from stadera.logs.frames import from_dataframe
+
+        return from_dataframe(df, joints, require, imu_frame, source)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def name(self) -> str:
+        """The last part of its source, for messages."""
+        return PurePath(self.source).name
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything that is recorded, by name: "time", "position", "imu.angular_velocity", "<foot>.force" ..."""
+        found: dict[str, NDArray[Any] | None] = {TIME: self.time}
+        found |= {name: getattr(self, name) for name in CHANNELS}
+        if self.imu is not None:
+            found |= {f"imu.{name}": getattr(self.imu, name) for name in IMU_COLUMNS}
+        found |= {f"{foot}.force": force for foot, force in self.foot_force.items()}
+        found |= {f"{foot}.contact": contact for foot, contact in self.foot_contact.items()}
+        return {name: values for name, values in found.items() if values is not None}
+
+    def columns(self, name: str) -> tuple[str, ...]:
+        """The flat table's columns of one of `arrays`."""
+        if name in CHANNELS:
+            return tuple(f"{joint}.{name}" for joint in self.joints)
+        owner, _, quantity = name.rpartition(".")
+        if owner == "imu" and quantity in IMU_COLUMNS:
+            return IMU_COLUMNS[quantity]
+        return tuple(f"{name}.{axis}" for axis in "xyz") if quantity == "force" else (name,)
+
+    def mapped(self, change: Callable[[str, NDArray[Any]], NDArray[Any]]) -> Recording:
+        """A recording of the same things, each of `arrays` replaced by what `change` makes of its name and values."""
+        new: dict[str, Any] = {name: change(name, values) for name, values in self.arrays().items()}
+        return replace(
+            self,
+            **{name: new[name] for name in (TIME, *CHANNELS) if name in new},
+            imu=self.imu and replace(self.imu, **{q: new[f"imu.{q}"] for q in IMU_COLUMNS if f"imu.{q}" in new}),
+            foot_force={foot: new[f"{foot}.force"] for foot in self.foot_force},
+            foot_contact={foot: new[f"{foot}.contact"] for foot in self.foot_contact},
+        )
+
+    def channel(self, name: str, joints: tuple[str, ...]) -> Array:
+        """One of position, velocity, acceleration, effort for the named joints, (samples, len(joints)).
+
+        Raises:
+            UnknownNameError: a joint that is not recorded.
+            RecordingError: the channel is not recorded.
+        """
+        values: Array | None = getattr(self, name)
+        if values is None:
+            raise RecordingError(f"{self.source}: no column '{joints[0]}.{name}'; the log has no joint {name}")
+        return values[:, [self.index(joint) for joint in joints]]
+
+    def index(self, joint: str) -> int:
+        """The column of a joint.
+
+        Raises:
+            UnknownNameError: not recorded.
+        """
+        if joint not in self.joints:
+            raise UnknownNameError("joint", joint, self.joints, self.source)
+        return self.joints.index(joint)
+
+
+def _as_numbers(values: ArrayLike, name: str, source: str) -> Array:
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise RecordingError(f"{source}: {name}: its rows differ in length") from None
+    if array.dtype.kind not in "fiub":
+        raise RecordingError(f"{source}: {name} holds {array.dtype}, not numbers")
+    return array.astype(np.float64, copy=False)
+
+
+def _check_shape(values: NDArray[Any], shape: tuple[int, ...], name: str, source: str) -> None:
+    if values.shape != shape:
+        hint = ": transposed" if values.shape == shape[::-1] else ""
+        raise RecordingError(f"{source}: {name} needs shape {shape}, got {values.shape}{hint}")
+
+
+def _check_finite(values: NDArray[Any], columns: tuple[str, ...], source: str) -> None:
+    if not np.isfinite(values).all():
+        sample, column = np.argwhere(~np.isfinite(values.reshape(len(values), -1)))[0]
+        raise RecordingError(f"{source}: column {columns[column]!r} is not finite at sample {sample}")
+
+
+def _check_time(time: Array, source: str) -> None:
+    if not np.isfinite(time).all():
+        raise RecordingError(f"{source}: column 'time' is not finite at sample {int(np.argmin(np.isfinite(time)))}")
+    steps = np.diff(time)
+    if len(steps) and steps.min() <= 0:
+        at = int(np.argmax(steps <= 0)) + 1
+        what = "stands still" if steps[at - 1] == 0 else "runs back"
+        raise RecordingError(f"{source}: column 'time' {what} at sample {at} ({time[at - 1]:.6f} to {time[at]:.6f} s)")

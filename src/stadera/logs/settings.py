@@ -1,0 +1,124 @@
+"""What preprocessing is asked to do, and what it says it did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs.sampling import GAP_FACTOR
+
+LONGEST_DELAY = 0.2
+"""[s]; more is not a delay but another recording's clock."""
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """What is done to a log before regressors are made of it.
+
+    Attributes:
+        cutoff_hz: where the low-pass filter is at -3 dB [Hz]. None: no filter; recorded velocities and accelerations
+            are taken as they are, missing ones are central differences.
+        drop_below: samples with all joint velocities below this are dropped [rad/s]; 0 keeps all.
+        derive_from: with a filter, the signal whose derivatives the others are: "position" (velocity and acceleration
+            are its derivatives) or "velocity" (the acceleration is its derivative).
+        effort_delay: how much later than its stamp the recorded effort acts on the joint [s]: above 0 for commands that
+            reach the motor late, below 0 for sensors that report late.
+        resample: "auto" puts a log of uneven stamps on an even grid, "always" and "never" do as they say.
+        tolerance: the share of a period that an even log's steps may be off.
+        gap_factor: a step of more periods than this is a gap.
+
+    Raises:
+        RecordingError: a setting out of its range.
+    """
+
+    cutoff_hz: float | None
+    drop_below: float = 0.01
+    derive_from: Literal["position", "velocity"] = "position"
+    effort_delay: float = 0.0
+    resample: Literal["auto", "always", "never"] = "auto"
+    tolerance: float = 0.01
+    gap_factor: float = GAP_FACTOR
+
+    def __post_init__(self) -> None:
+        """Validated where made."""
+        if self.cutoff_hz is not None and not (np.isfinite(self.cutoff_hz) and self.cutoff_hz > 0):
+            raise RecordingError(f"cut-off needs to be above 0 Hz, got {self.cutoff_hz:g}")
+        if not self.drop_below >= 0:
+            raise RecordingError(f"drop_below needs to be at least 0 rad/s, got {self.drop_below:g}")
+        for name, valid in (("derive_from", ("position", "velocity")), ("resample", ("auto", "always", "never"))):
+            if getattr(self, name) not in valid:
+                raise RecordingError(f"unknown {name} {getattr(self, name)!r}; valid: {', '.join(valid)}")
+        if not abs(self.effort_delay) <= LONGEST_DELAY:
+            raise RecordingError(
+                f"effort_delay needs to be within {LONGEST_DELAY:g} s either way, got {self.effort_delay:g}"
+            )
+        if not 0 < self.tolerance < 0.5:
+            raise RecordingError(f"tolerance needs to be between 0 and 0.5 periods, got {self.tolerance:g}")
+        if not self.gap_factor > 1:
+            raise RecordingError(f"gap factor needs to be above 1, got {self.gap_factor:g}")
+
+
+@dataclass(frozen=True)
+class PreprocessingReport:
+    """What was done to a log, up to and including the chunk that carries this report.
+
+    Attributes:
+        rate_hz: of the result [Hz].
+        cutoff_hz: -3 dB [Hz], None where not filtered.
+        resampled: whether values were interpolated onto an even grid.
+        samples_in: read.
+        segments: stretches without a gap.
+        short_segments: of these, too short for one window of the filter, and dropped.
+        window: samples that the filter and the differences need for one.
+        drop_below: threshold of rest [rad/s].
+        effort_delay: by which the effort was moved [s].
+        filtered: samples after filtering, before those at rest were dropped.
+        at_rest: dropped, all joints slower than the threshold.
+    """
+
+    rate_hz: float
+    cutoff_hz: float | None
+    resampled: bool
+    window: int
+    drop_below: float
+    effort_delay: float = 0.0
+    samples_in: int = 0
+    segments: int = 0
+    short_segments: int = 0
+    filtered: int = 0
+    at_rest: int = 0
+
+    @property
+    def samples_out(self) -> int:
+        """Samples of the result."""
+        return self.filtered - self.at_rest
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The report in sentences, with units."""
+        notes = [
+            f"low-pass filtered all signals without delay, -3 dB at {self.cutoff_hz:.4g} Hz"
+            if self.cutoff_hz is not None
+            else "not filtered"
+        ]
+        if self.resampled:
+            notes.insert(0, f"resampled uneven time stamps to {self.rate_hz:.6g} Hz")
+        if self.effort_delay:
+            notes.append(f"moved the effort by {1e3 * self.effort_delay:+.4g} ms")
+        if self.segments > 1:
+            notes.append(f"split at {self.segments - 1} gap{'s' * (self.segments > 2)} into {self.segments} segments")
+        if self.short_segments:
+            notes.append(
+                f"dropped {self.short_segments} segment{'s' * (self.short_segments > 1)} shorter than the "
+                f"{self.window / self.rate_hz:.3g} s that the filter needs"
+            )
+        if self.window > 1:
+            edge = self.window // 2
+            notes.append(f"trimmed {edge} samples ({edge / self.rate_hz:.3g} s) at both ends of every segment")
+        if self.at_rest:
+            notes.append(f"dropped {self.at_rest} samples with all joints below {self.drop_below:g} rad/s")
+        notes.append(f"{self.samples_out} of {self.samples_in} samples at {self.rate_hz:.6g} Hz are left")
+        return tuple(notes)

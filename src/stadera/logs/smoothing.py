@@ -1,0 +1,75 @@
+"""Low-pass filtering and thinning of equations: regressor rows and what they explain, through the same filter.
+
+An equation A(t) θ = b(t) that holds at every time holds for filtered A and b. Filtering it after the regressors were
+made of lightly filtered signals keeps right what is not linear in the motion (the Coulomb column, sign(dq), above all),
+which filtering the signals hard beforehand does not. Thinned to twice the cut-off, the noise of neighbouring rows is
+nearly independent, as the covariance of least squares supposes, and there are fewer rows to add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from scipy import signal
+
+from stadera.errors import RecordingError
+from stadera.logs.filters import low_pass
+from stadera.logs.sampling import Sampling, segments, windows
+from stadera.types import Array
+
+
+def smooth_rows(
+    chunks: Iterable[tuple[Array, Array]], rate_hz: float, cutoff_hz: float, every: int | None = None
+) -> Iterator[tuple[Array, Array]]:
+    """Filter consecutive chunks of rows over time without delay, keep one in `every`.
+
+    Chunks give what the whole gives; nothing is filtered across a gap. Rows without a full window (2.17 / cut-off
+    before and after [s]) are left out.
+
+    Args:
+        chunks: time (samples,) [s] at an even rate but for gaps, and values (samples, ...).
+        rate_hz: of the samples [Hz].
+        cutoff_hz: -3 dB [Hz].
+        every: one row in so many is kept, counted from the first of each stretch; None: as many as leave twice the
+            cut-off.
+
+    Yields:
+        time (kept,) and values (kept, ...).
+
+    Raises:
+        RecordingError: a cut-off that is not positive or above an eighth of the rate, `every` below one.
+    """
+    kernel = low_pass(rate_hz, cutoff_hz)
+    step = max(1, int(rate_hz / (2 * cutoff_hz))) if every is None else every
+    if step < 1:
+        raise RecordingError(f"one row in {step} cannot be kept; needs to be at least 1")
+    shape: tuple[int, ...] = ()
+
+    def flat() -> Iterator[tuple[Array, Array]]:
+        nonlocal shape
+        for time, values in chunks:
+            if len(time):
+                shape = values.shape[1:]
+                yield time, values.reshape(len(time), -1).T
+
+    half, seen = len(kernel) // 2, 0
+    sampling = Sampling(1 / rate_hz, even=True, tolerance=0.5, gap_factor=1.5)
+    for block in windows(segments(flat(), sampling), half):
+        seen = 0 if block.start else seen
+        first = -seen % step
+        rows = len(block.time) - 2 * half
+        if first < rows:
+            kept = _correlate_every(kernel, block.values[:, first:], step)
+            yield block.time[half + first : half + rows : step], np.ascontiguousarray(kept.T).reshape(-1, *shape)
+        seen += rows
+
+
+def _correlate_every(kernel: Array, values: Array, step: int) -> Array:
+    """Every step-th of the correlations where the whole window is there, the first among them; kernel symmetric."""
+    lead = -(len(kernel) - 1) % step  # so that the first whole window is one of those computed
+    padded = np.pad(values, ((0, 0), (lead, 0)))
+    full: Array = signal.upfirdn(kernel, padded, down=step, axis=1)
+    first = (lead + len(kernel) - 1) // step
+    count = (values.shape[1] - len(kernel)) // step + 1
+    return full[:, first : first + count]

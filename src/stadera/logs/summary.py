@@ -1,0 +1,142 @@
+"""What is in a log: columns, duration, rate, gaps and ranges, found in one pass with memory flat in its length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs.columns import CHANNELS
+from stadera.logs.recording import Recording
+from stadera.logs.sampling import GAP_FACTOR, HEAD
+from stadera.types import Array
+
+_UNITS = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "acceleration": "rad/s²",
+    "effort": "N·m",
+    "angular_velocity": "rad/s",
+    "linear_acceleration": "m/s²",
+    "orientation": "",
+    "force": "N",
+}
+MOST_GAPS = 1000
+"""Gaps that are listed; all are counted."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """One signal's least and largest value, with its unit."""
+
+    name: str
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class LogSummary:
+    """What is in a log.
+
+    Attributes:
+        source: the log.
+        samples: how many.
+        start, end: first and last time stamp [s].
+        period: median step between the first stamps [s].
+        uneven: share of all steps that differ from the period by more than a tenth of it.
+        gaps: steps of more than five periods: when each begins and how long it is [s]; the first MOST_GAPS.
+        gap_count: all of them.
+        joints, feet: names.
+        channels: what is recorded of the joints.
+        has_imu: whether there is one.
+        imu_frame: that its values are in, None where the log does not say.
+        ranges: of every signal.
+        notes: the reader's.
+    """
+
+    source: str
+    samples: int
+    start: float
+    end: float
+    period: float
+    uneven: float
+    gaps: tuple[tuple[float, float], ...]
+    gap_count: int
+    joints: tuple[str, ...]
+    feet: tuple[str, ...]
+    channels: tuple[str, ...]
+    has_imu: bool
+    imu_frame: str | None
+    ranges: tuple[Range, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last stamp [s]."""
+        return self.end - self.start
+
+
+def summarize(chunks: Iterable[Recording]) -> LogSummary:
+    """Sum up consecutive chunks of one log, such as `stream` gives.
+
+    Raises:
+        RecordingError: fewer than two samples.
+    """
+    chunks = iter(chunks)
+    first = next(chunks, None)
+    if first is None:
+        raise RecordingError("recording: too few samples: 0")
+    period = float(np.median(np.diff(first.time[:HEAD]))) if len(first) > 1 else float("nan")
+    start = float(first.time[0])
+    last = start - period
+    extremes: dict[str, tuple[Array, Array]] = {}
+    notes: dict[str, None] = {}
+    gaps: list[tuple[float, float]] = []
+    samples = uneven = gap_count = 0
+    for chunk in chain([first], chunks):
+        notes |= dict.fromkeys(chunk.notes)
+        stamps = np.concatenate([[last], chunk.time])
+        step = np.diff(stamps)
+        wide = np.flatnonzero(step > GAP_FACTOR * period)
+        gaps += [(float(stamps[i]), float(step[i])) for i in wide[: MOST_GAPS - len(gaps)]]
+        gap_count += len(wide)
+        uneven += int(np.count_nonzero(np.abs(step - period) > 0.1 * period))
+        samples, last = samples + len(chunk), float(chunk.time[-1])
+        _widen(extremes, chunk)
+    if samples < 2:
+        raise RecordingError(f"{first.source}: too few samples: {samples}")
+    return LogSummary(
+        source=first.source,
+        samples=samples,
+        start=start,
+        end=last,
+        period=period,
+        uneven=uneven / samples,
+        gaps=tuple(gaps),
+        gap_count=gap_count,
+        joints=first.joints,
+        feet=tuple(dict.fromkeys((*first.foot_force, *first.foot_contact))),
+        channels=tuple(name for name in CHANNELS if getattr(first, name) is not None),
+        has_imu=first.imu is not None,
+        imu_frame=None if first.imu is None else first.imu.frame,
+        ranges=tuple(_ranges(first, extremes)),
+        notes=tuple(notes),
+    )
+
+
+def _widen(extremes: dict[str, tuple[Array, Array]], chunk: Recording) -> None:
+    """Least and largest values of everything that has a unit, with a chunk's taken in."""
+    for name, values in chunk.arrays().items():
+        if name.rpartition(".")[-1] in _UNITS:
+            low, high = extremes.get(name, (values[0], values[0]))
+            extremes[name] = np.minimum(low, values.min(axis=0)), np.maximum(high, values.max(axis=0))
+
+
+def _ranges(first: Recording, extremes: dict[str, tuple[Array, Array]]) -> Iterator[Range]:
+    for name, (low, high) in extremes.items():
+        for column, a, b in zip(first.columns(name), low, high, strict=True):
+            yield Range(column, float(a), float(b), _UNITS[name.rpartition(".")[-1]])

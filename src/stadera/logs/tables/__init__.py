@@ -1,0 +1,1 @@
+"""The flat table in files: CSV and Parquet."""

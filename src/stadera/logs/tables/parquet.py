@@ -1,0 +1,65 @@
+"""The flat table as Parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from stadera.errors import RecordingError
+from stadera.logs.batches import Batch, recordings
+from stadera.logs.columns import IMU_FRAME, Layout, layout
+from stadera.logs.recording import Recording
+from stadera.logs.tables.arrow import batch_of
+from stadera.logs.topics import Topics
+
+MAGIC = b"PAR1"
+BUFFER_BYTES = 1 << 18
+BATCH_ROWS = 65536
+
+
+class ParquetTable:
+    """Reads the flat table from Parquet, page by page: memory does not grow with the size of the row groups."""
+
+    name = "Parquet table"
+    suffixes = (".parquet", ".pq")
+
+    def accepts(self, path: Path) -> bool:
+        """A file that begins with Parquet's magic bytes."""
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+
+    def stream(
+        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
+    ) -> Iterator[Recording]:
+        """See `stadera.logs.stream`."""
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        topics.refuse(str(path), self.name)
+        try:
+            schema = parquet.read_schema(path)
+            names, frame = schema.names, (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
+        except (pa.ArrowException, OSError, ValueError) as error:
+            raise _damaged(path, error) from None
+        found = layout(names, str(path), joints, require)
+        found = replace(found, imu_frame=frame or None)
+        return recordings(_batches(path, found, rows or BATCH_ROWS), found, str(path), rows)
+
+
+def _batches(path: Path, found: Layout, rows: int) -> Iterator[Batch]:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        with parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
+            for batch in file.iter_batches(min(rows, BATCH_ROWS), columns=list(found.columns), use_threads=False):
+                yield batch_of(batch, found.columns, str(path))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, error: Exception) -> RecordingError:
+    return RecordingError(f"{path}: damaged Parquet file: {' '.join(str(error).split())[:200]}")

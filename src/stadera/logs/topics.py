@@ -1,0 +1,66 @@
+"""Which topics of a bag are read, and a log's path together with that choice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+
+from stadera.errors import RecordingError
+
+
+@dataclass(frozen=True)
+class Topics:
+    """The topics to read of a log that has topics; None: the only one of its type.
+
+    Attributes:
+        joint: of sensor_msgs/JointState.
+        imu: of sensor_msgs/Imu.
+    """
+
+    joint: str | None = None
+    imu: str | None = None
+
+    def refuse(self, source: str, kind: str) -> None:
+        """For logs without topics.
+
+        Raises:
+            RecordingError: a topic is asked for.
+        """
+        for option, topic in (("--joint-topic", self.joint), ("--imu-topic", self.imu)):
+            if topic is not None:
+                raise RecordingError(f"{source}: {option} {topic}: a {kind} has no topics; only bags have")
+
+
+@dataclass(frozen=True)
+class LogFile(PathLike[str]):
+    """A log on disk, and which of its topics to read; taken wherever the path of a log is.
+
+    Attributes:
+        path: of the file or folder.
+        topics: to read, for bags.
+    """
+
+    path: Path
+    topics: Topics = field(default_factory=Topics)
+
+    @classmethod
+    def of(cls, log: str | PathLike[str]) -> LogFile:
+        """A plain path as a log with topics left open; a LogFile as it is."""
+        return log if isinstance(log, LogFile) else cls(Path(log))
+
+    @property
+    def source(self) -> str:
+        """The path, for messages."""
+        return str(self.path)
+
+    @property
+    def name(self) -> str:
+        """The path's last part."""
+        return self.path.name
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __str__(self) -> str:
+        return str(self.path)

@@ -1,0 +1,29 @@
+"""Joint velocities of a log that records positions alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import signal
+
+from stadera.logs.recording import Recording
+
+WINDOW = 0.02
+"""s, over which a parabola is laid through the positions; a trot's joints move at up to about 15 Hz."""
+
+
+def with_velocity(recording: Recording) -> Recording:
+    """The recording with joint velocities; where it has none, slopes of the positions (Savitzky and Golay, 1964).
+
+    Each slope is that of the parabola through the positions of 20 ms around a sample, at least five of them, so it is
+    not delayed. A recording of fewer samples is left without velocities.
+    """
+    if recording.velocity is not None or len(recording) < 5:
+        return recording
+    period = float(np.median(np.diff(recording.time)))
+    length = 2 * max(round(0.5 * WINDOW / period), 2) + 1
+    length = min(length, len(recording) - 1 + len(recording) % 2)
+    velocity = signal.savgol_filter(recording.position, length, polyorder=2, deriv=1, delta=period, axis=0)
+    note = f"no joint velocities: differentiated from positions over {length} samples"
+    return replace(recording, velocity=np.asarray(velocity), notes=(*recording.notes, note))

@@ -1,0 +1,64 @@
+"""The page of an excitation: its expected information, against random draws, then the motion, then its settings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stadera.excite.result import Excitation
+from stadera.report.excite.plots import SHOWN, motion_figure, std_figure
+from stadera.report.excite.tables import limits_table, verdict, worth_table
+from stadera.report.numbers import number
+from stadera.report.page import Plot, render
+
+_TERMS = {
+    "Information gain": "How much less uncertain all parameters together are after the log than before, by the prior "
+    "model and the stated torque noise. One nat more is a standard deviation 2.7 times smaller in one direction.",
+    "Combination": "A sum of parameters that the leg's torques depend on. A single parameter of a leg on a held trunk "
+    "often cannot be separated from others; its combination can.",
+    "Known": "Better after the log than before it, by the prior standard deviations of the model's parameters.",
+    "Torque": "What the prior model predicts for the motion, friction included where the model states it.",
+    "Distance": "Between the shapes of this leg and of all else, the other legs standing still. As true as they are.",
+}
+
+
+def excitation_html(result: Excitation) -> str:
+    """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
+    bounds, settings = result.experiment.bounds, result.settings
+    return render(
+        "excite.html.j2",
+        title=f"Excitation: {bounds.robot.name} {bounds.leg}",
+        verdict=verdict(result),
+        best=result.chosen,
+        combinations=len(result.combinations),
+        median_std=f"{number(100.0 * float(np.median(result.chosen.std)), 2)}",
+        worth=worth_table(result),
+        stds=Plot("Standard deviation of each identifiable combination of parameters", std_figure(result)),
+        limits=limits_table(result),
+        seconds=min(SHOWN, settings.duration),
+        motion=Plot("Position, velocity and predicted torque of the three joints over time", motion_figure(result)),
+        facts=_facts(result),
+        notes=bounds.clearance.notes,
+        terms=_TERMS,
+    )
+
+
+def _facts(result: Excitation) -> dict[str, str]:
+    settings, height = result.settings, result.settings.stand_height
+    noise = ", ".join(number(value, 3) for value in result.experiment.noise.tolist())
+    return {
+        "Robot": result.experiment.bounds.robot.name,
+        "Leg": f"{result.experiment.bounds.leg}, trunk held level",
+        "Motion": "the paper's random draw" if settings.random else "Fourier series, optimised",
+        "Duration": f"{number(settings.duration)} s, from rest to rest",
+        "Table": f"{number(settings.rate)} Hz",
+        "Torque noise": f"{noise} N·m for one sample",
+        "Ground": "not given" if height is None else f"{number(height)} m below the trunk's origin",
+        "Least distance": _distance(result.peaks.distance),
+        "Seed": str(settings.seed),
+    }
+
+
+def _distance(value: float) -> str:
+    if not np.isfinite(value):
+        return "the model has no shapes"
+    return f"{number(value, 2)} m" if value < 0.1 else "0.1 m or more"

@@ -1,0 +1,128 @@
+"""The page of an identification: the verdict, the evidence, each leg, then what was done to the log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import nan
+
+from stadera.identify.result import MODELS, Identification, LegIdentification
+from stadera.report.identify import plots, tables
+from stadera.report.identify.glossary import TERMS
+from stadera.report.identify.quantities import MODEL_NAMES
+from stadera.report.identify.remarks import evaluated_part, headline, level, overall_rmse, remarks, verdict
+from stadera.report.numbers import number, percent
+from stadera.report.page import Plot, render
+from stadera.report.table import Cell, TableData
+from stadera.report.trust import marked
+from stadera.trust import Trust
+
+_METHODS = {
+    "consistent": "physically consistent (maximum a posteriori, CAD as prior)",
+    "null-space": "least squares, CAD in the null space (eq. 5)",
+}
+
+
+def identification_html(result: Identification) -> str:
+    """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
+    part = evaluated_part(result)
+    return render(
+        "identify.html.j2",
+        title=f"Leg identification: {result.robot.name}",
+        headline=headline(result),
+        level=level(result),
+        verdict=verdict(result),
+        trust=result.trust,
+        remarks=remarks(result),
+        cards=list(_cards(overall_rmse(result, part))),
+        at_a_glance=leg_table(result),
+        where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
+        errors=tables.rmse_table(result),
+        error_bars=Plot("Torque RMSE of each joint under each model", plots.rmse_figure(result.legs, part)),
+        legs=[_leg(leg, part, result.trust) for leg in result.legs],
+        facts=_facts(result),
+        notes=result.notes,
+        terms=TERMS,
+    )
+
+
+def leg_table(result: Identification) -> TableData:
+    """One row a leg: what was determined, torque error, misfit, and whether a real leg could be so."""
+    part, rows = evaluated_part(result), []
+    for leg in result.legs:
+        name, seen, physical = leg.leg.name, leg.estimate.observability, leg.estimate.is_physical
+        errors = overall_rmse(result, part, (name,))
+        rows.append(
+            (
+                Cell(name, strong=True),
+                f"{seen.rank} of {len(seen.columns)}",
+                number(errors["identified"], 3),
+                percent(errors["identified"], errors["prior_friction"]) if "prior_friction" in errors else "",
+                number(result.trust.by_leg.get(name, nan), 3),
+                "yes" if physical else Cell("NO", good=False),
+            )
+        )
+    columns = "directions determined", "torque RMSE [N·m]", "against CAD + friction", "misfit", "physically possible"
+    return TableData.of("", ("leg", *columns), rows)
+
+
+def _facts(result: Identification) -> dict[str, str]:
+    model = "made in memory" if result.robot.source is None else result.robot.source.name
+    return {
+        "Robot": f"{result.robot.name}, {number(result.robot.mass)} kg (model {model})",
+        "Log": result.source,
+        "Moving": _spans(result),
+        "Legs": ", ".join(leg.leg.name for leg in result.legs),
+        "Method": _METHODS.get(result.method, result.method),
+        "Validated on": result.validated_on or "nothing",
+        "Torque lag": f"{1000.0 * result.torque_lag:.1f} ms",
+        "Physically possible": "yes, every link and joint" if result.is_physical else "NO",
+    }
+
+
+def _spans(result: Identification) -> str:
+    """How much time the traces of each part span; every leg's are of the same log."""
+    spans = {
+        trace.part: f"{trace.time[-1] - trace.time[0]:.1f} s {trace.part}"
+        for leg in result.legs[:1]
+        for trace in leg.traces
+        if len(trace.time)
+    }
+    return ", ".join(spans.values()) or "not kept"
+
+
+def _cards(overall: dict[str, float]) -> Iterator[dict[str, str]]:
+    """The overall errors of the models, best first, as arguments of the macro `card`."""
+    best = overall.get("identified")
+    for model in MODELS[::-1]:
+        if model in overall:
+            compared = model != "identified" and best is not None
+            change = f"identified against this: {percent(best or 0.0, overall[model])}" if compared else ""
+            figure = number(overall[model], 3)
+            yield {"label": f"{MODEL_NAMES[model]}, all joints", "figure": figure, "css": model, "change": change}
+
+
+def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
+    """What the template shows of a leg."""
+    seen = leg.estimate.observability
+    drawn = (
+        Plot(
+            "Torques",
+            plots.torque_figure(leg),
+            "Measured and predicted; validation is shaded. Drag to zoom, double-click to go back.",
+        ),
+        Plot(
+            "Errors",
+            plots.error_figure(leg),
+            "Measured minus predicted. CAD alone is hidden: click it in the legend.",
+        ),
+        Plot("Spread of the errors", plots.spread_figure(leg, part), f"On {part}."),
+    )
+    return {
+        "name": leg.leg.name,
+        "lead": f"The log determines {seen.rank} of {len(seen.columns)} directions better than CAD does. "
+        f"Rich motion without noise could determine {leg.structural_rank}.",
+        "links": [marked(table, trust) for table in tables.link_tables(leg)],
+        "joints": [marked(table, trust) for table in tables.joint_tables(leg)],
+        "combinations": marked(tables.combination_table(leg), trust) if leg.combinations else None,
+        "plots": [plot for plot in drawn if plot.figure.data],
+    }

@@ -1,0 +1,38 @@
+"""How an identified value is shown: with its standard deviation, or as not measured."""
+
+from __future__ import annotations
+
+from stadera.identify.result import Quantity
+from stadera.report.numbers import number, with_std
+from stadera.report.table import Cell
+
+NOT_MEASURED = "not measured"
+_UNMOVED = 1e-6  # relative difference below which a value counts as the prior's own: well above rounding
+
+MODEL_NAMES: dict[str, str] = {"identified": "identified", "prior_friction": "CAD + friction", "prior": "CAD"}
+"""The models that are compared, best first, in words."""
+
+
+def shown(quantity: Quantity, prior: str = "CAD") -> str:
+    """The value as text, without its unit.
+
+    A value that was not measured is never shown as if it were: it is the prior's, or, where the prior or physical
+    consistency moved it along with measured ones, it is given in brackets.
+    """
+    if not quantity.is_held and quantity.std is not None:
+        return with_std(quantity.value, quantity.std)
+    if abs(quantity.value - quantity.prior) <= _UNMOVED * abs(quantity.prior):
+        return f"{prior}, {NOT_MEASURED}"
+    return f"{NOT_MEASURED} ({number(quantity.value, 3)})"
+
+
+def compact_cell(quantity: Quantity) -> Cell:
+    """Value and prior in one cell."""
+    return Cell(shown(quantity, "prior"), quantity.verdict, note=f"[{number(quantity.prior, 3)}]")
+
+
+def row(name: str, quantity: Quantity, prior: str = "CAD") -> tuple[Cell, ...]:
+    """Name with unit, prior, and the value with its standard deviation."""
+    held = quantity.is_held
+    named = Cell(name, quantity.verdict, note=f"[{quantity.unit}]")
+    return named, Cell(number(quantity.prior, 3)), Cell(shown(quantity, prior), strong=not held, muted=held)

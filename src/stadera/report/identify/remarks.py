@@ -1,0 +1,147 @@
+"""The verdict on an identification, and what a reader must know before using it: bad news first, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from stadera.identify.observability import Verdict
+from stadera.identify.result import MODELS, Identification, LegIdentification
+from stadera.report.numbers import number
+from stadera.report.trust import LEVELS, Level, trust_text
+
+_LEVELS: tuple[Level, ...] = ("bad", "warning", "note")
+_HEADLINES: dict[Level, str] = {
+    "bad": "Do not use these numbers as they are",
+    "warning": "Worth knowing before using the numbers",
+    "note": "Nothing stands against using the numbers",
+}
+
+
+@dataclass(frozen=True)
+class Remark:
+    """One sentence, and how serious it is."""
+
+    level: Level
+    text: str
+
+
+def evaluated_part(result: Identification) -> str:
+    """The part that errors are evaluated on: "validation" where there is one, else "training"."""
+    parts = [part for leg in result.legs for part in leg.rmse]
+    return "validation" if "validation" in parts else "training"
+
+
+def overall_rmse(result: Identification, part: str, legs: tuple[str, ...] | None = None) -> dict[str, float]:
+    """By model, the root of the mean over joints of the squared torque RMSE [N·m].
+
+    Args:
+        part: "training" or "validation".
+        legs: the legs to take; None for all.
+    """
+    chosen = [leg for leg in result.legs if legs is None or leg.leg.name in legs]
+    overall = {}
+    for model in MODELS:
+        errors = [rmse for leg in chosen for rmse in leg.rmse.get(part, {}).get(model, {}).values()]
+        if errors:
+            overall[model] = _rms(errors)
+    return overall
+
+
+def torque_rms(leg: LegIdentification, part: str) -> dict[str, float]:
+    """By joint, the root mean square of the measured torque [N·m], from the leg's traces; empty without them."""
+    for trace in leg.traces:
+        if trace.part == part and len(trace.time):
+            rms = np.sqrt(np.mean(np.asarray(trace.measured) ** 2, axis=0))
+            return dict(zip(leg.leg.joints, rms.tolist(), strict=True))
+    return {}
+
+
+def verdict(result: Identification) -> str:
+    """Trust, legs, and how well torques are predicted, in a sentence or two."""
+    part = evaluated_part(result)
+    names, errors = ", ".join(leg.leg.name for leg in result.legs), overall_rmse(result, part)
+    where = "motion not used for fitting" if part == "validation" else "the training data"
+    said = f"Trust: {trust_text(result.trust, reasons=False)}. Torques of {names} are predicted to "
+    said += f"{number(errors['identified'], 3)} N·m RMSE on {where}"
+    torques = [rms for leg in result.legs for rms in torque_rms(leg, part).values()]
+    if any(torques):
+        said += f", {100.0 * errors['identified'] / _rms(torques):.0f} % of the measured torque"
+    if errors.get("prior_friction"):
+        change = 100.0 * (errors["identified"] / errors["prior_friction"] - 1.0)
+        said += f" and {abs(change):.0f} % {'above' if change > 0 else 'below'} CAD with fitted friction"
+    return f"{said}."
+
+
+def level(result: Identification) -> Level:
+    """The level of the whole result: of its worst remark."""
+    found = remarks(result)
+    return "bad" if is_alarming(result) else found[0].level if found else "note"
+
+
+def headline(result: Identification) -> str:
+    """Whether the numbers can be used, in half a sentence."""
+    return _HEADLINES[level(result)]
+
+
+def remarks(result: Identification) -> tuple[Remark, ...]:
+    """Everything a reader must know, the worst first. A sentence that holds for several legs names them all."""
+    found = [*_on_trust(result), *_on_validation(result), *_on_masses(result)]
+    found += [Remark("warning", text) for text in result.warnings]
+    legs: dict[str, list[str]] = {}
+    for leg in result.legs:
+        for sentence in leg.warnings:
+            legs.setdefault(sentence, []).append(leg.leg.name)
+    for sentence, names in legs.items():
+        named = sentence if _names_its_joint(result, sentence) else f"{', '.join(names)}: {sentence}"
+        found.append(Remark("warning", named))
+    return tuple(sorted(dict.fromkeys(found), key=lambda remark: _LEVELS.index(remark.level)))
+
+
+def is_alarming(result: Identification) -> bool:
+    """Whether the numbers should not be used: a bad fit, not physical, not validated, or no better than CAD."""
+    part = evaluated_part(result)
+    poor = part == "training" or result.trust.verdict == "bad"
+    return poor or not result.is_physical or any(_is_no_better(leg, part) for leg in result.legs)
+
+
+def _is_no_better(leg: LegIdentification, part: str) -> bool:
+    """Whether the leg's links brought nothing: no direction measured, or torque errors above CAD's with friction."""
+    found, cad = (
+        sum(e**2 for e in leg.rmse.get(part, {}).get(m, {}).values()) for m in ("identified", "prior_friction")
+    )
+    return leg.estimate.observability.rank == 0 or found > cad > 0
+
+
+def _names_its_joint(result: Identification, sentence: str) -> bool:
+    return sentence.startswith(tuple(name for leg in result.legs for name in (*leg.leg.joints, *leg.leg.links)))
+
+
+def _on_trust(result: Identification) -> Iterator[Remark]:
+    yield from (Remark(LEVELS[result.trust.verdict], reason) for reason in result.trust.reasons)
+
+
+def _on_validation(result: Identification) -> Iterator[Remark]:
+    if evaluated_part(result) == "training":
+        yield Remark(
+            "bad", "nothing was held out: the errors shown are on the training data and say little of the model"
+        )
+
+
+def _on_masses(result: Identification) -> Iterator[Remark]:
+    masses = {link: leg.parameters[f"{link}.m"].verdict for leg in result.legs for link in leg.leg.links}
+    unknown = [link for link, verdict in masses.items() if verdict is not Verdict.OBSERVABLE]
+    if unknown:
+        which = "no link's mass was" if len(unknown) == len(masses) else f"the masses of {', '.join(unknown)} were not"
+        yield Remark(
+            "note",
+            f"{which} measured: this motion moves no torque with mass alone, so the masses are CAD's, "
+            "and centres of mass hold for these masses",
+        )
+
+
+def _rms(values: list[float]) -> float:
+    return sqrt(sum(value**2 for value in values) / len(values))

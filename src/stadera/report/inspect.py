@@ -1,0 +1,97 @@
+"""What is in a robot model or a log, in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from stadera.report.numbers import number
+from stadera.report.table import Cell, TableData
+from stadera.report.terminal import notes, rich_table
+
+if TYPE_CHECKING:
+    from stadera.logs.summary import LogSummary
+    from stadera.robot.model import Robot
+    from stadera.weigh.checks import Finding
+
+_MOST_GAPS = 5
+
+
+def robot_contents(robot: Robot) -> Iterator[RenderableType]:
+    """A robot's links with their masses, its joints with their limits, and what the loader assumed."""
+    yield Text(f"{robot.name}: {number(robot.mass)} kg, from {robot.source or 'memory'}", style="bold")
+    yield rich_table(_link_table(robot))
+    yield rich_table(_joint_table(robot))
+    yield from notes(robot.notes)
+
+
+def _link_table(robot: Robot) -> TableData:
+    owners = {"trunk": (robot.trunk,), **{leg.name: leg.links for leg in robot.legs}}
+    rows = {owner: [_link_row(robot, link) for link in links] for owner, links in owners.items()}
+    head = ("link", "mass [kg]", "com x [m]", "com y [m]", "com z [m]", "possible")
+    return TableData.of("Links (CAD)", head, rows, sides="lrrrrl")
+
+
+def _link_row(robot: Robot, link: str) -> list[str | Cell]:
+    body = robot.inertias[link]
+    possible = "yes" if body.is_physical() else Cell("NO", good=False)
+    return [link, *(number(value) for value in (body.mass, *body.com.tolist())), possible]
+
+
+def _joint_table(robot: Robot) -> TableData:
+    head = ("joint", "position [rad]", "velocity [rad/s]", "torque [N·m]", "rotor inertia [kg·m²]", "foot")
+    rows = {}
+    for leg in robot.legs:
+        feet = ("", "", f"{leg.foot}, radius {number(leg.foot_radius, 3)} m")
+        rows[leg.name] = [(j, *_limits(robot, j), foot) for j, foot in zip(leg.joints, feet, strict=True)]
+    return TableData.of("Joints", head, rows, sides="lrrrrl")
+
+
+def _limits(robot: Robot, joint: str) -> list[str]:
+    limits, armature = robot.limits[joint], robot.dynamics[joint].armature
+    span = f"{number(limits.lower, 3)} to {number(limits.upper, 3)}"
+    return [span, number(limits.velocity, 3), number(limits.effort, 3), number(armature, 3)]
+
+
+def log_contents(
+    summary: LogSummary, fits: Sequence[str], findings: Sequence[Finding] | None = None
+) -> Iterator[RenderableType]:
+    """A log's duration, rate, gaps and signals, the robots it fits, and the faults found where they were looked for."""
+    yield Text(f"{summary.source}: {summary.duration:.3f} s, {summary.samples} samples", style="bold")
+    yield _facts(summary, fits)
+    ranges = ((signal.name, number(signal.low), number(signal.high), signal.unit) for signal in summary.ranges)
+    yield rich_table(TableData.of("Ranges", ("column", "least", "largest", "unit"), ranges, sides="lrrl"))
+    yield from notes(summary.notes)
+    if findings is not None:
+        yield from (Text(f"{f.cause.replace('_', ' ')}: {f.message}", style="bold red") for f in findings)
+        if not findings:
+            yield Text("nothing wrong was found")
+
+
+def _facts(summary: LogSummary, fits: Sequence[str]) -> Table:
+    frame = f", in frame {summary.imu_frame}" if summary.imu_frame else ""
+    named = {
+        "time": f"{summary.start:.3f} to {summary.end:.3f} s",
+        "rate": f"{1.0 / summary.period:.6g} Hz, {100.0 * summary.uneven:.2g} % of the steps off by over 10 %",
+        "gaps": _gaps(summary),
+        "joints": f"{len(summary.joints)}, with {', '.join(summary.channels)}",
+        "imu": f"yes{frame}" if summary.has_imu else "no",
+        "feet": ", ".join(summary.feet) or "none",
+        "fits": ", ".join(fits) or "no robot known by name",
+    }
+    drawn = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    for name, value in named.items():
+        drawn.add_row(name, Text(value))
+    return drawn
+
+
+def _gaps(summary: LogSummary) -> str:
+    if not summary.gap_count:
+        return "none"
+    shown = ", ".join(f"{length:.3f} s at {start:.3f} s" for start, length in summary.gaps[:_MOST_GAPS])
+    more = summary.gap_count - _MOST_GAPS
+    return f"{summary.gap_count}: {shown}" + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,132 @@
+"""Tables as plain values, drawn alike in the terminal (`terminal.rich_table`) and on pages (the macro `table`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from stadera.errors import StaderaError
+from stadera.identify.observability import Verdict
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How an observability verdict is shown: a symbol and a word besides the colour, which is never the only carrier.
+
+    Attributes:
+        symbol, word: of the verdict.
+        style: for rich, the colour of the paper's Table I.
+        meaning: half a sentence for a legend.
+    """
+
+    symbol: str
+    word: str
+    style: str
+    meaning: str
+
+
+MARKS: dict[Verdict, Mark] = {
+    Verdict.OBSERVABLE: Mark("●", "observable", "green", "the data alone determine it"),
+    Verdict.PARTIAL: Mark(
+        "◐", "partial", "bright_black", "known only in combination with others; its own value rests on CAD"
+    ),
+    Verdict.UNOBSERVABLE: Mark(
+        "○", "unobservable", "red", "the data say nothing: CAD's value, or moved along with the rest"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry of a table.
+
+    Attributes:
+        text: as printed.
+        verdict: how far the data determine it (Table I's colours); None for what was not identified.
+        strong: whether it stands out.
+        good: whether it is good or bad news; None for neither.
+        muted: whether it recedes, as a value that was not measured does.
+        note: printed after it, less prominently.
+    """
+
+    text: str
+    verdict: Verdict | None = None
+    strong: bool = False
+    good: bool | None = None
+    muted: bool = False
+    note: str = ""
+
+    @property
+    def mark(self) -> Mark | None:
+        """The mark of its verdict."""
+        return None if self.verdict is None else MARKS[self.verdict]
+
+    @property
+    def classes(self) -> str:
+        """CSS classes."""
+        mark, named = self.mark, {"value": self.strong, "held": self.muted, "good": self.good is True}
+        words = [name for name, applies in {**named, "bad": self.good is False}.items() if applies]
+        return " ".join([mark.word, *words] if mark else words)
+
+
+Row = Sequence[str | Cell]
+"""One row of a table."""
+
+
+@dataclass(frozen=True)
+class TableData:
+    """A table: a head, and rows grouped under headings.
+
+    Attributes:
+        title: what it shows.
+        head: one text a column; the first column holds the rows' names.
+        groups: heading (may be empty) and its rows, each as long as the head.
+        note: how to read it.
+        sides: for each column "l" (left), "r" (right) or "w" (left, long text that wraps); empty for names to the left
+            in the first column and figures to the right.
+
+    Raises:
+        StaderaError: a row or `sides` that does not fit the head.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    groups: tuple[tuple[str, tuple[tuple[Cell, ...], ...]], ...]
+    note: str = ""
+    sides: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        head: Sequence[str],
+        body: Iterable[Row] | Mapping[str, Iterable[Row]] = (),
+        note: str = "",
+        sides: str = "",
+    ) -> TableData:
+        """From rows of cells or texts; a mapping groups them under its keys."""
+        grouped = body if isinstance(body, Mapping) else {"": body}
+        groups = tuple((heading, tuple(map(_cells, rows))) for heading, rows in grouped.items())
+        return cls(title, tuple(head), groups, note, sides)
+
+    def __post_init__(self) -> None:
+        for _, rows in self.groups:
+            for row in rows:
+                if len(row) != len(self.head):
+                    raise StaderaError(f"table {self.title!r}: a row of {len(row)} cells under {len(self.head)} titles")
+        if len(self.columns) != len(self.head):
+            raise StaderaError(f"table {self.title!r}: sides {self.sides!r} for {len(self.head)} columns")
+
+    @property
+    def columns(self) -> str:
+        """The side of each column."""
+        return self.sides or "l" + "r" * (len(self.head) - 1)
+
+    @property
+    def has_verdicts(self) -> bool:
+        """Whether it uses the colours of observability."""
+        return any(cell.verdict is not None for _, rows in self.groups for row in rows for cell in row)
+
+
+def _cells(row: Row) -> tuple[Cell, ...]:
+    return tuple(entry if isinstance(entry, Cell) else Cell(entry) for entry in row)

@@ -1,0 +1,1 @@
+"""A weighing in the terminal and as a page."""

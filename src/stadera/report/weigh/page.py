@@ -1,0 +1,109 @@
+"""The page of a weighing: the answer and its trust, the evidence, then how it was weighed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees
+from typing import TYPE_CHECKING
+
+from stadera.report.numbers import number, with_std
+from stadera.report.page import Plot, render
+from stadera.report.trust import LEVELS, UNTRUSTED, trust_text
+from stadera.report.weigh import plots, tables
+from stadera.trunk.registry import METHODS
+from stadera.weigh.result import Weighing
+
+if TYPE_CHECKING:
+    from stadera.lab.scenarios.truth import Truth
+
+_MOST = 12  # rows of a list
+_VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forces, for the log has no IMU"}
+_TERMS = {
+    "Trunk": "The base link of the model with all that is fixed to it or lies on it. Centres of mass are in its frame.",
+    "±": "One standard deviation, from sensor noise and from errors that stay the same over the log (torque offsets, "
+    "accelerometer bias); plots show two.",
+    "Not observed": "Motion shows what it excites: a robot that stands still and level does not show how high its "
+    "centre of mass is, nor its inertia.",
+    "Payload": "What was added since the tare. Errors that both have in common cancel, so it is known better.",
+    "Change": "A time from which on the load found so far no longer explains the log, by more than noise can. The only "
+    "change since a tare is the payload. Dotted in the plots; shaded: not used.",
+    "Trust": "Good: error bars hold. Doubtful: a reason speaks against them. Bad: no figure is to be relied on. The "
+    "misfit is the residuals' variance over the stated one, 1 if model and noise are right.",
+}
+
+
+def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
+    """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
+    in_motion = result.torque_lag is not None
+    return render(
+        "weigh.html.j2",
+        title=f"Weighing{' in motion' if in_motion else ''}: {result.robot.name}",
+        level=LEVELS[result.trust.verdict],
+        headline=tables.headline(result),
+        verdict=f"Trust: {trust_text(result.trust)}.",
+        cards=list(_cards(result)),
+        bodies=tables.bodies_table(result, truth),
+        inertia=tables.inertia_table(result) if in_motion else None,
+        plots=list(_plots(result, truth)),
+        lists=list(_lists(result)),
+        facts=_facts(result),
+        notes=result.notes,
+        terms=_TERMS,
+    )
+
+
+def _cards(result: Weighing) -> Iterator[dict[str, str]]:
+    change, css = ("", "identified") if result.is_trusted else (UNTRUSTED, "")
+    if (payload := result.payload) is not None:
+        figure = with_std(payload.mass, payload.mass_std)
+        yield {"label": "Payload since the tare", "figure": figure, "change": change, "css": css}
+    figure = with_std(result.mass, result.mass_std)
+    yield {"label": "Trunk with all on it", "figure": figure, "change": change, "css": css}
+    if payload is None:
+        for c in result.changes[-2:]:
+            figure = with_std(c.mass, c.mass_std)
+            yield {"label": f"{c.kind} at {c.time:.2f} s", "figure": figure, "change": change, "css": css}
+
+
+def _plots(result: Weighing, truth: Truth | None) -> Iterator[Plot]:
+    if (balance := result.balance) is not None:
+        note = (
+            "Support polygon from above, at the end of the last rest, level; the origin is the trunk's. At rest the "
+            "whole robot's centre of mass is above the centre of pressure; a distance between them shows errors of the "
+            "joint torques."
+        )
+        yield Plot("The balance", plots.balance_figure(result, balance, truth), note)
+    yield Plot("Mass over time", plots.mass_figure(result, truth), "As known at that time; at rest, of a block alone.")
+    if len((figure := plots.com_figure(result, truth)).data):
+        note = (
+            "As known at that time; a gap where it was not. Methods at rest start from the model's value, and anew "
+            "after each change: the bands do not include the settling transient."
+        )
+        yield Plot("Centre of mass over time", figure, note if result.torque_lag is None else note.split(";")[0] + ".")
+    if (load := result.timeline.load) is not None:
+        note = "Vertical, foot by foot, from joint torques."
+        yield Plot("Forces of the ground", plots.force_figure(result, load), note)
+
+
+def _lists(result: Weighing) -> Iterator[tuple[object, int]]:
+    """Tables, each with the number of rows left out."""
+    if result.changes:
+        yield tables.changes_table(result, _MOST), max(len(result.changes) - _MOST, 0)
+    if result.refusals:
+        yield tables.refusals_table(result, _MOST), max(len(result.refusals) - _MOST, 0)
+
+
+def _facts(result: Weighing) -> dict[str, str]:
+    facts = {
+        "Robot": f"{result.robot.name}, {number(result.robot.mass)} kg by its model",
+        "Log": result.source,
+        "Time": f"{result.begin:.2f} to {result.end:.2f} s, {result.refused:.1f} s of it not used",
+        "As known at": f"{result.time:.2f} s",
+        "Method": f"{result.method}: {METHODS[result.method].summary}",
+        "State": result.status,
+    }
+    if result.torque_lag is not None:
+        facts["Torques"] = tables.lag_text(result.torque_lag)
+    if (vertical := result.vertical) is not None:
+        facts["Vertical"] = f"{_VERTICAL[vertical.source]}, ±{degrees(vertical.tilt_std):.2g}°"
+    return facts

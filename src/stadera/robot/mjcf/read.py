@@ -1,0 +1,245 @@
+"""Reads an MJCF with MuJoCo's own compiler, into a Pinocchio model.
+
+MuJoCo's compiler is what defines MJCF (defaults, includes, frames, angles, actuators). Pinocchio's parser of it knows
+no actuator ranges and, with a joint anchor off the body's origin, puts fixed child bodies in the wrong place.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from stadera.errors import ModelError
+from stadera.robot.model import Shape
+from stadera.robot.modelfile import ModelFile
+from stadera.types import Array
+
+_PRIMITIVES = {
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
+}
+
+
+def read_mjcf(path: Path) -> ModelFile:
+    """Read an MJCF.
+
+    Raises:
+        ModelError: MuJoCo cannot compile it, or it has no body with joints.
+    """
+    mj = compile_mjcf(path)
+    builder = _Builder(path, mj)
+    builder.add_trunk()
+    for body in builder.bodies[1:]:
+        builder.add_body(body)
+    builder.set_joint_values()
+    return ModelFile(
+        path=path,
+        name=_model_name(mj, path),
+        model=builder.model,
+        trunk=builder.body_name(builder.bodies[0]),
+        links=builder.links,
+        masses={builder.body_name(b): float(mj.body_mass[b]) for b in builder.bodies},
+        shapes=tuple(builder.shapes()),
+    )
+
+
+def compile_mjcf(path: Path) -> Any:
+    """MuJoCo's compiled model; meshes are left out where no inertia hangs on them, so their files need not be there."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        if not _inertia_from_meshes(spec):
+            _drop_meshes(spec)
+        return spec.compile()
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"{path}: not an MJCF that MuJoCo can compile: {' '.join(str(error).split())}") from error
+
+
+def _is_mesh(geom: Any) -> bool:
+    return bool(geom.meshname) or geom.type in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF)
+
+
+def _inertia_from_meshes(spec: Any) -> bool:
+    forced = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    meshes = (geom for geom in spec.geoms if _is_mesh(geom) and geom.parent.name != "world")
+    return any((forced or not g.parent.explicitinertial) and g.mass != 0 and g.density != 0 for g in meshes)
+
+
+def _drop_meshes(spec: Any) -> None:
+    for geom in list(spec.geoms):
+        if _is_mesh(geom):
+            spec.delete(geom)
+        else:
+            geom.material = ""
+    for asset in [*spec.meshes, *spec.materials, *spec.textures]:
+        spec.delete(asset)
+
+
+def _model_name(mj: Any, path: Path) -> str:
+    name: str = mj.names.split(b"\0", 1)[0].decode()
+    return name or path.stem
+
+
+class _Builder:
+    """Builds the Pinocchio model body by body; a joint's frame has its body's axes and lies at the joint's anchor."""
+
+    def __init__(self, path: Path, mj: Any) -> None:
+        self.path, self.mj = path, mj
+        self.model = pin.Model()
+        self.bodies = self._robot_bodies()
+        self.links: dict[str, str] = {}
+        self._joint_of_body: dict[int, int] = {}  # body id -> Pinocchio joint that carries it
+        self._pose_of_body: dict[int, Any] = {}  # body id -> pose of the body's frame in that joint's frame
+        self._mj_joint: dict[int, int] = {}  # Pinocchio joint id -> MuJoCo joint id
+
+    # -- names and order ------------------------------------------------------------------------------------------
+    def body_name(self, body: int) -> str:
+        return str(self.mj.body(body).name) or f"body_{body}"
+
+    def _joint_name(self, joint: int) -> str:
+        return str(self.mj.joint(joint).name) or f"{self.body_name(int(self.mj.jnt_bodyid[joint]))}_joint"
+
+    def _robot_bodies(self) -> list[int]:
+        """Bodies of the tree that has the most hinges, its root first."""
+        mj = self.mj
+        hinges = [int(mj.jnt_bodyid[j]) for j in range(mj.njnt) if mj.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
+        count = Counter(int(mj.body_rootid[body]) for body in hinges)
+        if not count:
+            raise ModelError(f"{self.path}: no body has a hinge joint, this is no robot")
+        root = count.most_common(1)[0][0]
+        return [body for body in range(1, mj.nbody) if mj.body_rootid[body] == root]
+
+    # -- bodies and joints ----------------------------------------------------------------------------------------
+    def add_trunk(self) -> None:
+        mj, trunk = self.mj, self.bodies[0]
+        start, number = int(mj.body_jntadr[trunk]), int(mj.body_jntnum[trunk])
+        types = [int(mj.jnt_type[j]) for j in range(start, start + number)]
+        if types not in ([], [int(mujoco.mjtJoint.mjJNT_FREE)]):
+            raise ModelError(f"{self.path}: body {self.body_name(trunk)!r} is neither free nor fixed to the world")
+        name = self._joint_name(start) if number else "root_joint"
+        joint = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
+        self.model.addJointFrame(joint)
+        self._attach(trunk, joint, pin.SE3.Identity())
+
+    def add_body(self, body: int) -> None:
+        """Add a body with its joints: none (fixed to its parent), one, or several in a row."""
+        mj = self.mj
+        parent_body = int(mj.body_parentid[body])
+        parent = self._joint_of_body[parent_body]
+        placement = self._pose_of_body[parent_body] * _pose(mj.body_quat[body], mj.body_pos[body])
+        start = int(mj.body_jntadr[body])
+        for j in range(start, start + int(mj.body_jntnum[body])):
+            anchor = pin.SE3(np.eye(3), np.array(mj.jnt_pos[j]))
+            joint_model, back = self._joint_model(j)
+            parent = self.model.addJoint(parent, joint_model, placement * anchor * back, self._joint_name(j))
+            self.model.addJointFrame(parent)
+            self._mj_joint[parent] = j
+            self.links[self._joint_name(j)] = f"{self._joint_name(j)}_link"
+            placement = anchor.inverse()
+        if mj.body_jntnum[body]:
+            self.links[self.model.names[parent]] = self.body_name(body)
+        self._attach(body, parent, placement)
+
+    def _joint_model(self, j: int) -> tuple[Any, Any]:
+        """Pinocchio's joint, and the turn that makes its zero MuJoCo's zero (the file's pose is at `ref`)."""
+        axis = np.array(self.mj.jnt_axis[j])
+        identity = pin.SE3.Identity()
+        match self.mj.jnt_type[j]:
+            case mujoco.mjtJoint.mjJNT_HINGE:
+                ref = float(self.mj.qpos0[self.mj.jnt_qposadr[j]])
+                return pin.JointModelRevoluteUnaligned(axis), pin.SE3(pin.exp3(-ref * axis), np.zeros(3))
+            case mujoco.mjtJoint.mjJNT_SLIDE:
+                ref = float(self.mj.qpos0[self.mj.jnt_qposadr[j]])
+                return pin.JointModelPrismaticUnaligned(axis), pin.SE3(np.eye(3), -ref * axis)
+            case mujoco.mjtJoint.mjJNT_BALL:
+                return pin.JointModelSpherical(), identity
+            case _:
+                return pin.JointModelFreeFlyer(), identity
+
+    def _attach(self, body: int, joint: int, pose: Any) -> None:
+        mj = self.mj
+        self._joint_of_body[body], self._pose_of_body[body] = joint, pose
+        turn = _rotation(mj.body_iquat[body])
+        tensor = turn @ np.diag(mj.body_inertia[body]) @ turn.T
+        inertia = pin.Inertia(float(mj.body_mass[body]), np.array(mj.body_ipos[body]), 0.5 * (tensor + tensor.T))
+        self.model.appendBodyToJoint(joint, inertia, pose)
+        self.model.addFrame(pin.Frame(self.body_name(body), joint, pose, pin.FrameType.BODY), False)
+        for site in range(mj.nsite):
+            name = mj.site(site).name
+            if mj.site_bodyid[site] == body and name:
+                placement = pose * _pose(mj.site_quat[site], mj.site_pos[site])
+                self.model.addFrame(pin.Frame(name, joint, placement, pin.FrameType.OP_FRAME), False)
+
+    # -- values by joint ------------------------------------------------------------------------------------------
+    def set_joint_values(self) -> None:
+        mj, model = self.mj, self.model
+        lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
+        effort, armature, damping, friction = np.full(model.nv, np.inf), *np.zeros((3, model.nv))
+        for joint, j in self._mj_joint.items():
+            if model.joints[joint].nv != 1:
+                continue
+            q, v, dof = model.joints[joint].idx_q, model.joints[joint].idx_v, int(mj.jnt_dofadr[j])
+            if mj.jnt_limited[j]:
+                lower[q], upper[q] = mj.jnt_range[j]
+            armature[v], damping[v] = mj.dof_armature[dof], mj.dof_damping[dof]
+            friction[v], effort[v] = mj.dof_frictionloss[dof], self._effort(j)
+        model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+        model.armature, model.damping = armature, damping
+        model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
+        model.upperEffortLimit, model.lowerEffortLimit = effort, -effort
+        model.upperVelocityLimit, model.lowerVelocityLimit = np.full(model.nv, np.inf), np.full(model.nv, -np.inf)
+
+    def _effort(self, j: int) -> float:
+        """Largest torque [N·m] the joint's own limit and its actuators' ranges allow."""
+        mj = self.mj
+        limit = float(np.abs(mj.jnt_actfrcrange[j]).max()) if mj.jnt_actfrclimited[j] else np.inf
+        actuators = [
+            a
+            for a in range(mj.nu)
+            if mj.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT and mj.actuator_trnid[a, 0] == j
+        ]
+        forces = [self._actuator_force(a) * abs(float(mj.actuator_gear[a, 0])) for a in actuators]
+        return min(limit, sum(forces)) if forces else limit
+
+    def _actuator_force(self, a: int) -> float:
+        mj = self.mj
+        force = float(np.abs(mj.actuator_forcerange[a]).max()) if mj.actuator_forcelimited[a] else np.inf
+        fixed_gain = mj.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED
+        if fixed_gain and mj.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE and mj.actuator_ctrllimited[a]:
+            force = min(force, float(np.abs(mj.actuator_ctrlrange[a]).max() * abs(mj.actuator_gainprm[a, 0])))
+        return force
+
+    # -- shapes ---------------------------------------------------------------------------------------------------
+    def shapes(self) -> Iterator[Shape]:
+        """Primitive shapes: a body's colliding ones, or all where none collides."""
+        mj = self.mj
+        for body in self.bodies:
+            geoms = [
+                g
+                for g in range(mj.body_geomadr[body], mj.body_geomadr[body] + mj.body_geomnum[body])
+                if int(mj.geom_type[g]) in _PRIMITIVES
+            ]
+            colliding = [g for g in geoms if mj.geom_contype[g] or mj.geom_conaffinity[g]]
+            for g in colliding or geoms:
+                kind: Any = _PRIMITIVES[int(mj.geom_type[g])]
+                size = np.array(mj.geom_size[g])
+                full = {"sphere": size[:1], "box": 2 * size}.get(kind, np.array([size[0], 2 * size[1]]))
+                turn, place = _rotation(mj.geom_quat[g]), np.array(mj.geom_pos[g])
+                yield Shape(self.body_name(body), kind, tuple(map(float, full)), turn, place)
+
+
+def _rotation(quaternion_wxyz: Array) -> Array:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.array(quaternion_wxyz))
+    return matrix.reshape(3, 3)
+
+
+def _pose(quaternion_wxyz: Array, translation: Array) -> Any:
+    return pin.SE3(_rotation(quaternion_wxyz), np.array(translation))

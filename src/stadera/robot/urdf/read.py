@@ -1,0 +1,184 @@
+"""Reads a URDF: bodies and joints through Pinocchio, shapes and single links from the XML.
+
+urdfdom drops an inertial that it cannot parse (ixx="0,05") and goes on. So every number that is used is parsed here
+as well, and what Pinocchio made of each moving link is compared with the sum of the links fixed to it.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import pinocchio as pin
+
+from stadera.errors import ModelError
+from stadera.inertia import InertialParameters
+from stadera.robot.model import Shape
+from stadera.robot.modelfile import ModelFile
+from stadera.types import Array
+
+_DUMMY_MASS_RATIO = 1e-3  # a root this light next to what is fixed to it is there for the tree's sake alone
+_AGREES = 1e-6  # relative; sums of rounded numbers
+_JOINT_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "velocity": 1, "effort": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+}
+_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_Kind = Literal["box", "sphere", "cylinder", "capsule"]
+_SIZES: dict[_Kind, tuple[tuple[str, int], ...]] = {
+    "box": (("size", 3),),
+    "sphere": (("radius", 1),),
+    "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
+}
+
+
+def read_urdf(path: Path, root: ET.Element) -> ModelFile:
+    """Read a URDF whose XML is already parsed.
+
+    Raises:
+        ModelError: Pinocchio cannot build a model from it, a number is malformed, or a link's mass is negative.
+    """
+    try:
+        bodies = {_name(link): _body(link) for link in root.findall("link")}
+        shapes = tuple(shape for link in root.findall("link") for shape in _link_shapes(link))
+        children = {_name(joint): _child(joint) for joint in root.findall("joint")}
+        for joint in root.findall("joint"):
+            _check_joint(joint)
+        model = _build(path)
+        _check_bodies(model, bodies)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from error
+    masses = {link: body.mass for link, body in bodies.items()}
+    return ModelFile(
+        path=path,
+        name=root.get("name") or path.stem,
+        model=model,
+        trunk=_trunk_name(model, masses, _with_mesh(root), {shape.link for shape in shapes}),
+        links={name: children[name] for name in model.names if name in children},
+        masses=masses,
+        shapes=shapes,
+    )
+
+
+def _build(path: Path) -> Any:
+    try:
+        model = pin.buildModelFromUrdf(str(path))
+        if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
+            model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    except (ValueError, RuntimeError) as error:
+        raise ModelError(f"not a URDF that Pinocchio can build: {str(error).splitlines()[0]}") from error
+    return model
+
+
+def _check_bodies(model: Any, bodies: Mapping[str, InertialParameters]) -> None:
+    """Compares each of Pinocchio's moving bodies with the sum of the file's links on it."""
+    expected: dict[int, InertialParameters] = {}
+    links: dict[int, list[str]] = {}
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY and frame.name in bodies:
+            joint, pose = frame.parentJoint, frame.placement
+            body = bodies[frame.name].transformed(pose.rotation, pose.translation)
+            expected[joint] = expected.get(joint, InertialParameters.zero()) + body
+            links.setdefault(joint, []).append(frame.name)
+    for joint, body in expected.items():
+        found = InertialParameters.from_pinocchio(model.inertias[joint]).vector
+        size = np.repeat([np.linalg.norm(part) for part in np.split(body.vector, [1, 4])], [1, 3, 6])
+        if joint and (np.abs(found - body.vector) > _AGREES * size + 1e-9).any():
+            raise ModelError(f"Pinocchio reads other inertial values than the file states: {', '.join(links[joint])}")
+
+
+def _trunk_name(model: Any, masses: Mapping[str, float], meshed: set[str], shaped: set[str]) -> str:
+    """The root link; where that is a dummy (no mass, no mesh), the heaviest link with a shape fixed at identity."""
+    fixed = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == 1]
+    root: str = fixed[0].name
+    bodies = [f.name for f in fixed if f.placement.isIdentity(1e-9) and f.name in meshed | shaped]
+    heaviest: str = max(bodies, key=lambda name: masses[name], default=root)
+    dummy = root not in meshed and masses[root] < _DUMMY_MASS_RATIO * masses[heaviest]
+    return heaviest if dummy else root
+
+
+# -- elements of the XML ----------------------------------------------------------------------------------------------
+def _with_mesh(root: ET.Element) -> set[str]:
+    return {_name(link) for link in root.findall("link") if link.find(".//mesh") is not None}
+
+
+def _name(element: ET.Element) -> str:
+    name = element.get("name")
+    if not name:
+        raise ModelError(f"a {element.tag} has no name")
+    return name
+
+
+def _child(joint: ET.Element) -> str:
+    child = joint.find("child")
+    if child is None or not child.get("link"):
+        raise ModelError(f"joint {_name(joint)!r} has no child link")
+    return str(child.get("link"))
+
+
+def _check_joint(joint: ET.Element) -> None:
+    for tag, attributes in _JOINT_NUMBERS.items():
+        if (element := joint.find(tag)) is not None:
+            for attribute, count in attributes.items():
+                _numbers(joint, element, attribute, count)
+
+
+def _body(link: ET.Element) -> InertialParameters:
+    """A link's own ten parameters in its frame; zero without an inertial."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return InertialParameters.zero()
+    mass, tensor = inertial.find("mass"), inertial.find("inertia")
+    if mass is None or tensor is None:
+        raise ModelError(f"link {_name(link)!r}: its <inertial> needs <mass> and <inertia>")
+    rotation, translation = _pose(link, inertial.find("origin"))
+    components = [_numbers(link, tensor, name, 1, required=True)[0] for name in _TENSOR]
+    value = _numbers(link, mass, "value", 1, required=True)[0]
+    return InertialParameters(np.array([value, 0.0, 0.0, 0.0, *components])).transformed(rotation, translation)
+
+
+def _link_shapes(link: ET.Element) -> list[Shape]:
+    """Primitive shapes of one link: its collision shapes, or its visual ones where it has no primitive collision."""
+    for kind in ("collision", "visual"):
+        shapes = [shape for element in link.findall(kind) if (shape := _shape(link, element))]
+        if shapes:
+            return shapes
+    return []
+
+
+def _shape(link: ET.Element, element: ET.Element) -> Shape | None:
+    for kind in get_args(_Kind):
+        if (found := element.find(f"geometry/{kind}")) is not None:
+            size = [_numbers(link, found, attribute, count) for attribute, count in _SIZES[kind]]
+            return Shape(_name(link), kind, sum(size, ()), *_pose(link, element.find("origin")))
+    return None
+
+
+def _pose(owner: ET.Element, origin: ET.Element | None) -> tuple[Array, Array]:
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    turn, place = (_numbers(owner, origin, attribute, 3) for attribute in ("rpy", "xyz"))
+    return pin.rpy.rpyToMatrix(*turn), np.array(place)
+
+
+def _numbers(
+    owner: ET.Element, element: ET.Element, attribute: str, count: int, required: bool = False
+) -> tuple[float, ...]:
+    """The numbers of an attribute; zeros where it is absent."""
+    text = element.get(attribute)
+    if text is None and not required:
+        return (0.0,) * count
+    try:
+        numbers = tuple(float(word) for word in (text or "").split())
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        what = f"<{element.tag} {attribute}={text!r}>" if text is not None else f"<{element.tag}> without {attribute}:"
+        raise ModelError(f"{owner.tag} {_name(owner)!r}: {what} needs {count} number(s)")
+    return numbers

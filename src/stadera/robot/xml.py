@@ -1,0 +1,134 @@
+"""XML documents that keep their comments, for the writers of both formats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from xml.dom import minidom
+from xml.parsers.expat import ExpatError
+
+from stadera.errors import ModelError
+from stadera.robot.model import JointDynamics
+from stadera.types import Array
+
+_UNITS = {"armature": "kg m^2", "offset": "N m"}
+
+
+def parse_document(path: Path) -> minidom.Document:
+    """The whole file, comments included.
+
+    Raises:
+        ModelError: not XML.
+    """
+    try:
+        return minidom.parse(str(path))
+    except ExpatError as error:
+        raise ModelError(f"{path}: not XML ({error})") from error
+
+
+def root_of(document: minidom.Document) -> minidom.Element:
+    """The root element.
+
+    Raises:
+        ModelError: there is none.
+    """
+    if document.documentElement is None:
+        raise ModelError("an XML document without a root")
+    return document.documentElement
+
+
+def named(document: minidom.Document, tag: str, name: str, source: Path) -> minidom.Element:
+    """The element of that tag and name.
+
+    Raises:
+        ModelError: it is not there, as with bodies that a model attaches from another file.
+    """
+    for element in document.getElementsByTagName(tag):
+        if element.getAttribute("name") == name:
+            return element
+    raise ModelError(f"{source}: no <{tag} name={name!r}> in the file itself to write the values into")
+
+
+def check_free(document: minidom.Document, tag: str, name: str) -> None:
+    """Checks that no element of that tag has this name.
+
+    Raises:
+        ModelError: one has.
+    """
+    if any(node.getAttribute("name") == name for node in document.getElementsByTagName(tag)):
+        raise ModelError(f"the model has a {tag} {name!r} already; a payload needs a name of its own")
+
+
+def children(element: minidom.Element, tag: str) -> list[minidom.Element]:
+    """Direct children of that tag."""
+    return [node for node in element.childNodes if isinstance(node, minidom.Element) and node.tagName == tag]
+
+
+def put_child(parent: minidom.Element, child: minidom.Element) -> None:
+    """Put a child in the place of the first of its tag, or first of all; further ones of its tag go."""
+    present = children(parent, child.tagName)
+    if present:
+        parent.replaceChild(child, present[0])
+        for extra in present[1:]:
+            parent.removeChild(extra)
+    else:
+        parent.insertBefore(child, parent.firstChild)
+
+
+def element(
+    document: minidom.Document, tag: str, attributes: Mapping[str, str], *inside: minidom.Element
+) -> minidom.Element:
+    """A new element with these attributes and children."""
+    made = document.createElement(tag)
+    for name, value in attributes.items():
+        made.setAttribute(name, value)
+    for child in inside:
+        made.appendChild(child)
+    return made
+
+
+def numbers(*values: float | Iterable[float] | Array) -> str:
+    """Numbers in full precision, as XML attributes of both formats want them."""
+    flat = [v for value in values for v in (value if isinstance(value, Iterable) else (value,))]
+    return " ".join(repr(float(value)) for value in flat)
+
+
+def append_after_comment(
+    document: minidom.Document, parent: minidom.Element, text: str, nodes: Iterable[minidom.Element]
+) -> None:
+    """Append a comment and elements, each on a line of its own."""
+    pieces: list[minidom.Comment | minidom.Element] = [comment(document, text), *nodes]
+    for node in pieces:
+        parent.appendChild(document.createTextNode("\n  "))
+        parent.appendChild(node)
+    parent.appendChild(document.createTextNode("\n"))
+
+
+def describe(
+    document: minidom.Document,
+    links: Iterable[str],
+    dynamics: Mapping[str, JointDynamics],
+    without_place: tuple[str, ...],
+) -> None:
+    """A comment in front of the root: what was written, and the joint values that the format cannot hold."""
+    lines = [
+        "Written by stadera. Inertial values of these links are those of all that moves with the link, and the "
+        f"inertials of the bodies fixed to it were taken away: {', '.join(links) or 'none'}.",
+        f"Joint friction written for: {', '.join(dynamics) or 'none'}.",
+    ]
+    left = [(j, kind, getattr(d, kind)) for j, d in dynamics.items() for kind in without_place if getattr(d, kind)]
+    if left:
+        listed = "; ".join(f"{joint} {kind} {value!r} {_UNITS[kind]}" for joint, kind, value in left)
+        lines.append(f"Values that this format has no place for: {listed}.")
+    remark(document, *lines)
+
+
+def comment(document: minidom.Document, text: str) -> minidom.Comment:
+    """A comment node; XML forbids two hyphens in it."""
+    return document.createComment(text.replace("--", "- -"))
+
+
+def remark(document: minidom.Document, *lines: str) -> None:
+    """Puts a comment in front of the root."""
+    text = "\n  ".join(lines)
+    document.insertBefore(comment(document, f"\n  {text}\n"), document.documentElement)

@@ -1,0 +1,57 @@
+"""The online estimators of the trunk's mass and centre of mass."""
+
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.measurement import Measurement, measurements_of
+from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
+from stadera.trunk.registry import METHODS, Method, Setup, make_estimator
+from stadera.trunk.result import TrunkParameters
+from stadera.trunk.samples import Samples
+from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection, TrunkSettings
+from stadera.trunk.standing.contact import ground_normal
+from stadera.trunk.standing.contact_com import ContactCom
+from stadera.trunk.standing.detection import StaticDetector, StaticLimits
+from stadera.trunk.standing.equilibrium import ConstantErrors
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.legs import MeasuredLegs
+from stadera.trunk.standing.mass import MassEstimator
+from stadera.trunk.standing.noise import ForceNoise
+from stadera.trunk.standing.orientation import OrientationCom
+from stadera.trunk.standing.poses import PosesCom
+
+__all__ = [
+    "METHODS",
+    "ChangeSettings",
+    "ConstantErrors",
+    "ContactCom",
+    "ContactForceEstimator",
+    "Estimator",
+    "ForceNoise",
+    "ImplausibleError",
+    "LoadChange",
+    "MassEstimator",
+    "MeasuredLegs",
+    "Measurement",
+    "Method",
+    "ModelErrors",
+    "OrientationCom",
+    "Payload",
+    "PosesCom",
+    "Samples",
+    "Setup",
+    "StaticDetector",
+    "StaticLimits",
+    "Status",
+    "SwingDetection",
+    "TrunkBounds",
+    "TrunkEstimate",
+    "TrunkEstimator",
+    "TrunkModel",
+    "TrunkParameters",
+    "TrunkSettings",
+    "ground_normal",
+    "make_estimator",
+    "measurements_of",
+    "unobserved",
+]

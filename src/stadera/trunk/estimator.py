@@ -1,0 +1,468 @@
+"""Weighs a robot that stands, walks, trots or sways: the trunk's ten parameters from blocks of 20 ms.
+
+1. Each block gives six equations A θ + C p = b of the trunk (`trunk.rows`) and, for legs in the air, equations of their
+   joints alone (`trunk.swing`). θ are the trunk's ten parameters, p what the model does not know of the robot.
+2. The joints' part of p (rotor inertia, friction, offset, torque lag) is found from legs in the air, where no weight is
+   in the equations. θ is found under load with p at what is known of it; the rest of p is in the error bars
+   (`trunk.segment`), as large as the residuals show it to be (`trunk.fit`).
+3. Averages over the last 0.1 to 1 s are compared with all before (`trunk.changes`). After a change of the load θ begins
+   anew; what was found of the joints stays.
+4. A tare keeps the trunk of that time; the payload is the difference, in which constant errors cancel.
+
+Nothing is asked of the motion. What it does not show, height and inertia of a robot that stands still, stays as wide as
+its prior and counts as not observed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stadera.errors import RecordingError, UnknownNameError
+from stadera.inertia import InertialParameters
+from stadera.robot.imu import ImuMount
+from stadera.robot.load import load_robot
+from stadera.robot.model import Robot
+from stadera.trunk.changes import ChangeDetector, Jump
+from stadera.trunk.considered import Errors, robot_weight, weighted
+from stadera.trunk.error_model import PLACES, ErrorModel
+from stadera.trunk.fit import Fit
+from stadera.trunk.ground import GroundNormal
+from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
+from stadera.trunk.result import ObservedLimits, TrunkParameters
+from stadera.trunk.rows import BlockRows, RowMaker
+from stadera.trunk.samples import SampleBuffer, Samples
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.spikes import SpikeFilter
+from stadera.trunk.swing import SwingJoints
+from stadera.trust import Trust
+
+_LOST_GROUND = 0.2  # s, of a gap, after which ground and gravity are looked for anew
+_OFTEN = 3  # blocks between two looks at a change that is not beyond its error bars yet
+_REFRESHED = 10  # blocks after which p̂, Σ and the fit are worked out anew
+_ODD = 3  # blocks in succession that may count for less
+_LEAST_USUAL = 0.01  # squared, in the rows' unit: residuals below 0.1 % of the weight are no measure of others
+_OUTLIER = 25.0  # times the usual squared residual, from which a block counts for less
+_CLUSTER = 25  # blocks whose sums of residuals are compared with what their weights say
+_PRIOR_CLUSTERS = 4.0  # as many as this, κ counts as one
+_PAYLOAD = 0.3  # of the widest prior: how wide the trunk begins anew after a change
+_SHIFTED = 0.005  # of the robot's mass: a change of less was a shift
+_EVALUATED = 1.0  # s, of rows before the fit is evaluated
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """A change whose other side is still being weighed: what was known before it."""
+
+    time: float
+    noticed: float
+    before: Segment
+
+
+class TrunkEstimator:
+    """Weighs a robot online, whatever it does.
+
+    Args:
+        robot: a `Robot`, the name of one, or the path of its model file.
+        joints: names of the joints in the order of the arrays given to `update`; None for the robot's own order.
+        imu_frame: in which the IMU's values are; None for the model's.
+        start: prior of the trunk, and what stands for components that are never observed; None for the model's trunk.
+        settings: None for the defaults.
+        mount: of the IMU, in place of `imu_frame`.
+
+    Raises:
+        ImplausibleError: a prior that is not plausible.
+        UnknownNameError: no such joint or frame.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | str,
+        joints: Sequence[str] | None = None,
+        imu_frame: str | None = None,
+        start: TrunkModel | None = None,
+        settings: TrunkSettings | None = None,
+        mount: ImuMount | None = None,
+    ) -> None:
+        self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
+        self.settings, self.bounds = settings or TrunkSettings(), TrunkBounds.of(self.robot)
+        self.mount = mount or ImuMount.of(self.robot, imu_frame)
+        self._order = _order(self.robot, joints)
+        first = self.bounds.check(start or TrunkModel.prior(self.robot))
+        inertia = first.inertia_com
+        if inertia is None:
+            inertia = self.robot.inertias[self.robot.trunk].inertia_com
+        self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
+        self._maker = RowMaker(self.robot, self.mount, self.settings.swing)
+        self._length, self._weight = self._maker.regressor.length, robot_weight(self.robot)
+        self._model = ErrorModel(self.robot, self.settings.model, self._length)
+        self._swing = SwingJoints(self._model, self.settings.swing)
+        self._errors = Errors(self._model, self._swing, 1.0)
+        self._buffer = SampleBuffer(self.robot.tree.joints, self.settings.block)
+        self._ground, self._spikes = GroundNormal(self._weight), SpikeFilter()
+        mass, le = self.robot.mass, self._length
+        self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
+        self._current = self._aged = self._old = Segment.prior(self._start.vector, self._wide)
+        self._recent: deque[WeightedRows] = deque()
+        scale = mass * np.array([1.0, le, le, le])
+        self._detector = ChangeDetector(self.settings.changes, scale, self.settings.block)
+        self._finished: tuple[Segment, ...] = ()
+        self._changes: list[LoadChange] = []
+        self._changing: _Change | None = None
+        self._candidate: _Change | None = None
+        self._tare: Segment | None = None
+        self._nested = False
+        self._fit: Fit | None = None
+        self._usual, self._scatter, self._clusters, self._odd = np.nan, 1.0, _PRIOR_CLUSTERS, 0
+        self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
+        self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
+        self._blocks, self._learnt, self._since, self._seen_for = 0, np.nan, np.nan, 0.0
+        self._status, self._reason = Status.WAITING, ""
+        self._found: TrunkParameters | None = None
+        self._good: TrunkParameters | None = None
+        self._shape = self._start
+        self._trust: Trust | None = None
+
+    # -- feeding ----------------------------------------------------------------------------------------------------
+    def update(
+        self,
+        t: float | Measurement,
+        q: ArrayLike | None = None,
+        dq: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
+        gyro: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+    ) -> None:
+        """Takes in one sample; the estimate changes with every block.
+
+        Args:
+            t: [s]. Or a `Measurement`, alone.
+            q, dq, tau: (n,) joint positions [rad], velocities [rad/s] and torques [N·m] in the order of `joints`.
+            gyro, accel: (3,) [rad/s, m/s²], as the IMU gives them.
+
+        Raises:
+            RecordingError: values that are missing, or of the wrong shape.
+        """
+        if not isinstance(t, Measurement):
+            t = self._measured(float(t), q, dq, tau, gyro, accel)
+        samples = self._buffer.gather(t)
+        if samples is not None:
+            self.add(samples)
+
+    def add(self, samples: Samples) -> None:
+        """Takes in any number of samples, as so many calls of `update` would.
+
+        What is not finite or runs back in time is left out and named; over a gap in time nothing is differentiated.
+        """
+        for stretch in self._buffer.take(samples):
+            if stretch.reason:
+                self._refuse(stretch.reason)
+            if stretch.gap:
+                self._interrupted(stretch.begin, stretch.gap)
+            for block in stretch.blocks:
+                self._block(block)
+
+    def tare(self) -> None:
+        """Takes the trunk as it is now for the reference that `payload` is the difference to."""
+        self._tare, self._nested = self._current, True
+
+    # -- asking -----------------------------------------------------------------------------------------------------
+    @property
+    def trunk(self) -> TrunkParameters:
+        """All ten parameters of the trunk, payload included, and how well they are known."""
+        return self._good or TrunkParameters.unobserved(self._start)
+
+    def parameters(self) -> TrunkParameters:
+        """The same as `trunk`."""
+        return self.trunk
+
+    def estimate(self) -> TrunkEstimate:
+        """Mass and centre of mass of the trunk; after a refusal the last good ones, and why."""
+        found = self.trunk
+        covariance = found.covariance if self._good is not None else unobserved()
+        return TrunkEstimate(self._learnt, TrunkModel.of(found.inertial), covariance, self._status, self._reason)
+
+    @property
+    def payload(self) -> Payload | None:
+        """What was added since the tare; None without one."""
+        if self._tare is None:
+            return None
+        p = self._errors.mean
+        difference = self._current.mean(p) - self._tare.mean(p)
+        covariance = self._errors.difference_covariance(self._tare, self._current, self._scatter, self._nested)
+        covariance[:4, :4] += np.outer(self._detector.suspected, self._detector.suspected)
+        return Payload.of_parameters(difference, covariance, ObservedLimits().com * self._length)
+
+    @property
+    def changes(self) -> tuple[LoadChange, ...]:
+        """Every change of the load so far, the last by what is known now."""
+        if self._changing is None:
+            return tuple(self._changes)
+        return (*self._changes, self._weighed(self._changing, self._current))
+
+    @property
+    def trust(self) -> Trust:
+        """How well the model explains the log so far."""
+        if self._trust is None:
+            fit = self._fit
+            if fit is None or self._seen_for < _EVALUATED:
+                self._trust = Trust("doubtful", 1.0, {}, ("too few rows yet to evaluate the fit",))
+            else:
+                self._trust = fit.trust(self.robot, self._model, self.settings, self._swing.misfit)
+        return self._trust
+
+    @property
+    def torque_lag(self) -> tuple[float, float]:
+        """By how much torques are found to arrive late, and its standard deviation [s]."""
+        at = PLACES["torque_lag"].start
+        return float(self._errors.mean[at]), float(self._errors.std[at])
+
+    @property
+    def gaps(self) -> tuple[tuple[float, float], ...]:
+        """The last hundred gaps between samples: when each ended and how long it was [s]."""
+        return tuple(self._gaps)
+
+    # -- inside -----------------------------------------------------------------------------------------------------
+    def _measured(
+        self,
+        t: float,
+        q: ArrayLike | None,
+        dq: ArrayLike | None,
+        tau: ArrayLike | None,
+        gyro: ArrayLike | None,
+        accel: ArrayLike | None,
+    ) -> Measurement:
+        joints = len(self._order)
+        values = []
+        for name, value, size in (
+            ("q", q, joints),
+            ("dq", dq, joints),
+            ("tau", tau, joints),
+            ("gyro", gyro, 3),
+            ("accel", accel, 3),
+        ):
+            array = np.asarray(value, dtype=float) if value is not None else np.empty(0)
+            if array.shape != (size,):
+                raise RecordingError(f"update needs {name} of shape ({size},), got {array.shape}")
+            values.append(array)
+        turn = self.mount.in_trunk_axes
+        order = self._order
+        return Measurement(
+            t,
+            values[0][order],
+            values[1][order],
+            values[2][order],
+            turn(values[3]),
+            turn(values[4]),
+            lever=self.mount.translation,
+        )
+
+    def _interrupted(self, time: float, gap: float) -> None:
+        """Nothing is differentiated over a gap; after a long one ground and gravity are looked for anew."""
+        self._maker.restart()
+        self._gaps.append((time, gap))
+        if gap > _LOST_GROUND:
+            self._maker.forget()
+            self._ground = GroundNormal(self._weight)
+
+    def _block(self, samples: Samples) -> None:
+        samples = self._spikes.clean(samples)
+        inside = slice(1, -1)
+        duration = float(samples.time[-1] - samples.time[1])
+        force, omega = samples.specific_force[inside].mean(axis=0), samples.angular_velocity[inside].mean(axis=0)
+        if not samples.specific_force[inside].any(axis=1).all():
+            self._maker.restart()
+            self._refuse("the accelerometer reads zero")
+            return
+        made = self._maker.block(samples, self._ground.ahead(force, omega, duration), self._shape)
+        if made.singular is not None:
+            leg = self.robot.legs[made.singular].name
+            self._refuse(f"leg {leg} is so stretched that its foot's force is not felt")
+            return
+        self._ground.learn(made.feet, made.force, duration)
+        if made.rows is not None:
+            self._learn(made.rows)
+
+    def _learn(self, made: BlockRows) -> None:
+        self._blocks += 1
+        self._seen_for += made.elapsed
+        swing = made.swing
+        if swing.air.any():
+            self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._maker.noise.torque)
+        scale = 1.0 if self._fit is None else min(max(self._fit.scale, 0.05), 3.0)
+        rows = self._limited(weighted(made, self._weight, self._length))
+        keep = exp(-made.elapsed / self.settings.memory)
+        self._count_scatter(rows)
+        self._recent.append(rows)
+        self._current = self._current.add(rows, keep)
+        pending = self.settings.changes.pending
+        if len(self._recent) > pending:
+            self._aged = self._aged.add(self._recent[-pending - 1], keep)
+        if len(self._recent) > 2 * pending:
+            self._old = self._old.add(self._recent.popleft(), keep)
+        if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
+            self._refresh(scale)
+        held = self._fit is not None and self._fit.misfit > self.settings.bad
+        known = (self._aged, self._old, self._current)
+        jump = self._detector.look(self._recent, *known, self._errors, self._scatter, held)
+        if jump is not None:
+            self._jumped(jump, made.time)
+        elif self._blocks % _OFTEN == 0:
+            self._report(made.time)
+        self._adopt(made.time)
+
+    def _limited(self, rows: WeightedRows) -> WeightedRows:
+        """A block that fits far worse than usual counts for less, unless it is one of many: a change of the load."""
+        if self._current.blocks < _CLUSTER:
+            return rows
+        p = self._errors.mean
+        residual = rows.target - rows.matrix @ self._current.mean(p) - rows.errors @ p
+        square = float(residual @ residual)
+        if np.isnan(self._usual):
+            self._usual = square
+        limit = _OUTLIER * max(self._usual, _LEAST_USUAL)
+        self._usual += 0.01 * (min(square, 4.0 * self._usual) - self._usual)
+        self._odd = self._odd + 1 if square > limit else 0
+        if not 0 < self._odd <= _ODD:
+            return rows
+        weight = np.sqrt(limit / square)
+        return WeightedRows(
+            rows.time, weight * rows.matrix, weight * rows.errors, weight * rows.target, weight**2 * rows.white
+        )
+
+    def _count_scatter(self, rows: WeightedRows) -> None:
+        """κ: sums of residuals over half a second against what independent rows of unit noise would come to."""
+        if self._aged.blocks < _CLUSTER:
+            return
+        moments, p = rows.moments, self._errors.mean
+        self._sum += moments[:, 10] - moments[:, :10] @ self._aged.mean(p) - moments[:, 11:] @ p
+        self._normal += moments[:, :4]
+        self._summed += 1
+        if self._summed == _CLUSTER:
+            normal = self._normal + np.diag(1.0 / self._wide[:4] ** 2)
+            ratio = float(self._sum @ np.linalg.solve(normal, self._sum)) / 4.0
+            self._clusters = min(self._clusters + 1.0, self.settings.memory / self.settings.block / _CLUSTER)
+            self._scatter += (min(ratio, 9.0 * self._scatter) - self._scatter) / self._clusters
+            self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
+
+    def _refresh(self, scale: float) -> None:
+        """p̂ and Σ by what legs in the air and residuals have shown so far."""
+        self._errors = Errors(self._model, self._swing, scale)
+        usual = Errors(self._model, self._swing, 1.0)
+        # rows that a change may still be found in do not count against the model
+        last = self._aged if self._aged.blocks >= _CLUSTER or self._finished else self._current
+        self._fit = Fit.of((*self._finished, last), self._errors.mean, usual.covariance, self.settings)
+        self._errors = Errors(self._model, self._swing, self._fit.scale)
+        self._trust = None
+
+    def _jumped(self, jump: Jump, now: float) -> None:
+        """The trunk begins anew with the rows since the jump; what was known before it is kept."""
+        recent = list(self._recent)
+        before = self._old
+        # a short average may begin after the jump: blocks of which it is not certain are left out
+        for rows in recent[: -jump.blocks - self.settings.changes.confirmed]:
+            before = before.add(rows)
+        begun = recent[-jump.blocks].time - self.settings.block
+        self._finished = (*self._finished[-3:], before)
+        self._aged = Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)
+        self._current, self._old, self._nested = self._aged, self._aged, False
+        self._recent = deque(recent[-jump.blocks + self.settings.changes.spoilt :])
+        pending = self.settings.changes.pending
+        for k, rows in enumerate(self._recent):
+            self._current = self._current.add(rows)
+            if len(self._recent) - k > pending:
+                self._aged = self._current
+        self._candidate = _Change(begun, now, before) if jump.reported else None
+        self._report(now)
+        self._detector.restart()
+        self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
+        self._since = now
+
+    def _report(self, now: float) -> None:
+        """Reports the change that was found, once it is beyond its error bars; one that never is was none."""
+        candidate = self._candidate
+        if candidate is None:
+            return
+        if self._exceeds_errors(candidate.before):
+            if self._changing is not None:
+                self._changes.append(self._weighed(self._changing, candidate.before))
+            self._changing, self._candidate = _Change(candidate.time, now, candidate.before), None
+        elif now - candidate.noticed > self.settings.reported_within:
+            self._candidate = None
+
+    def _exceeds_errors(self, before: Segment) -> bool:
+        """Whether mass or first moment differ from what they were by more than their errors, while no joint sticks."""
+        p = self._errors.mean
+        difference = (self._current.mean(p) - before.mean(p))[:4]
+        covariance = self._errors.difference_covariance(
+            before, self._current, self._scatter, nested=False, stiction=False
+        )
+        return bool((np.abs(difference) > SIGNIFICANT * np.sqrt(np.diag(covariance)[:4])).any())
+
+    def _weighed(self, change: _Change, now: Segment) -> LoadChange:
+        p = self._errors.mean
+        mass = float(now.mean(p)[0] - change.before.mean(p)[0])
+        covariance = self._errors.difference_covariance(change.before, now, self._scatter, nested=False)
+        std = float(np.sqrt(covariance[0, 0]))
+        kind: ChangeKind = "on" if mass > 0 else "off"
+        if abs(mass) < max(3.0 * std, _SHIFTED * self.robot.mass):
+            kind = "shifted"
+        return LoadChange(change.time, change.noticed, mass, std, kind)
+
+    def _read(self) -> TrunkParameters:
+        if self._found is None:
+            covariance = self._errors.trunk_covariance(self._current, self._scatter)
+            covariance[:4, :4] += np.outer(self._detector.suspected, self._detector.suspected)
+            vector = self._current.mean(self._errors.mean)
+            self._found = TrunkParameters.of(vector, covariance, self._start, self.robot.mass, self._length)
+        return self._found
+
+    def _adopt(self, time: float) -> None:
+        """The trunk read from what is known becomes the estimate, unless it cannot be."""
+        self._found = None
+        if np.isnan(self._since):
+            self._since = time
+        vector = self._current.mean(self._errors.mean)
+        found = self._read()
+        try:
+            if not vector[0] > 0.0:
+                raise ImplausibleError(f"a mass of {vector[0]:.3g} kg")
+            complaint = self.bounds.complaint(TrunkModel.of(found.inertial))
+        except ImplausibleError as error:
+            complaint = str(error)
+        if complaint:
+            self._refuse(f"the estimate runs away: {complaint}")
+            return
+        trust = self.trust
+        self._good, self._learnt, self._reason = found, time, ""
+        if trust.verdict == "bad":
+            self._refuse(f"the model does not explain what the sensors say: {trust.reasons[0]}")
+            return
+        settled = time - self._since >= self.settings.settled and bool(found.observed[:3].all())
+        settled = settled and trust.misfit <= self.settings.doubtful
+        self._status = Status.CONVERGED if settled else Status.MOVING
+        if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
+            self._shape = found.inertial
+
+    def _refuse(self, reason: str) -> None:
+        self._status, self._reason = Status.REFUSED, reason
+
+
+def _order(robot: Robot, joints: Sequence[str] | None) -> NDArray[np.int_]:
+    """Where each joint of the tree stands among the given names."""
+    if joints is None:
+        return np.arange(len(robot.tree.joints))
+    given = list(joints)
+    for joint in robot.tree.joints:
+        if joint not in given:
+            raise UnknownNameError("joint", joint, given, "the arrays given to update")
+    return np.array([given.index(joint) for joint in robot.tree.joints])

@@ -1,0 +1,127 @@
+"""How well the model explains the rows: the size of its errors, and which of them it is.
+
+After θ has been fitted, the rows' residual r = b - A θ̂ - C p̂ has the energy S. White noise explains E_w of it, and
+errors of the model with their prior covariance Σ0 explain E_m = tr(Σ0 Cᵀ M C), M the weights without what θ takes.
+Their scale, a random-effects estimate by the method of moments, is
+
+    s² = (ν + max(S - E_w, 0)) / (ν + E_m),        ν a small share of the energy before θ was fitted
+
+s < 1: this robot is closer to its model than robots usually are, and s scales the errors that residuals show. What no
+residual shows (a robot at rest) stays at its prior size. The misfit is S / (E_w + E_m).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.robot.model import Robot
+from stadera.trunk.error_model import PLACES, ErrorModel
+from stadera.trunk.segment import Segment
+from stadera.trunk.settings import TrunkSettings
+from stadera.trust import Trust, Verdict
+from stadera.types import Array
+
+_CAUSES = {
+    "rotor": "rotor inertia that the model lacks",
+    "viscous": "viscous friction that the model lacks",
+    "coulomb": "Coulomb friction that the model lacks",
+    "stiction": "joints that stick",
+    "offset": "constant torque errors",
+    "gain": "the scale of some joints' torques, or their sign or order",
+    "encoder": "zeros of the joint encoders",
+    "contact": "where the feet touch the ground",
+    "link_mass": "masses of the legs' links",
+    "link_com": "centres of mass of the legs' links",
+    "imu_lever": "where the IMU is",
+    "imu_rotation": "how the IMU is turned",
+    "torque_lag": "torques that are late",
+    "velocity_lag": "joint velocities that are late",
+}
+_TRIED = 10.0  # times the prior standard deviation, up to which an error may explain the residual
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Fit quality of all rows so far.
+
+    Attributes:
+        scale: s, of the model errors that residuals show.
+        misfit: variance of the residual over the stated one.
+        remainder: see `Segment.remainder`, of the residual with p̂ taken out.
+        white: E_w.
+    """
+
+    scale: float
+    misfit: float
+    remainder: Array
+    white: float
+
+    @classmethod
+    def of(cls, segments: tuple[Segment, ...], errors: Array, covariance: Array, settings: TrunkSettings) -> Fit:
+        """From segments that saw the same robot.
+
+        Args:
+            errors: p̂ (ERRORS,). covariance: Σ0, of p at its prior size where nothing else is known.
+        """
+        remainder, total = (sum(getattr(s, name) for s in segments) for name in ("remainder", "energy"))
+        remainder = _without(remainder, errors)
+        white = float(sum(s.white for s in segments))
+        residual = max(float(remainder[0, 0]), 0.0)
+        stated = float((covariance * remainder[1:, 1:]).sum())
+        least = settings.least_scale * float((covariance * total[1:, 1:]).sum())
+        square = (least + max(residual - white, 0.0)) / max(least + stated, 1e-300)
+        return cls(float(np.sqrt(square)), residual / max(white + stated, 1e-300), remainder, white)
+
+    def trust(self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float) -> Trust:
+        """The verdict."""
+        verdict: Verdict = "good"
+        reasons: tuple[str, ...] = ()
+        if self.misfit > settings.doubtful:
+            verdict = "bad" if self.misfit > settings.bad else "doubtful"
+            reasons = self._causes(errors)
+        if swing_misfit > settings.bad:
+            verdict = "bad" if verdict == "bad" else "doubtful"
+            reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
+        return Trust(verdict, self.misfit, self._by_leg(robot, errors), reasons)
+
+    def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
+        """Mean square of the residual along each leg's errors, over what noise and errors of all legs cause there."""
+        std = np.sqrt(np.diag(errors.covariance))
+        along = self.remainder[1:, 0] * std
+        cross = self.remainder[1:, 1:] * std * std[:, None]
+        expected = (cross**2).sum(axis=1) + np.diag(cross)
+        ratio = along**2 / np.maximum(expected, 1e-300)
+        out = {}
+        for k, leg in enumerate(robot.legs):
+            places = [PLACES[n].start + 3 * k + j for n in ("gain", "coulomb", "offset", "encoder") for j in range(3)]
+            out[leg.name] = float(ratio[places].mean())
+        return out
+
+    def _causes(self, errors: ErrorModel) -> tuple[str, ...]:
+        """The three errors that explain most of the residual, each by itself, up to ten times their prior size."""
+        shares = {name: self._explained(errors, PLACES[name]) for name in _CAUSES}
+        best = sorted(shares, key=lambda name: -shares[name])[:3]
+        return tuple(
+            f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain; "
+            f"{_CAUSES[name]} would explain {100.0 * shares[name]:.0f} % of it"
+            for name in best
+            if shares[name] > 0.05
+        ) or (f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain",)
+
+    def _explained(self, errors: ErrorModel, place: slice) -> float:
+        inside = slice(place.start + 1, place.stop + 1)
+        along, normal = self.remainder[inside, 0], self.remainder[inside, inside]
+        level = max(float(self.remainder[0, 0]), 1e-300)
+        prior = np.linalg.inv(_TRIED**2 * errors.covariance[place, place])
+        return float(along @ np.linalg.solve(normal + prior, along)) / level
+
+
+def _without(products: Array, errors: Array) -> Array:
+    """Products of target and errors, with C p̂ taken out of the target."""
+    out = products.copy()
+    out[1:, 0] -= products[1:, 1:] @ errors
+    out[0, 1:] = out[1:, 0]
+    out[0, 0] -= (products[1:, 0] + out[1:, 0]) @ errors
+    return out

@@ -1,0 +1,70 @@
+"""Which way the ground faces under a walking robot, in trunk axes: where its foot spheres touch.
+
+The line between two feet that carry lies in the ground's plane (feet of equal radius). The sum of such lines' d dᵀ,
+turned along with the trunk by the gyro and slowly forgotten, has the normal for its least direction: of a trot's two
+diagonals each is seen every half period. What they do not tell, after a start or on one diagonal, the vertical does,
+which is the specific force averaged over a second, likewise turned along.
+"""
+
+from __future__ import annotations
+
+from math import exp
+
+import numpy as np
+
+from stadera.inertia import skew
+from stadera.types import Array
+
+_MEMORY = 1.0  # s
+_LEAST_LOAD = 0.08  # of the robot's weight, along the vertical: a foot that carries
+_BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
+_FIRST, _SECOND = (np.array(k) for k in zip((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3), strict=True))
+
+
+class GroundNormal:
+    """The ground's normal, block by block.
+
+    Args:
+        weight: of the robot [N].
+
+    Attributes:
+        up: (3,), the vertical in trunk axes; None before the first block.
+    """
+
+    def __init__(self, weight: float) -> None:
+        self._least = _LEAST_LOAD * weight
+        self._lines = np.zeros((3, 3))
+        self.up: Array | None = None
+
+    def ahead(self, specific_force: Array, angular_velocity: Array, duration: float) -> Array:
+        """The normal (3,) in the middle of a block that lasts so long [s], from its mean IMU values (3,)."""
+        along = specific_force / np.linalg.norm(specific_force)
+        if self.up is None:
+            self.up = along
+        else:
+            turn = turned(angular_velocity, duration)
+            self.up = turn @ self.up
+            self.up += (1.0 - exp(-duration / _MEMORY)) * (along - self.up)
+            self.up /= np.linalg.norm(self.up)
+            self._lines = exp(-duration / _MEMORY) * (turn @ self._lines @ turn.T)
+        level = np.eye(3) - np.outer(self.up, self.up)
+        normal = np.linalg.eigh(self._lines + _BELIEF * level)[1][:, 0]
+        if normal @ self.up < 0.0:
+            normal = -normal
+        back = 0.5 * duration * angular_velocity  # from the block's end to its middle
+        return np.asarray(normal + skew(back) @ normal)
+
+    def learn(self, feet: Array, force: Array, duration: float) -> None:
+        """Takes in where the feet (3, 4) [m] were at a block's end, under which forces (3, 4) [N]."""
+        assert self.up is not None
+        carrying = self.up @ force > self._least
+        both = carrying[_FIRST] & carrying[_SECOND]
+        lines = feet[:, _FIRST[both]] - feet[:, _SECOND[both]]
+        lines = lines / np.linalg.norm(lines, axis=0)
+        self._lines += (duration / _MEMORY) * (lines @ lines.T)
+
+
+def turned(angular_velocity: Array, duration: float) -> Array:
+    """Takes trunk components of what is fixed in the world to those `duration` later."""
+    turn = skew(-duration * angular_velocity)
+    return np.asarray(np.eye(3) + turn + 0.5 * turn @ turn)

@@ -1,0 +1,133 @@
+"""The load of the trunk, whatever the estimator that weighed it: what was added since the tare, and when it changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from stadera.inertia import InertialParameters
+from stadera.types import Array
+
+SIGNIFICANT = 3.0
+"""Standard deviations by which a payload's mass, and its moments of inertia, differ from zero where they are given."""
+
+ChangeKind = Literal["on", "off", "shifted"]
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """What was added to the trunk since the tare; trunk frame.
+
+    Attributes:
+        mass, mass_std: [kg].
+        com: (3,) [m]. com_covariance: (3, 3) [m²]. NaN where not observed; all of it where the mass is less than three
+            of its standard deviations from zero.
+        inertia: (3, 3) [kg·m²], about the payload's centre of mass, trunk axes; None where not observed.
+        parameters: the ten, a difference of two trunks that need not be physically possible; None where only mass and
+            centre of mass are estimated.
+    """
+
+    mass: float
+    mass_std: float
+    com: Array
+    com_covariance: Array
+    inertia: Array | None = None
+    parameters: InertialParameters | None = None
+
+    @property
+    def com_std(self) -> Array:
+        """(3,) [m], NaN where not observed."""
+        return np.sqrt(np.diag(self.com_covariance))
+
+    @classmethod
+    def of_parameters(cls, vector: Array, covariance: Array, limit: float) -> Payload:
+        """From the difference of two trunks' ten parameters.
+
+        Args:
+            vector: (10,). covariance: (10, 10).
+            limit: standard deviation [m] above which a component of the centre of mass is not observed.
+        """
+        found = cls.of_moments(vector[:4], covariance[:4, :4], np.full(3, limit))
+        parameters = InertialParameters(vector)
+        return cls(
+            found.mass,
+            found.mass_std,
+            found.com,
+            found.com_covariance,
+            observed_inertia(parameters, covariance) if np.isfinite(found.com).all() else None,
+            parameters,
+        )
+
+    @classmethod
+    def of_moments(cls, moments: Array, covariance: Array, limit: Array) -> Payload:
+        """From mass and first moment.
+
+        Args:
+            moments: (4,) [kg, kg·m]. covariance: (4, 4).
+            limit: (3,), standard deviations [m] above which components of the centre of mass are not observed.
+        """
+        mass, mass_std = float(moments[0]), float(np.sqrt(covariance[0, 0]))
+        com, com_covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
+        if abs(mass) > SIGNIFICANT * mass_std:
+            slope = centre_slope(moments)[1:]
+            com_covariance = slope @ covariance @ slope.T
+            hidden = ~(np.sqrt(np.maximum(np.diag(com_covariance), 0.0)) < limit)
+            com = np.where(hidden, np.nan, moments[1:] / mass)
+            com_covariance[hidden, :] = com_covariance[:, hidden] = np.nan
+        return cls(mass, mass_std, com, com_covariance)
+
+
+@dataclass(frozen=True)
+class LoadChange:
+    """A change of the load.
+
+    Attributes:
+        time: [s], about when; noticed: [s], when it was found.
+        mass, mass_std: [kg], of the difference; errors that both sides have in common cancel.
+        kind: on, off, or shifted where the mass is the same within its error.
+    """
+
+    time: float
+    noticed: float
+    mass: float
+    mass_std: float
+    kind: ChangeKind
+
+
+def since_tare(changes: Sequence[LoadChange], payload: Payload | None) -> tuple[LoadChange, ...]:
+    """The changes of the load since a tare. A single one is the payload, and has its mass: one load, one figure."""
+    if payload is None or len(changes) != 1 or changes[0].kind == "shifted":
+        return tuple(changes)
+    return (replace(changes[0], mass=payload.mass, mass_std=payload.mass_std),)
+
+
+def centre_slope(moments: Array) -> Array:
+    """(4, 4): derivative of mass and centre of mass by mass and first moment (4,)."""
+    mass = moments[0]
+    slope = np.eye(4)
+    slope[1:] /= mass
+    slope[1:, 0] = -moments[1:4] / mass**2
+    return slope
+
+
+def observed_inertia(body: InertialParameters, covariance: Array) -> Array | None:
+    """A payload's inertia about its centre of mass, (3, 3) [kg·m²], trunk axes; None where it was not observed.
+
+    With mass m, first moment m c and inertia I about the trunk's origin, about an axis v through c
+
+        vᵀ J v = vᵀ I v - m (|c|² - (vᵀ c)²)
+
+    Observed: each of the three principal moments differs from zero by more than its error, and a body can have them.
+    """
+    c = body.com
+    moments, axes = np.linalg.eigh(body.inertia_com)
+    x, y, z = axes
+    along = c @ axes
+    by_mass = c @ c - along**2  # of vᵀ J v by m, by m c and by I
+    by_first = 2.0 * (axes * along - c[:, None])
+    slope = np.array([by_mass, *by_first, x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z])
+    std = np.sqrt(np.einsum("ik,ij,jk->k", slope, covariance, slope))
+    return body.inertia_com if (moments > SIGNIFICANT * std).all() and body.is_physical() else None

@@ -1,0 +1,136 @@
+"""One sample of all sensors, in trunk axes: the input of every online estimator and controller.
+
+The IMU's values are those at the IMU's place. Whoever knows the angular acceleration α moves the specific force to the
+trunk's origin with it (`stadera.robot.imu.force_at_origin`); the others use `Measurement.force_at_origin`, without α.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import isfinite
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs.recording import Recording
+from stadera.robot.imu import ImuMount, force_at_origin
+from stadera.robot.model import Robot
+from stadera.types import Array, Bools
+
+if TYPE_CHECKING:
+    from stadera.lab.sensors import SensorReading
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """One instant, finite and in trunk axes.
+
+    Attributes:
+        time: [s].
+        joint_position, joint_velocity: (n,) [rad, rad/s], in the tree's order.
+        effort: (n,) [N·m], what the actuators do to the joints.
+        angular_velocity: (3,) [rad/s], trunk axes.
+        specific_force: (3,) [m/s²], at the IMU, trunk axes: at rest 9.81 upwards.
+        rotation: (3, 3), of the trunk in the world, r_world = rotation @ r_trunk; None where there is no orientation.
+        foot_position: (4, 3) [m], centres of the feet in the trunk frame, where something else than the encoders says
+            them; None for forward kinematics.
+        stance: (4,) bool, the legs that are meant to carry; None where nobody says.
+        vertical_by_forces: there is no IMU: `specific_force` is gravity along the vertical by the feet's own forces
+            (`stadera.trunk.standing.vertical`), which holds at rest alone, and `angular_velocity` is zero.
+        lever: (3,) [m], the IMU's place in the trunk frame.
+    """
+
+    time: float
+    joint_position: Array
+    joint_velocity: Array
+    effort: Array
+    angular_velocity: Array
+    specific_force: Array
+    rotation: Array | None = None
+    foot_position: Array | None = None
+    stance: Bools | None = None
+    vertical_by_forces: bool = False
+    lever: Array = field(default_factory=lambda: np.zeros(3))
+
+    @cached_property
+    def force_at_origin(self) -> Array:
+        """(3,) [m/s²], specific force at the trunk's origin but for α x lever: centripetal acceleration removed."""
+        return force_at_origin(self.specific_force, self.angular_velocity, self.lever)
+
+    @property
+    def up(self) -> Array:
+        """Unit vector of the vertical in trunk axes, (3,): by the orientation, else along the specific force."""
+        if self.rotation is not None:
+            return np.asarray(self.rotation[2])
+        return np.asarray(self.force_at_origin / np.linalg.norm(self.force_at_origin))
+
+    @classmethod
+    def from_sample(cls, sample: SensorReading, mount: ImuMount, stance: Bools | None = None) -> Measurement:
+        """From one sample of the test-bed's sensors, which are in the IMU's axes.
+
+        Raises:
+            RecordingError: a value that is not finite.
+        """
+        q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
+        gyro, accelerometer = sample.angular_velocity, sample.specific_force
+        # products carry a value that is not finite on to the sum
+        if not isfinite(q.dot(qd) + effort.dot(effort) + gyro.dot(accelerometer) + orientation.dot(orientation)):
+            raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
+        omega, force = mount.in_trunk_axes(gyro), mount.in_trunk_axes(accelerometer)
+        rotation, lever = mount.trunk_rotation(rotation_matrix(orientation)), mount.translation
+        return cls(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance, lever=lever)
+
+
+def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = None) -> Iterator[Measurement]:
+    """A log's samples, one after the other, as an online estimator would have got them.
+
+    Args:
+        imu_frame: in which the IMU's values are; None for the recording's own, else the model's.
+
+    Raises:
+        RecordingError: the log lacks a joint's velocity or effort, or the IMU.
+        UnknownNameError: a joint of the robot is not recorded, or no such frame.
+    """
+    joints = robot.tree.joints
+    if recording.imu is None:
+        raise RecordingError(f"{recording.source}: no IMU; estimators need columns imu.angular_velocity.x, ...")
+    q = recording.channel("position", joints)
+    qd, effort = recording.channel("velocity", joints), recording.channel("effort", joints)
+    imu = recording.imu
+    mount = ImuMount.of(robot, imu_frame or imu.frame)
+    omega, force = mount.in_trunk_axes(imu.angular_velocity), mount.in_trunk_axes(imu.linear_acceleration)
+    stance = meant_stance(recording, robot)
+    for k, time in enumerate(recording.time):
+        yield Measurement(
+            time=float(time),
+            joint_position=q[k],
+            joint_velocity=qd[k],
+            effort=effort[k],
+            angular_velocity=omega[k],
+            specific_force=force[k],
+            rotation=None if imu.orientation is None else mount.trunk_rotation(rotation_matrix(imu.orientation[k])),
+            stance=None if stance is None else stance[k],
+            lever=mount.translation,
+        )
+
+
+def meant_stance(recording: Recording, robot: Robot) -> Bools | None:
+    """(samples, 4), the legs that a log says are on the ground; None where it does not say so of all."""
+    contacts = [recording.foot_contact.get(leg.foot) for leg in robot.legs]
+    return None if any(c is None for c in contacts) else np.column_stack([c for c in contacts if c is not None])
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """The rotation matrix of a quaternion xyzw, normalised here, (3, 3)."""
+    x, y, z, w = quaternion.tolist()
+    s = 2.0 / (x * x + y * y + z * z + w * w)
+    return np.array(
+        [
+            [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+            [s * (x * y + w * z), 1.0 - s * (x * x + z * z), s * (y * z - w * x)],
+            [s * (x * z - w * y), s * (y * z + w * x), 1.0 - s * (x * x + y * y)],
+        ]
+    )

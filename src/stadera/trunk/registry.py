@@ -1,0 +1,98 @@
+"""The methods that estimate the trunk's centre of mass, by name. A new one is one file and an entry here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from stadera.errors import IdentificationError, UnknownNameError
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.protocol import Estimator
+from stadera.trunk.standing.contact_com import ContactCom
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.orientation import OrientationCom, PostureLaw
+from stadera.trunk.standing.poses import COMBINED, PosesCom
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Arguments of a method.
+
+    Attributes:
+        robot: the model of the legs.
+        start: initial estimate; None for the robot's own trunk.
+        forces: source of contact forces; None for a new one.
+        posture: the law that holds the trunk, for methods that need it; None where it is not known.
+        mount: of the IMU whose values the method is fed with; None for the model's.
+    """
+
+    robot: Robot
+    start: TrunkModel | None = None
+    forces: ContactForceEstimator | None = None
+    posture: PostureLaw | None = None
+    mount: ImuMount | None = None
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method that estimates the centre of mass.
+
+    Attributes:
+        summary: what it uses, one line.
+        make: an estimator of this kind.
+        needs_imu: it does not work with joints alone.
+    """
+
+    summary: str
+    make: Callable[[Setup], Estimator]
+    needs_imu: bool = True
+
+
+def _orientation(setup: Setup) -> Estimator:
+    if setup.posture is None:
+        raise IdentificationError("the method 'orientation' needs the trunk controller's stiffness and reference")
+    return OrientationCom(setup.robot, setup.posture, setup.start, setup.forces)
+
+
+METHODS: Mapping[str, Method] = MappingProxyType(
+    {
+        "poses": Method(
+            "least squares over static poses", lambda s: PosesCom(s.robot, s.start, s.forces), needs_imu=False
+        ),
+        "orientation": Method("steps by the trunk's orientation error under a known controller", _orientation),
+        "contact": Method(
+            "steps by the contact forces' line of action", lambda s: ContactCom(s.robot, s.start, s.forces)
+        ),
+        "combined": Method(
+            "static poses, with torque offsets and feet as unknowns",
+            lambda s: PosesCom(s.robot, s.start, s.forces, COMBINED),
+            needs_imu=False,
+        ),
+        "walking": Method(
+            "every instant, whatever the motion; torque offsets as unknowns",
+            lambda s: TrunkEstimator(s.robot, start=s.start, mount=s.mount),
+        ),
+    }
+)
+"""By name."""
+
+
+def make_estimator(name: str, setup: Setup, methods: Mapping[str, Method] = METHODS) -> Estimator:
+    """An estimator of the named method.
+
+    Args:
+        name: of one of `methods`.
+        setup: its arguments.
+        methods: the methods to choose from.
+
+    Raises:
+        UnknownNameError: no such method.
+        IdentificationError: the setup lacks what the method needs.
+    """
+    if name not in methods:
+        raise UnknownNameError("method", name, methods)
+    return methods[name].make(setup)

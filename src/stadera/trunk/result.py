@@ -1,0 +1,88 @@
+"""What the estimator of motion finds: the trunk's ten parameters, their errors, and what of them was observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.inertia import InertialParameters
+from stadera.trunk.load import centre_slope
+from stadera.types import Array, Bools
+
+
+@dataclass(frozen=True)
+class ObservedLimits:
+    """Standard deviations above which a quantity counts as not observed.
+
+    Attributes:
+        mass: share of the robot's mass [1]. com: share of the leg's length [1].
+        inertia: share of the robot's mass times squared leg length [1].
+        least_spread: least second moment of a body, share of its mass times squared leg length [1].
+    """
+
+    mass: float = 0.2
+    com: float = 0.1
+    inertia: float = 0.02
+    least_spread: float = 1e-4
+
+    def centre(self, robot_mass: float, length: float) -> Array:
+        """(4,) [kg, m], of mass and centre of mass."""
+        return np.array([self.mass * robot_mass, *[self.com * length] * 3])
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkParameters:
+    """The trunk, payload included, trunk frame.
+
+    Attributes:
+        inertial: physically possible; what was not observed is the prior's.
+        covariance: (4, 4), of mass [kg] and centre of mass [m]; NaN where not observed.
+        inertia_std: (6,) [kg·m²], of Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the trunk's origin; NaN where not observed.
+        observed: (10,) bool, of mass, three components of the centre of mass, six of the inertia, these all or none.
+    """
+
+    inertial: InertialParameters
+    covariance: Array
+    inertia_std: Array
+    observed: Bools
+
+    @classmethod
+    def of(
+        cls, vector: Array, covariance: Array, prior: InertialParameters, robot_mass: float, length: float
+    ) -> TrunkParameters:
+        """From the ten (10,) and their covariance (10, 10); the prior stands in for what was not observed."""
+        limits = ObservedLimits()
+        if not vector[0] > 0.0:
+            return cls.unobserved(prior)
+        slope = centre_slope(vector[:4])
+        centre = slope @ covariance[:4, :4] @ slope.T
+        observed = np.sqrt(np.diag(centre)) < limits.centre(robot_mass, length)
+        centre[~observed, :] = centre[:, ~observed] = np.nan
+        value = np.where(observed, [vector[0], *(vector[1:4] / vector[0])], [prior.mass, *prior.com])
+        std = np.sqrt(np.diag(covariance)[4:])
+        seen = bool((std < limits.inertia * robot_mass * length**2).all())  # five components of a tensor are not one
+        inertia = prior.inertia_com
+        if seen:
+            inertia = _possible(InertialParameters(vector).inertia_com, limits.least_spread * value[0] * length**2)
+        inertial = InertialParameters.from_com(float(value[0]), value[1:], inertia)
+        std = np.where(seen, std, np.nan)
+        return cls(inertial, centre, std, np.concatenate([observed, np.full(6, seen)]))
+
+    @classmethod
+    def unobserved(cls, prior: InertialParameters) -> TrunkParameters:
+        """The prior, of which nothing was observed."""
+        return cls(prior, np.full((4, 4), np.nan), np.full(6, np.nan), np.zeros(10, dtype=bool))
+
+
+def _possible(inertia_com: Array, least: float) -> Array:
+    """The nearest inertia about the centre of mass (3, 3) that a body can have: second moments not below `least`.
+
+    Mass and centre of mass stay, which are known better.
+    """
+    second = 0.5 * np.trace(inertia_com) * np.eye(3) - inertia_com
+    values, vectors = np.linalg.eigh(second)
+    if values[0] >= least:
+        return inertia_com
+    second = (vectors * np.maximum(values, least)) @ vectors.T
+    return np.asarray(np.trace(second) * np.eye(3) - second)

@@ -1,0 +1,378 @@
+"""Rows of a moving robot, filtered over short blocks: six equations every 20 ms, and how model errors enter them.
+
+Each sample gives six rows that hold exactly (`stadera.legs.base_wrench`). Their mean over two blocks, weighted by
+
+    w_k ∝ 1 - cos(2π k / n),
+
+is what one block gives: it begins and ends with zero, so that accelerations are filtered by parts, and one block's
+falling half is the next one's rising half, so that each is summed once.
+
+With E the wrench of a unit of h - τ, K = ∂(inertial wrench)/∂a and L = ∂(inertial wrench)/∂α of the whole robot with
+the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_model`) adds C p to the left side of A θ = b::
+
+    rotor, friction, offset    -E q̈, -E q̇, -E s, -E       s: smoothed sign of q̇, of velocities averaged over a block
+    gain, lag of the torques   -E τ, +E τ̇                  true torque: (1 - g) τ + d τ̇
+    stiction                   ∓E √(1 - s²)                what holds a joint at standstill, positive upwards
+    encoder, contact           +∂b/∂q, -∂b/∂p_contact      at the block's middle, by differences and in closed form
+    link mass and centre       -∂b/∂(m, c)                 `BaseWrenchRegressor.by_links`
+    IMU place, axes, bias      -K ([α]x + [ω]x[ω]x), K [a]x + L [α]x, -K
+    lag of the velocities      G q⃛ + L α̇
+
+G, L, K of the legs are found by feeding each acceleration alone at the block's last posture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.inertia import InertialParameters, skew
+from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions, LegWrenches
+from stadera.legs.friction import direction
+from stadera.legs.model import cross
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.trunk.calibration import SignalCalibration
+from stadera.trunk.error_model import ERRORS, PLACES
+from stadera.trunk.ground import turned
+from stadera.trunk.noise import WhiteNoise
+from stadera.trunk.samples import Samples
+from stadera.trunk.settings import SwingDetection
+from stadera.trunk.wrench import (
+    trunk_matrix,
+    trunk_signals,
+    wrench_of_angular_acceleration,
+    wrench_of_specific_force,
+)
+from stadera.types import Array, Bools
+
+_STANDING = 0.05  # of each block in which a foot carries, of its usual height
+_STEP = 1e-4  # rad, of the differences by joint positions
+_PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
+_MIDDLES = 4  # the block's middle sample as it is, and with each joint of all legs moved by a step
+_OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
+_TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
+_SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg
+
+_TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
+_UNIT = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class SwingRows:
+    """What a window says in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`."""
+
+    air: Bools
+    terms: Array
+    rate: Array
+    residual: Array
+
+
+@dataclass(frozen=True, eq=False)
+class BlockRows:
+    """What two neighbouring blocks say together: six rows A θ + C p = b.
+
+    Attributes:
+        time: [s], of the last sample in it. elapsed: [s], since the block before.
+        matrix: A (6, 10). errors: C (6, ERRORS). target: b (6,) [N, N·m].
+        white: (6, 6), covariance of the white noise.
+        swing: in joint space.
+    """
+
+    time: float
+    elapsed: float
+    matrix: Array
+    errors: Array
+    target: Array
+    white: Array
+    swing: SwingRows
+
+
+class BlockResult(NamedTuple):
+    """What a block came to.
+
+    Attributes:
+        rows: of the window that it completes; None for the first block of a stretch.
+        feet, force: (3, 4) [m, N], at its end, trunk axes.
+        singular: index of a leg that is so stretched that its foot's force is not felt.
+    """
+
+    rows: BlockRows | None
+    feet: Array
+    force: Array
+    singular: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Half:
+    """One block: half a window. Sums by its rising and falling weights, and what is constant over it."""
+
+    time: Array
+    rising: _Sums
+    falling: _Sums
+    probes: Array  # (6, 9, legs)
+    middle: Array  # (6, encoder 12 + contact 12), their errors' effect at its middle
+    angular_velocity: Array
+    air: Bools
+    averaged: float  # Σ w²
+    differentiated: float  # Σ ẇ² [1/s²]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Weighted sums over a block."""
+
+    signals: Array  # (12,)
+    target: Array  # (6,)
+    by_terms: Array  # (6, 12, terms): E times q̈, q̇, s, 1, τ and √(1 - s²)
+    by_rate: Array  # (6,): E τ̇
+    by_links: Array  # (6, 48)
+    jerk: Array  # (15,)
+    joint: Array  # (6, 12): q̈, q̇, s, 1, τ̇, h - τ
+    squared: Array  # (6, 6), Σ w² E σ² Eᵀ of white torque noise
+
+    def __add__(self, other: _Sums) -> _Sums:
+        return _Sums(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
+
+
+class RowMaker:
+    """Turns blocks of samples into rows.
+
+    Args:
+        robot: the model.
+        mount: of the IMU, for its lever; the samples are in trunk axes.
+        swing: when a leg counts as swinging.
+
+    Attributes:
+        regressor: of the legs.
+        noise: white noise of all channels, as the log shows it.
+    """
+
+    def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection) -> None:
+        self.regressor, self._lever, self._swing = BaseWrenchRegressor(robot), mount.translation, swing
+        self.noise = WhiteNoise.prior(robot, self.regressor.columns)
+        self._weight = robot.mass * GRAVITY
+        self._flat = _SINGULAR * self.regressor.length**3
+        self._half: _Half | None = None
+        self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
+        self._calibration = SignalCalibration()
+
+    def restart(self) -> None:
+        """Forgets the half-finished window: what comes next does not follow on."""
+        self._half = None
+
+    def forget(self) -> None:
+        """Forgets how the trunk has moved as well: nobody saw how it turned until what comes next."""
+        self.restart()
+        self._calibration = SignalCalibration()
+
+    def block(self, samples: Samples, normal: Array, trunk: InertialParameters) -> BlockResult:
+        """Takes in one block.
+
+        Args:
+            samples: of the block, with one sample more before and after it.
+            normal: (3,), of the ground, trunk axes.
+            trunk: about what errors of the IMU are linearised.
+        """
+        n = len(samples) - 2
+        motion, torque_rate, jerk = self._motion(samples, normal)
+        wrenches = self.regressor.at(motion)
+        flat = np.abs(wrenches.volume) < self._flat
+        if flat.any():
+            self.restart()
+            return BlockResult(None, wrenches.feet[:, n - 1], np.zeros((3, 4)), int(np.argmax(flat.any(axis=0))))
+        self.noise.learn(samples, self.regressor.columns)
+        effort = np.zeros((n + _PROBES + _MIDDLES, 4, 3))
+        effort[:n] = samples.effort[1:-1][:, self.regressor.columns]
+        effort[n + _PROBES :] = effort[n // 2]
+        by_leg, force = wrenches.target(effort), wrenches.forces(effort)
+        half = self._summed(samples, motion, wrenches, effort, by_leg, force, torque_rate, jerk)
+        rows = None if self._half is None else self._rows(self._half, half, trunk)
+        self._half = half
+        return BlockResult(rows, wrenches.feet[:, n - 1], force[:, n - 1])
+
+    def _motion(self, samples: Samples, normal: Array) -> tuple[LegMotions, Array, Array]:
+        """The block's motion, the probes at its last posture and the middles; the torques' rates (n, 4, 3), and the
+        rates of the joints' and the trunk's accelerations (n, 15).
+        """
+        n, columns = len(samples) - 2, self.regressor.columns
+        more = _PROBES + _MIDDLES
+        span = (samples.time[2:] - samples.time[:-2])[:, None]
+        rates = [(v[2:] - v[:-2]) / span for v in (samples.velocity, samples.angular_velocity, samples.effort)]
+        inside = slice(1, -1)
+        omega, alpha = samples.angular_velocity[inside].T, rates[1].T
+        lever = self._lever[:, None] * np.ones(n)
+        specific = samples.specific_force[inside].T - cross(alpha, lever) - cross(omega, cross(omega, lever))
+        position, velocity, acceleration = (np.zeros((n + more, 4, 3)) for _ in range(3))
+        position[:n], velocity[:n] = samples.position[inside][:, columns], samples.velocity[inside][:, columns]
+        acceleration[:n] = rates[0][:, columns]
+        position[n : n + _PROBES] = position[n - 1]
+        trunk = np.zeros((3, 3, n + more))
+        trunk[0, :, :n], trunk[1, :, :n], trunk[2, :, :n] = omega, alpha, specific
+        trunk[2, :, n : n + 3] = trunk[1, :, n + 3 : n + 6] = _UNIT
+        acceleration[n + 6 : n + 9] = _UNIT[:, None, :]
+        k, at = n // 2, n + _PROBES
+        position[at:], velocity[at:], acceleration[at:] = position[k], velocity[k], acceleration[:n].mean(axis=0)
+        position[at + 1 :] += _STEP * _UNIT[:, None, :]
+        trunk[:, :, at:] = trunk[:, :, k : k + 1]
+        normals = np.broadcast_to(normal[:, None], (3, n + more))
+        motion = LegMotions(
+            position, velocity, acceleration, trunk[0], trunk[1], trunk[2], normals, _fitted(velocity, n)
+        )
+        turning = np.hstack([samples.velocity[:, columns.ravel()], samples.angular_velocity])
+        jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
+        return motion, rates[2][:, columns], jerk
+
+    def _summed(
+        self,
+        samples: Samples,
+        motion: LegMotions,
+        wrenches: LegWrenches,
+        effort: Array,
+        by_leg: Array,
+        force: Array,
+        torque_rate: Array,
+        jerk: Array,
+    ) -> _Half:
+        n = len(samples) - 2
+        E = wrenches.to_wrench[:, :n].reshape(6, n, 12)
+        assert motion.sliding is not None
+        sure = direction(motion.sliding[:n]).reshape(n, 12)
+        acceleration, velocity = motion.acceleration[:n].reshape(n, 12), motion.velocity[:n].reshape(n, 12)
+        one, tau, rate = np.ones((n, 12)), effort[:n].reshape(n, 12), torque_rate.reshape(n, 12)
+        stuck = np.sqrt(np.maximum(1.0 - sure * sure, 0.0))
+        terms = np.stack([acceleration, velocity, sure, one, tau, stuck], axis=-1)  # (n, 12, terms)
+        left = wrenches.torque[:n].reshape(n, 12) - tau
+        joint = np.stack([acceleration, velocity, sure, one, rate, left], axis=1)  # (n, 6, 12)
+        signals = trunk_signals(
+            motion.specific_force[:, :n], motion.angular_velocity[:, :n], motion.angular_acceleration[:, :n]
+        )
+        target, by_rate = by_leg[:, :n].sum(axis=2), (E * rate).sum(axis=2)
+        links = self.regressor.by_links(wrenches, n)
+
+        def sums(w: Array) -> _Sums:
+            weighted = E * w[:, None]
+            noisy = (weighted * self.noise.torque).reshape(6, -1)
+            return _Sums(
+                signals @ w,
+                target @ w,
+                np.matmul(weighted.transpose(2, 0, 1), terms.transpose(1, 0, 2)).transpose(1, 0, 2),
+                by_rate @ w,
+                np.tensordot(w, links, 1),
+                w @ jerk,
+                np.tensordot(w, joint, 1),
+                noisy @ noisy.T,
+            )
+
+        rising = _half_window(n)
+        step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
+        probes = by_leg[:, n : n + 9] - by_leg[:, n + 9 : n + 10]
+        return _Half(
+            time=samples.time[1:-1],
+            rising=sums(rising),
+            falling=sums(rising[::-1]),
+            probes=probes,
+            middle=self._middle(wrenches, by_leg, force, n),
+            angular_velocity=samples.angular_velocity[1:-1].mean(axis=0),
+            air=self._in_the_air(wrenches, force, motion.normal, n),
+            averaged=float(rising @ rising),
+            # the window of length 2nT has ẇ = (π / n²T) sin(...) / 2, squared and summed n/2 times
+            differentiated=float((np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0),
+        )
+
+    def _middle(self, wrenches: LegWrenches, by_leg: Array, force: Array, n: int) -> Array:
+        """(6, 24): derivatives of b by each joint's position, and by each contact point's place, at the middle.
+
+        A force f that acts at p + δ turns joint k by s_k · (δ x f) = (f x s_k) · δ more, and the trunk by δ x f.
+        """
+        at = n + _PROBES
+        by_position = (by_leg[:, at + 1 :] - by_leg[:, at : at + 1]) / _STEP  # (6, joint, leg)
+        f, s, E = force[:, at], wrenches.axis[:, at], wrenches.to_wrench[:, at]  # (3, leg), (3, leg, joint), (6, ...)
+        by_contact = -np.einsum("wlk,clk->wlc", E, cross(f[:, :, None] * np.ones(3), s))
+        by_contact[3:] -= np.array([skew(f[:, leg]) for leg in range(4)]).transpose(1, 0, 2)
+        return np.hstack([by_position.transpose(0, 2, 1).reshape(6, 12), by_contact.reshape(6, 12)])
+
+    def _in_the_air(self, wrenches: LegWrenches, force: Array, normal: Array, n: int) -> Bools:
+        """(4,) legs whose foot is lifted off the ground and carries little, all through the block."""
+        height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal[:, :n]) - self._standing
+        light = np.linalg.norm(force[:, :n], axis=0) < self._swing.load * self._weight
+        ground = np.where(light, np.nan, height)
+        carried = np.where(light, 0.0, np.einsum("cnl,cn->nl", force[:, :n], normal[:, :n])).sum(axis=1)
+        if carried.min() < self._swing.carried * self._weight:  # it lies, hangs, or flies
+            return np.zeros(4, dtype=bool)
+        level = np.nanmean(ground, axis=1, keepdims=True)
+        standing = ~light.any(axis=0)
+        self._standing += _STANDING * np.where(standing, (height - level).mean(axis=0), 0.0)
+        return np.asarray(((height - level > self._swing.lift * self.regressor.length) & light).all(axis=0))
+
+    def _rows(self, first: _Half, second: _Half, trunk: InertialParameters) -> BlockRows:
+        total = first.rising + second.falling
+        averaged, differentiated = first.averaged + second.averaged, first.differentiated + second.differentiated
+        probes, noise = 0.5 * (first.probes + second.probes), self.noise
+        elapsed = float(second.time[-1] - first.time[-1])
+        imu = np.repeat([averaged * noise.accelerometer**2, differentiated * noise.gyro**2], 3)
+        imu[:3] += imu[3] * (self._lever @ self._lever)
+        turn = turned(second.angular_velocity, elapsed)
+        signals, removed = self._calibration.calibrated(total.signals, imu, turn, elapsed)
+        own_a = wrench_of_specific_force(trunk.mass, trunk.first_moment)
+        own_alpha = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia)
+        K = own_a - probes[:, :3].sum(axis=2)
+        L = own_alpha - probes[:, 3:6].sum(axis=2)
+        G = probes[:, 6:9].transpose(0, 2, 1).reshape(6, 12)  # by leg and joint
+        C = np.zeros((6, ERRORS))
+        for term, name in enumerate(_TERMS):
+            C[:, PLACES[name]] = -total.by_terms[:, :, term]
+        # signs so that what holds a joint lifts the trunk: joints that hold a sagging robot do so alike
+        C[:, PLACES["stiction"]] *= np.sign(total.signals[:3] @ total.by_terms[:3, :, _TERMS.index("offset")])
+        C[:, PLACES["torque_lag"]] = total.by_rate[:, None]
+        C[:, PLACES["common_gain"]] = C[:, PLACES["gain"]].sum(axis=1, keepdims=True)
+        middle = 0.5 * (first.middle + second.middle)
+        C[:, PLACES["encoder"]], C[:, PLACES["contact"]] = middle[:, :12], -middle[:, 12:]
+        C[:, PLACES["link_mass"]], C[:, PLACES["link_com"]] = -total.by_links[:, :12], -total.by_links[:, 12:]
+        a, alpha, spin = total.signals[:3], total.signals[3:6], _squared(total.signals[6:])
+        C[:, PLACES["imu_lever"]] = -K @ (skew(alpha) + spin)
+        C[:, PLACES["imu_rotation"]] = K @ skew(a) + L @ skew(alpha)
+        C[:, PLACES["accelerometer"]] = -K
+        C[:, PLACES["velocity_lag"]] = (L @ total.jerk[12:] - G @ total.jerk[:12])[:, None]
+        C[:, PLACES["regression"]] = own_alpha * removed
+        L_noise = L + K @ skew(self._lever)
+        white = _OVERLAP * (total.squared + averaged * noise.accelerometer**2 * (K @ K.T))
+        white += _TELESCOPED * differentiated * (noise.gyro**2 * (L_noise @ L_noise.T))
+        white += _TELESCOPED * differentiated * ((G * noise.velocity) @ (G * noise.velocity).T)
+        acceleration, velocity, sure, one, rate, left = total.joint
+        return BlockRows(
+            time=float(second.time[-1]),
+            elapsed=elapsed,
+            matrix=trunk_matrix(signals),
+            errors=C,
+            target=total.target,
+            white=white,
+            swing=SwingRows(first.air & second.air, np.stack([acceleration, velocity, sure, one]), rate, left),
+        )
+
+
+def _squared(products: Array) -> Array:
+    """[ω]x [ω]x (3, 3) = ω ωᵀ - ω² 1, from the six products of ω."""
+    xx, xy, xz, yy, yz, zz = products
+    outer = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.asarray(outer - (xx + yy + zz) * np.eye(3))
+
+
+def _fitted(velocity: Array, n: int) -> Array:
+    """The first n velocities (samples, 4, 3) by a line over them each; the rest as they are."""
+    out = velocity.copy()
+    along = np.arange(n) - 0.5 * (n - 1)
+    slope = np.tensordot(along, velocity[:n], 1) / max(along @ along, 1.0)
+    out[:n] = velocity[:n].mean(axis=0) + along[:, None, None] * slope
+    return out
+
+
+@lru_cache(maxsize=64)
+def _half_window(n: int) -> Array:
+    """The rising half of a raised cosine over 2 n samples, its sum one half."""
+    window: Array = (1.0 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / (2.0 * n)
+    return window

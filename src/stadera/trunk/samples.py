@@ -1,0 +1,219 @@
+"""Samples of a robot in motion, cut into blocks; what is not finite or out of order is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf, isfinite, nan
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs.recording import Recording
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.trunk.measurement import Measurement
+from stadera.types import Array, Bools
+
+_LOST = 3.5  # steps between samples from which on something is missing between them
+_BRIDGED = 0.006  # s, that is never too long
+_SLACK = 1e-6  # s, of rounding in stamps
+
+_NAMES = ("time", "position", "velocity", "effort", "angular_velocity", "specific_force")
+_SPOKEN = ("time", "joint position", "joint velocity", "effort", "angular velocity", "specific force")
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Consecutive samples, IMU values in the trunk's axes.
+
+    Attributes:
+        time: (n,) [s].
+        position, velocity, effort: (n, joints) [rad, rad/s, N·m], in the tree's order.
+        angular_velocity: (n, 3) [rad/s].
+        specific_force: (n, 3) [m/s²], at the IMU's place.
+
+    Raises:
+        RecordingError: shapes that do not fit together.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    effort: Array
+    angular_velocity: Array
+    specific_force: Array
+
+    def __post_init__(self) -> None:
+        n, joints = len(self.time), self.position.shape[-1]
+        shapes = ((n,), *[(n, joints)] * 3, *[(n, 3)] * 2)
+        for name, shape in zip(_NAMES, shapes, strict=True):
+            if getattr(self, name).shape != shape:
+                raise RecordingError(f"samples' {name} need shape {shape}, got {getattr(self, name).shape}")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, which: slice | Bools) -> Samples:
+        return Samples(*(getattr(self, name)[which] for name in _NAMES))
+
+    def __add__(self, later: Samples) -> Samples:
+        return Samples(*(np.concatenate([getattr(self, name), getattr(later, name)]) for name in _NAMES))
+
+    @classmethod
+    def of(cls, measurements: Sequence[Measurement]) -> Samples:
+        """From measurements, at least one."""
+        return cls(
+            np.array([m.time for m in measurements]),
+            np.array([m.joint_position for m in measurements]),
+            np.array([m.joint_velocity for m in measurements]),
+            np.array([m.effort for m in measurements]),
+            np.array([m.angular_velocity for m in measurements]),
+            np.array([m.specific_force for m in measurements]),
+        )
+
+    @classmethod
+    def of_recording(cls, recording: Recording, robot: Robot, imu_frame: str | None = None) -> Samples:
+        """A whole log.
+
+        Args:
+            imu_frame: in which the IMU's values are; None for the recording's own, else the model's.
+
+        Raises:
+            RecordingError: the log lacks a joint's velocity or effort, or the IMU.
+            UnknownNameError: a joint of the robot is not recorded, or no such frame.
+        """
+        if recording.imu is None:
+            raise RecordingError(
+                f"{recording.source}: no IMU; weighing while walking needs columns imu.angular_velocity.x, ..."
+            )
+        mount = ImuMount.of(robot, imu_frame or recording.imu.frame)
+        omega = mount.in_trunk_axes(recording.imu.angular_velocity)
+        force = mount.in_trunk_axes(recording.imu.linear_acceleration)
+        q, qd, effort = (recording.channel(kind, robot.tree.joints) for kind in ("position", "velocity", "effort"))
+        return cls(recording.time, q, qd, effort, omega, force)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """What some samples came to.
+
+    Attributes:
+        blocks: complete ones, each with one sample more before and after it.
+        reason: why samples before them were left out, one sentence; else empty.
+        gap: how long nothing came before them [s]; 0 where they follow on.
+        begin: time of the first of them [s].
+    """
+
+    blocks: tuple[Samples, ...] = ()
+    reason: str = ""
+    gap: float = 0.0
+    begin: float = nan
+
+
+class SampleBuffer:
+    """Collects samples until a block is full.
+
+    Args:
+        joints: names, for messages.
+        block: its length [s].
+
+    Attributes:
+        due: [s], the time of the sample that completes the next block.
+    """
+
+    def __init__(self, joints: tuple[str, ...], block: float) -> None:
+        self._joints, self._block = joints, block
+        self._waiting: list[Measurement] = []
+        self._pending: Samples | None = None
+        self._last, self._step = -inf, inf
+        self.due = -inf
+
+    def gather(self, measurement: Measurement) -> Samples | None:
+        """Keeps one measurement; all that were kept, for `take`, once a block is full or something is amiss."""
+        before = self._waiting[-1].time if self._waiting else -inf
+        due = self._wants(measurement, before)
+        self._waiting.append(measurement)
+        if not due:
+            return None
+        samples = Samples.of(self._waiting)
+        self._waiting.clear()
+        return samples
+
+    def _wants(self, m: Measurement, before: float) -> bool:
+        """Whether a measurement completes a block, or does not simply follow the last one, at `before` [s]."""
+        if not max(before, self._last) < m.time < self.due:
+            return True
+        # products carry a value that is not finite on to the sum
+        q, qd, tau = m.joint_position, m.joint_velocity, m.effort
+        return not isfinite(q.dot(qd) + tau.dot(tau) + m.angular_velocity.dot(m.specific_force))
+
+    def take(self, samples: Samples) -> Iterator[Stretch]:
+        """The blocks that these complete, stretch by stretch."""
+        good, reason = self._usable(samples)
+        if reason:
+            yield Stretch(reason=reason)
+        time = good.time
+        if not len(good):
+            return
+        if self._step == inf:
+            known = np.diff(time) if self._last == -inf else np.diff(time, prepend=self._last)
+            self._step = float(np.median(known)) if len(known) else inf
+        steps = np.diff(time, prepend=self._last if self._last > -inf else time[0])
+        cuts = np.flatnonzero(steps > max(_LOST * self._step, _BRIDGED))
+        edges = sorted({0, *cuts.tolist(), len(good)})
+        self._last = float(time[-1])
+        for start, stop in pairwise(edges):
+            gap = float(steps[start]) if start in cuts else 0.0
+            if gap:
+                self._pending = None
+            yield Stretch(tuple(self._completed(good[start:stop])), gap=gap, begin=float(time[start]))
+
+    def _completed(self, samples: Samples) -> Iterator[Samples]:
+        pending = samples if self._pending is None else self._pending + samples
+        start, time = 0, pending.time
+        while True:
+            first = float(time[start + 1]) if start + 1 < len(time) else inf
+            step = self._step if self._step < inf else 0.0
+            self.due = first + max(self._block, step) - _SLACK
+            end = max(int(np.searchsorted(time, self.due)), start + 2)
+            if end >= len(time):
+                break
+            yield pending[start : end + 1]
+            start = end - 1
+        self._pending = pending[start:]
+        if self.due == inf:
+            self.due = -inf
+
+    def _usable(self, samples: Samples) -> tuple[Samples, str]:
+        """The samples that are finite and in order, and what speaks against the first of the others."""
+        if self._all_usable(samples):
+            return samples, ""
+        finite = np.isfinite(samples.time)
+        for name in _NAMES[1:]:
+            finite &= np.isfinite(getattr(samples, name)).all(axis=1)
+        time = np.where(finite, samples.time, -inf)
+        before = np.maximum.accumulate(np.concatenate([[self._last], time]))[:-1]
+        good = finite & (time > before)
+        if good.all():
+            return samples, ""
+        k = int(np.argmin(good))
+        if finite[k]:
+            return samples[good], f"time must increase, got {samples.time[k]:.6f} s after {before[k]:.6f} s"
+        return samples[good], f"not finite: {self._first_not_finite(samples, k)}"
+
+    def _all_usable(self, samples: Samples) -> bool:
+        """A quick look: sums carry on what is not finite."""
+        time = samples.time
+        if not (len(time) and time[0] > self._last and (time[1:] > time[:-1]).all()):
+            return False
+        return isfinite(sum(float(getattr(samples, name).sum()) for name in _NAMES))
+
+    def _first_not_finite(self, samples: Samples, k: int) -> str:
+        for name, spoken in zip(_NAMES, _SPOKEN, strict=True):
+            values = np.atleast_1d(getattr(samples, name)[k])
+            if not np.isfinite(values).all():
+                at = int(np.argmin(np.isfinite(values)))
+                return f"{spoken} of joint {self._joints[at]!r}" if name in _NAMES[1:4] else spoken
+        return "nothing"

@@ -1,0 +1,105 @@
+"""What blocks since the last change of the load say of the trunk, and of how far the model's errors are seen.
+
+Rows A θ + C p = b, weighted by a constant W, are summed up to R θ + G p = z. With p of mean p̂ and covariance Σ,
+
+    θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = κ R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
+
+p is not estimated from these rows (Schmidt's consider parameters): under load a constant torque cannot be separated
+from weight, and what is free takes up whatever else is wrong. κ is how much more the rows' sums scatter than W says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from stadera.information import Information, Unknowns
+from stadera.trunk.error_model import ERRORS
+from stadera.types import Array
+
+THETA = Unknowns.of(theta=10)
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedRows:
+    """Six rows of one block, in the unit of `stadera.trunk.considered.weighted`.
+
+    Attributes:
+        time: [s], of their end.
+        matrix: (6, 10). errors: (6, ERRORS). target: (6,).
+        white: variance of the white noise in them, summed over the six [1].
+    """
+
+    time: float
+    matrix: Array
+    errors: Array
+    target: Array
+    white: float
+
+    @cached_property
+    def moments(self) -> Array:
+        """(4, 10 + 1 + ERRORS): the columns of mass and first moment against all columns."""
+        return np.asarray(self.matrix[:, :4].T @ np.hstack([self.matrix, self.target[:, None], self.errors]))
+
+    @cached_property
+    def energy(self) -> Array:
+        """(1 + ERRORS, 1 + ERRORS): products of target and errors."""
+        columns = np.hstack([self.target[:, None], self.errors])
+        return np.asarray(columns.T @ columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Rows summed up.
+
+    Attributes:
+        known: R, z and G.
+        energy: (1 + ERRORS, 1 + ERRORS), products of targets and errors, summed.
+        white: Σ of the rows' white variance [1].
+        begin: time of the first row [s].
+        blocks: how many.
+    """
+
+    known: Information
+    energy: Array
+    white: float = 0.0
+    begin: float = np.nan
+    blocks: int = 0
+
+    @classmethod
+    def prior(cls, mean: Array, std: Array) -> Segment:
+        """Before any row: the trunk (10,) to (10,)."""
+        return cls(Information.prior(THETA, mean, std, ERRORS), np.zeros((1 + ERRORS, 1 + ERRORS)))
+
+    def add(self, rows: WeightedRows, keep: float = 1.0) -> Segment:
+        """With one block more, everything before it worth `keep` of what it was."""
+        known = self.known if keep == 1.0 else self.known.forget(keep)
+        return Segment(
+            known.add(rows.matrix, rows.target, rows.errors),
+            keep * self.energy + rows.energy,
+            keep * self.white + rows.white,
+            rows.time if np.isnan(self.begin) else self.begin,
+            self.blocks + 1,
+        )
+
+    @cached_property
+    def inverse(self) -> Array:
+        """R⁻¹, (10, 10)."""
+        return np.asarray(self.known.inverse)
+
+    @cached_property
+    def sensitivity(self) -> Array:
+        """K (10, ERRORS): the estimate is off by -K p."""
+        return np.asarray(self.inverse @ self.known.G)
+
+    @cached_property
+    def remainder(self) -> Array:
+        """`energy` without what some θ explains."""
+        explained = np.hstack([self.known.z[:, None], self.known.G])
+        return np.asarray(self.energy - explained.T @ explained)
+
+    def mean(self, errors: Array) -> Array:
+        """θ̂ (10,), for errors p̂ (ERRORS,)."""
+        return np.asarray(self.inverse @ self.known.z - self.sensitivity @ errors)

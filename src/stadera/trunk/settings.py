@@ -1,0 +1,145 @@
+"""Settings of the estimator of the trunk, each with its unit and its source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+from stadera.errors import ModelError, StaderaError
+
+
+@dataclass(frozen=True)
+class ModelErrors:
+    """Prior standard deviations of what a real robot has and its model does not.
+
+    They are properties of robots in general, not of one log: the fit of the log scales those that it shows (see
+    `stadera.trunk.fit`). Torques are shares of the joint's effort limit.
+
+    Attributes:
+        rotor: rotor inertia, as a share of the leg's mass times squared length [1]. Assumed; identified on the real
+            Go2 calf: of the order of 0.01 kg·m².
+        viscous: viscous friction, share of the effort limit per rad/s [s/rad]. Assumed.
+        coulomb: Coulomb friction [1]. Identified on a real Go2: 0.55 to 1.24 N·m on calves of 45 N·m, 1.2 to 2.8 %.
+        offset: constant torque error [1]. Assumed.
+        gain: of each joint's torque [1], by tolerances of motor and gear. Assumed.
+        common_gain: of all torques alike [1]. It cannot be separated from weight.
+        encoder: zero of each joint's encoder [rad]; calibration by end stops is good to about half a degree.
+        contact: place of each foot's contact point, each component [m].
+        link_mass: of each leg link [1]. link_com: of its centre of mass, each component [m]. CAD against weighed parts.
+        imu_lever: place of the IMU, each component [m]. imu_rotation: of its axes, each component [rad].
+        accelerometer: constant error, each axis [m/s²]. Assumed, of a MEMS sensor calibrated at rest.
+        torque_lag: lateness of the torques against encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms.
+        velocity_lag: lateness of the joint velocities [s].
+        alike: correlation of rotor inertia and friction between the four legs' joints of one kind [1]; drives of one
+            type are alike.
+    """
+
+    rotor: float = 0.1
+    viscous: float = 0.005
+    coulomb: float = 0.02
+    offset: float = 0.005
+    gain: float = 0.03
+    common_gain: float = 0.03
+    encoder: float = 0.007
+    contact: float = 0.005
+    link_mass: float = 0.05
+    link_com: float = 0.005
+    imu_lever: float = 0.015
+    imu_rotation: float = 0.01
+    accelerometer: float = 0.05
+    torque_lag: float = 0.01
+    velocity_lag: float = 0.001
+    alike: float = 0.7
+
+    def __post_init__(self) -> None:
+        for size in fields(self):
+            value = getattr(self, size.name)
+            if not (value >= 0.0 and value < float("inf")):
+                raise ModelError(f"model error {size.name!r} must be finite and not negative, got {value}")
+        if self.alike >= 1.0:
+            raise ModelError(f"model error 'alike' is a correlation below 1, got {self.alike}")
+
+
+@dataclass(frozen=True)
+class SwingDetection:
+    """When a leg counts as swinging, so that its rows give its joints' rotor inertia, friction and offsets.
+
+    Attributes:
+        lift: height of the foot above the lowest foot, along the ground's normal, share of the leg's length [1].
+        load: contact force by the joint torques below which it may be in the air, share of the weight [1]. Above the
+            0.2 that friction and rotor inertia of a swinging leg simulate in it, below what a stance leg carries.
+        carried: share of the weight that the other legs must carry [1].
+        residual: standard deviation of a row's residual beyond what white noise does, share of the effort limit [1]:
+            the error of a friction law at low speed.
+        repeated: how many successive rows repeat one error of the model [1]: half a swing of 20 ms blocks.
+    """
+
+    lift: float = 0.03
+    load: float = 0.35
+    carried: float = 0.5
+    residual: float = 0.005
+    repeated: float = 5.0
+
+
+@dataclass(frozen=True)
+class ChangeSettings:
+    """When a change of the load is reported.
+
+    Attributes:
+        least_change: of the trunk's mass over the robot's, or of the first moment over mass times leg length [1].
+        deviations: how many standard deviations a change must exceed.
+        windows: lengths of the averages that are compared with what was before [blocks].
+        confirmed: blocks for which it must persist.
+        history: how much must be known before a change can be reported [s].
+        delay: blocks after which an average is sure to have seen no change that is not reported yet.
+        pending: blocks that are not yet part of what was known before, for averages up to so long; twice that for
+            longer ones.
+        suspected: standard deviations from which a change that is not certain yet is in the error bars.
+        spoilt: blocks left out after the jump, which saw both loads.
+        memory: of the statistics of past averages [s].
+        prior: standard deviation of such averages before any was seen, as `least_change` [1].
+    """
+
+    least_change: float = 0.015
+    deviations: float = 4.0
+    windows: tuple[int, ...] = (6, 12, 25, 50, 100)
+    confirmed: int = 8
+    history: float = 0.8
+    delay: int = 30
+    pending: int = 56
+    suspected: float = 3.0
+    spoilt: int = 2
+    memory: float = 10.0
+    prior: float = 0.01
+
+
+@dataclass(frozen=True)
+class TrunkSettings:
+    """Settings of `TrunkEstimator`.
+
+    Attributes:
+        block: length of a block [s], 10 to 200 ms.
+        memory: time constant of the exponential forgetting [s].
+        model: prior standard deviations of model errors.
+        swing: when a leg tells about its joints.
+        changes: when a change of the load is reported.
+        reported_within: time after which a change that is within its error bars is not reported any more [s].
+        settled: time of learning after which an estimate counts as converged [s].
+        least_scale: share of the model errors' energy that always counts as seen at its prior size [1]: keeps what no
+            residual shows at its prior.
+        doubtful, bad: misfit from which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
+    """
+
+    block: float = 0.02
+    memory: float = 60.0
+    model: ModelErrors = field(default_factory=ModelErrors)
+    swing: SwingDetection = field(default_factory=SwingDetection)
+    changes: ChangeSettings = field(default_factory=ChangeSettings)
+    reported_within: float = 2.0
+    settled: float = 0.5
+    least_scale: float = 0.01
+    doubtful: float = 3.0
+    bad: float = 9.0
+
+    def __post_init__(self) -> None:
+        if not (0.01 <= self.block <= 0.2 and self.memory > 0.0 and self.changes.least_change >= 0.0):
+            raise StaderaError(f"weighing needs a block of 10 to 200 ms, a memory and changes ≥ 0, got {self}")

@@ -1,0 +1,1 @@
+"""Estimators for a robot that stands still."""

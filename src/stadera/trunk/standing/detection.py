@@ -1,0 +1,263 @@
+"""Static detection: whether the robot is in equilibrium on its feet, the condition of every law that weighs at rest.
+
+Single samples are noisy, so motion is evaluated after a first-order low-pass; values that are not finite are named and
+never get into it. After a fault nothing counts as static until all has been well for a while.
+
+How much noise a low-pass lets through depends on the log's rate: of white noise σ, sampled every dt,
+
+    σ √(α / (2 - α)),      α = dt / (T + dt)      (T: time constant)
+
+So joint velocities are averaged for as long as their own noise (`VelocityNoise`) needs to stay under the limit, but not
+for longer than all must have been well. The limit itself is the same for every log.
+
+An acceleration a across the vertical changes the specific force's size by a² / 2g alone, so its direction is watched as
+well, against the vertical v that the orientation, or else the gyro, carries along and the specific force pulls at,
+
+    v̇ = -ω x v + (f / |f| - v) / T,      a ≈ |f x v|      (f: specific force, trunk axes)
+
+so that a constant error of either is no acceleration.
+
+Without an IMU (`standing.vertical`) ω = 0 and f is along the feet's forces: where feet do not slip, joints at
+rest hold the trunk at rest, and what is left to be watched is whether the forces' direction sways.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import isfinite, sqrt
+
+import numpy as np
+
+from stadera.constants import GRAVITY, SATURATED
+from stadera.errors import require_positive
+from stadera.inertia import skew
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.standing.contact import ContactForces
+from stadera.trunk.standing.legs import MeasuredLegs
+from stadera.types import Array
+
+_CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
+_FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([1, 2, 3, 2, 3, 3])  # the pairs of feet
+
+
+@dataclass(frozen=True)
+class StaticLimits:
+    """What still counts as standing still.
+
+    Attributes:
+        angular_velocity: of the trunk [rad/s].
+        joint_velocity: of any joint [rad/s].
+        specific_force: how far its size may be from that of gravity, and what part of it may lie across the vertical
+            [m/s²].
+        effort: share of a joint's limit from which its torque counts as saturated.
+        slip: by how much the distance of two feet in stance may have changed since the robot stood still [m].
+        feet: least number of feet that carry.
+        smoothing: time constant of the low-pass [s]; for joint velocities the least, the most being `quiet`.
+        quiet: for how long all must have been well [s].
+        vertical_time: T [s], with which the vertical follows the specific force; a trunk sways faster on its legs.
+        interruption: time without a sample after which low-passes begin anew [s].
+        noise_share: standard deviations of the joint velocities' noise, after the low-pass, that fit under their limit.
+        slip_every: slips are looked for so often [s]; one does not go away by itself.
+    """
+
+    angular_velocity: float = 0.02
+    joint_velocity: float = 0.05
+    specific_force: float = 0.25
+    effort: float = SATURATED
+    slip: float = 0.01
+    feet: int = 3
+    smoothing: float = 0.05
+    quiet: float = 0.1
+    vertical_time: float = 0.3
+    interruption: float = 0.5
+    noise_share: float = 4.5
+    slip_every: float = 0.01
+
+    def __post_init__(self) -> None:
+        require_positive("static limit", self, (field.name for field in fields(self)))
+
+
+_FIRST_TIME, _LATER_TIME = 0.2, 1.0  # s, over which the velocities' noise is averaged: before it counts, and then
+
+
+class VelocityNoise:
+    """White noise of joint velocities by a log: the least that their second differences have shown.
+
+    Of white noise σ these have 6 σ² in the mean, of motion slow against the sampling next to nothing. Mean over all
+    joints. Noise that is no longer white, as of velocities filtered before they were recorded, is taken for less.
+
+    Attributes:
+        variance: σ² [rad²/s²]; 0 before the third sample.
+    """
+
+    def __init__(self) -> None:
+        self.variance = 0.0
+        self._mean, self._count, self._time = 0.0, 0, 0.0
+        self._last: tuple[Array, ...] = ()
+
+    def update(self, velocity: Array, dt: float) -> None:
+        """Takes in velocities (n,) [rad/s], `dt` [s] after the last ones."""
+        if len(self._last) == 2:
+            bent = velocity - 2.0 * self._last[1] + self._last[0]
+            self._count, self._time = self._count + 1, self._time + dt
+            share = max(1.0 / self._count, dt / (_LATER_TIME + dt))
+            self._mean += share * (float(bent @ bent) / (6.0 * len(bent)) - self._mean)
+            self.variance = min(self.variance, self._mean) if self._time > _FIRST_TIME else self._mean
+        self._last = (*self._last[-1:], velocity)
+
+    def interrupt(self) -> None:
+        """The next velocities do not follow on the last ones."""
+        self._last = ()
+
+
+class StaticDetector:
+    """Says, sample by sample, what speaks against static equilibrium.
+
+    Args:
+        legs: of the robot.
+        limits: None for the defaults.
+    """
+
+    def __init__(self, legs: MeasuredLegs, limits: StaticLimits | None = None) -> None:
+        self.legs, self.limits = legs, limits or StaticLimits()
+        robot = legs.robot
+        self._joints = robot.tree.joints
+        self._feet = tuple(leg.name for leg in robot.legs)
+        most = np.array([robot.limits[joint].effort for joint in self._joints])
+        self._effort = self.limits.effort * most
+        self._smooth = np.zeros(len(self._joints) + 6)
+        self._noise = VelocityNoise()
+        self._vertical: Array | None = None
+        self._rotation: Array | None = None
+        self._time = self._looked = np.nan
+        self._well_since = np.inf
+        self._reason = "the robot has not been seen at rest yet"
+        self._distances = np.zeros(6)
+        self._stance = np.zeros(4, dtype=bool)
+
+    def complaint(self, measurement: Measurement, forces: ContactForces) -> str:
+        """Why this measurement is not one of static equilibrium, in one sentence; empty where it is."""
+        time, limits = measurement.time, self.limits
+        reason = not_finite(measurement, self._joints)
+        if not reason:
+            self._smoothen(measurement)
+            reason = self._fault(measurement, forces)
+            if reason:  # whatever moves or errs now says nothing of where the vertical will be
+                self._vertical = None
+            else:
+                reason = self._pushed(by_forces=measurement.vertical_by_forces)
+        if reason:
+            self._reason, self._well_since = reason, np.inf
+            return reason
+        if self._well_since == np.inf:
+            self._well_since = time
+        return "" if time - self._well_since >= limits.quiet - 1e-9 else self._reason
+
+    def _smoothen(self, m: Measurement) -> None:
+        values = np.concatenate([m.joint_velocity, m.angular_velocity, m.force_at_origin])
+        dt, self._time = m.time - self._time, m.time
+        before, self._rotation = self._rotation, m.rotation
+        if not 0.0 < dt < self.limits.interruption:  # the first one, or after a gap
+            self._smooth, self._vertical = values, None
+            self._noise.interrupt()
+        else:
+            if m.rotation is not None and before is not None:
+                turned = m.rotation.T @ before
+            else:
+                turned = np.eye(3) - skew(dt * m.angular_velocity)
+            self._smooth[-3:] = turned @ self._smooth[-3:]
+            shares = np.full(len(values), dt / (self.limits.smoothing + dt))
+            shares[:-6] = self._velocity_share(dt)
+            self._smooth += shares * (values - self._smooth)
+            if self._vertical is not None:
+                self._vertical = turned @ self._vertical
+        self._noise.update(m.joint_velocity, dt)
+        force = self._smooth[-3:] / (sqrt(float(self._smooth[-3:] @ self._smooth[-3:])) or 1.0)
+        if self._vertical is None:
+            self._vertical = force
+        else:
+            self._vertical = self._vertical + (dt / (self.limits.vertical_time + dt)) * (force - self._vertical)
+
+    def _velocity_share(self, dt: float) -> float:
+        """α of joint velocities: what lets noise of `noise_share` standard deviations reach the limit."""
+        limits, variance = self.limits, self._noise.variance
+        least, most = dt / (max(limits.quiet, limits.smoothing) + dt), dt / (limits.smoothing + dt)
+        if not variance:
+            return most
+        square = (limits.joint_velocity / limits.noise_share) ** 2 / variance
+        return min(max(2.0 * square / (1.0 + square), least), most)
+
+    def _fault(self, m: Measurement, forces: ContactForces) -> str:
+        limits, n = self.limits, len(self._joints)
+        stance = forces.stance.tolist()
+        if sum(stance) < limits.feet:
+            carrying = [foot for foot, stands in zip(self._feet, stance, strict=True) if stands]
+            return f"only {len(carrying)} feet carry ({', '.join(carrying) or 'none'}), {limits.feet} are needed"
+        loads = np.abs(m.effort) / self._effort
+        if loads.max() >= 1.0:
+            joint = int(loads.argmax())
+            return f"the torque of joint {self._joints[joint]!r} is at its limit ({m.effort[joint]:.1f} N·m)"
+        wx, wy, wz, ax, ay, az = self._smooth[n:].tolist()
+        spin = sqrt(wx * wx + wy * wy + wz * wz)
+        if spin > limits.angular_velocity:
+            return f"the trunk turns at {spin:.3f} rad/s, more than {limits.angular_velocity} rad/s"
+        speed = np.abs(self._smooth[:n])
+        if speed.max() > limits.joint_velocity:
+            joint = int(speed.argmax())
+            return f"joint {self._joints[joint]!r} moves at {speed[joint]:.3f} rad/s, more than {limits.joint_velocity}"
+        push = sqrt(ax * ax + ay * ay + az * az) - GRAVITY
+        if abs(push) > limits.specific_force and not m.vertical_by_forces:
+            return f"the trunk accelerates: specific force {push:+.2f} m/s² off gravity"
+        return self._slipped(m, forces)
+
+    def _pushed(self, *, by_forces: bool) -> str:
+        """Across the vertical."""
+        if self._vertical is None:
+            return ""
+        force, along = self._smooth[-3:], self._vertical
+        square = float(force @ force) - float(force @ along) ** 2 / float(along @ along)
+        across = sqrt(max(square, 0.0))
+        if across <= self.limits.specific_force:
+            return ""
+        if by_forces:
+            return f"the direction of the feet's forces sways by {np.degrees(across / GRAVITY):.1f}°"
+        return f"the trunk accelerates: specific force {across:.2f} m/s² across the vertical"
+
+    def _slipped(self, m: Measurement, forces: ContactForces) -> str:
+        """Looked for now and then: a slip does not go away by itself."""
+        if m.time - self._looked < self.limits.slip_every and self._well_since < np.inf:
+            return ""
+        self._looked = m.time
+        between = self.legs.at(m).feet
+        lines = between[_FIRST] - between[_SECOND]
+        distances = np.sqrt((lines * lines).sum(axis=1))
+        if self._well_since == np.inf or not np.array_equal(forces.stance, self._stance):
+            self._distances, self._stance = distances, forces.stance
+            return ""
+        change = np.abs(distances - self._distances) * (self._stance[_FIRST] & self._stance[_SECOND])
+        if change.max() <= self.limits.slip:
+            return ""
+        by_foot = [change[(foot == _FIRST) | (foot == _SECOND)].sum() for foot in range(4)]
+        return f"foot {self._feet[int(np.argmax(by_foot))]} slipped by {100 * change.max():.1f} cm"
+
+
+def not_finite(m: Measurement, joints: tuple[str, ...]) -> str:
+    """What is not finite about a measurement, in words; empty where all is."""
+    total = m.time + m.joint_position.sum() + m.joint_velocity.sum() + m.effort.sum()
+    total += m.angular_velocity.sum() + m.specific_force.sum()
+    if m.rotation is not None:
+        total += m.rotation.sum()
+    if m.foot_position is not None:
+        total += m.foot_position.sum()
+    if isfinite(total):
+        return ""
+    if not isfinite(m.time):
+        return "not finite: time"
+    for name in _CHANNELS:
+        values = getattr(m, name)
+        if not np.isfinite(values).all():
+            what = name.replace("_", " ")
+            if len(values) != len(joints):
+                return f"not finite: {what}"
+            return f"not finite: {what} of joint {joints[int(np.argmin(np.isfinite(values)))]!r}"
+    return f"not finite: {'foot position' if m.rotation is None or np.isfinite(m.rotation).all() else 'orientation'}"

@@ -1,0 +1,88 @@
+"""The least-squares problem behind all weighing in static poses: approach (a), the combined estimator, and payloads.
+
+Every pose gives the equations of `standing.equilibrium`, linear in mass and first moment of the trunk, θ, and in what
+may be wrong all the time, n (torque offsets, feet, the vertical, the legs' masses). With a payload on the trunk the
+same matrix multiplies both, so a tare and a load are one problem with the same errors::
+
+    A_p θ_trunk + B_p n = b_p  (tare),        A_q (θ_trunk + θ_payload) + B_q n = b_q  (loaded)
+
+The errors n are either unknowns with a prior of covariance C, or considered: taken for zero, their covariance added to
+the estimate's (`stadera.information`). What tare and load feel alike cancels in the payload either way. A weak prior,
+the plausible box of the centre of mass, stands for what no pose shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from stadera.information import Information, Unknowns
+from stadera.trunk.load import centre_slope
+from stadera.trunk.model import TrunkBounds
+from stadera.trunk.standing.equilibrium import ERRORS, ConstantErrors, equilibrium_rows
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.pose_means import PoseMean
+from stadera.types import Array
+
+TRUNK_ALONE = Unknowns.of(trunk=4, errors=ERRORS)
+WITH_PAYLOAD = Unknowns.of(trunk=4, payload=4, errors=ERRORS)
+
+
+def with_poses(
+    known: Information,
+    forces: ContactForceEstimator,
+    poses: Iterable[PoseMean],
+    errors: Array | None = None,
+    *,
+    loaded: bool = False,
+) -> Information:
+    """With the equations of some poses.
+
+    Args:
+        known: on `TRUNK_ALONE` or `WITH_PAYLOAD`.
+        forces: source of contact forces, and of the noise that weights the rows.
+        errors: (39,), values of n that the equations are linearised at; None for zero.
+        loaded: the trunk carries the payload in these poses.
+    """
+    at = np.zeros(ERRORS) if errors is None else errors
+    for pose in poses:
+        rows = equilibrium_rows(forces, pose.measurement, pose.count, at, pose.foot_variance, pose.effort_covariance)
+        matrix = np.zeros((len(rows), len(known)))
+        matrix[:, known["trunk"]], matrix[:, known["errors"]] = rows.matrix[:, :4], rows.matrix[:, 4:]
+        if loaded:
+            matrix[:, known["payload"]] = rows.matrix[:, :4]
+        known = known.add(matrix, rows.target)
+    return known
+
+
+def with_box(known: Information, body: str, bounds: TrunkBounds, mass: float, com: Array) -> Information:
+    """With the weak prior on the first moment of a body of about this mass [kg]: com (3,) [m], as wide as the box."""
+    place, scale = known[body], 1.0 / (mass * bounds.spread[1:])
+    matrix = np.zeros((3, len(known)))
+    matrix[:, place.start] = -com * scale
+    matrix[:, place.start + 1 : place.stop] = np.diag(scale)
+    return known.add(matrix, np.zeros(3))
+
+
+def with_mass(known: Information, mass: float, std: float) -> Information:
+    """With a prior on the trunk's mass [kg]."""
+    matrix = np.zeros((1, len(known)))
+    matrix[0, known["trunk"].start] = 1.0 / std
+    return known.add(matrix, np.array([mass / std]))
+
+
+def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> Information:
+    """With the constant errors as unknowns that have a prior, or as considered errors that are no unknowns any more."""
+    if not seek:
+        return known.consider(errors.root, ("errors",))
+    matrix = np.zeros((ERRORS, len(known)))
+    matrix[:, known["errors"]] = np.linalg.inv(errors.root)
+    return known.add(matrix, np.zeros(ERRORS))
+
+
+def centre_of(known: Information, body: str = "trunk") -> tuple[Array, Array]:
+    """Mass [kg] and centre of mass [m] of a body (4,), and their covariance (4, 4)."""
+    moments = known.mean[known[body]]
+    slope = centre_slope(moments)
+    return np.array([moments[0], *moments[1:] / moments[0]]), slope @ known.covariance(body) @ slope.T

@@ -1,0 +1,65 @@
+"""Sizes of the errors of joint torques and foot positions, for the covariance of contact forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import ModelError
+from stadera.robot.model import Leg, Robot
+from stadera.types import Array
+
+_LIMIT_LEVER = 0.5  # m, at which a joint without effort limit carries half the weight: a scale, not a tuned number
+
+
+@dataclass(frozen=True, eq=False)
+class ForceNoise:
+    """Standard deviations of torques and feet; "constant" errors do not average out over a run.
+
+    Attributes:
+        torque_white, torque_constant: (4, 3) [N·m], by leg and joint.
+        foot_position: [m], of each component of a foot's position in the trunk frame, constant.
+        leg_mass: share of its own by which the mass of a leg's link may differ from the model's, constant.
+
+    Raises:
+        ModelError: a wrong shape, or a value that is negative or not finite.
+    """
+
+    torque_white: Array
+    torque_constant: Array
+    foot_position: float = 0.0
+    leg_mass: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("torque_white", "torque_constant", "foot_position", "leg_mass"):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if not (np.isfinite(value).all() and (value >= 0).all()):
+                raise ModelError(f"force noise {name!r} must be finite and not negative")
+            if name.startswith("torque") and value.shape != (4, 3):
+                raise ModelError(f"force noise {name!r} needs shape (4, 3), got {value.shape}")
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        white: float = 0.0033,
+        constant: float = 0.0033,
+        foot_position: float = 0.0,
+        leg_mass: float = 0.02,
+    ) -> ForceNoise:
+        """Torque noise as shares of the joints' effort limits.
+
+        A joint at rest hides its Coulomb friction, anywhere within ± τ_c: τ_c / √3 is added to the constant part. A
+        joint without effort limit counts as one made to carry half the robot's weight at half a metre.
+        """
+        fallback = 0.5 * robot.mass * GRAVITY * _LIMIT_LEVER
+
+        def limits(leg: Leg) -> list[float]:
+            efforts = [robot.limits[joint].effort for joint in leg.joints]
+            return [effort if np.isfinite(effort) else fallback for effort in efforts]
+
+        limit = np.array([limits(leg) for leg in robot.legs])
+        coulomb = np.array([[robot.dynamics[joint].coulomb for joint in leg.joints] for leg in robot.legs])
+        return cls(white * limit, np.hypot(constant * limit, coulomb / np.sqrt(3.0)), foot_position, leg_mass)

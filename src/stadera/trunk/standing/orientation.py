@@ -1,0 +1,212 @@
+"""Approach (b): the centre of mass from the trunk's orientation error (the paper's section III.B, eq. 12-15).
+
+The trunk controller asks the ground for forces whose moment about the ESTIMATED centre of mass ĉ is that of its virtual
+springs, K e with e = log(Rᵀ R_d) (trunk axes; R the trunk's rotation, R_d its reference), and m g u through ĉ that
+compensates gravity (u: the vertical). At rest the forces carry the true weight and their moment about the TRUE centre
+of mass c vanishes; about ĉ it is then (c - ĉ) x m g u, so for δ = c - ĉ of the whole robot
+
+    K e = δ x m g u        =>        E δ = u x (K e) / (m g),      E = 1 - u uᵀ
+
+exactly, for any reference. Upright, roll φ and pitch θ small, e = (-φ, -θ, ·) and
+
+    δ_x = +K_y θ / (m g),      δ_y = -K_x φ / (m g)
+
+which is the paper's M = [[0, -1], [1, 0]] K / (m g) on e_o = (-φ, -θ) (eq. 12; its I K_p is K).
+A centre of mass ahead of the estimate lowers the nose, θ > 0, so ĉ_x must grow with +θ: eq. 14's α is M β, and as it is
+printed, with α a positive scalar on (-φ, -θ), it would run away in x.
+
+Phase one steps ĉ by β S E δ (S: see `standing.recursive`). At its end e = 0: the true centre of mass is above
+or below ĉ along the vertical u₀, e_z of a trunk held upright. Phase two tilts the reference, and what error is left
+is along u₀ alone, δ = s u₀:
+
+    s = u₀ · (u x K e) / (m g (1 - (u · u₀)²))                                                            (eq. 15)
+
+The loop of posture and estimate must be stable. The posture answers like G(s) = ω² / (s² + 2 ζ ω s + ω²), the estimate
+comes into use with a lag T (its low-pass, half a period, and the mean over a period), the update integrates at
+κ = β / T_s ≈ 3 / t_a. Routh's criterion on s (T s + 1) (s² + 2 ζ ω s + ω²) + κ ω² gives
+
+    κ < κ_max = [(1 + 2 ζ ω T) (2 ζ ω + ω² T) - ω² T] / (1 + 2 ζ ω T)²,     for T = 0:  κ < 2 ζ ω
+
+A settling time is taken only if κ is at most a quarter of that (a gain margin of 12 dB).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.constants import GRAVITY
+from stadera.errors import IdentificationError, ModelError
+from stadera.inertia import skew
+from stadera.robot.model import Robot
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.standing.contact import ContactForces
+from stadera.trunk.standing.convergence import positive, step_size
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom
+from stadera.types import Array
+
+_GAIN_MARGIN = 4.0  # 12 dB
+_ROTATION_ERROR = 1e-6  # rounding of a rotation matrix
+
+
+@dataclass(frozen=True, eq=False)
+class PostureLaw:
+    """What approach (b) needs to know of the trunk controller.
+
+    Attributes:
+        stiffness: (3,) [N·m/rad], K about the trunk's axes.
+        reference: (3, 3), R_d, of the trunk in the world.
+        frequency: ω [rad/s], and
+        damping: ζ, of the trunk's answer in roll and pitch.
+        lag: with which a new estimate comes into use [s].
+        feeds_back: the controller uses this estimate; else it keeps the one that the estimator starts from.
+
+    Raises:
+        ModelError: a wrong shape, values that are not positive, a reference that is not a rotation.
+    """
+
+    stiffness: Array
+    reference: Array
+    frequency: float = 16.0
+    damping: float = 0.8
+    lag: float = 0.05
+    feeds_back: bool = True
+
+    def __post_init__(self) -> None:
+        stiffness = np.array(self.stiffness, dtype=float)
+        if stiffness.shape != (3,) or not (np.isfinite(stiffness).all() and (stiffness > 0).all()):
+            raise ModelError(f"a posture's stiffness needs three positive numbers, got {self.stiffness}")
+        object.__setattr__(self, "stiffness", stiffness)
+        object.__setattr__(self, "reference", _rotation(self.reference))
+        for name in ("frequency", "damping"):
+            positive(f"posture's {name}", getattr(self, name))
+        if not (np.isfinite(self.lag) and self.lag >= 0):
+            raise ModelError(f"a posture's lag must not be negative, got {self.lag} s")
+
+    def fastest_settling(self, period: float) -> float:
+        """The least settling time [s] that leaves a gain margin of 12 dB, updating every `period` [s]."""
+        if not self.feeds_back:
+            return 0.0
+        lag = self.lag + period  # half a period held, half a period from averaging
+        spring, damper = self.frequency**2, 2.0 * self.damping * self.frequency
+        a3 = 1.0 + damper * lag
+        most = (a3 * (damper + spring * lag) - spring * lag) / a3**2
+        return 3.0 * _GAIN_MARGIN / most
+
+
+class OrientationCom(RecursiveCom):
+    """Steps towards the centre of mass that makes the trunk's orientation error vanish.
+
+    Args:
+        robot: the model of the legs.
+        posture: the law that holds the trunk.
+        start: initial estimate, the controller's too; None for the robot's own trunk.
+        forces, settings: as for `RecursiveCom`; contact forces are used for mass and stance alone.
+
+    Raises:
+        ImplausibleError: an implausible start.
+        ModelError: a settling time that leaves the loop too little margin.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        posture: PostureLaw,
+        start: TrunkModel | None = None,
+        forces: ContactForceEstimator | None = None,
+        settings: LawSettings | None = None,
+    ) -> None:
+        super().__init__(robot, start, forces, settings)
+        settling, period = self.settings.settling, self.settings.period
+        if settling < (least := posture.fastest_settling(period)):
+            raise ModelError(f"a settling time of {settling} s is too short for this posture: at least {least:.2f} s")
+        self.posture, self._reference = posture, posture.reference
+        self._step, self._due = step_size(settling, period), np.nan
+        self._clear()
+
+    @property
+    def reference(self) -> Array:
+        """(3, 3), the reference orientation that the trunk is held to, world."""
+        return self._reference
+
+    def look_for_height(self, reference: Array) -> None:
+        """Begins phase two; from now on the controller holds the trunk to this reference (3, 3), world.
+
+        Raises:
+            IdentificationError: the plane's components have not been found yet, or it is tilted by less than 3° against
+                the last one.
+            ModelError: not a rotation.
+        """
+        rotation = _rotation(reference)
+        turned = float(np.arccos(np.clip(rotation[2] @ self._reference[2], -1.0, 1.0)))
+        if self.phase is Phase.PLANE and turned < LEAST_TILT:
+            raise IdentificationError(
+                f"the height needs a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found, not by "
+                f"{np.rad2deg(turned):.1f}°"
+            )
+        self._look_for_height()
+        self._reference = rotation
+        self._clear()
+
+    def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
+        if measurement.rotation is None:
+            self._refuse("no orientation: this method weighs by the trunk's orientation error")
+            return
+        if np.isnan(self._due):
+            self._due = measurement.time + self.settings.period
+        self._turned += _log(measurement.rotation.T @ self._reference)
+        self._count += 1
+        if measurement.time < self._due - 1e-9:
+            return
+        error, up = self._turned / self._count, measurement.up
+        self._clear()
+        self._due = measurement.time + self.settings.period
+        self._correct(measurement, forces, error, up)
+
+    def _correct(self, measurement: Measurement, forces: ContactForces, error: Array, up: Array) -> None:
+        """One step by the mean orientation error (3,) [rad] of a period."""
+        leg_moment = self.forces.legs.at(measurement).moment
+        com = self._robot_com(leg_moment)
+        mass, weighed = self._weighed(forces, up, self._step)
+        weight = GRAVITY * (mass + self._leg_mass)
+        felt = np.cross(up, self.posture.stiffness * error) / weight  # E δ of the controller's estimate
+        if not self.posture.feeds_back:
+            used = (self._start.mass * self._start.com_trunk + leg_moment) / (self._start.mass + self._leg_mass)
+            felt += (used - com) - up * float(up @ (used - com))
+        innovation = self._selected(felt * (1.0 + self._leg_mass / self._trunk.mass), up)
+        if innovation is None:  # the posture is on its way to the tilt
+            return
+        self._settled.take(innovation, self._step)
+        com_trunk = self._trunk.com_trunk + self._step * innovation
+        if self._adopt(measurement.time, mass, com_trunk, weighed and self._settled.reached):
+            self._looked_at(measurement, forces, com)
+
+    def _interrupted(self) -> None:
+        super()._interrupted()
+        self._clear()
+
+    def _clear(self) -> None:
+        self._turned, self._count = np.zeros(3), 0
+        self._due = np.nan
+
+    def _felt(self, instant: Instant) -> Array:
+        """(4, 39): constant errors as this pose feels them; an orientation off by ε turns e by -ε."""
+        felt = super()._felt(instant)
+        felt[1:, 24:27] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
+        return felt
+
+
+def _rotation(matrix: Array) -> Array:
+    rotation = np.array(matrix, dtype=float)
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_ERROR):
+        raise ModelError("a posture's reference must be a rotation matrix (3, 3)")
+    return rotation
+
+
+def _log(rotation: Array) -> Array:
+    """The rotation vector (3,) [rad] of a rotation matrix."""
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

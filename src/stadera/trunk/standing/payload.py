@@ -1,0 +1,66 @@
+"""The payload by difference: the same robot weighed without and with it, with the same constant errors.
+
+The poses of tare and load are one least-squares problem, in which the constant errors that both feel alike cancel
+(`stadera.trunk.standing.fit`). A weak prior, the plausible box, stands for what no pose shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.information import Information
+from stadera.trunk.load import Payload
+from stadera.trunk.model import TrunkBounds, TrunkModel
+from stadera.trunk.protocol import TrunkEstimate
+from stadera.trunk.standing.equilibrium import ConstantErrors
+from stadera.trunk.standing.fit import WITH_PAYLOAD, with_box, with_errors, with_poses
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.pose_means import PoseMean
+from stadera.trunk.standing.poses import PosesSettings
+
+_LEAST = 1e-3  # of the robot's mass: unit of a first moment where there is hardly a payload
+
+
+def payload_between(
+    tare: Sequence[PoseMean], loaded: Sequence[PoseMean], forces: ContactForceEstimator, errors: ConstantErrors
+) -> Payload:
+    """Mass and centre of mass of what the poses `loaded` carry more than those of the tare.
+
+    Raises:
+        IdentificationError: no pose on one side.
+    """
+    for poses, which in ((tare, "the tare"), (loaded, "the load")):
+        if not poses:
+            raise IdentificationError(f"no pose at rest to weigh {which} by")
+    trunk, bounds = forces.robot.inertias[forces.robot.trunk], TrunkBounds.of(forces.robot)
+    middle = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high))
+    known = with_box(Information.empty(WITH_PAYLOAD), "trunk", bounds, trunk.mass, middle)
+    known = with_poses(with_poses(known, forces, tare), forces, loaded, loaded=True)
+
+    def solved(mass: float) -> Information:
+        return with_errors(with_box(known, "payload", bounds, mass, middle), errors, seek=False)
+
+    # the payload's first moment in units of its mass, which the vertical forces alone tell well
+    rough = solved(1.0)
+    found = solved(max(abs(float(rough.mean[rough["payload"]][0])), _LEAST * forces.robot.mass))
+    moments, covariance = found.mean[found["payload"]], found.covariance("payload")
+    return Payload.of_moments(moments, covariance, PosesSettings().observed * bounds.spread[1:])
+
+
+def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
+    """What a trunk carries more than at a tare that is taken as exact: mass and first moment are differences.
+
+    Args:
+        tare: the trunk without the payload.
+        loaded: the trunk with it; what is not observed of it is not observed of the payload.
+    """
+    m, c = loaded.trunk.mass, loaded.trunk.com_trunk
+    moments = np.array([m - tare.mass, *(m * c - tare.mass * tare.com_trunk)])
+    hidden = ~loaded.observed
+    known = np.where(hidden[:, None] | hidden, 0.0, loaded.covariance)
+    slope = np.eye(4)  # of mass and first moment by mass and centre of mass
+    slope[1:, 0], slope[1:, 1:] = c, m * np.eye(3)
+    return Payload.of_moments(moments, slope @ known @ slope.T, np.where(hidden[1:], 0.0, np.inf))

@@ -1,0 +1,279 @@
+"""What the paper's feedback laws (b) and (c) share: small steps towards the centre of mass that statics show.
+
+Both find, from one instant, the error δ = c - ĉ of the WHOLE robot's centre of mass, normal to the vertical u (trunk
+axes); along u nothing is observed. The legs being known, the trunk's own error is δ m_r / m_tr (the paper's remark 1
+leaves the factor out, and its steps are smaller by it). With E = 1 - u uᵀ = ᵂR_bᵀ E_xy ᵂR_b, the world's x-y plane
+
+    ĉ_tr ← ĉ_tr + β (m_r / m_tr) S E δ,      m̂_r ← m̂_r + β (u · Σ f / g - m̂_r)      (eq. 7, 13, 19)
+
+One pose shows a line along u through c, and S says which of its points ĉ goes to. `Plane.WORLD`, the paper's, is S = 1:
+what lies along u of the start's error stays, so that on a slope γ the trunk's x-y end up off by sin γ times that,
+wherever it came from. `Plane.TRUNK` keeps the prior height instead, S = 1 - u e_zᵀ / u_z (e_z · S E δ = 0):
+x and y come out the same wherever they began, off by (u_xy / u_z) δ_z alone. Both are zero in the world's x-y plane,
+and the same for a level trunk.
+
+A second pose shows the rest. With phase one at the vertical u₀, ĉ is off by s u₀ alone; at a trunk tilted since,
+
+    E δ = s E u₀        =>        s = u₀ · E δ / (1 - (u · u₀)²)            (eq. 15, where u₀ = e_z)
+
+What is wrong with a wrench w = (Σ f, μ) about the trunk's origin moves them by
+
+    δm = uᵀ δΣf / g,    δc = [u]x (δμ - [c]x δΣf) / (m_r g),    δc_tr = (m_r / m_tr) δc + δm (c - c_tr) / m_tr
+
+and with ε₁, ε of that kind in the two phases, s by u₀ · (ε - E₀ ε₁) / (1 - (u · u₀)²).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import IdentificationError, require_positive
+from stadera.inertia import skew
+from stadera.robot.model import Robot
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.protocol import unobserved
+from stadera.trunk.standing.contact import ContactForces
+from stadera.trunk.standing.convergence import TOLERANCE, Settled, settling_time
+from stadera.trunk.standing.detection import StaticLimits
+from stadera.trunk.standing.equilibrium import ConstantErrors, leg_mass_slope
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.static import StaticEstimator
+from stadera.types import Array
+
+SLOW = StaticLimits(angular_velocity=0.3, joint_velocity=0.5, specific_force=1.0, quiet=0.02)
+"""Slow enough for small steps: while a law's own corrections turn the trunk, inertial moments stay small."""
+
+LEAST_TILT = np.deg2rad(3.0)
+"""[rad], between the poses of the two phases."""
+
+
+class Phase(StrEnum):
+    """What is estimated now: the components in a plane, or the height."""
+
+    PLANE = "plane"
+    HEIGHT = "height"
+
+
+class Plane(StrEnum):
+    """Where one pose leaves the centre of mass along the vertical: at its prior height in the trunk, or where it was
+    along the world's vertical.
+    """
+
+    TRUNK = "trunk"
+    WORLD = "world"
+
+
+@dataclass(frozen=True)
+class LawSettings:
+    """How a law steps.
+
+    Attributes:
+        settling: time after which 5 % of an error is left [s]; the paper's α = 0.002 at 1 kHz by default.
+        period: of the updates of `OrientationCom`, which averages in between [s].
+        height_std: how far off the centre of mass may be along the vertical, where it is not observed [m]; on a slope
+            it counts into the other components' covariance.
+        orientation_std: constant error of the measured orientation [rad].
+        plane: see `Plane`.
+        still: limits of standing still.
+        mass_settled: innovation of the mass below which it has settled, as a share of the robot's mass.
+        stale: time after which the covariance is evaluated anew [s].
+        hidden: share of the vertical along an axis from which this component is not observed.
+        damping: λ of `ContactCom`'s pseudo-inverse, as a share of the weight; biases a centre of mass by its square.
+        longest_step: time that one measurement counts for at most, as a share of `settling`.
+
+    Raises:
+        StaderaError: a value that is not positive.
+    """
+
+    settling: float = settling_time()
+    period: float = 0.02
+    height_std: float = 0.05
+    orientation_std: float = float(np.deg2rad(0.2))
+    plane: Plane = Plane.TRUNK
+    still: StaticLimits = SLOW
+    mass_settled: float = 1e-3
+    stale: float = 0.1
+    hidden: float = 0.5
+    damping: float = 1e-3
+    longest_step: float = 0.1
+
+    def __post_init__(self) -> None:
+        numbers = (field.name for field in fields(self) if field.name not in ("plane", "still"))
+        require_positive("a law's", self, numbers)
+
+    def selection(self, up: Array) -> Array:
+        """S (3, 3)."""
+        select = np.eye(3)
+        if self.plane is Plane.TRUNK and up[2] > self.hidden:
+            select[:, 2] -= up / up[2]
+        return select
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """The state of a law at one instant, trunk axes.
+
+    Attributes:
+        forces: of the feet. joint_position: (n,) [rad]. up: (3,), the vertical. com: (3,) [m], of the whole robot.
+        trunk: the estimate.
+    """
+
+    forces: ContactForces
+    joint_position: Array
+    up: Array
+    com: Array
+    trunk: TrunkModel
+
+    @cached_property
+    def from_wrench(self) -> Array:
+        """(4, 6): change of mass and of the trunk's centre of mass with the wrench."""
+        slope = np.zeros((4, 6))
+        slope[0, :3] = self.up / GRAVITY
+        slope[1:, 3:] = skew(self.up) / (self.trunk.mass * GRAVITY)
+        away = (self.com - self.trunk.com_trunk) / self.trunk.mass
+        slope[1:, :3] = np.outer(away, slope[0, :3]) - slope[1:, 3:] @ skew(self.com)
+        return slope
+
+
+class RecursiveCom(StaticEstimator):
+    """A law that steps towards the centre of mass, in a plane first and along a line then.
+
+    Args:
+        robot: the model of the legs.
+        start: initial estimate; None for the robot's own trunk.
+        forces: source of contact forces; None for a new one.
+        settings: None for the defaults.
+
+    Attributes:
+        phase: see `Phase`.
+
+    Raises:
+        ImplausibleError: an implausible start.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        start: TrunkModel | None = None,
+        forces: ContactForceEstimator | None = None,
+        settings: LawSettings | None = None,
+    ) -> None:
+        self.settings = settings or LawSettings()
+        super().__init__(robot, start, forces, self.settings.still)
+        self.phase = Phase.PLANE
+        self._errors = ConstantErrors.of(self.forces.noise, self.settings.orientation_std)
+        self._settled = Settled(TOLERANCE)
+        self._mass_settled = Settled(self.settings.mass_settled * robot.mass)
+        self._known: Array | None = None
+        self._seen_from: Instant | None = None
+        self._seen_at = -np.inf
+        self._before: Instant | None = None  # of phase one
+        self._step = 0.0
+
+    # -- for the laws -----------------------------------------------------------------------------------------
+    @property
+    def _leg_mass(self) -> float:
+        return self.forces.legs.mass
+
+    def _robot_com(self, leg_moment: Array) -> Array:
+        """Estimate of the whole robot's centre of mass, trunk frame (3,) [m]."""
+        trunk = self._trunk
+        return np.asarray((trunk.mass * trunk.com_trunk + leg_moment) / (trunk.mass + self._leg_mass))
+
+    def _weighed(self, forces: ContactForces, up: Array, step: float) -> tuple[float, bool]:
+        """The trunk's mass [kg] after this step (eq. 7), and whether it has settled."""
+        robot_mass = self._trunk.mass + self._leg_mass
+        change = float(up @ forces.total_force) / GRAVITY - robot_mass
+        self._mass_settled.take(np.array([change]), step)
+        return robot_mass + step * change - self._leg_mass, self._mass_settled.reached
+
+    def _selected(self, error: Array, up: Array) -> Array | None:
+        """The innovation (3,) [m] from E δ of the trunk; None where phase two has too little tilt to tell."""
+        if self._before is not None:
+            line = self._before.up
+            square = 1.0 - float(up @ line) ** 2
+            if square < np.sin(LEAST_TILT) ** 2:
+                return None
+            return line * (float(line @ error) / square)
+        return self.settings.selection(up) @ error
+
+    def _look_for_height(self) -> None:
+        """Begins phase two.
+
+        Raises:
+            IdentificationError: phase one has not settled.
+        """
+        if (self.phase is Phase.PLANE and not self._settled.reached) or self._seen_from is None:
+            raise IdentificationError("the height is estimated once the components in the plane have converged")
+        if self.phase is Phase.PLANE:
+            self._before = self._seen_from
+        self.phase, self._known = Phase.HEIGHT, None
+        self._settled.restart()
+
+    def _averaging(self) -> float:
+        """Share of the white noise's variance that is left by steps of this size."""
+        return self._step / (2.0 - self._step)
+
+    def _interrupted(self) -> None:
+        self._settled.restart()
+        self._mass_settled.restart()
+
+    def _looked_at(self, m: Measurement, forces: ContactForces, com: Array) -> None:
+        """Now and then, keeps an instant that the covariance is evaluated at when asked for."""
+        if m.time - self._seen_at >= self.settings.stale:
+            self._seen_from, self._seen_at = Instant(forces, m.joint_position, m.up, com, self._trunk), m.time
+            self._known = None
+
+    # -- covariance -----------------------------------------------------------------------------------------------
+    def _covariance(self) -> Array:
+        if self._seen_from is None:
+            return unobserved()
+        if self._known is None:
+            self._known = self._evaluated(self._seen_from)
+        return self._known
+
+    def _evaluated(self, instant: Instant) -> Array:
+        if self._before is not None:
+            return self._of_two_poses(self._before, instant)
+        settings, up, felt = self.settings, instant.up, self._felt(instant)
+        covariance = felt @ self._errors.covariance @ felt.T + self._white(instant)
+        select, lost = np.eye(4), up
+        select[1:, 1:] = settings.selection(up)
+        if kept := settings.plane is Plane.TRUNK and up[2] > settings.hidden:
+            lost = up / up[2]
+        covariance = select @ covariance @ select.T
+        covariance[1:, 1:] += settings.height_std**2 * np.outer(lost, lost)
+        hidden = np.array([3]) if kept else np.flatnonzero(np.abs(up) > settings.hidden) + 1
+        covariance[hidden, :] = covariance[:, hidden] = np.nan
+        return np.asarray(covariance)
+
+    def _of_two_poses(self, first: Instant, second: Instant) -> Array:
+        """(4, 4), from A ε₁ + B ε with A = E₀ - u₀ u₀ᵀE E₀ / sin², B = u₀ u₀ᵀ / sin²; the mass is the second's."""
+        line, up = first.up, second.up
+        square = 1.0 - float(up @ line) ** 2
+        if square < 0.5 * np.sin(LEAST_TILT) ** 2:  # on its way to the tilt
+            return unobserved()
+        plane = np.eye(3) - np.outer(line, line)
+        A, B = np.zeros((4, 4)), np.zeros((4, 4))
+        B[0, 0], B[1:, 1:] = 1.0, np.outer(line, line) / square
+        A[1:, 1:] = plane - B[1:, 1:] @ (np.eye(3) - np.outer(up, up)) @ plane
+        felt = A @ self._felt(first) + B @ self._felt(second)
+        white = A @ self._white(first) @ A.T + B @ self._white(second) @ B.T
+        return np.asarray(felt @ self._errors.covariance @ felt.T + white)
+
+    def _felt(self, instant: Instant) -> Array:
+        """(4, 39): how far mass and centre of mass end up off, by constant errors."""
+        by_legs = leg_mass_slope(instant.forces, self.robot, instant.joint_position, instant.up)
+        slope = np.hstack([instant.forces.wrench_slope, np.zeros((6, 3)), by_legs])
+        return np.asarray(instant.from_wrench @ slope)
+
+    def _white(self, instant: Instant) -> Array:
+        """(4, 4), what the steps leave of the torques' white noise."""
+        slope = instant.from_wrench
+        return np.asarray(self._averaging() * slope @ instant.forces.white_covariance @ slope.T)

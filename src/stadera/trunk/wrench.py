@@ -1,0 +1,62 @@
+"""The trunk's side of its six equations: what its inertia takes, force above moment about its origin, trunk axes.
+
+It is linear in a, α and the products of ω (h = m c, I about the trunk's origin)::
+
+    force:  m a + α x h + ω x (ω x h)
+    moment: h x a + I α + ω x I ω
+
+so the rows' matrix, filtered, is the matrix of these twelve, filtered: `TRUNK_MAP` takes them to (6, 10).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stadera.inertia import skew
+from stadera.types import Array
+
+_PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+def trunk_signals(specific_force: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:
+    """The twelve signals that the trunk's rows are linear in, from components first (3, samples): (12, samples)."""
+    w = angular_velocity
+    return np.concatenate([specific_force, angular_acceleration, np.array([w[i] * w[j] for i, j in _PRODUCTS])])
+
+
+def trunk_matrix(signals: Array) -> Array:
+    """A, (6, 10), from the twelve signals (12,)."""
+    return np.asarray((TRUNK_MAP @ signals).reshape(6, 10))
+
+
+def wrench_of_specific_force(mass: float, first_moment: Array) -> Array:
+    """(6, 3): how a body's inertial wrench changes with the specific force, [m 1 ; [h]x]."""
+    return np.vstack([mass * np.eye(3), skew(first_moment)])
+
+
+def wrench_of_angular_acceleration(first_moment: Array, inertia: Array) -> Array:
+    """(6, 3): how a body's inertial wrench changes with the angular acceleration, [-[h]x ; I]."""
+    return np.vstack([-skew(first_moment), inertia])
+
+
+def _trunk_map() -> Array:
+    """(60, 12), by feeding each signal alone."""
+    out = np.zeros((6, 10, 12))
+    tensors = np.zeros((6, 3, 3))
+    for k, (i, j) in enumerate(_PRODUCTS):
+        tensors[k, i, j] = tensors[k, j, i] = 1.0
+    for k, axis in enumerate(np.eye(3)):
+        out[:3, 0, k] = axis
+        out[3:, 1:4, k] = -skew(axis)
+        out[:3, 1:4, 3 + k] = skew(axis)
+        out[3:, 4:, 3 + k] = (tensors @ axis).T
+    for k, square in enumerate(tensors):  # ω ωᵀ: ω x (ω x h) = (ω ωᵀ - tr 1) h, and ω x I ω of its products with I
+        out[:3, 1:4, 6 + k] = square - np.trace(square) * np.eye(3)
+        for c, tensor in enumerate(tensors):
+            P = tensor @ square  # I ω ωᵀ: ω x Iω is its antisymmetric part
+            out[3:, 4 + c, 6 + k] = [P[2, 1] - P[1, 2], P[0, 2] - P[2, 0], P[1, 0] - P[0, 1]]
+    return out.reshape(60, 12)
+
+
+TRUNK_MAP: Array = _trunk_map()
+"""(60, 12): from the twelve signals to the trunk's matrix (6, 10), row by row."""

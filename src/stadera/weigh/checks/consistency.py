@@ -1,0 +1,261 @@
+"""Whether encoders, torques and IMU agree, on average over a log of a robot on its feet.
+
+Three independent sources give the vertical in trunk axes: the accelerometer, along â; the ground's forces by the joint
+torques, Σ f = m a on average; and the plane through the feet by the encoders, up to the ground's slope. The forces also
+give the robot's weight, Σ f · â / |a|, the load of each leg, and by their moment the centre of mass. Without an IMU two
+sources are left, and â is along the forces themselves. `Consistency` holds these figures, its `faults` are the
+impossible ones, its `cost` how unlikely they are together.
+
+Legs' accelerations are left out: over steps they cancel, and at rest there are none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.constants import GRAVITY
+from stadera.legs.model import LegModel, foot_positions
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk.standing.contact import ground_normal
+from stadera.trunk.standing.vertical import vertical_by_forces
+from stadera.types import Array
+from stadera.weigh.checks.limits import CheckLimits
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """Sensor data, evenly thinned out; joints in the tree's order.
+
+    Attributes:
+        time: (samples,) [s].
+        position: (samples, n) [rad]. effort: (samples, n) [N·m].
+        specific_force: (samples, 3) [m/s²], trunk axes; None without an IMU.
+    """
+
+    time: Array
+    position: Array
+    effort: Array
+    specific_force: Array | None
+
+
+@dataclass(frozen=True)
+class Tilts:
+    """How the trunk tilts about its mean attitude by the IMU, and by the plane through the feet.
+
+    Attributes:
+        size: by the IMU [rad].
+        similarity: of the two: 1 the same, 0 unrelated, -1 opposite.
+        turned: the largest similarity if the plane is turned by a multiple of 90° or mirrored.
+    """
+
+    size: float = 0.0
+    similarity: float = 1.0
+    turned: float = 1.0
+
+    def contradict(self, limits: CheckLimits) -> bool:
+        """Whether the plane tilts as the IMU does only if turned or mirrored."""
+        return self.size > limits.tilt and self.similarity < limits.unlike and self.turned > limits.like
+
+    @classmethod
+    def of(cls, time: Array, specific_force: Array, contact: Array, limits: CheckLimits) -> Tilts:
+        """By the means of blocks in which the trunk is hardly accelerated, trunk's x-y; none if these are too few."""
+        block = blocks_of(time, limits.block)
+        deviation = np.zeros(block[-1] + 1)
+        np.maximum.at(deviation, block, np.abs(np.linalg.norm(specific_force, axis=1) - GRAVITY))
+        quiet = deviation < limits.quiet
+        if quiet.sum() < limits.fewest_blocks:
+            return cls()
+        a = block_means(specific_force, block)[quiet]
+        a /= np.linalg.norm(a, axis=1, keepdims=True)
+        feet = block_means(contact.reshape(len(contact), 12), block)[quiet].reshape(-1, 4, 3)
+        plane = ground_normal(feet, np.ones((len(feet), 4), dtype=bool), -feet.mean(axis=1))
+        a, plane = (a - a.mean(axis=0))[:, :2], (plane - plane.mean(axis=0))[:, :2]
+        both = a.T @ plane  # [i, j]: the IMU's tilt along i with the plane's along j
+        scale = 0.5 * float((a**2).sum() + (plane**2).sum()) or 1.0
+        signs = [(s, t) for s in (1, -1) for t in (1, -1)]
+        turned = [s * both[0, 0] + t * both[1, 1] for s, t in signs[1:]]
+        turned += [s * both[0, 1] + t * both[1, 0] for s, t in signs]
+        size = float(np.sqrt((a**2).sum(axis=1).mean()))
+        return cls(size, float(both[0, 0] + both[1, 1]) / scale, float(max(turned)) / scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Consistency:
+    """The figures that the sensors give together, trunk axes.
+
+    Attributes:
+        robot: its model.
+        limits: what is impossible.
+        carried: size of all forces on the feet together [N], in whatever direction.
+        weighs: their part upwards [kg].
+        loads: (4,) [N], of each foot along the accelerometer's vertical. sideways: (4,) [N], across it.
+        force_angle: between forces and accelerometer [rad].
+        plane_angle: between the feet's plane and the accelerometer [rad].
+        plane_force_angle: between the feet's plane and the forces [rad].
+        off_centre: (3,) [m], of the centre of mass from the model's, level.
+        outside: (n,) [rad], beyond the joints' limits, on average.
+        tilts: of IMU and feet's plane.
+        size: half the diagonal between the feet in the nominal stance [m].
+        imu: whether there is one; else the forces' direction stands for the accelerometer's.
+    """
+
+    robot: Robot
+    limits: CheckLimits
+    carried: float
+    weighs: float
+    loads: Array
+    sideways: Array
+    force_angle: float
+    plane_angle: float
+    plane_force_angle: float
+    off_centre: Array
+    outside: Array
+    tilts: Tilts
+    size: float
+    imu: bool = True
+
+    @property
+    def weight(self) -> float:
+        """The model's [N]."""
+        return self.robot.mass * GRAVITY
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the feet carry next to nothing, all together and each."""
+        least = self.limits.hanging * self.weight
+        return self.carried < least and bool((np.hypot(self.loads, self.sideways) < least).all())
+
+    @property
+    def cost(self) -> float:
+        """How unlikely: squares of the figures in units in which one is usual."""
+        mass = (self.weighs / self.robot.mass - 1.0) / 0.2
+        tilt = self.tilts.size * (1.0 - self.tilts.similarity) / np.radians(1.5)
+        terms = [
+            np.array([mass, tilt, self.force_angle / np.radians(3.0), self.plane_angle / np.radians(10.0)]),
+            self.off_centre / (0.15 * self.size),
+            np.minimum(self.loads, 0.0) / (0.05 * self.weight),
+            self.sideways / (0.15 * self.weight),
+            self.outside / 0.05,
+        ]
+        return float(sum(term @ term for term in terms))
+
+    def faults(self) -> Iterator[str]:
+        """What is impossible, one clause each."""
+        yield from self._joint_faults()
+        yield from self._load_faults()
+        yield from self._direction_faults()
+        off = float(np.linalg.norm(self.off_centre))
+        if off > self.limits.off_centre * self.size and self.weighs > self.limits.lightest * self.robot.mass:
+            yield f"the centre of mass would be {100 * off:.0f} cm off the model's"
+
+    def _joint_faults(self) -> Iterator[str]:
+        for joint, beyond in zip(self.robot.tree.joints, self.outside, strict=True):
+            if beyond > self.limits.outside:
+                yield f"joint {joint!r} is {beyond:.2f} rad beyond its limits"
+
+    def _load_faults(self) -> Iterator[str]:
+        robot, limits = self.robot, self.limits
+        if not limits.lightest < self.weighs / robot.mass < limits.heaviest:
+            yield f"the robot would weigh {self.weighs:.3g} kg, the model {robot.mass:.3g} kg"
+        for leg, load in zip(robot.legs, self.loads, strict=True):
+            if load < -limits.pull * self.weight:
+                yield f"leg {leg.name} would pull at the ground with {-load:.3g} N"
+        for leg, load, across in zip(robot.legs, self.loads, self.sideways, strict=True):
+            if load >= 0 and across > limits.sliding * load + limits.sliding_floor * self.weight:
+                yield f"leg {leg.name} would push sideways with {across:.3g} N under {load:.3g} N"
+
+    def _direction_faults(self) -> Iterator[str]:
+        if self.force_angle > self.limits.force_angle:
+            yield f"the feet's forces are {np.degrees(self.force_angle):.0f}° off the accelerometer's vertical"
+        if self.plane_angle > self.limits.plane_angle:
+            other = "the accelerometer's vertical" if self.imu else "the direction of their forces"
+            yield f"the feet's plane is {np.degrees(self.plane_angle):.0f}° off {other}"
+        if self.imu and self.tilts.contradict(self.limits):
+            yield f"the feet's plane does not tilt as the IMU does, which tilts by {np.degrees(self.tilts.size):.1f}°"
+
+
+class ConsistencyModel:
+    """Evaluates sensor data of one robot."""
+
+    def __init__(self, robot: Robot, limits: CheckLimits) -> None:
+        self.robot, self.limits = robot, limits
+        joints = robot.tree.joints
+        self._lower = np.array([robot.limits[joint].lower for joint in joints])
+        self._upper = np.array([robot.limits[joint].upper for joint in joints])
+        feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+        self._size = 0.5 * float(np.linalg.norm(np.ptp(feet[:, :2], axis=0)))
+        trunk = robot.inertias[robot.trunk]
+        self._legs = LegModel.of(robot)
+        self._share = float(trunk.mass / robot.mass)
+        self._com = np.asarray(trunk.com)
+
+    def evaluate(self, sensed: Sensed) -> Consistency:
+        """The figures of some sensor data."""
+        a = self._by_forces(sensed) if sensed.specific_force is None else sensed.specific_force
+        force, contact = self._forces(sensed, a)
+        mean_a = a.mean(axis=0)
+        up = mean_a / np.linalg.norm(mean_a)
+        legs = force.mean(axis=0)
+        total = legs.sum(axis=0)
+        loads = legs @ up
+        weight = float(total @ up)
+        moment = np.cross(contact, force).sum(axis=1).mean(axis=0)
+        # at rest Σ p x f = c x Σ f; what is across the vertical, from the model's trunk in the middle of its legs
+        centre = np.cross(up, moment) / (weight if abs(weight) > 1e-6 else 1e-6)
+        middle = contact.mean(axis=(0, 1))
+        model = self._share * self._com + (1.0 - self._share) * middle
+        off = (centre - model) - up * ((centre - model) @ up)
+        normal = _plane(contact)
+        beyond = np.maximum(np.maximum(sensed.position - self._upper, self._lower - sensed.position), 0.0)
+        return Consistency(
+            robot=self.robot,
+            limits=self.limits,
+            carried=float(np.linalg.norm(total)),
+            weighs=weight / GRAVITY,
+            loads=loads,
+            sideways=np.linalg.norm(legs - loads[:, None] * up, axis=1),
+            force_angle=_angle(total, up),
+            plane_angle=_angle(normal, up),
+            plane_force_angle=_angle(normal, total),
+            off_centre=off,
+            outside=beyond.mean(axis=0),
+            tilts=Tilts.of(sensed.time, a, contact, self.limits),
+            size=self._size,
+            imu=sensed.specific_force is not None,
+        )
+
+    def _by_forces(self, sensed: Sensed) -> Array:
+        """What an accelerometer would have read if the feet's forces were along the vertical, (samples, 3)."""
+        still = np.zeros_like(sensed.position)
+        return GRAVITY * vertical_by_forces(self.robot, sensed.position, still, sensed.effort)[0]
+
+    def _forces(self, sensed: Sensed, a: Array) -> tuple[Array, Array]:
+        """Forces on the feet [N] and contacts [m], trunk frame, (samples, 4, 3), at rest in the specific force a."""
+        columns = self._legs.columns
+        return self._legs.forces_at_rest(sensed.position[:, columns], sensed.effort[:, columns], a)
+
+
+def _angle(a: Array, b: Array) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _plane(contact: Array) -> Array:
+    """Unit normal (3,) of the plane through the feet's mean places, on the trunk's side."""
+    feet = contact.mean(axis=0)
+    return np.asarray(ground_normal(feet, np.ones(4, dtype=bool), -feet.mean(axis=0)))
+
+
+def blocks_of(time: Array, length: float) -> NDArray[np.int64]:
+    """(samples,), the number of the block of this length [s] that each sample is in, counted from 0."""
+    return np.unique(np.floor((time - time[0]) / length).astype(np.int64), return_inverse=True)[1].astype(np.int64)
+
+
+def block_means(values: Array, block: NDArray[np.int64]) -> Array:
+    """Means over blocks of values (samples, k), (blocks, k)."""
+    sums = np.column_stack([np.bincount(block, column) for column in values.T])
+    return np.asarray(sums / np.bincount(block)[:, None])

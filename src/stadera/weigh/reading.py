@@ -1,0 +1,191 @@
+"""Logs as they are weighed: chunk by chunk, checked for contradictions, and only while the robot is on its feet.
+
+A log in which encoders, torques and IMU contradict each other throughout is refused. One that is consistent in a single
+stretch is weighed by that stretch: a robot that lies or hangs before it stands up, or falls at the end, contradicts the
+model of a robot on its feet there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stadera.errors import RecordingError, UntrustedError
+from stadera.logs import Recording, stream, take
+from stadera.logs.velocity import with_velocity
+from stadera.robot.model import Robot
+from stadera.trunk.registry import METHODS
+from stadera.trust import Verdict
+from stadera.weigh.checks import FATAL, Finding, contradictions, diagnose
+from stadera.weigh.result import Refusal
+from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
+
+WITH_IMU, WITHOUT_IMU = "contact", "poses"
+"""Methods at rest that are chosen where none is asked for."""
+
+_FIRST = 256  # samples that show what is recorded, and how often
+_SOUND = 4  # consistent windows in a row that are not a coincidence
+_VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "doubtful", "stuck": "doubtful"}
+
+
+def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
+    """The method for a log: in motion with an IMU and at least 50 samples a second, else at rest.
+
+    Weighing in motion includes standing still. A tare of another log needs an IMU as well.
+
+    Raises:
+        RecordingError: the log cannot be read or lacks one of the robot's joints.
+    """
+    first = _beginning(robot, source)
+    if first.imu is None:
+        return WITHOUT_IMU
+    other = None if tare is None or isinstance(tare, tuple) else _beginning(robot, tare)  # type: ignore[arg-type]
+    slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
+    return WITH_IMU if slow or (other is not None and other.imu is None) else IN_MOTION
+
+
+def check_source(request: Request) -> bool:
+    """Checks that a log has what the method needs; whether it has an IMU.
+
+    Raises:
+        RecordingError: no IMU where the method needs one, or one is asked for by name; no joint torques.
+    """
+    log, method = request.source, request.method
+    if _beginning(request.robot, log).imu is not None:
+        return True
+    if METHODS[method].needs_imu:
+        require_imu(request.robot, log, method)
+    topics = None if isinstance(log, Recording) else log.topics.imu
+    for option, asked in (("--imu-topic", topics), ("--imu-frame", request.imu_frame)):
+        if asked is not None:
+            raise RecordingError(f"{log.source}: {option} {asked}: the log has no IMU that can be used")
+    return False
+
+
+def require_imu(robot: Robot, source: Source, method: str) -> None:
+    """Checks that a log has an IMU.
+
+    Raises:
+        RecordingError: it has none; names the columns that lack, and the methods that work without.
+    """
+    try:
+        stream(source, joints=robot.tree.joints, require=("imu",))
+    except RecordingError as error:
+        others = " or ".join(f"--method {name}" for name, other in METHODS.items() if not other.needs_imu)
+        raise RecordingError(
+            f"{error}; the method {method!r} needs an IMU; without one only a robot that stands still can be weighed, "
+            f"by {others}, with the direction of its feet's forces as the vertical"
+        ) from None
+
+
+def _beginning(robot: Robot, source: Source) -> Recording:
+    chunk = next(stream(source, joints=robot.tree.joints, rows=_FIRST), None)
+    if chunk is None:
+        raise RecordingError(f"{source.source}: no samples")
+    return chunk
+
+
+class CheckedLog:
+    """A log in chunks with joint velocities, each checked before it is handed on. Can be read several times.
+
+    Args:
+        request: of the weighing.
+        source: its log, or that of its tare.
+        require: what the log must have besides joint positions and torques: "imu", or nothing.
+
+    Attributes:
+        notes: on what was found and done.
+        doubts: verdict and reason for each finding that makes the figures doubtful or bad.
+        begin, end: of the log [s]; NaN before it was read.
+        before, event: the times before and after the stretch in which the robot is on its feet, which are not weighed,
+            and why; None where there are none.
+    """
+
+    def __init__(self, request: Request, source: Source, require: tuple[str, ...] = ()) -> None:
+        self.notes: dict[str, None] = {}
+        self.doubts: dict[tuple[Verdict, str], None] = {}
+        self.begin, self.end = np.nan, np.nan
+        self.before: Refusal | None = None
+        self.event: Refusal | None = None
+        self._request, self.source, self._require = request, source, require
+        self._sound = False
+
+    @property
+    def refusals(self) -> tuple[Refusal, ...]:
+        """The times that are not weighed."""
+        return tuple(refusal for refusal in (self.before, self.event) if refusal is not None)
+
+    def __iter__(self) -> Iterator[Recording]:
+        """The chunks.
+
+        Raises:
+            RecordingError: as `stadera.logs.stream`.
+            UntrustedError: signs, orders, frames or units of the log are wrong, unless the request forces a result.
+        """
+        known = not np.isnan(self.end)  # from an earlier reading
+        for chunk in stream(self.source, joints=self._request.robot.tree.joints, require=("effort", *self._require)):
+            checked = with_velocity(chunk)
+            if not known:
+                self.begin = float(chunk.time[0]) if np.isnan(self.begin) else self.begin
+                self.end = float(chunk.time[-1])
+                self.notes |= dict.fromkeys(checked.notes)
+                if self.event is None:
+                    self._check(checked)
+            if self.event is not None:
+                self.event = replace(self.event, end=max(self.event.end, self.end))
+                checked = take(checked, checked.time < self.event.begin)
+            if self.before is not None:
+                checked = take(checked, checked.time > self.before.end)
+            if len(checked):
+                yield checked
+
+    def _check(self, chunk: Recording) -> None:
+        findings = diagnose(chunk, self._request.robot, self._request.imu_frame)
+        wrong = any(f.cause in (*FATAL, "contradiction", "not_on_feet") for f in findings)
+        if wrong and self._on_feet(chunk):
+            self._sound = True
+            return
+        self._sound = self._sound or not wrong
+        for finding in findings:
+            self._note(finding)
+
+    def _note(self, finding: Finding) -> None:
+        text = f"{finding.cause.replace('_', ' ')}: {finding.message}"
+        if finding.cause in FATAL:
+            if not self._request.force:
+                raise UntrustedError(f"{self.source.source}: {finding.message}")
+            self.doubts["bad", finding.message] = None
+        elif verdict := _VERDICTS.get(finding.cause):
+            self.doubts[verdict, text] = None
+        else:
+            self.notes[text] = None
+
+    def _on_feet(self, chunk: Recording) -> bool:
+        """Looks for the stretch in which the robot is on its feet in a chunk that contradicts itself."""
+        window = self._request.settings.window
+        edges = np.arange(chunk.time[0], chunk.time[-1], window)
+        faults = [self._faults(chunk, edge, edge + window) for edge in edges]
+        consistent = [not found for found in faults]
+        first, stop = (0, (*consistent, False).index(False)) if self._sound else _single(consistent)
+        if not self._sound and stop - first < _SOUND:
+            return False
+        if first > 0:
+            reason = f"sensors contradict each other up to here, as before a robot stands up: {faults[0][0]}"
+            self.before = Refusal(float(chunk.time[0]), float(edges[first]) + 0.5 * window, reason)
+        if stop < len(edges):
+            reason = f"sensors contradict each other from here on, as in a fall: {faults[stop][0]}"
+            self.event = Refusal(float(edges[stop]) - 0.5 * window, float(chunk.time[-1]), reason)
+        return first > 0 or stop < len(edges)
+
+    def _faults(self, chunk: Recording, begin: float, end: float) -> tuple[str, ...]:
+        part = take(chunk, slice(*np.searchsorted(chunk.time, [begin, end])))
+        return contradictions(part, self._request.robot, self._request.imu_frame) if len(part) > 1 else ()
+
+
+def _single(consistent: Sequence[bool]) -> tuple[int, int]:
+    """Begin and end of the consistent windows if they follow each other without a break; else nothing, (0, 0)."""
+    found = np.flatnonzero(consistent)
+    unbroken = len(found) and found[-1] - found[0] + 1 == len(found)
+    return (int(found[0]), int(found[-1]) + 1) if unbroken else (0, 0)

@@ -1,0 +1,119 @@
+"""The JSON and the table of a weighing. Keys are only ever added; SI units; null where nothing was observed."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.inertia import ORDER
+from stadera.trunk.load import LoadChange, Payload
+from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.weigh.result import Timeline, Vertical, Weighing
+
+_TENSOR = tuple(name.removeprefix("I") for name in ORDER[4:])
+_UNITS = {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_lag": "s", "tilt_std": "rad"}
+
+
+def weighing_dict(result: Weighing) -> dict[str, Any]:
+    """A weighing as plain values.
+
+    Keys: robot, source, method, status, trust, time, trunk, payload, changes, timeline, torque_lag, vertical, refused,
+    notes, units. The trunk's centre of mass is in the trunk frame, its inertia about that frame's origin in its axes,
+    null at rest. The payload's centre of mass is in the trunk frame ("frame"), its inertia about the centre of mass
+    ("inertia_about") in trunk axes. A result that is not to be trusted has "trusted": false with every mass and centre
+    of mass of trunk, payload and changes.
+    """
+    mark = {} if result.is_trusted else {"trusted": False}
+    return {
+        "robot": result.robot.name,
+        "source": result.source,
+        "method": result.method,
+        "status": result.status,
+        "trust": result.trust.to_dict(),
+        "time": result.time,
+        "trunk": {
+            "mass": quantity(result.mass, result.mass_std) | mark,
+            "com": {"value": plain(result.com), "std": plain(result.com_std)} | mark,
+            "inertia": None if result.torque_lag is None else _trunk_inertia(result),
+        },
+        "payload": None if result.payload is None else _payload(result.payload, result.robot.trunk, mark),
+        "changes": [_change(change, mark) for change in result.changes],
+        "timeline": timeline_dict(result.timeline),
+        "torque_lag": None if result.torque_lag is None else quantity(*result.torque_lag),
+        "vertical": None if result.vertical is None else _vertical(result.vertical),
+        "refused": [{"begin": r.begin, "end": r.end, "reason": r.reason} for r in result.refusals],
+        "notes": list(result.notes),
+        "units": _UNITS,
+    }
+
+
+def plain(values: Array) -> list[float | None]:
+    """Numbers as JSON has them, None for NaN."""
+    return [float(value) if isfinite(value) else None for value in values]
+
+
+def quantity(value: float, std: float) -> dict[str, float | None]:
+    """A value and its standard deviation, both None where it was not observed."""
+    seen = isfinite(std) and isfinite(value)
+    return {"value": float(value) if seen else None, "std": float(std) if seen else None}
+
+
+def timeline_dict(line: Timeline) -> dict[str, Any]:
+    """The timeline as plain values."""
+    return {
+        "time": plain(line.time),
+        "mass": plain(line.mass),
+        "mass_std": plain(line.mass_std),
+        "com": [plain(com) for com in line.com],
+        "com_std": [plain(std) for std in line.com_std],
+    }
+
+
+def timeline_frame(line: Timeline) -> Any:
+    """See `Weighing.to_dataframe`."""
+    try:
+        pandas = import_module("pandas")
+    except ImportError:
+        raise StaderaError("a data frame needs the package 'pandas': pip install pandas") from None
+    columns = {"time": line.time, "mass": line.mass, "mass_std": line.mass_std}
+    for k, axis in enumerate("xyz"):
+        columns |= {f"com_{axis}": line.com[:, k], f"com_{axis}_std": line.com_std[:, k]}
+    return pandas.DataFrame(columns)
+
+
+def _trunk_inertia(result: Weighing) -> dict[str, Any]:
+    trunk = result.trunk
+    std = trunk.inertia_std if trunk.observed[4:].all() else np.full(6, np.nan)
+    return {name: quantity(v, s) for name, v, s in zip(_TENSOR, trunk.inertial.vector[4:], std, strict=True)}
+
+
+def _payload(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[str, Any]:
+    tensor = payload.inertia
+    components = None if tensor is None else [tensor["xyz".index(name[0]), "xyz".index(name[1])] for name in _TENSOR]
+    return {
+        "mass": quantity(payload.mass, payload.mass_std) | mark,
+        "com": {"value": plain(payload.com), "std": plain(payload.com_std)} | mark,
+        "com_covariance": [plain(row) for row in payload.com_covariance],
+        "inertia": components and dict(zip(_TENSOR, map(float, components), strict=True)),
+        "frame": frame,
+        "inertia_about": "com",
+    }
+
+
+def _change(change: LoadChange, mark: dict[str, bool]) -> dict[str, Any]:
+    mass = quantity(change.mass, change.mass_std) | mark
+    return {"time": change.time, "noticed": change.noticed, "kind": change.kind, "mass": mass}
+
+
+def _vertical(vertical: Vertical) -> dict[str, Any]:
+    return {
+        "source": vertical.source,
+        "up": {"value": plain(vertical.up), "std": plain(vertical.std)},
+        "tilt_std": vertical.tilt_std,
+    }

@@ -1,0 +1,147 @@
+"""Fit quality of an identification: right where model and noise are, and never silent where they are not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stadera
+from identify.leg_runs import hyq, noisy, run
+from stadera.errors import MissingExtraError, StaderaError
+from stadera.identify.result import Identification
+from stadera.identify.schema import with_identified_legs
+from stadera.identify.settings import IdentifySettings, TrustSettings
+from stadera.logs import Recording, read
+
+RH = IdentifySettings(legs=("RH",))
+
+
+@pytest.fixture(scope="module")
+def clean() -> Recording:
+    return noisy(run(), 1.0)
+
+
+@pytest.fixture(scope="module")
+def result(clean: Recording) -> Identification:
+    return stadera.identify(hyq(), clean, RH)
+
+
+def with_effort(recording: Recording, scale: dict[str, float]) -> Recording:
+    assert recording.effort is not None
+    factors = np.array([scale.get(joint, 1.0) for joint in recording.joints])
+    return replace(recording, effort=recording.effort * factors)
+
+
+def test_a_right_model_is_good(result: Identification) -> None:
+    assert result.trust.verdict == "good"
+    assert result.trust.reasons == ()
+    assert result.trust.by_leg.keys() == {"RH"}
+    assert result.trust.misfit == pytest.approx(result.trust.by_leg["RH"])
+    assert 0.0 < result.trust.misfit < 2.0
+
+
+def test_the_misfit_is_the_residuals_variance_over_the_stated_one(clean: Recording) -> None:
+    """White noise alone: with neither drives' nor torques' imperfections allowed for, it is what the residual is."""
+    strict = replace(RH, trust=TrustSettings(friction=1e-9, torque=1e-9))
+    trust = stadera.identify(hyq(), noisy(run(), 10.0), strict).trust
+    assert 0.5 < trust.misfit < 1.5
+
+
+@pytest.mark.parametrize("reverse", [("rh_hfe_joint",), ("rh_haa_joint", "rh_hfe_joint", "rh_kfe_joint")])
+def test_a_torque_of_the_wrong_sign_is_bad_and_named(clean: Recording, reverse: tuple[str, ...]) -> None:
+    trust = stadera.identify(hyq(), with_effort(clean, dict.fromkeys(reverse, -1.0)), RH).trust
+    assert trust.verdict == "bad"
+    assert f"the torque of {', '.join(map(repr, reverse))} seems to have the other sign" in trust.reasons[0]
+
+
+def test_torques_of_another_joint_are_bad(clean: Recording) -> None:
+    assert clean.effort is not None
+    trust = stadera.identify(hyq(), replace(clean, effort=clean.effort[:, [0, 2, 1]]), RH).trust
+    assert trust.verdict == "bad"
+    assert any("likeliest causes" in reason for reason in trust.reasons)
+
+
+def test_another_unit_is_doubtful(clean: Recording) -> None:
+    """Half the torque can be had by other bodies, but hardly by ones that are like the model's."""
+    trust = stadera.identify(hyq(), with_effort(clean, dict.fromkeys(clean.joints, 0.1)), RH).trust
+    assert trust.verdict != "good"
+    assert any("unit of the torques" in reason for reason in trust.reasons)
+
+
+def test_a_trunk_that_turns_is_doubtful(clean: Recording) -> None:
+    from stadera.logs import Imu
+
+    n = len(clean)
+    up = np.tile([0.0, 0.0, 9.81], (n, 1))
+    turning = replace(clean, imu=Imu(np.full((n, 3), 0.2), up, None, "base_link"))
+    trust = stadera.identify(hyq(), turning, RH).trust
+    assert trust.verdict == "doubtful"
+    assert "the IMU shows a turning trunk" in trust.reasons[0]
+
+
+@pytest.mark.parametrize("name", ["go2", "aliengo"])
+def test_real_legs_are_not_bad(shared_data, name: str) -> None:
+    log = shared_data / "real" / f"{name}_legs_in_air.csv"
+    assert stadera.identify(name, log).trust.verdict == "good"
+    recording = read(log)
+    leg = stadera.load_robot(name).leg("LF")
+    wrong = with_effort(recording, {leg.joints[1]: -1.0})
+    assert stadera.identify(name, wrong, IdentifySettings(legs=("LF",))).trust.verdict == "bad"
+
+
+def test_settings_are_positive() -> None:
+    with pytest.raises(StaderaError, match="trust setting 'bad' must be positive, got -1"):
+        TrustSettings(bad=-1.0)
+
+
+# -- what a result gives ----------------------------------------------------------------------------------------------
+
+
+def test_json_and_what_reads_it_back(result: Identification, tmp_path) -> None:
+    path = tmp_path / "legs.json"
+    result.save_json(path)
+    value = json.loads(path.read_text())
+    assert value == result.to_dict()
+    assert value["trust"] == {
+        "verdict": "good", "misfit": result.trust.misfit, "by_leg": dict(result.trust.by_leg), "reasons": [],
+    }  # fmt: skip
+    there, here = with_identified_legs(hyq(), path), result.identified_robot()
+    for link in hyq().leg("RH").links:
+        np.testing.assert_allclose(there.inertias[link].vector, here.inertias[link].vector)
+    for joint in hyq().leg("RH").joints:
+        for term in ("armature", "viscous", "coulomb"):
+            assert getattr(there.dynamics[joint], term) == pytest.approx(getattr(here.dynamics[joint], term))
+        assert there.dynamics[joint].offset == hyq().dynamics[joint].offset
+
+
+def test_figures_of_a_bad_result_are_marked(result: Identification) -> None:
+    bad = replace(result, trust=replace(result.trust, verdict="bad")).to_dict()
+    assert bad["links"]["rh_lowerleg"]["mass"]["trusted"] is False
+    assert all(q["trusted"] is False for q in bad["joints"]["rh_kfe_joint"].values())
+    assert "trusted" not in result.to_dict()["links"]["rh_lowerleg"]["mass"]
+
+
+def test_a_data_frame_has_a_row_for_each_parameter(result: Identification, monkeypatch) -> None:
+    pytest.importorskip("pandas")
+    frame = result.to_dataframe()
+    assert len(frame) == result.parameters
+    row = frame[(frame["of"] == "rh_kfe_joint") & (frame["parameter"] == "coulomb")].iloc[0]
+    assert row["leg"] == "RH"
+    assert row["value"] == result.legs[0].parameters["rh_kfe_joint.coulomb"].value
+    assert np.isnan(frame[frame["observability"] == "unobservable"]["std"]).all()
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(MissingExtraError, match=r"stadera\[dataframe\]"):
+        result.to_dataframe()
+
+
+def test_pages_models_and_plots(result: Identification, tmp_path) -> None:
+    result.save_html(tmp_path / "r.html")
+    result.save_urdf(tmp_path / "r.urdf")
+    assert "<html" in (tmp_path / "r.html").read_text()
+    assert stadera.load_robot(tmp_path / "r.urdf").mass == pytest.approx(result.identified_robot().mass)
+    assert result.plot().data
+    assert len(repr(result).splitlines()) < 10
+    assert "RH: " in repr(result)

@@ -1,0 +1,27 @@
+"""One quick set of runs that the tests of experiments share."""
+
+from __future__ import annotations
+
+import pytest
+
+from stadera.lab.experiments.legs.recovery import Recovery
+from stadera.lab.experiments.legs.runs import QUICK, LegRuns
+
+
+@pytest.fixture(scope="session")
+def runs() -> LegRuns:
+    return LegRuns(0, QUICK)
+
+
+@pytest.fixture(scope="session")
+def exact(runs: LegRuns) -> Recovery:
+    """The paper's perturbation, no noise, eq. 5."""
+    log = runs.recorded(runs.paper_truth, runs.motion)
+    return Recovery.of(runs.identified_exact(log, "null-space"), runs.paper_truth)
+
+
+@pytest.fixture(scope="session")
+def possible(runs: LegRuns) -> Recovery:
+    """A physical perturbation, no noise, physically consistent."""
+    log = runs.recorded(runs.physical_truth, runs.motion)
+    return Recovery.of(runs.identified_exact(log, "consistent"), runs.physical_truth)

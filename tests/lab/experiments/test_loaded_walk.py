@@ -1,0 +1,127 @@
+"""Table V and survival: what is made of their runs. The runs themselves: `tests/demo`, `tests/supervise`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stadera.lab.experiments import ReproduceSettings
+from stadera.lab.experiments.moving import survival, table5
+from stadera.lab.experiments.moving.loaded_walk import (
+    CORNERS,
+    LoadedWalk,
+    LoadedWalkCase,
+    Supervision,
+    box_at,
+    corner_of,
+    weight_at,
+)
+from stadera.lab.experiments.moving.survival import SurvivalCase
+from stadera.lab.experiments.moving.table5 import Table5Case
+from stadera.lab.experiments.result import ExperimentResult
+from stadera.lab.plant.payload import Tray
+from stadera.robot import load_robot
+
+HYQ = load_robot("hyq")
+
+
+def silent(what: str, done: int, total: int) -> None:
+    """Nobody watches."""
+
+
+def value(result: ExperimentResult, metric: str, **case: object) -> float:
+    (record,) = [
+        r for r in result.records if r.metric.startswith(metric) and all(r.case[k] == v for k, v in case.items())
+    ]
+    return record.value
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+def test_loads_lie_on_their_corner(corner: str):
+    tray, (sx, sy) = Tray.of(HYQ), CORNERS[corner]
+    x, y, z = corner_of(HYQ, corner)
+    assert (x - tray.centre[0]) * sx == pytest.approx(tray.half_size[0])
+    assert (y - tray.centre[1]) * sy == pytest.approx(tray.half_size[1])
+    box = box_at(HYQ, corner, 10.0, (0.1, 0.2, 0.1))
+    assert np.abs(np.subtract(box.position, [x, y])) == pytest.approx([0.05, 0.1])
+    weight = weight_at(HYQ, corner, 98.1).parameters
+    assert weight.mass == pytest.approx(10.0)
+    assert weight.com == pytest.approx([x, y, z + 0.05])
+
+
+def test_a_run_is_judged_from_a_step_after_the_load():
+    payload, nothing = weight_at(HYQ, "LH", 50.0), Supervision.NONE
+    walk = LoadedWalk(LoadedWalkCase(payload=payload, load_at=0.3, seconds=1.6, supervision=nothing))
+    outcome = walk.run()
+    assert outcome.loaded_at == pytest.approx(0.3)
+    assert outcome.evaluated_from == pytest.approx(0.3 + walk.crawl.settings.timing(walk.crawl.command).step, abs=0.01)
+    assert outcome.truth.mass - outcome.bare.mass == pytest.approx(50.0 / 9.81)
+    assert outcome.survived
+
+
+def test_table5_holds_c_against_the_truth(monkeypatch: pytest.MonkeyPatch):
+    def runs(name: str, run: Any, cases: Sequence[Table5Case], *_: Any) -> list[Mapping[str, Any]]:
+        assert run is table5.weigh_on_the_way
+        return [
+            {
+                "contact": [0.003 * c.seed, 0.0],
+                "contact_as_measured": [0.0, 0.01],
+                "poses": [0.0, 0.001],
+                "truth": [0.0, 0.0],
+                "mass": 61.0 + c.load / 9.81,
+                "true_mass": 61.5 + c.load / 9.81,
+            }
+            for c in cases
+        ]
+
+    monkeypatch.setattr(table5, "run_grid", runs)
+    result = table5.run(ReproduceSettings(), silent)
+    for load in (0.0, 50.0, 100.0):
+        case = {"load [N]": load}
+        assert value(result, "(c) to the truth, ‖δ‖, median", **case) == pytest.approx(0.6)
+        assert value(result, "(c) to the truth, ‖δ‖, largest", **case) == pytest.approx(1.2)
+        assert value(result, "(c) on torques as measured to the truth, ‖δ‖, median", **case) == pytest.approx(1.0)
+        assert value(result, "mass", **case) == pytest.approx(0.5)
+    assert len(result.missed) == 6, "no seed is picked to meet the bound"
+    papers = [r.paper for r in result.records if r.metric.startswith("(c) to (a)")]
+    assert papers == [0.45, 0.20, 0.32]
+
+
+def test_survival_counts(monkeypatch: pytest.MonkeyPatch):
+    """Made up: without identification loads of 75 N and more are failed with; seed 3 fell with it."""
+
+    def runs(name: str, run: Any, cases: Sequence[SurvivalCase], *_: Any) -> list[Mapping[str, Any]]:
+        assert run is survival.survive
+        assert len(set(cases)) == len(cases)
+        return [_made_up(c) for c in cases]
+
+    monkeypatch.setattr(survival, "run_grid", runs)
+    result = survival.run(ReproduceSettings(), silent)
+    assert value(result, "falls with identification, of 20") == 1
+    assert value(result, "did not survive with identification, of 20") == 1
+    assert value(result, "fell or left the support polygon without, of 20") == 20
+    assert value(result, "false alarms in 2000 checks") == 20
+    assert value(result, "changes not noticed within a cycle") > 0
+    by_load = dict(zip(survival.FULL.loads, (row[1:] for row in result.tables[0].groups[0][1]), strict=True))
+    assert all(cell.good is (load < 75.0) for load, cells in by_load.items() for cell in cells)
+
+
+def _made_up(case: SurvivalCase) -> Mapping[str, Any]:
+    fell = "it fell" if case.identify and case.seed == 3 and case.load == 100.0 else None
+    alive = fell is None and (case.identify or case.load < 75.0)
+    return {
+        "survived": alive,
+        "fell": fell,
+        "least_margin": 0.01 if alive else -0.01,
+        "least_margin_ever": -0.02,
+        "noticed": [0.5, None] if case.identify else [None, None],
+        "alarms": 1,
+        "checks": 100,
+        "state": "walking",
+        "said": "",
+        "way": 1.0,
+        "walked": 30.0,
+    }

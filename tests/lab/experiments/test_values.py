@@ -1,0 +1,118 @@
+"""The values that experiments hand on, and the registry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
+from stadera.lab.experiments import (
+    EXPERIMENTS,
+    Experiment,
+    ExperimentResult,
+    Record,
+    ReproduceSettings,
+    Skipped,
+    experiments_named,
+    run_experiments,
+)
+from stadera.lab.experiments.legs.real_logs import MissingDataError, data_folder, real_log
+from stadera.lab.experiments.paper import Steps
+from stadera.report.table import Cell, TableData
+
+
+def test_bound_is_the_last_value_that_meets_it_either_way() -> None:
+    assert Record("x", {}, "error", "m", 1.0, bound=1.0).met is True
+    assert Record("x", {}, "error", "m", 1.1, bound=1.0).met is False
+    assert Record("x", {}, "rank", "1", 17, bound=17, bound_is="at least").met is True
+    assert Record("x", {}, "rank", "1", 16, bound=17, bound_is="at least").met is False
+    assert Record("x", {}, "rank", "1", 16).met is None
+
+
+def test_record_has_the_keys_of_the_contract() -> None:
+    plain = Record("x", {"robot": "hyq"}, "error", "m", 2.0, paper=3.0, bound=1.0).to_dict()
+    assert plain == {
+        "experiment": "x",
+        "case": {"robot": "hyq"},
+        "metric": "error",
+        "unit": "m",
+        "value": 2.0,
+        "paper": 3.0,
+        "bound": 1.0,
+        "bound_is": "at most",
+        "met": False,
+    }
+    assert Record("x", {}, "error", "m", 2.0).to_dict()["bound_is"] is None
+
+
+def test_figure_that_is_no_number_is_refused() -> None:
+    with pytest.raises(StaderaError, match="x, error: nan"):
+        Record("x", {}, "error", "m", float("nan"))
+
+
+def test_row_that_does_not_fit_its_head_is_refused() -> None:
+    with pytest.raises(StaderaError, match="row of 1 cells under 2 titles"):
+        TableData("t", ("a", "b"), (("", ((Cell("1"),),)),))
+
+
+def test_negative_seed_is_refused() -> None:
+    with pytest.raises(StaderaError, match="seed"):
+        ReproduceSettings(seed=-1)
+
+
+def test_watcher_is_told_when_each_step_begins_and_ends() -> None:
+    told: list[tuple[str, int, int]] = []
+    step = Steps("x", lambda *what: told.append(what))
+    step("first")
+    step("second")
+    step.finished()
+    step.finished()
+    assert told == [("x: first", 0, 0), ("x: first", 1, 1), ("x: second", 0, 0), ("x: second", 1, 1)]
+
+
+def test_experiments_are_found_by_name_in_any_case() -> None:
+    assert [e.name for e in experiments_named("TABLE1")] == ["table1"]
+    everything = {e.name for e in experiments_named("all")}
+    studies = {"survival", "walking", "alarms", "reality"}
+    assert everything == set(EXPERIMENTS) - studies, "studies of hundreds of runs are asked for by name"
+    assert [e.name for e in experiments_named("survival")] == ["survival"]
+    with pytest.raises(UnknownNameError, match=r"unknown experiment 'table9'; valid: table1, fig4, .*, all"):
+        experiments_named("table9")
+
+
+def test_experiment_without_its_input_is_skipped_among_several_and_an_error_alone() -> None:
+    def lacking(error: StaderaError) -> Experiment:
+        def run(*_: object) -> ExperimentResult:
+            raise error
+
+        return Experiment("lacking", "needs something", run)
+
+    whole = Experiment("whole", "needs nothing", lambda *_: ExperimentResult("whole", "Whole", "", ()))
+    for error in (MissingDataError("no logs"), MissingExtraError("models", "models", "a robot")):
+        found = list(run_experiments([lacking(error), whole], ReproduceSettings(), lambda *_: None))
+        assert found[0] == Skipped("lacking", str(error))
+        assert isinstance(found[1], ExperimentResult)
+        with pytest.raises(type(error)):
+            list(run_experiments([lacking(error)], ReproduceSettings(), lambda *_: None))
+    with pytest.raises(UnknownNameError):  # any other error is not skipped
+        list(run_experiments([lacking(UnknownNameError("leg", "XX", ())), whole], ReproduceSettings(), lambda *_: None))
+
+
+def test_logs_are_looked_for_where_the_variable_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STADERA_DATA", str(tmp_path))
+    assert data_folder() == tmp_path
+    with pytest.raises(MissingDataError, match="no such log"):
+        real_log(tmp_path, "x.csv")
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "x.csv").write_text("time\n")
+    assert real_log(tmp_path, "x.csv") == tmp_path / "real" / "x.csv"
+    monkeypatch.setenv("STADERA_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(MissingDataError, match="set STADERA_DATA"):
+        data_folder()
+    monkeypatch.delenv("STADERA_DATA")
+    beside = tmp_path / "shared" / "data"
+    beside.mkdir(parents=True)
+    (tmp_path / "project").mkdir()
+    monkeypatch.chdir(tmp_path / "project")
+    assert data_folder().resolve() == beside

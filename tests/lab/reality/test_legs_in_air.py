@@ -1,0 +1,59 @@
+"""Legs in the air: of the robot of the run on the ground, exact in the truth, with the draw's errors in the log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stadera.errors import IdentificationError, UnknownNameError
+from stadera.excite.paper_draw import paper_draw
+from stadera.identify.legs import identify
+from stadera.identify.settings import IdentifySettings
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.scenarios.swing import swing
+from stadera.lab.scenarios.truth import truth_json
+from stadera.robot import load_robot
+
+GO2 = load_robot("go2")
+SEED = 2138884369
+
+
+def test_the_same_seed_is_the_same_robot() -> None:
+    settings = SimulateSettings(errors="real", seed=5, duration=2.0)
+    in_air, on_ground = (
+        truth_json(run.truth) for run in (swing(GO2, "LF", settings), simulate(GO2, "stand", settings))
+    )
+    assert in_air["drawn"] == on_ground["drawn"]
+    assert in_air["trunk"] == on_ground["trunk"]
+
+
+def test_one_leg_or_all() -> None:
+    settings = SimulateSettings(errors="standard", duration=2.0)
+    one, whole = swing(GO2, "rh", settings), swing(GO2, "all", settings)
+    assert one.recording.joints == GO2.leg("RH").joints
+    assert set(whole.recording.joints) == set(GO2.tree.joints)
+    np.testing.assert_allclose(np.diff(whole.recording.time), 0.004)
+    of_leg = [whole.true_motion.joints.index(joint) for joint in one.true_motion.joints]
+    np.testing.assert_array_equal(whole.true_motion.position[:, of_leg], one.true_motion.position)
+    with pytest.raises(UnknownNameError, match="leg"):
+        swing(GO2, "XX", settings)
+
+
+def test_friction_and_rotors_are_found_in_it() -> None:
+    run = swing(GO2, "LF", SimulateSettings(errors="real", seed=105, duration=20.0))
+    found = identify(GO2, run.recording, IdentifySettings(legs=("LF",), split=1.0)).to_dict()["joints"]
+    drawn = truth_json(run.truth)["drawn"]
+    for joint, fit in found.items():
+        true, gain = drawn["joints"][joint], drawn["torque_gain"][joint]
+        assert fit["coulomb"]["value"] == pytest.approx(gain * true["coulomb"], rel=0.2)
+        assert fit["armature"]["value"] == pytest.approx(gain * true["armature"], rel=0.3)
+
+
+def test_a_draw_that_is_not_clear_is_drawn_again() -> None:
+    """The first draw of this seed cannot be drawn in to ANYmal's rest pose."""
+    robot = load_robot("anymal_b")
+    with pytest.raises(IdentificationError):
+        paper_draw(robot, "RF", np.random.default_rng((SEED, 1)), 40.0)
+    run = swing(robot, "RF", SimulateSettings(errors="ideal", seed=SEED, duration=40.0))
+    assert np.ptp(run.recording.position, axis=0).min() > 0.1

@@ -1,0 +1,139 @@
+"""Unitree's LowState: motors by name, the IMU's conventions, stamps by the robot's counter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bags import imu, joints, low_state, write_folder, write_mcap
+from stadera.errors import RecordingError
+from stadera.logs import LogFile, Recording, Topics, read
+from stadera.logs.bags.unitree import LOW_STATES, MOTORS, TickClock, motor_names
+
+MS = 1_000_000
+
+
+def states(count: int = 50, **options: object) -> list:
+    motor = np.arange(20)
+    return [low_state(1.7e9 + 0.002 * k, motor + k, -motor, 0.5 * motor, tick=2 * k, **options) for k in range(count)]
+
+
+@pytest.mark.parametrize("kind", LOW_STATES)
+def test_motors_by_name_and_the_imu_in_our_order(tmp_path: Path, kind: str) -> None:
+    for path in (
+        write_mcap(states(kind=kind), tmp_path / "x.mcap"),
+        write_folder(states(kind=kind), tmp_path / kind[:10]),
+    ):
+        log = read(path)
+        assert log.joints == MOTORS
+        np.testing.assert_array_equal(log.position, np.arange(12) + np.arange(50)[:, None])
+        np.testing.assert_array_equal(log.channel("velocity", ("RL_calf_joint", "FR_hip_joint")), [[-11, 0]] * 50)
+        np.testing.assert_array_equal(log.channel("effort", ("FL_hip_joint",)), [[1.5]] * 50)
+        assert log.imu is not None
+        assert log.imu.frame is None
+        np.testing.assert_allclose(log.imu.angular_velocity[7], (1, 2, 3))
+        np.testing.assert_allclose(log.imu.linear_acceleration[7], (4, 5, 6))
+        np.testing.assert_allclose(log.imu.orientation[7], (0.1, 0.7, 0.5, 0.5), rtol=1e-6)  # type: ignore[index]
+        np.testing.assert_allclose(np.diff(log.time), 0.002, atol=1e-6)
+        assert any("foot_force of /lowstate" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    ("joint", "motor"),
+    [
+        ("LF_HAA", "FL_hip_joint"),
+        ("fr_thigh", "FR_thigh_joint"),
+        ("rh_KFE", "RR_calf_joint"),
+        ("hl.kn", "RL_calf_joint"),
+    ],
+)
+def test_joints_of_other_names_are_found_by_leg_and_part(joint: str, motor: str) -> None:
+    names = motor_names((joint, "arm_hip_joint", "gripper"))
+    assert names[MOTORS.index(motor)] == joint
+    assert set(names) - {joint} == set(MOTORS) - {motor}
+
+
+def test_what_is_ambiguous_keeps_unitrees_name() -> None:
+    assert motor_names(("FL_hip_a", "FL_hip_b")) == MOTORS
+    assert motor_names(("FL_hip", "FL_hip_joint")) == MOTORS
+
+
+def test_joints_that_are_not_there_are_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"no column 'arm_1\.position'"):
+        read(write_mcap(states(), tmp_path / "x.mcap"), joints=("FL_hip_joint", "arm_1"))
+
+
+def test_a_topic_of_its_own_replaces_the_imu_where_asked_for(tmp_path: Path) -> None:
+    others = [imu(1.7e9 + 0.002 * k, (0, 0, 9), frame="head") for k in range(50)]
+    path = write_mcap(sorted([*states(), *others], key=lambda sent: sent.received), tmp_path / "x.mcap")
+    for topics, expected, frame in ((Topics(), 3.0, None), (Topics(imu="/imu/data"), 9.0, "head")):
+        unit = read(LogFile(path, topics)).imu
+        assert unit is not None
+        assert unit.angular_velocity[20, 2] == pytest.approx(expected)
+        assert unit.frame == frame
+
+
+def test_two_topics_of_joints_are_asked_about(tmp_path: Path) -> None:
+    twice = [*states(), *states(topic="/lf/lowstate")]
+    with pytest.raises(RecordingError, match=r"/lf/lowstate, /lowstate; choose one with --joint-topic"):
+        read(write_mcap(twice, tmp_path / "x.mcap"))
+    named = [joints(1.7e9 + 0.002 * k, ("a",), (1.0,)) for k in range(50)]
+    with pytest.raises(RecordingError, match=r"/joint_states, /lowstate; choose one with --joint-topic"):
+        read(write_mcap([*states(), *named], tmp_path / "y.mcap"))
+
+
+def test_late_messages_get_the_counters_time(tmp_path: Path) -> None:
+    """Every tenth one is held up and comes in a burst with the next ones."""
+    late = [0.015 if k % 10 == 5 else 0.0 for k in range(500)]
+    received = np.maximum.accumulate([1.7e9 + 0.002 * k + d for k, d in enumerate(late)])
+    sent = [low_state(float(t), [0] * 12, [0] * 12, [0] * 12, tick=2 * k) for k, t in enumerate(received)]
+    log = read(write_mcap(sent, tmp_path / "x.mcap"))
+    assert len(log) == 500
+    np.testing.assert_allclose(log.time, 1.7e9 + 0.002 * np.arange(500), atol=2.6e-3)
+    assert np.ptp(received - 1.7e9 - 0.002 * np.arange(500)) > 0.014
+    assert any("stamps of /lowstate corrected by its counter, by at most 13 ms" in note for note in log.notes), (
+        log.notes
+    )
+
+
+def test_stamps_that_agree_with_the_counter_are_kept() -> None:
+    clock, rng = TickClock(), np.random.default_rng(0)
+    for k in range(10_000):
+        sent = 12_345_678 + k * 2_000_960  # not a whole number of milliseconds
+        received = 1_700_000_000_000_000_000 + sent + int(rng.uniform(0, 0.9 * MS))
+        assert clock.stamp(received, sent // MS) == received
+    assert clock.repaired == 0
+
+
+@pytest.mark.parametrize("step", [-3600.0, -0.2, 0.2, 3600.0])
+def test_a_step_of_the_recorders_clock_is_undone(step: float) -> None:
+    clock = TickClock()
+    stamps = [clock.stamp((2 * k * MS) + (int(1e9 * step) if k >= 500 else 0), 2 * k) for k in range(1000)]
+    np.testing.assert_allclose(np.diff(stamps), 2 * MS, atol=2.1 * MS)
+    assert abs(stamps[-1] - 2 * 999 * MS) <= 2 * MS
+
+
+def test_a_counter_that_wraps_stands_still_or_starts_anew() -> None:
+    clock = TickClock()
+    wrapping = [clock.stamp(2 * k * MS, (2**32 - 100 + 2 * k) % 2**32) for k in range(200)]
+    assert wrapping == [2 * k * MS for k in range(200)]
+    assert [clock.stamp(10**9 + k, 7) for k in range(5)] == [10**9 + k for k in range(5)]
+    assert clock.stamp(2 * 10**9, 3) == 2 * 10**9
+
+
+def test_the_same_log_in_every_format(shared_data: Path) -> None:
+    """Five seconds of a real Go2: LowState is of single precision."""
+    table = read(shared_data / "real" / "go2_legs_in_air.csv")
+    for name, tolerance in (("jointstate_ros1.bag", 0.0), ("lowstate_db3", 3e-7), ("lowstate_mcap", 3e-7)):
+        log = read(shared_data / "real" / "formats" / f"go2_legs_in_air_{name}", joints=table.joints)
+        assert len(log) == 1000
+        np.testing.assert_allclose(log.time - log.time[0], table.time[:1000], atol=5e-7)
+        for channel in ("position", "velocity", "effort"):
+            np.testing.assert_allclose(getattr(log, channel), getattr(table, channel)[:1000], atol=tolerance)
+        assert isinstance(log, Recording)
+        assert log.imu is not None
+        upright = Rotation.from_quat(log.imu.orientation).magnitude()  # type: ignore[arg-type]
+        np.testing.assert_allclose(upright, 0.0, atol=1e-6)

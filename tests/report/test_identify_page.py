@@ -1,0 +1,167 @@
+"""The page of an identification: self-contained, well-formed, and honest about what was not measured."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from stadera.identify.observability import Verdict
+from stadera.identify.result import TorqueTrace
+from stadera.report.identify.page import identification_html
+from stadera.report.identify.plots import error_figure, plotted_traces, torque_figure
+from stadera.report.numbers import number
+
+_VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+
+class _Page(HTMLParser):
+    """Collects what a browser would load, table rows as text, figures, and checks that elements are closed."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.rows: list[tuple[str, str]] = []
+        self.figures: list[str] = []
+        self.text = ""
+        self._open: list[str] = []
+        self._row: list[str] | None = None
+        self._kind = ""
+        self._script = ""
+        self.feed(page)
+        self.close()
+        assert not self._open
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        named = dict(attributes)
+        self.loads += [str(named[key]) for key in ("src", "srcset", "data", "poster") if key in named]
+        if tag == "link" or (tag == "a" and not str(named.get("href", "#")).startswith("#")):
+            self.loads.append(str(named.get("href")))
+        if tag not in _VOID:
+            self._open.append(tag)
+        if tag == "script":
+            self._script = named.get("type") or "javascript"
+        if tag == "tr":
+            self._row, self._kind = [], named.get("class") or ""
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+        if tag == "tr":
+            self.rows.append((self._kind, " ".join(self._row or [])))
+            self._row = None
+
+    def handle_data(self, data: str) -> None:
+        inside = self._open[-1] if self._open else ""
+        if inside == "script" and self._script == "application/json":
+            self.figures.append(data)
+        elif inside not in ("script", "style"):
+            self.text += data
+            if self._row is not None:
+                self._row.append(data.strip())
+
+
+@pytest.fixture(scope="module")
+def html(result) -> str:
+    return identification_html(result)
+
+
+@pytest.fixture(scope="module")
+def page(html) -> _Page:
+    return _Page(html)
+
+
+def test_loads_nothing(html, page):
+    assert page.loads == []
+    style = html[html.index("<style>") : html.index("</style>")]
+    assert "url(" not in style
+    assert "@import" not in style
+    assert html.count("plotly.js v") == 1
+
+
+def test_is_small_enough_to_mail(html):
+    assert len(html.encode()) < 8_000_000
+
+
+def test_names_are_escaped(html, page):
+    assert "swing <RH>" not in html
+    assert "swing <RH> & co.csv" in page.text
+
+
+def test_what_was_not_measured_is_not_shown_as_if(result, page):
+    (leg,) = result.legs
+    rows = iter(page.rows)
+    for link in leg.leg.links:
+        mass = leg.parameters[f"{link}.m"]
+        assert mass.verdict is not Verdict.OBSERVABLE
+        kind, shown = next((kind, text) for kind, text in rows if "mass" in text)
+        assert kind == str(mass.verdict)
+        assert shown.endswith("CAD, not measured")
+        assert "±" not in shown
+    unobservable = [text for kind, text in page.rows if kind == "unobservable"]
+    assert unobservable
+    assert all("not measured" in text and "±" not in text for text in unobservable)
+    observable = [text for kind, text in page.rows if kind == "observable"]
+    assert observable
+    assert all("±" in text for text in observable)
+
+
+def test_marks_do_not_rest_on_colour_alone(result, page):
+    symbols = {"observable": "●", "partial": "◐", "unobservable": "○"}
+    marked = [(kind, text) for kind, text in page.rows if kind in symbols]
+    assert len(marked) == 3 * 10 + 3 * 4 + len(result.legs[0].combinations)
+    assert all(text.startswith(symbols[kind]) for kind, text in marked)
+
+
+def test_shows_errors_of_every_joint_and_their_unit(result, page):
+    (leg,) = result.legs
+    for joint, rmse in leg.rmse["validation"]["identified"].items():
+        assert any(joint in text and number(rmse, 3) in text for _, text in page.rows)
+    assert "N·m" in page.text
+
+
+def test_every_figure_has_axes_with_units(page):
+    assert len(page.figures) == 4
+    for source in page.figures:
+        layout = json.loads(source)["layout"]
+        titles = [
+            axis["title"]["text"]
+            for name, axis in layout.items()
+            if "axis" in name and axis.get("title", {}).get("text")
+        ]
+        assert titles
+        assert all(re.search(r"\[.+\]$", title) for title in titles)
+
+
+def test_bad_news_comes_first(result):
+    (leg,) = result.legs
+    unvalidated = replace(result, legs=(replace(leg, rmse={"training": leg.rmse["training"]}),), validated_on=None)
+    page = _Page(identification_html(unvalidated))
+    assert page.text.index("Do not use these numbers") < page.text.index("nothing was held out")
+    assert page.text.index("nothing was held out") < page.text.index("2 % of the torques") < page.text.index("CAD +")
+
+
+def test_traces_whose_times_overlap_are_not_drawn_over_each_other(result):
+    (leg,) = result.legs
+    first, second = leg.traces
+    assert plotted_traces([second, first]) == [first, second]
+    again = TorqueTrace("validation", first.time, first.measured, first.predicted)
+    assert plotted_traces([first, again]) == [again]
+
+
+def test_gaps_are_drawn_as_gaps(result):
+    (leg,) = result.legs
+    (trace, _) = leg.traces
+    late = np.where(np.arange(len(trace.time)) < 300, trace.time, trace.time + 10.0)
+    figure = torque_figure(replace(leg, traces=(replace(trace, time=late),)))
+    drawn = np.asarray(figure.data[0].y)
+    assert np.flatnonzero(np.isnan(drawn)).tolist() == [300, len(drawn) - 1]
+
+
+def test_no_traces_no_plots(result):
+    (leg,) = result.legs
+    assert not error_figure(replace(leg, traces=())).data
+    assert len(_Page(identification_html(replace(result, legs=(replace(leg, traces=()),)))).figures) == 1

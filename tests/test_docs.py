@@ -1,0 +1,118 @@
+"""What README and docs name is there: files of the source, dotted names, links, commands; and their code runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from logs_to_play import swing_log, walk_log
+from stadera.robot.catalog import find_file
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+CURRENT = [page for page in PAGES if page.name != "CHANGELOG.md"]  # which tells of what was
+BASES = (ROOT, ROOT / "src", ROOT / "src" / "stadera", ROOT / "docs")
+
+
+def ids(page: Path) -> str:
+    return page.name
+
+
+@pytest.mark.parametrize("page", CURRENT, ids=ids)
+def test_files_of_the_source_are_there(page: Path) -> None:
+    named = re.findall(r"`((?:[\w.]+/)+(?:\w+\.\w+)?)`", page.read_text())
+    missing = [
+        name for name in named if not any((base / name).exists() for base in BASES) and not name.startswith("out/")
+    ]
+    assert not missing
+
+
+@pytest.mark.parametrize("page", CURRENT, ids=ids)
+def test_dotted_names_are_there(page: Path) -> None:
+    missing = [name for name in re.findall(r"`(stadera(?:\.\w+)+)", page.read_text()) if not resolves(name)]
+    assert not missing
+
+
+def resolves(name: str) -> bool:
+    """Whether a dotted name is a module, or an attribute of one."""
+    parts = name.split(".")
+    for depth in range(len(parts), 0, -1):
+        try:
+            found: object = import_module(".".join(parts[:depth]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[depth:]:
+            if not hasattr(found, part):
+                return False
+            found = getattr(found, part)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_links_lead_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text())
+    assert not [target for target in targets if not (page.parent / target).exists()]
+
+
+# -- commands ---------------------------------------------------------------------------------------------------------
+def commands(page: Path) -> list[list[str]]:
+    lines = re.findall(r"^    (stadera [^#\n]+)", page.read_text(), re.MULTILINE)
+    return [shlex.split(line.replace("LOG", "log.csv")) for line in lines]
+
+
+@cache
+def help_of(command: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "stadera", command, "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"},
+    )
+    return done.stdout
+
+
+@pytest.mark.parametrize("page", [page for page in CURRENT if commands(page)], ids=ids)
+def test_commands_have_their_options(page: Path) -> None:
+    for _, command, *arguments in commands(page):
+        options = [word for word in arguments if word.startswith("--")]
+        missing = [option for option in options if option not in help_of(command)]
+        assert not missing, command
+
+
+# -- code that runs ---------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A robot and its logs, by the names that the pages give them."""
+    made = tmp_path_factory.mktemp("reader")
+    (made / "robot.urdf").write_bytes(find_file("hyq").read_bytes())
+    swing_log(made / "swing.csv")
+    walk_log(made / "walk.csv")
+    return made
+
+
+def test_commands_of_the_readme_run(folder: Path) -> None:
+    for words in commands(ROOT / "README.md"):
+        done = subprocess.run([sys.executable, "-m", *words], cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert {"report.html", "identified.urdf", "payload.html"} <= {path.name for path in folder.iterdir()}
+
+
+def blocks(page: Path) -> str:
+    """The Python of a page, its blocks one after the other."""
+    return "\n".join(re.findall(r"^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL))
+
+
+@pytest.mark.parametrize("page", [page for page in CURRENT if blocks(page)], ids=ids)
+def test_python_runs(page: Path, folder: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", blocks(page)], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

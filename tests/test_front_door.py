@@ -1,0 +1,119 @@
+"""The names of `import stadera`: all there, light to import, and callable whatever was imported before."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import stadera
+
+HEAVY = ("mujoco", "plotly", "pyarrow", "cvxpy", "rosbags", "proxsuite", "jinja2")
+
+
+def fresh(code: str) -> str:
+    """What a new interpreter prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_loading_a_urdf_and_the_online_estimator_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, time, stadera; stadera.TrunkEstimator; stadera.load_robot('hyq');"
+        f"print([name for name in {HEAVY} if name in sys.modules]); print(time.process_time())"
+    )
+    loaded, seconds = fresh(code).splitlines()
+    assert loaded == "[]"
+    assert float(seconds) < 2.0  # about 0.5 on a quiet machine; several times that would be a heavy import
+
+
+def test_import_alone_does_not_even_import_numpy() -> None:
+    assert fresh("import sys, stadera; print('numpy' in sys.modules)") == "False"
+
+
+def test_typed_names_are_the_lazy_ones() -> None:
+    tree = ast.parse(Path(inspect.getfile(stadera)).read_text())
+    block = next(n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING")
+    typed = {alias.asname or alias.name for n in block.body if isinstance(n, ast.ImportFrom) for alias in n.names}
+    assert typed == set(stadera.__all__)
+
+
+@pytest.mark.parametrize("name", stadera.__all__)
+def test_every_name_is_there(name: str) -> None:
+    value = getattr(stadera, name)
+    assert callable(value)
+    assert value.__doc__
+    assert name in dir(stadera)
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="nonsense"):
+        stadera.nonsense  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("name", "room"), [("identify", "identify.legs"), ("weigh", "weigh.settings"), ("excite", "excite.design")]
+)
+@pytest.mark.parametrize("before", [True, False])
+def test_packages_are_called_like_functions(name: str, room: str, before: bool) -> None:
+    statements = [f"import stadera.{room}", f"from stadera import {name}"]
+    code = "; ".join(statements if before else reversed(statements))
+    out = fresh(f"import inspect, stadera; {code}; print(callable({name}), stadera.{name} is {name});"
+                f"print(*inspect.signature({name}).parameters)")  # fmt: skip
+    first, parameters = out.splitlines()
+    assert first == "True True"
+    assert parameters.startswith("robot ")
+
+
+def test_calling_a_package_calls_its_function() -> None:
+    with pytest.raises(stadera.RecordingError, match="no log given"):
+        stadera.identify(stadera.load_robot("hyq"), [])
+
+
+def test_load_robot_returns_a_robot_as_it_is() -> None:
+    robot = stadera.load_robot("hyq")
+    assert stadera.load_robot(robot) is robot
+
+
+def test_a_urdf_loads_without_mujoco_and_an_mjcf_names_the_extra(tmp_path: Path) -> None:
+    model = tmp_path / "robot.xml"
+    model.write_text("<mujoco/>")
+    code = (
+        "import sys; sys.modules['mujoco'] = None\n"
+        "import stadera\n"
+        "stadera.load_robot('hyq')\n"
+        f"try: stadera.load_robot({str(model)!r})\n"
+        "except stadera.MissingExtraError as error: print(error)"
+    )
+    assert "stadera[lab]" in fresh(code)
+
+
+def test_reprs_are_short() -> None:
+    robot = stadera.load_robot("hyq")
+    assert "LF: lf_haa_joint" in repr(robot)
+    assert "mass 60.978 kg" in repr(robot.inertias[robot.trunk])
+    for value in (robot, robot.inertias[robot.trunk]):
+        assert len(repr(value).splitlines()) < 10
+        assert len(repr(value)) < 1000
+
+
+def test_identify_and_excite_take_names_and_paths(tmp_path: Path) -> None:
+    short = stadera.ExciteSettings(duration=10.0, random=True)
+    named, path = stadera.excite("hyq", "RH", short), stadera.load_robot("hyq").source
+    assert stadera.excite(str(path), "RH", short).chosen.gain == named.chosen.gain
+    with pytest.raises(stadera.RecordingError, match="no such file"):
+        stadera.identify("hyq", tmp_path / "log.csv")
+    with pytest.raises(stadera.UnknownNameError, match="unknown robot"):
+        stadera.identify("hyqq", tmp_path / "log.csv")
+
+
+def test_every_error_of_the_library_is_at_the_door() -> None:
+    from stadera import errors
+
+    named = {name for name, value in vars(errors).items() if isinstance(value, type) and issubclass(value, Exception)}
+    assert named <= set(stadera.__all__)

@@ -1,0 +1,221 @@
+"""How errors of the model enter the rows, against motions worked out by Pinocchio with those errors in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stadera.inertia import InertialParameters
+from stadera.robot import JointDynamics, Robot, load_robot
+from stadera.robot.imu import ImuMount
+from stadera.robot.kinematics import forward_kinematics
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.rows import BlockRows, RowMaker
+from stadera.trunk.samples import Samples
+from stadera.trunk.settings import ModelErrors, SwingDetection
+from walking import Motion, Walk, walked
+
+RATE = 1000.0
+BLOCK = 20  # samples
+WALK = Walk(seconds=0.6, rate_hz=RATE, speed=0.3)
+DYNAMICS = JointDynamics(0.02, 0.3, 0.0, 0.0)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@cache
+def robot() -> Robot:
+    plain = load_robot("hyq")
+    return plain.with_dynamics(dict.fromkeys(plain.tree.joints, DYNAMICS))
+
+
+def columns() -> np.ndarray:
+    return np.array([[robot().tree.joints.index(j) for j in leg.joints] for leg in robot().legs]).ravel()
+
+
+@cache
+def motion() -> Motion:
+    return walked(robot(), WALK)
+
+
+def by_joint(values: np.ndarray) -> np.ndarray:
+    """(12,) by leg and joint, in the tree's order."""
+    out = np.zeros(12)
+    out[columns()] = values
+    return out
+
+
+def samples(m: Motion, **changed: np.ndarray) -> Samples:
+    """As sensors without errors give them, but for what is changed."""
+    mount = ImuMount.of(robot())
+    w, r = m.angular_velocity, mount.translation
+    at_imu = m.specific_force + np.cross(m.angular_acceleration, r) + np.cross(w, np.cross(w, r))
+    values = {"position": m.position, "velocity": m.velocity, "effort": m.effort}
+    values |= {"angular_velocity": w, "specific_force": at_imu}
+    return Samples(m.time, **(values | changed))
+
+
+def rows_of(data: Samples, known: Robot, normal: np.ndarray) -> list[BlockRows]:
+    """Rows of all complete windows, the ground's normal given."""
+    maker, trunk = RowMaker(known, ImuMount.of(known), SwingDetection()), robot().inertias[robot().trunk]
+    made = []
+    for k in range(0, len(data) - BLOCK - 2, BLOCK):
+        rows = maker.block(data[k : k + BLOCK + 2], normal[k + BLOCK // 2], trunk).rows
+        if rows is not None:
+            made.append(rows)
+    return made[2:]
+
+
+def dynamics_with(**more: np.ndarray) -> Robot:
+    """The robot with other joint dynamics, (12,) by leg and joint."""
+    joints = [joint for leg in robot().legs for joint in leg.joints]
+    added = [{name: float(value[k]) for name, value in more.items()} for k in range(12)]
+    old = {j: robot().dynamics[j] for j in joints}
+    return robot().with_dynamics(
+        {
+            j: replace(old[j], **{n: getattr(old[j], n) + v for n, v in a.items()})
+            for j, a in zip(joints, added, strict=True)
+        }
+    )
+
+
+def of_joints(name: str, attribute: str) -> Callable[[np.ndarray], tuple[Samples, Robot]]:
+    del name
+    return lambda p: (samples(walked(dynamics_with(**{attribute: p}), WALK)), robot())
+
+
+def links_changed(p: np.ndarray, which: str) -> Robot:
+    links = [link for leg in robot().legs for link in leg.links]
+    changed = {}
+    for k, link in enumerate(links):
+        body = robot().inertias[link]
+        if which == "mass":
+            changed[link] = InertialParameters(body.vector * (1.0 + p[k]))
+        else:
+            # matter that lies elsewhere by δ and is turned no differently
+            changed[link] = InertialParameters.from_com(body.mass, body.com + p.reshape(3, 12)[:, k], body.inertia_com)
+    return robot().with_inertias(changed)
+
+
+def feet_moved(p: np.ndarray) -> Robot:
+    """The model's feet lie elsewhere by -p, (leg, axis), in the last links' axes."""
+    legs = []
+    for leg, shift in zip(robot().legs, p.reshape(4, 3), strict=True):
+        place = np.array(leg.foot_position) - shift
+        legs.append(replace(leg, foot_position=tuple(place.tolist())))
+    return replace(robot(), legs=tuple(legs))
+
+
+def imu_elsewhere(p: np.ndarray) -> Samples:
+    """The IMU is off its place by p, trunk axes."""
+    m, w = motion(), motion().angular_velocity
+    true = samples(m)
+    return replace(
+        true, specific_force=true.specific_force + np.cross(m.angular_acceleration, p) + np.cross(w, np.cross(w, p))
+    )
+
+
+def biased(p: np.ndarray) -> Samples:
+    true = samples(motion())
+    return replace(true, specific_force=true.specific_force + p)
+
+
+def imu_turned(p: np.ndarray) -> Samples:
+    """True values are the measured ones turned by the rotation vector -p: a_true = a - p x a."""
+    true, turn = samples(motion()), Rotation.from_rotvec(p)
+    return replace(
+        true,
+        angular_velocity=turn.apply(true.angular_velocity),
+        specific_force=turn.apply(true.specific_force),
+    )
+
+
+def shifted(values: np.ndarray, seconds: float) -> np.ndarray:
+    """Values that come so much later."""
+    time = motion().time
+    return np.stack([np.interp(time - seconds, time, v) for v in values.T], axis=1)
+
+
+CASES: dict[str, Callable[[np.ndarray], tuple[Samples, Robot]]] = {
+    "rotor": of_joints("rotor", "armature"),
+    "viscous": of_joints("viscous", "viscous"),
+    "offset": lambda p: (samples(motion(), effort=motion().effort + by_joint(p)), robot()),
+    "gain": lambda p: (samples(motion(), effort=motion().effort * (1.0 + by_joint(p))), robot()),
+    "common_gain": lambda p: (samples(motion(), effort=motion().effort * (1.0 + p[0])), robot()),
+    "torque_lag": lambda p: (samples(motion(), effort=shifted(motion().effort, p[0])), robot()),
+    "encoder": lambda p: (samples(motion(), position=motion().position + by_joint(p)), robot()),
+    "link_mass": lambda p: (samples(motion()), links_changed(-p, "mass")),
+    "link_com": lambda p: (samples(motion()), links_changed(-p, "com")),
+    "imu_lever": lambda p: (imu_elsewhere(p), robot()),
+    "imu_rotation": lambda p: (imu_turned(p), robot()),
+    "accelerometer": lambda p: (
+        replace(samples(motion()), specific_force=samples(motion()).specific_force + p),
+        robot(),
+    ),
+}
+SIZES = {"rotor": 0.02, "viscous": 0.5, "offset": 1.0, "gain": 0.01, "common_gain": 0.01, "torque_lag": 1e-3}
+SIZES |= {"encoder": 2e-3, "link_mass": 0.05, "link_com": 5e-3, "imu_lever": 0.01}
+SIZES |= {"imu_rotation": 2e-3, "accelerometer": 0.05}
+
+
+@cache
+def clean() -> list[BlockRows]:
+    return rows_of(samples(motion()), robot(), motion().normal)
+
+
+def unexplained(rows: list[BlockRows]) -> np.ndarray:
+    """b - A θ at the true trunk."""
+    theta = robot().inertias[robot().trunk].vector
+    return np.array([r.target - r.matrix @ theta for r in rows])
+
+
+def agree(left: np.ndarray, said: np.ndarray, tolerance: float) -> None:
+    size = np.sqrt((said**2).mean())
+    assert size > 0.0
+    assert np.sqrt(((left - said) ** 2).mean()) < tolerance * size
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_error_moves_the_rows_as_its_columns_say(name: str) -> None:
+    """A θ + C p = b, each entry of p drawn."""
+    place, rng = PLACES[name], np.random.default_rng(1)
+    p = SIZES[name] * rng.uniform(-1.0, 1.0, place.stop - place.start)
+    data, known = CASES[name](p)
+    left = unexplained(rows_of(data, known, motion().normal)) - unexplained(clean())
+    said = np.array([rows.errors[:, place] @ p for rows in clean()])
+    # the products of angular velocity are left out of the IMU's axes, and encoders are evaluated at a block's middle
+    agree(left, said, {"imu_rotation": 0.2, "encoder": 0.08}.get(name, 0.04))
+
+
+def test_a_contact_point_elsewhere_moves_the_rows_as_its_columns_say() -> None:
+    """Against a model whose feet are elsewhere, fixed to the last links."""
+    p = 2e-3 * np.random.default_rng(2).uniform(-1.0, 1.0, 12)
+    left = unexplained(rows_of(samples(motion()), feet_moved(p), motion().normal)) - unexplained(clean())
+    turn, _ = forward_kinematics(robot().tree, motion().position)
+    last = [robot().tree.links.index(leg.links[-1]) for leg in robot().legs]
+    said = []
+    for rows in clean():
+        k = int(np.searchsorted(motion().time, rows.time)) - BLOCK  # the middle of the window
+        shift = np.einsum("lij,lj->li", turn[k, last], p.reshape(4, 3))
+        said.append(rows.errors[:, PLACES["contact"]] @ shift.ravel())
+    agree(left, np.array(said), 0.05)
+
+
+def test_places_fill_the_vector() -> None:
+    covered = np.concatenate([np.arange(p.start, p.stop) for p in PLACES.values()])
+    np.testing.assert_array_equal(covered, np.arange(ERRORS))
+
+
+def test_drives_of_one_kind_are_alike() -> None:
+    model = ErrorModel(robot(), ModelErrors(), 0.7)
+    place = PLACES["coulomb"]
+    block = model.covariance[place, place]
+    std = np.sqrt(np.diag(block))
+    correlation = block / np.outer(std, std)
+    assert correlation[0, 3] == pytest.approx(0.7)
+    assert correlation[0, 1] == 0.0
+    assert np.linalg.eigvalsh(model.covariance).min() >= -1e-12

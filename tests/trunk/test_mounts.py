@@ -1,0 +1,66 @@
+"""The same motion, recorded by IMUs elsewhere on the trunk and turned otherwise, gives the same answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.sensor_errors import IDEAL
+from stadera.logs import Recording
+from stadera.robot import Robot, load_robot
+from stadera.robot.imu import ImuMount, force_at_origin
+from stadera.robot.model import Frame
+from stadera.trunk import Setup, make_estimator, measurements_of
+from walking import Motion, Walk, recorded, walked
+
+
+@cache
+def shaken() -> tuple[Robot, Motion]:
+    robot = load_robot("hyq")
+    return robot, walked(robot, Walk(seconds=1.2, rate_hz=500.0, period=0.0, tilt=0.1, frequency=1.2))
+
+
+def elsewhere(seed: int) -> tuple[Robot, ImuMount, Recording]:
+    """A robot with one more IMU frame, up to half a metre off and turned at random, and what is read there."""
+    robot, motion = shaken()
+    rng = np.random.default_rng(seed)
+    turn, lever = Rotation.random(random_state=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3)
+    robot = replace(robot, frames={**robot.frames, "elsewhere": Frame(robot.trunk, turn, lever)})
+    mount = ImuMount.of(robot, "elsewhere")
+    return robot, mount, recorded(robot, motion, IDEAL, mount=mount)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_specific_force_comes_back_to_the_origin(seed: int) -> None:
+    robot, mount, log = elsewhere(seed)
+    _, motion = shaken()
+    made = list(measurements_of(log, robot))
+    force, omega = (np.array([getattr(m, name) for m in made]) for name in ("specific_force", "angular_velocity"))
+    np.testing.assert_allclose(omega, motion.angular_velocity, atol=1e-12)
+    found = force_at_origin(force, omega, mount.translation, motion.angular_acceleration)
+    np.testing.assert_allclose(found, motion.specific_force, atol=1e-10)
+    for k in (0, 100):
+        rest = np.cross(motion.angular_acceleration[k], mount.translation)
+        np.testing.assert_allclose(made[k].force_at_origin, motion.specific_force[k] + rest, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["walking", "ls", "rls", "kalman"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_estimates_do_not_depend_on_the_mount(name: str, seed: int) -> None:
+    estimates = []
+    for robot, mount, log in (elsewhere(seed), (shaken()[0], None, recorded(*shaken(), IDEAL))):
+        estimator = make_estimator(name, Setup(robot, mount=mount), ALL_METHODS)
+        for measurement in measurements_of(log, robot):
+            estimator.update(measurement)
+        estimates.append(estimator.estimate())
+    here, there = estimates
+    assert here.status is there.status
+    seen = there.observed
+    np.testing.assert_array_equal(here.observed, seen)
+    tolerance = np.array([5e-3 * shaken()[0].mass, 2e-3, 2e-3, 2e-3])  # weights differ a little with the lever
+    assert (np.abs(here.value - there.value) < tolerance)[seen].all()

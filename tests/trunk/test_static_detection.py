@@ -1,0 +1,180 @@
+"""The gate before every law of statics: pushes across the vertical, values that are not finite, gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.robot import load_robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk import (
+    ContactForceEstimator,
+    MassEstimator,
+    Measurement,
+    StaticDetector,
+    StaticLimits,
+    Status,
+    TrunkBounds,
+)
+from stadera.trunk.measurement import measurements_of
+from stadera.trunk.standing.detection import VelocityNoise
+from stadera.trunk.standing.poses import SETTLED
+from stadera.trunk.standing.vertical import measurements_without_imu
+from stadera.weigh.rest import times_at_rest
+from standing import StandingRobot
+
+ROBOT = load_robot("hyq")
+STANCE = standing_configuration(ROBOT)
+AT_REST = StandingRobot(ROBOT).measurement(0.0, STANCE)
+FORCES = ContactForceEstimator(ROBOT)
+DT = 0.01
+
+
+def said(gate: StaticDetector, measurements: list[Measurement]) -> list[str]:
+    return [gate.complaint(m, FORCES.at(AT_REST)) for m in measurements]
+
+
+def at_rest(count: int, start: float = 0.0) -> list[Measurement]:
+    return [replace(AT_REST, time=start + DT * k) for k in range(count)]
+
+
+def nan_in(name: str) -> Callable[[Measurement], Measurement]:
+    def spoil(m: Measurement) -> Measurement:
+        values = getattr(m, name).copy()
+        values.flat[-1] = np.nan
+        return replace(m, **{name: values})
+
+    return spoil
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_a_push_across_the_vertical_is_noticed(oriented: bool) -> None:
+    """By 0.8 m/s², the specific force's size changes by 0.03 m/s² only."""
+    gate = StaticDetector(FORCES.legs)
+    rotation = AT_REST.rotation if oriented else None
+    quiet = [replace(m, rotation=rotation) for m in at_rest(60)]
+    assert said(gate, quiet)[-1] == ""
+    pushed = AT_REST.specific_force + np.array([0.8, 0.0, 0.0])
+    assert abs(np.linalg.norm(pushed) - 9.81) < 0.04
+    reasons = said(gate, [replace(m, time=m.time + 0.6, specific_force=pushed) for m in quiet[:20]])
+    assert any("across the vertical" in reason for reason in reasons)
+
+
+@pytest.mark.parametrize("oriented", [True, False])
+def test_a_constant_error_of_the_accelerometer_or_a_slow_turn_is_no_push(oriented: bool) -> None:
+    """Turning at 0.2 rad/s, which these limits allow, the vertical is carried along."""
+    gate = StaticDetector(FORCES.legs, StaticLimits(angular_velocity=0.3))
+    measurements = []
+    for k, m in enumerate(at_rest(150)):
+        R = Rotation.from_rotvec([0.0, 0.2 * DT * k, 0.0]).as_matrix()
+        force = 9.81 * R[2] + np.array([0.1, 0.0, 0.0])
+        measurements.append(
+            replace(
+                m,
+                rotation=R if oriented else None,
+                specific_force=force,
+                angular_velocity=np.array([0.0, 0.2, 0.0]),
+            )
+        )
+    assert said(gate, measurements)[15:] == [""] * 135
+
+
+@pytest.mark.parametrize(
+    "name", ["joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force", "rotation"]
+)
+def test_a_value_that_is_not_finite_is_named_and_forgotten(name: str) -> None:
+    gate = StaticDetector(FORCES.legs)
+    assert said(gate, at_rest(30))[-1] == ""
+    (reason,) = said(gate, [nan_in(name)(replace(AT_REST, time=0.305))])
+    assert reason.startswith("not finite: " + ("orientation" if name == "rotation" else name.replace("_", " ")))
+    assert said(gate, at_rest(30, 0.31))[-1] == ""
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (nan_in("effort"), "not finite: effort of joint"),
+        (nan_in("specific_force"), "not finite: specific force"),
+        (lambda m: replace(m, time=np.nan), "not finite: time"),
+        (lambda m: replace(m, time=m.time - 1.0), "time must increase"),
+        (lambda m: replace(m, stance=np.array([True, False, False, True])), "only 2 feet carry"),
+        (lambda m: replace(m, effort=m.effort + 1e3 * np.eye(12)[4]), "at its limit"),
+    ],
+)
+def test_the_mass_is_kept_through_bad_input(spoil: Callable[[Measurement], Measurement], words: str) -> None:
+    estimator = MassEstimator(ROBOT)
+    for m in at_rest(60):
+        estimator.update(m)
+    before = estimator.estimate()
+    assert before.status is not Status.REFUSED
+    estimator.update(spoil(replace(AT_REST, time=0.605)))
+    refused = estimator.estimate()
+    assert refused.status is Status.REFUSED
+    assert words in refused.reason
+    np.testing.assert_array_equal(refused.value, before.value)
+    np.testing.assert_array_equal(refused.covariance, before.covariance)
+    for m in at_rest(60, 0.61):
+        estimator.update(m)
+    after = estimator.estimate()
+    assert after.status is not Status.REFUSED
+    assert after.trunk.mass == pytest.approx(before.trunk.mass, rel=1e-9)
+    assert TrunkBounds.of(ROBOT).contains(after.trunk)
+
+
+def test_times_at_rest_name_what_is_not_finite_and_go_on() -> None:
+    measurements = at_rest(200)
+    measurements[100] = nan_in("joint_velocity")(measurements[100])
+    rest = times_at_rest(measurements, FORCES, 0.25)
+    assert len(rest.blocks) >= 5
+    assert np.isfinite([block.mass for block in rest.blocks]).all()
+    (_, spoilt) = rest.refusals  # the first until it was seen at rest
+    assert spoilt.reason.startswith("not finite: joint velocity of joint")
+    assert spoilt.end - spoilt.begin < 0.2
+
+
+def noisy(rate: float, seconds: float, std: float, moving: float = 0.0, seed: int = 0) -> list[Measurement]:
+    """Of a robot at rest with noisy joint velocities; one joint moves [rad/s]."""
+    draws = std * np.random.default_rng(seed).standard_normal((int(rate * seconds), len(STANCE)))
+    draws[:, 4] += moving
+    return [replace(AT_REST, time=k / rate, joint_velocity=draw) for k, draw in enumerate(draws)]
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
+@pytest.mark.parametrize("std", [0.0, 0.02, 0.04])
+def test_rest_and_motion_are_told_alike_at_every_rate(rate: float, std: float) -> None:
+    """The limit is of motion, whatever the noise and however often it is sampled."""
+    for moving in (0.0, 1.5 * SETTLED.joint_velocity):
+        reasons = said(StaticDetector(FORCES.legs, SETTLED), noisy(rate, 5.0, std, moving))[int(2.0 * rate) :]
+        still = np.mean([not reason for reason in reasons])
+        if not moving:
+            assert still > 0.95
+        else:
+            assert still < 0.02
+            assert any("moves at" in reason for reason in reasons)
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_noise_of_velocities_is_heard_beside_motion(rate: float) -> None:
+    noise, std = VelocityNoise(), 0.02
+    time = np.arange(0.0, 6.0, 1.0 / rate)
+    draws = std * np.random.default_rng(1).standard_normal((len(time), 12))
+    swing = np.where(time < 2.0, np.sin(9.0 * time), 0.0)  # a walk, then rest
+    for velocity in draws + swing[:, None]:
+        noise.update(velocity, 1.0 / rate)
+    assert np.sqrt(noise.variance) == pytest.approx(std, rel=0.2)
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+def test_a_simulated_stand_is_at_rest_with_and_without_imu(rate: float) -> None:
+    log = simulate(ROBOT, "stand", SimulateSettings(duration=4.0, rate=rate, seed=5)).recording
+    for measurements in (measurements_of(log, ROBOT), measurements_without_imu(log, ROBOT)):
+        gate = StaticDetector(FORCES.legs, SETTLED)
+        still = [m.time for m in measurements if not gate.complaint(m, FORCES.at(m))]
+        assert still[0] < 1.2
+        assert len(still) > 0.95 * rate * (4.0 - still[0])
