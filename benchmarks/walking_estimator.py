@@ -1,4 +1,4 @@
-"""What weighing while walking costs: an hour of a trot at 1 kHz through `WalkingEstimator`.
+"""What weighing while walking costs: an hour of a trot at 1 kHz through `TrunkEstimator`.
 
 HyQ trots once in the test-bed (`standard` sensor errors), and what its sensors said is streamed again and again with
 later stamps, a second apart, which the estimator takes for gaps. Fed in two ways, each in a process of its own:
@@ -28,16 +28,16 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: one cor
 
 import numpy as np
 
-from stadera.control import TestBed, Trot
-from stadera.estimate.measurement import Measurement, measurements_of
-from stadera.estimate.walking import WalkingEstimator
-from stadera.estimate.walking_samples import Samples
 from stadera.files import written_together
-from stadera.recording import Recording
+from stadera.lab.control import TestBed, Trot
+from stadera.lab.plant import STANDARD, Plant, Sensors
+from stadera.lab.record import recording_of
+from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.sim import STANDARD, Plant, Sensors
-from stadera.sim.record import recording_of
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.measurement import Measurement, measurements_of
+from stadera.trunk.samples import Samples
 
 WAYS = ("update", "add")
 PERIOD = 1e-3  # s
@@ -67,7 +67,7 @@ def passes(length: float, minutes: float) -> Iterator[float]:
 
 def by_update(robot: Robot, recording: Recording) -> Callable[[float], list[float]]:
     """Feeds a pass measurement by measurement; processor time [s] of each block's samples."""
-    estimator, said = WalkingEstimator(robot), list(measurements_of(recording, robot))
+    estimator, said = TrunkEstimator(robot), list(measurements_of(recording, robot))
 
     def feed(later: float) -> list[float]:
         spent = []
@@ -85,7 +85,7 @@ def by_update(robot: Robot, recording: Recording) -> Callable[[float], list[floa
 
 def by_add(robot: Robot, recording: Recording) -> Callable[[float], list[float]]:
     """Feeds a pass at once; its processor time [s], evenly on the blocks."""
-    estimator = WalkingEstimator(robot)
+    estimator = TrunkEstimator(robot)
 
     def feed(later: float) -> list[float]:
         log = replace(recording, time=recording.time + later)

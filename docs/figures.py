@@ -12,11 +12,13 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from stadera.estimate import Samples, WalkingEstimator, WalkingNoise
 from stadera.identify.legs import identify
 from stadera.identify.result import LegIdentification
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.lab.scenarios.truth import TruthAt
 from stadera.robot import load_robot
-from stadera.simulate import Load, SimulateSettings, TruthAt, simulate
+from stadera.trunk import Samples, TrunkEstimator
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -57,14 +59,14 @@ def payload_at_a_trot(path: Path) -> None:
     settings = SimulateSettings("standard", Load(box), duration=6.0, rate=1000.0, load_time=loaded_at)
     log = simulate(robot, "trot-load", settings)
     samples = Samples.of_recording(log.recording, robot)
-    estimator = WalkingEstimator(robot, WalkingNoise.of(robot))
+    estimator = TrunkEstimator(robot)
     edges = np.searchsorted(samples.time, np.arange(0.0, samples.time[-1], 0.02))
     rows = []
     for start, stop in pairwise(edges):
         estimator.add(samples[int(start) : int(stop)])
-        if samples.time[stop] > loaded_at - 0.05 and estimator.payload() is None:
+        if samples.time[stop] > loaded_at - 0.05 and estimator.payload is None:
             estimator.tare()
-        if (found := estimator.payload()) is not None:
+        if (found := estimator.payload) is not None:
             rows.append((samples.time[stop] - loaded_at, found.mass, found.mass_std, *found.com, *found.com_std))
     draw_payload(np.array(rows), log.truth.moments[-1], estimator.changes[0].noticed - loaded_at, path)
 

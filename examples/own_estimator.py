@@ -1,0 +1,60 @@
+"""Write an estimator of the trunk of your own: the mass of a robot at rest, from the forces of its feet.
+
+An estimator is whatever has `update(measurement)` and `estimate()`. Registered in `METHODS` of `trunk/registry.py`
+it has a name for `stadera weigh --method`, and the contract tests run on it.
+
+    python examples/own_estimator.py stand.csv hyq
+"""
+
+import sys
+
+import numpy as np
+
+import stadera
+from stadera.constants import GRAVITY
+from stadera.legs.model import LegModel
+from stadera.logs import read
+from stadera.trunk.measurement import measurements_of
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
+
+
+class MeanMass:
+    """Mean of the vertical force of the feet, less the weight of the legs."""
+
+    def __init__(self, robot: stadera.Robot) -> None:
+        self.legs, self.prior = LegModel(robot), TrunkModel.prior(robot)
+        self.masses: list[float] = []
+        self.time = np.nan
+
+    def update(self, measurement: stadera.Measurement) -> None:
+        by_leg = self.legs.columns  # (4, 3), where each leg's joints are in the arrays
+        force, _ = self.legs.forces_at_rest(
+            measurement.joint_position[by_leg][None],
+            measurement.effort[by_leg][None],
+            measurement.specific_force[None],
+        )
+        carried = force[0].sum(axis=0) @ measurement.up / GRAVITY
+        self.masses.append(carried - self.legs.leg_mass)
+        self.time = measurement.time
+
+    def estimate(self) -> TrunkEstimate:
+        covariance = unobserved()  # NaN: not observed, as the centre of mass stays
+        if not self.masses:
+            return TrunkEstimate(self.time, self.prior, covariance, Status.WAITING)
+        covariance[0, 0] = np.var(self.masses) / len(self.masses)
+        trunk = TrunkModel(float(np.mean(self.masses)), self.prior.com_trunk)
+        return TrunkEstimate(self.time, trunk, covariance, Status.MOVING)
+
+
+def main(log: str, name: str) -> None:
+    robot = stadera.load_robot(name)
+    estimator: Estimator = MeanMass(robot)
+    for measurement in measurements_of(read(log), robot):
+        estimator.update(measurement)
+    estimate = estimator.estimate()
+    print(f"trunk {estimate.trunk.mass:.2f} ± {estimate.std[0]:.2f} kg")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
