@@ -16,9 +16,9 @@ from stadera.identify.legs import identify
 from stadera.identify.result import LegIdentification
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
-from stadera.lab.scenarios.truth import TruthAt
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator
+from stadera.weigh.truth import TruthAt
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.lab.experiments import Experiment, ExperimentResult, Record, registry
 from stadera.lab.experiments.legs.real_logs import MissingDataError
 from stadera.lab.experiments.result import FigureData, Line, Panel
@@ -22,7 +22,9 @@ KEYS = {"experiment", "case", "metric", "unit", "value", "paper", "bound", "met"
 
 def _result(value: float) -> ExperimentResult:
     table = TableData(
-        "Masses <kg>", ("", "mass [kg]"), (("upper leg", ((Cell("identified"), Cell("2.63", Verdict.PARTIAL)),)),)
+        "Masses <kg>",
+        ("", "mass [kg]"),
+        (("upper leg", ((Cell("identified"), Cell("2.63", Identifiability.PARTIAL)),)),),
     )
     line = Line("measured", "measured", np.linspace(0.0, 1.0, 50), np.linspace(0.0, 2.0, 50))
     return ExperimentResult(

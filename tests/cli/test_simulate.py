@@ -12,9 +12,9 @@ import pytest
 
 from stadera.lab.scenarios.catalog import SCENARIOS, scenario_named
 from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.lab.scenarios.truth import read_truth
 from stadera.logs import read
 from stadera.robot import load_robot
+from stadera.weigh.truth import read_truth
 
 Run = Callable[..., Any]
 

@@ -14,7 +14,7 @@ from stadera.errors import IdentificationError, MissingExtraError, RecordingErro
 from stadera.identify import log as log_module
 from stadera.identify.job import parts_of, prepare
 from stadera.identify.legs import identify
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
 from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion
@@ -72,12 +72,12 @@ def test_exact_signals_give_the_leg_exactly(method: str) -> None:
     truth = truth_of(leg.estimate.columns, SMOOTH)
     for name, quantity in leg.parameters.items():
         width = leg.estimate.prior.scales[leg.estimate.columns.index(name)]
-        if quantity.verdict is Verdict.OBSERVABLE:
+        if quantity.verdict is Identifiability.OBSERVABLE:
             assert quantity.value == pytest.approx(truth[name], abs=1e-5 * width), name
-        if quantity.verdict is Verdict.UNOBSERVABLE:
+        if quantity.verdict is Identifiability.UNOBSERVABLE:
             assert quantity.std is None
         if name.endswith(".m"):
-            assert quantity.verdict is not Verdict.OBSERVABLE
+            assert quantity.verdict is not Identifiability.OBSERVABLE
             assert quantity.value == pytest.approx(quantity.prior)
     scale = leg.rmse["validation"]["prior"]
     assert all(v < 1e-4 * scale[j] for j, v in leg.rmse["validation"]["identified"].items())
@@ -111,7 +111,7 @@ def test_known_parameters_lie_within_their_spread() -> None:
     truth = truth_of(leg.estimate.columns, SMOOTH)
     errors = []
     for name, quantity in leg.parameters.items():
-        if quantity.verdict is Verdict.OBSERVABLE:
+        if quantity.verdict is Identifiability.OBSERVABLE:
             errors.append((quantity.value - truth[name]) / quantity.std)
     assert len(errors) >= 5
     assert np.abs(errors).max() < 5.0
@@ -313,7 +313,7 @@ def test_poor_excitation_is_told() -> None:
     assert leg.estimate.observability.rank < leg.structural_rank
     assert any(w.startswith(f"poor excitation: the data determine {result.rank} of") for w in leg.warnings)
     haa = f"{leg.leg.joints[0]}.viscous"
-    assert leg.parameters[haa].verdict is Verdict.UNOBSERVABLE
+    assert leg.parameters[haa].verdict is Identifiability.UNOBSERVABLE
     assert leg.parameters[haa].std is None
     check_finite(result)
 

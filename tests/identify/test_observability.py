@@ -7,7 +7,7 @@ import pytest
 
 from identify.leg_runs import hyq, leg_regressor, parameters_of, rich_motion, told
 from legs.reference import leg_regressor as pinocchio_regressor
-from stadera.identify.observability import Combination, Observability, Verdict, observability
+from stadera.identify.observability import Combination, Identifiability, Observability, observability
 from stadera.identify.prior import robot_prior
 from stadera.information import Information
 from stadera.legs import JointMotion
@@ -61,7 +61,7 @@ def test_only_silent_columns_are_unobservable() -> None:
     found = seen()
     silent = np.linalg.norm(scaled_regressor(rich_motion()), axis=0) < 1e-12
     verdicts = np.array(found.verdicts())
-    np.testing.assert_array_equal(verdicts == Verdict.UNOBSERVABLE, silent)
+    np.testing.assert_array_equal(verdicts == Identifiability.UNOBSERVABLE, silent)
     assert 0 < silent.sum() < 30
 
 
@@ -69,9 +69,11 @@ def test_observable_is_what_the_null_space_leaves_alone() -> None:
     _, _, Vt = np.linalg.svd(scaled_regressor(rich_motion()))
     untouched = np.linalg.norm(Vt[17:], axis=0) < 1e-9
     found = seen()
-    np.testing.assert_array_equal(np.array(found.verdicts()) == Verdict.OBSERVABLE, untouched)
+    np.testing.assert_array_equal(np.array(found.verdicts()) == Identifiability.OBSERVABLE, untouched)
     assert not any(
-        v is Verdict.OBSERVABLE for v, c in zip(found.verdicts(), found.columns, strict=True) if c.endswith(".m")
+        v is Identifiability.OBSERVABLE
+        for v, c in zip(found.verdicts(), found.columns, strict=True)
+        if c.endswith(".m")
     )
 
 
@@ -91,7 +93,7 @@ def test_combinations_are_what_the_data_determine() -> None:
             assert abs(combination.of(moved) - combination.of(base)) < 1e-8 * size
     gradients = np.array([[dict(c.terms).get(n, 0.0) for n in found.columns] for c in combinations])
     assert np.linalg.matrix_rank(gradients * found.widths, tol=1e-9) == 17
-    assert set(found.verdicts(gradients)) == {Verdict.OBSERVABLE}
+    assert set(found.verdicts(gradients)) == {Identifiability.OBSERVABLE}
 
 
 def test_combinations_read_well() -> None:
@@ -105,7 +107,7 @@ def test_combinations_read_well() -> None:
     for c in combinations:
         assert all(name not in {n for n, _ in leaders} for name, _ in c.terms[1:])
     alone = {c.terms[0][0] for c in combinations if len(c.terms) == 1}
-    assert alone == {c for c, v in zip(found.columns, found.verdicts(), strict=True) if v is Verdict.OBSERVABLE}
+    assert alone == {c for c, v in zip(found.columns, found.verdicts(), strict=True) if v is Identifiability.OBSERVABLE}
     assert str(Combination((("a.m", 1.0), ("b.mcx", -0.25), ("c.mcy", 1.0)))) == "a.m - 0.25·b.mcx + c.mcy"
 
 
@@ -131,7 +133,7 @@ def test_more_noise_tells_less() -> None:
     assert 0 < ranks[3] < 17
     assert ranks[-1] == 0
     nothing = seen(noise=1e9)
-    assert set(nothing.verdicts()) == {Verdict.UNOBSERVABLE}
+    assert set(nothing.verdicts()) == {Identifiability.UNOBSERVABLE}
     np.testing.assert_allclose(nothing.std(), nothing.widths, rtol=1e-6)
     assert nothing.combinations() == ()
 
@@ -158,7 +160,7 @@ def test_gradients_of_other_quantities() -> None:
     row = np.zeros((1, 30))
     k = found.columns.index("rh_lowerleg.m")
     row[0, k : k + 2] = [-0.1, 1.0]
-    assert found.verdicts(row) == (Verdict.PARTIAL,)
+    assert found.verdicts(row) == (Identifiability.PARTIAL,)
     row[0, k] = 0.0
     assert found.verdicts(row)[0] is found.verdicts()[k + 1]
     assert found.std(row)[0] == pytest.approx(found.std()[k + 1])
@@ -168,5 +170,5 @@ def test_nothing_known() -> None:
     columns = leg_regressor(hyq()).columns
     empty = observability(Information.empty(columns), robot_prior(hyq(), columns))
     assert empty.rank == 0
-    assert set(empty.verdicts()) == {Verdict.UNOBSERVABLE}
+    assert set(empty.verdicts()) == {Identifiability.UNOBSERVABLE}
     np.testing.assert_allclose(empty.std(), empty.widths)

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from identify.leg_runs import hyq, leg_regressor, other_hyq, parameters_of, rich_motion, told
 from legs.reference import leg_regressor as pinocchio_regressor
-from stadera.identify.observability import Verdict, observability
+from stadera.identify.observability import Identifiability, observability
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
 from stadera.inertia import InertialParameters
@@ -38,7 +38,7 @@ def solved(solve, robot: Robot | None = None, friction: bool = False, **telling)
     return solve(information, robot_prior(hyq(), regressor.columns)), truth
 
 
-def verdict_mask(estimate: Estimate, verdict: Verdict) -> np.ndarray:
+def verdict_mask(estimate: Estimate, verdict: Identifiability) -> np.ndarray:
     return np.array([v is verdict for v in estimate.observability.verdicts()])
 
 
@@ -48,7 +48,7 @@ def test_observables_are_recovered(solve, friction: bool) -> None:
     """Parameters and combinations that noiseless data determine, to 1e-6 of their scale; the rest fits the data too."""
     estimate, truth = solved(solve, friction=friction)
     values = np.array(list(truth.values()))
-    known = verdict_mask(estimate, Verdict.OBSERVABLE)
+    known = verdict_mask(estimate, Identifiability.OBSERVABLE)
     assert known.sum() >= 3
     np.testing.assert_allclose(((estimate.values - values) / estimate.prior.scales)[known], 0.0, atol=1e-6)
     by_name = estimate.by_name()
@@ -75,7 +75,7 @@ def test_masses_stay_at_cad(solve, noise: float) -> None:
 
 def test_unobservable_parameters_are_exactly_cad() -> None:
     estimate, _ = solved(null_space_solution)
-    silent = verdict_mask(estimate, Verdict.UNOBSERVABLE)
+    silent = verdict_mask(estimate, Identifiability.UNOBSERVABLE)
     assert silent.any()
     np.testing.assert_array_equal(estimate.values[silent], estimate.prior.values[silent])
 
@@ -358,7 +358,7 @@ def test_information_on_more_than_is_asked_for(solve) -> None:
     inertial = regressor.columns[:30]
     estimate = solve(information, robot_prior(hyq(), inertial))
     assert estimate.columns == inertial
-    known = verdict_mask(estimate, Verdict.OBSERVABLE)
+    known = verdict_mask(estimate, Identifiability.OBSERVABLE)
     expected = np.array([truth[c] for c in inertial])
     np.testing.assert_allclose(((estimate.values - expected) / estimate.prior.scales)[known], 0.0, atol=1e-5)
 

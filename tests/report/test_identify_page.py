@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.identify.result import TorqueTrace
 from stadera.report.identify.page import identification_html
 from stadera.report.identify.plots import error_figure, plotted_traces, torque_figure
@@ -96,7 +96,7 @@ def test_what_was_not_measured_is_not_shown_as_if(result, page):
     rows = iter(page.rows)
     for link in leg.leg.links:
         mass = leg.parameters[f"{link}.m"]
-        assert mass.verdict is not Verdict.OBSERVABLE
+        assert mass.verdict is not Identifiability.OBSERVABLE
         kind, shown = next((kind, text) for kind, text in rows if "mass" in text)
         assert kind == str(mass.verdict)
         assert shown.endswith("CAD, not measured")

@@ -13,9 +13,9 @@ from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
-    from stadera.lab.scenarios.truth import Truth
     from stadera.logs import LogFile
     from stadera.robot import Robot
+    from stadera.weigh.truth import Truth
 
 
 def weigh(
@@ -100,7 +100,7 @@ def _truth(path: Path | None) -> Truth | None:
     """Of a simulated log, where it is given."""
     if path is None:
         return None
-    from stadera.lab.scenarios.truth import read_truth
+    from stadera.weigh.truth import read_truth
 
     return read_truth(path)
 

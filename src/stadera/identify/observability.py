@@ -30,7 +30,7 @@ _FIRM = 0.1  # of the prior width: below this, without a prior, a parameter coun
 _SILENT = 1.0  # in units of noise: what a change by the whole prior width does to the data
 
 
-class Verdict(StrEnum):
+class Identifiability(StrEnum):
     """How far one parameter is known (the colours of Table I: green, gray, red)."""
 
     OBSERVABLE = "observable"
@@ -103,14 +103,14 @@ class Observability:
         s = np.where(self.singular_values > 1e-6 * self._floor, self.singular_values, 0.0)
         return np.asarray(np.sqrt(np.sum(g**2 / (s**2 + prior**-2), axis=1)))
 
-    def verdicts(self, gradients: Array | None = None) -> tuple[Verdict, ...]:
+    def verdicts(self, gradients: Array | None = None) -> tuple[Identifiability, ...]:
         """One verdict for each parameter, or for each quantity whose gradient (k, n) is given."""
         g = self._in_widths(gradients)
         firm = self.std(gradients, prior=_FLAT) <= _FIRM * np.linalg.norm(g, axis=1)
         influence = np.linalg.norm(self.singular_values[:, None] * self.directions, axis=0)
         heard = ((influence > max(_SILENT, 1e-6 * self._floor)) & (g != 0)).any(axis=1)
         return tuple(
-            Verdict.OBSERVABLE if f else Verdict.PARTIAL if h else Verdict.UNOBSERVABLE
+            Identifiability.OBSERVABLE if f else Identifiability.PARTIAL if h else Identifiability.UNOBSERVABLE
             for f, h in zip(firm & heard, heard, strict=True)
         )
 

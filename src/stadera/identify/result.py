@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stadera.files import written_together
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.identify.solutions import Estimate
 from stadera.inertia import ORDER, UNITS, InertialParameters
 from stadera.legs import FRICTION_UNITS
@@ -37,15 +37,15 @@ class Quantity:
     prior: float
     value: float
     std: float | None
-    verdict: Verdict
+    verdict: Identifiability
     unit: str
 
     @property
     def is_held(self) -> bool:
         """Whether the data do not determine the value, so that it has no standard deviation."""
-        if self.std is None or self.verdict is Verdict.UNOBSERVABLE:
+        if self.std is None or self.verdict is Identifiability.UNOBSERVABLE:
             return True
-        return self.verdict is Verdict.PARTIAL and self.std <= 1e-12 * abs(self.prior)
+        return self.verdict is Identifiability.PARTIAL and self.std <= 1e-12 * abs(self.prior)
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class KnownCombination:
     value: float
     std: float
     unit: str
-    verdict: Verdict
+    verdict: Identifiability
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class LegIdentification:
         stds = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradients, estimate.covariance, gradients), 0.0))
         verdicts = estimate.observability.verdicts(gradients)
         return [
-            Quantity(float(p), float(v), None if q is Verdict.UNOBSERVABLE else float(s), q, unit)
+            Quantity(float(p), float(v), None if q is Identifiability.UNOBSERVABLE else float(s), q, unit)
             for p, v, s, q, unit in zip(priors, values, stds, verdicts, units, strict=True)
         ]
 

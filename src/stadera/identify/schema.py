@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import MissingExtraError, ModelError
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
 from stadera.inertia import ORDER, InertialParameters
 from stadera.robot.model import JointDynamics, Robot
@@ -156,7 +156,7 @@ def _combination(combination: KnownCombination) -> dict[str, Any]:
         "unit": combination.unit,
         "prior": combination.prior,
         "value": combination.value,
-        "std": None if combination.verdict is Verdict.UNOBSERVABLE else combination.std,
+        "std": None if combination.verdict is Identifiability.UNOBSERVABLE else combination.std,
         "observability": str(combination.verdict),
     }
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.errors import IdentificationError
-from stadera.identify.observability import Observability, Verdict, observability
+from stadera.identify.observability import Identifiability, Observability, observability
 from stadera.identify.prior import Prior
 from stadera.inertia import InertialParameters
 from stadera.information import Information
@@ -92,11 +92,11 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
     null_space = directions[rank:].T
     masses = [prior.columns.index(f"{link}.m") for link in prior.links]
     x -= null_space @ (np.linalg.pinv(null_space[masses], rcond=1e-6) @ x[masses])
-    x[[verdict is Verdict.UNOBSERVABLE for verdict in seen.verdicts()]] = 0.0  # but for rounding they are
+    x[[verdict is Identifiability.UNOBSERVABLE for verdict in seen.verdicts()]] = 0.0  # but for rounding they are
     scaled = directions.T * prior.scales[:, None]
     covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
-    held = [link for link in prior.links if verdicts[f"{link}.m"] is not Verdict.OBSERVABLE]
+    held = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
     values = prior.values + prior.scales * x
     signed = _signed(prior)
     rounding = (values[signed] < 0) & (values[signed] > -1e-9 * prior.scales[signed])
@@ -121,7 +121,7 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
     data = _on(prior, information)
     seen = observability(data, prior)
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
-    links = [link for link in prior.links if verdicts[f"{link}.m"] is not Verdict.OBSERVABLE]
+    links = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
     held = [prior.mass_coordinates[link] for link in links]
     free = [k for k in range(len(prior.columns)) if k not in held]
     root = prior.root[:, free]

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stadera.errors import StaderaError
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class Mark:
     meaning: str
 
 
-MARKS: dict[Verdict, Mark] = {
-    Verdict.OBSERVABLE: Mark("●", "observable", "green", "the data alone determine it"),
-    Verdict.PARTIAL: Mark(
+MARKS: dict[Identifiability, Mark] = {
+    Identifiability.OBSERVABLE: Mark("●", "observable", "green", "the data alone determine it"),
+    Identifiability.PARTIAL: Mark(
         "◐", "partial", "bright_black", "known only in combination with others; its own value rests on CAD"
     ),
-    Verdict.UNOBSERVABLE: Mark(
+    Identifiability.UNOBSERVABLE: Mark(
         "○", "unobservable", "red", "the data say nothing: CAD's value, or moved along with the rest"
     ),
 }
@@ -50,7 +50,7 @@ class Cell:
     """
 
     text: str
-    verdict: Verdict | None = None
+    verdict: Identifiability | None = None
     strong: bool = False
     good: bool | None = None
     muted: bool = False

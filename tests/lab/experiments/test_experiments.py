@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from stadera.errors import MissingExtraError
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.lab.experiments import EXPERIMENTS, ExperimentResult, ReproduceSettings
 from stadera.lab.experiments.legs.real_logs import MissingDataError
 from stadera.robot import load_robot
@@ -40,9 +40,9 @@ def test_table_1_shows_simulated_identified_and_cad_of_each_link(table1: Experim
         assert len(table.groups) == 3
         for _, (simulated, identified, cad) in table.groups:
             for truth, found, prior in zip(simulated[1:], identified[1:], cad[1:], strict=True):
-                if found.verdict is Verdict.OBSERVABLE:
+                if found.verdict is Identifiability.OBSERVABLE:
                     assert found.text == truth.text
-                if found.verdict is Verdict.UNOBSERVABLE:
+                if found.verdict is Identifiability.UNOBSERVABLE:
                     assert found.text == prior.text
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.identify.observability import Observability, Verdict
+from stadera.identify.observability import Identifiability, Observability
 from stadera.identify.prior import PriorWidth
 from stadera.inertia import ORDER
 from stadera.lab.experiments.legs.recovery import Recovery, fixed_given
@@ -30,7 +30,7 @@ def test_what_one_known_parameter_tells_of_the_others() -> None:
 
 def test_masses_tell_the_first_moments_that_they_hide(exact: Recovery) -> None:
     """Against the algebra of a leg: all but the moment along an axis, and across two parallel ones, is told."""
-    given = {c.name for c in exact.coms if c.verdict is Verdict.OBSERVABLE}
+    given = {c.name for c in exact.coms if c.verdict is Identifiability.OBSERVABLE}
     hip, upper, lower = exact.leg.leg.links
     assert given == {f"{hip}.cx", f"{upper}.cx", f"{upper}.cy", f"{lower}.cx", f"{lower}.cy"}
 

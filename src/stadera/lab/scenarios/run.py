@@ -20,12 +20,12 @@ from stadera.lab.plant import (
 from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log
 from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, scenario_named, trunk_controller_of
 from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.lab.scenarios.truth import Truth, TruthAt
 from stadera.logs import Recording
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.model import TrunkModel
 from stadera.types import Progress
+from stadera.weigh.truth import Truth, TruthAt
 
 PERIOD = 1e-3
 """[s], of simulation and control."""

@@ -8,7 +8,7 @@ from math import sqrt
 
 import numpy as np
 
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.identify.result import MODELS, Identification, LegIdentification
 from stadera.report.numbers import number
 from stadera.report.trust import LEVELS, Level, trust_text
@@ -133,7 +133,7 @@ def _on_validation(result: Identification) -> Iterator[Remark]:
 
 def _on_masses(result: Identification) -> Iterator[Remark]:
     masses = {link: leg.parameters[f"{link}.m"].verdict for leg in result.legs for link in leg.leg.links}
-    unknown = [link for link, verdict in masses.items() if verdict is not Verdict.OBSERVABLE]
+    unknown = [link for link, verdict in masses.items() if verdict is not Identifiability.OBSERVABLE]
     if unknown:
         which = "no link's mass was" if len(unknown) == len(masses) else f"the masses of {', '.join(unknown)} were not"
         yield Remark(

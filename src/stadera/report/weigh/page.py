@@ -14,7 +14,7 @@ from stadera.trunk.registry import METHODS
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
-    from stadera.lab.scenarios.truth import Truth
+    from stadera.weigh.truth import Truth
 
 _MOST = 12  # rows of a list
 _VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forces, for the log has no IMU"}

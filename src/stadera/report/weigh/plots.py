@@ -13,7 +13,7 @@ from stadera.types import Array
 from stadera.weigh.result import Balance, Weighing
 
 if TYPE_CHECKING:
-    from stadera.lab.scenarios.truth import Truth
+    from stadera.weigh.truth import Truth
 
 _BLUE, _ORANGE, _INK = COLOURS["identified"], COLOURS["prior_friction"], COLOURS["measured"]
 _STEEL, _GREEN = COLOURS["prior"], COLOURS["truth"]

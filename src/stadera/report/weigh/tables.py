@@ -14,7 +14,7 @@ from stadera.types import Array
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
-    from stadera.lab.scenarios.truth import Truth
+    from stadera.weigh.truth import Truth
 
 _HEAD = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
 _TENSOR = (("Ixx", 0, 0), ("Ixy", 0, 1), ("Ixz", 0, 2), ("Iyy", 1, 1), ("Iyz", 1, 2), ("Izz", 2, 2))

@@ -14,7 +14,7 @@ from stadera.report.weigh.tables import bodies_table, changes_table, headline, l
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
-    from stadera.lab.scenarios.truth import Truth
+    from stadera.weigh.truth import Truth
 
 _MOST_REASONS = 3
 

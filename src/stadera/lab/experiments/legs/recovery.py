@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from stadera.identify.job import LegTask
 from stadera.identify.legs import structural_observability
-from stadera.identify.observability import Combination, Observability, Verdict, gradients_of
+from stadera.identify.observability import Combination, Identifiability, Observability, gradients_of
 from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.identify.settings import IdentifySettings
 from stadera.inertia import ORDER
@@ -30,7 +30,7 @@ class Compared:
     value: float
     prior: float
     std: float
-    verdict: Verdict
+    verdict: Identifiability
 
     @property
     def relative_error(self) -> float:
@@ -87,7 +87,7 @@ class Recovery:
         out = []
         for link in self.leg.leg.links:
             for axis, truth, quantity in zip("xyz", self.truth.inertias[link].com, self.leg.coms[link], strict=True):
-                seen = Verdict.OBSERVABLE if f"{link}.mc{axis}" in fixed else quantity.verdict
+                seen = Identifiability.OBSERVABLE if f"{link}.mc{axis}" in fixed else quantity.verdict
                 out.append(_compared(f"{link}.c{axis}", float(truth), quantity, seen))
         return tuple(out)
 
@@ -106,11 +106,11 @@ class Recovery:
 
     def worst(self, compared: tuple[Compared, ...]) -> float:
         """The largest relative error among the observable ones; 0 where there are none."""
-        return max((c.relative_error for c in compared if c.verdict is Verdict.OBSERVABLE), default=0.0)
+        return max((c.relative_error for c in compared if c.verdict is Identifiability.OBSERVABLE), default=0.0)
 
     def largest_error(self, compared: tuple[Compared, ...]) -> float:
         """The largest error among the observable ones, in their unit; 0 where there are none."""
-        return max((abs(c.value - c.truth) for c in compared if c.verdict is Verdict.OBSERVABLE), default=0.0)
+        return max((abs(c.value - c.truth) for c in compared if c.verdict is Identifiability.OBSERVABLE), default=0.0)
 
     @property
     def impossible_links(self) -> int:
@@ -120,7 +120,9 @@ class Recovery:
     @property
     def drift(self) -> float:
         """The largest change of an unobservable parameter from CAD, in its unit."""
-        return max((abs(c.value - c.prior) for c in self.parameters if c.verdict is Verdict.UNOBSERVABLE), default=0.0)
+        return max(
+            (abs(c.value - c.prior) for c in self.parameters if c.verdict is Identifiability.UNOBSERVABLE), default=0.0
+        )
 
     @property
     def nees(self) -> float:
@@ -168,5 +170,5 @@ def fixed_given(seen: Observability, given: list[str]) -> frozenset[str]:
     return frozenset(name for name, s in zip(seen.columns, still, strict=True) if s and name not in given)
 
 
-def _compared(name: str, truth: float, quantity: Quantity, verdict: Verdict | None = None) -> Compared:
+def _compared(name: str, truth: float, quantity: Quantity, verdict: Identifiability | None = None) -> Compared:
     return Compared(name, truth, quantity.value, quantity.prior, quantity.std or 0.0, verdict or quantity.verdict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.inertia import ORDER
 from stadera.lab.experiments.legs.recovery import Compared, Recovery
 from stadera.lab.experiments.result import FigureData, Line, Panel
@@ -40,7 +40,7 @@ def combination_table(found: Recovery, title: str) -> TableData:
         (
             c.name,
             _figure(c.truth),
-            Cell(f"{_figure(c.value)} ± {c.std:.4f}", c.verdict, strong=c.verdict is Verdict.OBSERVABLE),
+            Cell(f"{_figure(c.value)} ± {c.std:.4f}", c.verdict, strong=c.verdict is Identifiability.OBSERVABLE),
             _figure(c.prior),
             f"{c.deviations:+.1f} σ",
         )
@@ -77,7 +77,7 @@ def deviation_figure(found: Recovery) -> FigureData:
 
 
 def _rows(compared: list[Compared]) -> list[Row]:
-    found = (Cell(_figure(c.value), c.verdict, strong=c.verdict is Verdict.OBSERVABLE) for c in compared)
+    found = (Cell(_figure(c.value), c.verdict, strong=c.verdict is Identifiability.OBSERVABLE) for c in compared)
     return [
         ("simulated", *(_figure(c.truth) for c in compared)),
         ("identified", *found),

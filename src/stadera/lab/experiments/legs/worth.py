@@ -11,7 +11,7 @@ from stadera.excite.bounds import LegBounds
 from stadera.excite.optimise import FourierSearch, optimal_excitation
 from stadera.excite.sinusoids import Reference
 from stadera.excite.worth import LegExperiment
-from stadera.identify.observability import Verdict
+from stadera.identify.observability import Identifiability
 from stadera.lab.experiments.legs.runs import LEG, LegRuns
 from stadera.lab.experiments.paper import Paper
 from stadera.lab.experiments.result import Record
@@ -58,7 +58,7 @@ def motion_worth(runs: LegRuns, quick: bool) -> tuple[Worth, Worth]:
 
 def _worth(name: str, reference: Reference, noisy: LegExperiment, exact: LegExperiment) -> Worth:
     seen = noisy.observability(reference)
-    observable = sum(v is Verdict.OBSERVABLE for v in seen.verdicts())
+    observable = sum(v is Identifiability.OBSERVABLE for v in seen.verdicts())
     return Worth(name, exact.observability(reference).rank, seen.rank, observable, noisy.gain(reference))
 
 

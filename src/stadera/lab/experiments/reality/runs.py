@@ -28,7 +28,6 @@ from stadera.lab.plant import SimulationError, Tray
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.scenarios.swing import swing
-from stadera.lab.scenarios.truth import Truth, read_truth, truth_json, truth_paths
 from stadera.logs import Recording, read, write_table
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
@@ -36,6 +35,7 @@ from stadera.trunk import make_estimator
 from stadera.trunk.registry import Setup
 from stadera.trunk.samples import Samples
 from stadera.types import Array
+from stadera.weigh.truth import Truth, read_truth, truth_json, truth_paths
 
 OURS = "walking"
 """The library's estimator, by its name in the registry of methods."""

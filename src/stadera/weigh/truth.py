@@ -1,4 +1,4 @@
-"""What was true in a simulated run, in files of its own: estimators never read them, reports may show them."""
+"""The true trunk and payload of a prepared log, in a file beside it: for reports, never for estimators."""
 
 from __future__ import annotations
 
