@@ -12,13 +12,11 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 
-import numpy as np
-
 from stadera.errors import RecordingError
-from stadera.logs.bags.alignment import Alignment, Track
-from stadera.logs.bags.beginning import Beginning, beginning_of, chosen_topics, first_samples, joints_in
+from stadera.logs.bags.beginning import Beginning, beginning_of, chosen_topics, first_samples
 from stadera.logs.bags.container import Bag, Container
 from stadera.logs.bags.decode import Decoder, Sample, decoder
+from stadera.logs.bags.merging import Merging
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import Batch, recordings
@@ -76,8 +74,10 @@ class BagLog:
         table = layout(names, str(path), joints, require)
         notes = (f"left out the IMU, topic {imu_topic}: {start.imu_fault}",) if start.imu_fault else ()
         table = replace(table, imu_frame=start.imu_frame, notes=(*notes, *table.notes))
-        merging = _Merging(samples, start, joint_topic, imu_topic, self.settings)
-        return _with_final_notes(recordings(merging.batches(names, table.columns), table, str(path), rows), merging)
+        merging = Merging(start, joint_topic, imu_topic, table.columns, self.settings)
+        batches = _batches(samples, start, merging, self.settings.batch)
+        notes_of_all = _notes(samples, merging, joint_topic)
+        return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
 
 
 class _Samples:
@@ -102,73 +102,29 @@ class _Samples:
                 yield sample
 
 
-class _Merging:
-    """One pass over a bag's messages, put together row by row."""
-
-    def __init__(
-        self, samples: _Samples, start: Beginning, topic: str, imu_topic: str | None, settings: BagSettings
-    ) -> None:
-        self._samples, self._start, self._topic, self._batch = samples, start, topic, settings.batch
-        several = len(start.joints) > 1
-        self._joints = {
-            key: Track(f"{topic} ({joints_in(columns)[0]}, ...)" if several else topic, columns, settings)
-            for key, columns in start.joints.items()
-        }
-        self._imu = Track(imu_topic, start.imu, settings) if imu_topic is not None and start.imu is not None else None
-        tracks = [*self._joints.values(), *([] if self._imu is None else [self._imu])]
-        self._alignment = Alignment(tracks, settings)
-        self._track_of: dict[tuple[str, ...], Track | None] = {}
-        self._strangers = 0
-
-    def batches(self, names: Sequence[str], columns: Sequence[str]) -> Iterator[Batch]:
-        """The rows, of all streams' names the chosen columns; blank where a stream has no value."""
-        samples, chosen = chain(self._start.samples, self._samples), [names.index(name) for name in columns]
-        more = True
-        while more:
-            some = list(islice(samples, self._batch))
-            more = len(some) == self._batch
-            for sample in some:
-                self._take(sample)
-            stamps, values = self._alignment.rows(final=not more)
-            if len(stamps):
-                cells = np.vstack([stamps / 1e9, values.T])[chosen]
-                yield Batch(cells, np.isnan(cells))
-
-    def _take(self, sample: Sample) -> None:
-        if sample.topic != self._topic:
-            track = self._imu
-        else:
-            if sample.columns not in self._track_of:
-                self._track_of[sample.columns] = self._joints.get(frozenset(sample.columns))
-            track = self._track_of[sample.columns]
-            self._strangers += track is None
-        if track is not None:
-            track.take(sample)
-
-    def notes(self) -> Iterator[str]:
-        """What is known of the whole at its end, one sentence each."""
-        yield from self._samples.bag.damage
-        for topic, count in self._samples.damaged.items():
-            yield f"left out {count} damaged message{'s' * (count > 1)} of {topic}"
-        if self._strangers:
-            yield f"left out {self._strangers} messages of {self._topic} that are of other joints"
-        reference, others = self._alignment.reference, self._alignment.others
-        for track in (reference, *others):
-            if track.out_of_order:
-                yield (
-                    f"left out {track.out_of_order} of {track.seen} messages of {track.name} whose stamps repeat or "
-                    "run back"
-                )
-        for track in others:
-            yield f"{track.name} ({track}) interpolated at the stamps of {reference.name} ({reference})"
-        if self._imu is not None:
-            offset = 1e3 * self._start.clock_offset
-            yield f"clock of {self._imu.name} {offset:+.1f} ms off that of {reference.name}"
-        if isinstance(states := self._samples.decoders[self._topic], LowStates):
-            yield from states.notes(self._topic)
+def _batches(samples: _Samples, start: Beginning, merging: Merging, batch: int) -> Iterator[Batch]:
+    """The rows of all messages."""
+    coming, more = chain(start.samples, samples), True
+    while more:
+        some = list(islice(coming, batch))
+        more = len(some) == batch
+        for sample in some:
+            merging.take(sample)
+        if (rows := merging.batch(final=not more)) is not None:
+            yield rows
 
 
-def _with_final_notes(chunks: Iterator[Recording], merging: _Merging) -> Iterator[Recording]:
+def _notes(samples: _Samples, merging: Merging, topic: str) -> Iterator[str]:
+    """What is known of the whole at its end, one sentence each."""
+    yield from samples.bag.damage
+    for name, count in samples.damaged.items():
+        yield f"left out {count} damaged message{'s' * (count > 1)} of {name}"
+    yield from merging.notes()
+    if isinstance(states := samples.decoders[topic], LowStates):
+        yield from states.notes(topic)
+
+
+def _with_final_notes(chunks: Iterator[Recording], notes: Iterator[str]) -> Iterator[Recording]:
     """The same chunks; the last one notes what is known of the whole."""
     waiting = next(chunks, None)
     for chunk in chunks:
@@ -176,4 +132,4 @@ def _with_final_notes(chunks: Iterator[Recording], merging: _Merging) -> Iterato
             yield waiting
         waiting = chunk
     if waiting is not None:
-        yield replace(waiting, notes=(*waiting.notes, *merging.notes()))
+        yield replace(waiting, notes=(*waiting.notes, *notes))

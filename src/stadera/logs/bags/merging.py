@@ -1,0 +1,92 @@
+"""Messages of joints and an IMU merged into rows at the joints' stamps, of a bag or of a running robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from stadera.logs.bags.alignment import Alignment, Track
+from stadera.logs.bags.beginning import Beginning, joints_in
+from stadera.logs.bags.decode import Sample
+from stadera.logs.bags.settings import BagSettings
+from stadera.logs.batches import Batch
+from stadera.logs.columns import TIME
+
+
+class Merging:
+    """Merges one pass of messages.
+
+    Args:
+        start: what the first messages decided.
+        topic: of the joints. imu_topic: of the IMU; None where the joints' messages have it.
+        columns: of the flat table, chosen from `start.columns`, time first.
+        settings: of bags.
+
+    Attributes:
+        tracks: the streams; the first is the one whose stamps count.
+        strangers: messages of the joints' topic that name other joints, which are left out.
+    """
+
+    def __init__(
+        self, start: Beginning, topic: str, imu_topic: str | None, columns: Sequence[str], settings: BagSettings
+    ) -> None:
+        self._start, self._topic = start, topic
+        several = len(start.joints) > 1
+        self._joints = {
+            key: Track(f"{topic} ({joints_in(columns)[0]}, ...)" if several else topic, columns, settings)
+            for key, columns in start.joints.items()
+        }
+        self._imu = Track(imu_topic, start.imu, settings) if imu_topic is not None and start.imu is not None else None
+        self.tracks = (*self._joints.values(), *([] if self._imu is None else [self._imu]))
+        self._alignment = Alignment(self.tracks, settings)
+        self._track_of: dict[tuple[str, ...], Track | None] = {}
+        self.strangers = 0
+        names = (TIME, *start.columns)
+        self._chosen = [names.index(name) for name in columns]
+
+    def take(self, sample: Sample) -> bool:
+        """Adds a message's values; whether they belong to one of the streams."""
+        track = self._imu if sample.topic != self._topic else self._of_joints(sample)
+        if track is not None:
+            track.take(sample)
+        return track is not None
+
+    def batch(self, *, final: bool = False) -> Batch | None:
+        """The rows completed since the last call, blank where a stream has no value; None of none.
+
+        Args:
+            final: nothing more is to come.
+
+        Raises:
+            RecordingError: stamps that are no clock.
+        """
+        stamps, values = self._alignment.rows(final=final)
+        if not len(stamps):
+            return None
+        cells = np.vstack([stamps / 1e9, values.T])[self._chosen]
+        return Batch(cells, np.isnan(cells))
+
+    def notes(self) -> Iterator[str]:
+        """What is known of the whole at its end, one sentence each."""
+        if self.strangers:
+            yield f"left out {self.strangers} messages of {self._topic} that are of other joints"
+        reference, *others = self.tracks
+        for track in self.tracks:
+            if track.out_of_order:
+                yield (
+                    f"left out {track.out_of_order} of {track.seen} messages of {track.name} whose stamps repeat or "
+                    "run back"
+                )
+        for track in others:
+            yield f"{track.name} ({track}) interpolated at the stamps of {reference.name} ({reference})"
+        if self._imu is not None:
+            offset = 1e3 * self._start.clock_offset
+            yield f"clock of {self._imu.name} {offset:+.1f} ms off that of {reference.name}"
+
+    def _of_joints(self, sample: Sample) -> Track | None:
+        if sample.columns not in self._track_of:
+            self._track_of[sample.columns] = self._joints.get(frozenset(sample.columns))
+        track = self._track_of[sample.columns]
+        self.strangers += track is None
+        return track
