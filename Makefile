@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 RUNTIME := $(VENV)/.runtime
 DEVELOPMENT := $(VENV)/.development
 
-.PHONY: demo test lock clean
+.PHONY: demo test lock vendor clean
 
 demo: $(RUNTIME)
 	$(BIN)/stadera demo
@@ -38,6 +38,13 @@ lock:
 	mkdir -p requirements
 	$(LOCK) pyproject.toml requirements/build.in --extra lab -o requirements/runtime.lock
 	$(LOCK) pyproject.toml requirements/build.in --extra models --extra dev --extra bench -c requirements/runtime.lock -o requirements/development.lock
+
+# renews the scripts that pages carry inside; needs npm
+VENDOR := src/stadera/report/vendor
+vendor:
+	mkdir -p out && cd out && npm pack --silent plotly.js-basic-dist-min && tar xzf plotly.js-basic-dist-min-*.tgz
+	cp out/package/plotly-basic.min.js $(VENDOR)/ && cp out/package/LICENSE $(VENDOR)/plotly-basic.LICENSE
+	@head -c 60 $(VENDOR)/plotly-basic.min.js; echo " (write the version into $(VENDOR)/README.md)"
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

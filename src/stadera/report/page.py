@@ -15,6 +15,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, se
 from markupsafe import Markup
 
 import stadera
+from stadera.report.look import style_variables
 from stadera.report.numbers import number, with_std
 from stadera.report.table import MARKS
 
@@ -76,10 +77,11 @@ def _environment(package: str) -> Environment:
     environment.globals |= {
         "version": stadera.__version__,
         "marks": MARKS,
+        "style_variables": lambda: Markup(style_variables()),
         "asset": lambda name, package=package: _asset(package, name),
         "plot_library": _plot_library,
     }
-    environment.filters |= {"number": number, "with_std": with_std}
+    environment.filters |= {"number": number, "with_std": with_std, "commands": _commands}
     return environment
 
 
@@ -89,7 +91,11 @@ def _asset(package: str, name: str) -> Markup:
 
 
 def _plot_library() -> Markup:
-    """The script that draws figures, read only for a page that has some."""
-    import plotly.offline
+    """The script that draws figures, read only for a page that has some; see `vendor/README.md`."""
+    return Markup((resources.files("stadera.report") / "vendor" / "plotly-basic.min.js").read_text(encoding="utf-8"))
 
-    return Markup(plotly.offline.get_plotlyjs())
+
+def _commands(sentence: str) -> Markup:
+    """A sentence with what is between backquotes as code."""
+    parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(sentence.split("`")))
+    return Markup("").join(parts)

@@ -31,6 +31,12 @@ def trust_text(trust: Trust, reasons: bool = True) -> str:
     return f"{trust.verdict}{misfit}{because}"
 
 
+def trust_reasons(trust: Trust) -> str:
+    """What the verdict rests on: misfit and reasons, as sentences."""
+    misfit = f"Misfit {number(trust.misfit, 3)}, where 1 is right." if isfinite(trust.misfit) else ""
+    return " ".join([misfit, *(f"{reason[:1].upper()}{reason[1:]}." for reason in trust.reasons)]).strip()
+
+
 def marked(data: TableData, trust: Trust) -> TableData:
     """The table as it is, or with every estimated figure marked if the result is not to be trusted."""
     if trust.verdict != "bad":

@@ -7,13 +7,14 @@ from math import nan
 
 from stadera.identify.result import MODELS, Identification, LegIdentification
 from stadera.report.identify import plots, tables
+from stadera.report.identify.advice import next_steps
 from stadera.report.identify.glossary import TERMS
 from stadera.report.identify.quantities import MODEL_NAMES
-from stadera.report.identify.remarks import evaluated_part, headline, level, overall_rmse, remarks, verdict
+from stadera.report.identify.remarks import answer, badge, evaluated_part, headline, overall_rmse, remarks
 from stadera.report.numbers import number, percent
 from stadera.report.page import Plot, render
 from stadera.report.table import Cell, TableData
-from stadera.report.trust import marked
+from stadera.report.trust import marked, trust_reasons
 from stadera.trust import Trust
 
 _METHODS = {
@@ -24,15 +25,17 @@ _METHODS = {
 
 def identification_html(result: Identification) -> str:
     """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
-    part = evaluated_part(result)
+    part, (how, word), said = evaluated_part(result), badge(result), remarks(result)
     return render(
         "identify.html.j2",
         title=f"Leg identification: {result.robot.name}",
-        headline=headline(result),
-        level=level(result),
-        verdict=verdict(result),
-        trust=result.trust,
-        remarks=remarks(result),
+        headline=answer(result),
+        level=how,
+        word=word,
+        why=f"{trust_reasons(result.trust)} {headline(result)}.",
+        next=next_steps(result),
+        problems=[remark for remark in said if remark.level == "bad"],
+        remarks=[remark for remark in said if remark.level != "bad"],
         cards=list(_cards(overall_rmse(result, part))),
         at_a_glance=leg_table(result),
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
@@ -54,14 +57,20 @@ def leg_table(result: Identification) -> TableData:
         rows.append(
             (
                 Cell(name, strong=True),
-                f"{seen.rank} of {len(seen.columns)}",
+                f"{seen.rank} of {leg.structural_rank}",
                 number(errors["identified"], 3),
                 percent(errors["identified"], errors["prior_friction"]) if "prior_friction" in errors else "",
                 number(result.trust.by_leg.get(name, nan), 3),
                 "yes" if physical else Cell("NO", good=False),
             )
         )
-    columns = "directions determined", "torque RMSE [N·m]", "against CAD + friction", "misfit", "physically possible"
+    columns = (
+        "directions determined, of those that rich motion would",
+        "torque RMSE [N·m]",
+        "against CAD + friction",
+        "misfit",
+        "physically possible",
+    )
     return TableData.of("", ("leg", *columns), rows)
 
 

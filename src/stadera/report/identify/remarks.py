@@ -60,13 +60,12 @@ def torque_rms(leg: LegIdentification, part: str) -> dict[str, float]:
     return {}
 
 
-def verdict(result: Identification) -> str:
-    """Trust, legs, and how well torques are predicted, in a sentence or two."""
+def answer(result: Identification) -> str:
+    """Legs, and how well their torques are predicted, in a sentence."""
     part = evaluated_part(result)
     names, errors = ", ".join(leg.leg.name for leg in result.legs), overall_rmse(result, part)
     where = "motion not used for fitting" if part == "validation" else "the training data"
-    said = f"Trust: {trust_text(result.trust, reasons=False)}. Torques of {names} are predicted to "
-    said += f"{number(errors['identified'], 3)} N·m RMSE on {where}"
+    said = f"Torques of {names} are predicted to {number(errors['identified'], 3)} N·m RMSE on {where}"
     torques = [rms for leg in result.legs for rms in torque_rms(leg, part).values()]
     if any(torques):
         said += f", {100.0 * errors['identified'] / _rms(torques):.0f} % of the measured torque"
@@ -74,6 +73,19 @@ def verdict(result: Identification) -> str:
         change = 100.0 * (errors["identified"] / errors["prior_friction"] - 1.0)
         said += f" and {abs(change):.0f} % {'above' if change > 0 else 'below'} CAD with fitted friction"
     return f"{said}."
+
+
+def verdict(result: Identification) -> str:
+    """Trust, then the answer."""
+    return f"Trust: {trust_text(result.trust, reasons=False)}. {answer(result)}"
+
+
+def badge(result: Identification) -> tuple[Level, str]:
+    """Trust in a word, and its level; whatever the trust, a result that should not be used says so."""
+    verdict = result.trust.verdict
+    if verdict != "bad" and is_alarming(result):
+        return "bad", "Do not use as it is"
+    return LEVELS[verdict], f"Trust: {verdict}"
 
 
 def level(result: Identification) -> Level:

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from math import degrees
 from typing import TYPE_CHECKING
 
-from stadera.report.numbers import number, with_std
+from stadera.report.numbers import number
 from stadera.report.page import Plot, render
-from stadera.report.trust import LEVELS, UNTRUSTED, trust_text
+from stadera.report.trust import LEVELS, trust_reasons
 from stadera.report.weigh import plots, tables
+from stadera.report.weigh.advice import next_steps
 from stadera.trunk.registry import METHODS
 from stadera.weigh.result import Weighing
 
@@ -39,9 +40,10 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
         "weigh.html.j2",
         title=f"Weighing{' in motion' if in_motion else ''}: {result.robot.name}",
         level=LEVELS[result.trust.verdict],
-        headline=tables.headline(result),
-        verdict=f"Trust: {trust_text(result.trust)}.",
-        cards=list(_cards(result)),
+        headline=tables.answer(result),
+        word=f"Trust: {result.trust.verdict}",
+        why=trust_reasons(result.trust),
+        next=next_steps(result),
         bodies=tables.bodies_table(result, truth),
         inertia=tables.inertia_table(result) if in_motion else None,
         plots=list(_plots(result, truth)),
@@ -50,19 +52,6 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
         notes=result.notes,
         terms=_TERMS,
     )
-
-
-def _cards(result: Weighing) -> Iterator[dict[str, str]]:
-    change, css = ("", "identified") if result.is_trusted else (UNTRUSTED, "")
-    if (payload := result.payload) is not None:
-        figure = with_std(payload.mass, payload.mass_std)
-        yield {"label": "Payload since the tare", "figure": figure, "change": change, "css": css}
-    figure = with_std(result.mass, result.mass_std)
-    yield {"label": "Trunk with all on it", "figure": figure, "change": change, "css": css}
-    if payload is None:
-        for c in result.changes[-2:]:
-            figure = with_std(c.mass, c.mass_std)
-            yield {"label": f"{c.kind} at {c.time:.2f} s", "figure": figure, "change": change, "css": css}
 
 
 def _plots(result: Weighing, truth: Truth | None) -> Iterator[Plot]:

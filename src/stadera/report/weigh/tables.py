@@ -35,6 +35,15 @@ def headline(result: Weighing) -> str:
     return answer if result.is_trusted else f"{answer}, {UNTRUSTED}"
 
 
+def answer(result: Weighing) -> str:
+    """The headline with the centre of mass, as far as it was observed."""
+    body = result if result.payload is None else result.payload
+    seen = zip("xyz", place(body.com, body.com_std), body.com_std, strict=True)
+    known = ", ".join(f"{axis} {text}" for axis, text, std in seen if std == std)
+    where = f"centre of mass {known} m in the trunk's frame" if known else "its centre of mass was not observed"
+    return f"{headline(result)}; {where}."
+
+
 def lag_text(lag: tuple[float, float]) -> str:
     """The torques' delay."""
     return f"torques arrive {with_std(1e3 * lag[0], 1e3 * lag[1])} ms late, which is allowed for"

@@ -1,0 +1,48 @@
+"""The one look: the colours of pages, plots and figures, light and dark, each by the name of its CSS variable."""
+
+from __future__ import annotations
+
+COLOURS: dict[str, tuple[str, str]] = {
+    "ink": ("#20262e", "#e4e8ee"),
+    "soft": ("#566170", "#a3adba"),
+    "line": ("#dfe4ea", "#343c47"),
+    "paper": ("#ffffff", "#1b2027"),
+    "ground": ("#f3f5f7", "#12161b"),
+    "blue": ("#0b6bcb", "#62b0ff"),
+    "orange": ("#c76a10", "#f0a34a"),
+    "steel": ("#8d97a5", "#8793a3"),
+    "green": ("#1a7f43", "#4cc47e"),
+    "red": ("#b3261e", "#ff8478"),
+    "purple": ("#8a4fbf", "#c79bf0"),
+    "amber": ("#8a5a00", "#f0c35a"),
+    "green-tint": ("#e9f6ee", "#173324"),
+    "gray-tint": ("#f0f2f4", "#262d36"),
+    "red-tint": ("#fcecea", "#3d1f1d"),
+    "amber-tint": ("#fff6e0", "#3a2f14"),
+}
+"""By name, on white and on black; text colours have a contrast of 4.5 or more to `paper` (WCAG 2.2, AA)."""
+
+ROLES: dict[str, str] = {
+    "measured": "ink",
+    "identified": "blue",
+    "prior_friction": "orange",
+    "prior": "steel",
+    "truth": "green",
+    "limit": "red",
+}
+"""The colour of what a curve stands for."""
+
+LEGS: tuple[str, ...] = ("blue", "orange", "green", "purple")
+"""Colours of LF, RF, LH, RH."""
+
+
+def light(name: str) -> str:
+    """The colour on white, for figures that are printed."""
+    return COLOURS[name][0]
+
+
+def style_variables() -> str:
+    """All colours as CSS variables, dark where the reader's system is; print is always light."""
+    on_white, on_black = ("".join(f"--{name}:{c[k]};" for name, c in COLOURS.items()) for k in (0, 1))
+    dark = f"@media screen and (prefers-color-scheme:dark){{:root{{color-scheme:dark;{on_black}}}}}"
+    return f":root{{color-scheme:light;{on_white}}}{dark}"
