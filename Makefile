@@ -1,6 +1,7 @@
 # make demo   sets up everything needed and shows a walking robot that weighs what lands on its back
 # make test   sets up everything needed and runs the tests and checks
-# Both need git, make and Python 3.11 or newer with pip; PYTHON=python3.12 chooses another interpreter.
+# make docs   builds the documentation site, out/site/index.html
+# All need git, make and Python 3.11 or newer with pip; PYTHON=python3.12 chooses another interpreter.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,7 +10,7 @@ BIN := $(VENV)/bin
 RUNTIME := $(VENV)/.runtime
 DEVELOPMENT := $(VENV)/.development
 
-.PHONY: demo test lock vendor clean
+.PHONY: demo test docs lock vendor clean
 
 demo: $(RUNTIME)
 	$(BIN)/stadera demo
@@ -19,6 +20,9 @@ test: $(DEVELOPMENT)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto
+
+docs: $(DEVELOPMENT)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(RUNTIME): requirements/runtime.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -79,3 +80,19 @@ def test_every_module_outside_the_laboratory_imports_without_its_extra() -> None
 @pytest.mark.parametrize("heavy", ["mujoco", "proxsuite", "cvxpy", "pandas", "scs"])
 def test_the_base_install_is_without(heavy: str) -> None:
     assert heavy not in {requirement.split(">=")[0] for requirement in PROJECT["dependencies"]}
+
+
+def test_the_conda_recipe_needs_what_the_package_needs() -> None:
+    recipe = (ROOT / "conda" / "recipe.yaml").read_text()
+    run = recipe.split("  run:\n")[1].split("tests:")[0]
+    named = {line.strip("- ").replace(" ", "").replace("pinocchio", "pin") for line in run.splitlines() if line.strip()}
+    assert named - {"python>=3.11"} == set(PROJECT["dependencies"])
+
+
+def test_versions_agree() -> None:
+    import stadera
+
+    for name in ("pyproject.toml", "CITATION.cff", "conda/recipe.yaml"):
+        assert re.search(
+            rf'^\s*version\s*[:=]\s*"?{re.escape(stadera.__version__)}"?$', (ROOT / name).read_text(), re.M
+        ), name

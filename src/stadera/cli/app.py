@@ -24,7 +24,6 @@ app = typer.Typer(
     help="Weighs legged robots with their own legs.",
     no_args_is_help=True,
     rich_markup_mode=None,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
