@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import Force, ImuTopic, JointTopic, JsonFile, ReportFile, RobotName, log_file
+from stadera.cli.options import (
+    Columns,
+    Force,
+    ImuTopic,
+    JointTopic,
+    JsonFile,
+    LogOptions,
+    PdGains,
+    ReportFile,
+    RobotName,
+    Units,
+)
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -56,6 +67,9 @@ def identify(
     ] = "auto",
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
+    columns: Columns = None,
+    units: Units = None,
+    pd: PdGains = None,
     json: JsonFile = None,
     report: ReportFile = None,
     export: Annotated[
@@ -73,6 +87,7 @@ def identify(
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
     chosen_legs, chosen_terms = parse.names(legs), parse.terms(friction)
     cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
+    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd)
     share = 1.0 if validate else parse.split(split or "0.5")
 
     from stadera.identify.legs import identify as identify_legs
@@ -87,8 +102,8 @@ def identify(
     model = load_robot(robot)
     files = ResultFiles(json, report, export)
     files.check([*logs, *(validate or ())], model)
-    training = [log_file(path, joint_topic, imu_topic) for path in logs]
-    validation = [log_file(path, joint_topic, imu_topic) for path in validate or ()]
+    training = [reading.log(path) for path in logs]
+    validation = [reading.log(path) for path in validate or ()]
     with progress() as watch:
         result = identify_legs(model, training, settings, validation or None, watch)
     _require_trust(result, force)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from stadera.logs.topics import LogFile
+    from stadera.logs.reading import Reading
+    from stadera.logs.topics import LogFile, Topics
 
 RobotName = Annotated[
     str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.", show_default=False)
@@ -21,13 +23,53 @@ Force = Annotated[
     bool, typer.Option("--force", help="Give a result that is not to be trusted all the same, every figure marked.")
 ]
 JointTopic = Annotated[
-    str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Of a bag with several JointState topics.")
+    str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Of a log with several topics of joints.")
 ]
-ImuTopic = Annotated[str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Of a bag with several Imu topics.")]
+ImuTopic = Annotated[str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Of a log with several IMUs.")]
 
 
-def log_file(path: Path, joint_topic: str | None, imu_topic: str | None) -> LogFile:
-    """A log with the topics asked for."""
-    from stadera.logs.topics import LogFile, Topics
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MAP.toml|PRESET",
+        help="What a table's columns are: a map, or a preset [default: by their names]. "
+        "`stadera inspect LOG --columns` writes a map.",
+    ),
+]
+Units = Annotated[
+    str | None,
+    typer.Option(metavar="deg,ms,...", help="Units of the log: deg, deg/s, gyro=deg/s, g, ms ...; 200Hz without time."),
+]
+PdGains = Annotated[
+    str | None,
+    typer.Option("--pd", metavar="KP,KD", help="Make torques of desired positions; hip, thigh, calf: KP,KD/KP,KD/..."),
+]
 
-    return LogFile(path, Topics(joint_topic, imu_topic))
+
+@dataclass(frozen=True)
+class LogOptions:
+    """How logs are read, as asked for: parsed once, held for every log of the command."""
+
+    topics: Topics
+    reading: Reading
+
+    @classmethod
+    def of(
+        cls,
+        joint_topic: str | None = None,
+        imu_topic: str | None = None,
+        columns: str | None = None,
+        units: str | None = None,
+        pd: str | None = None,
+    ) -> LogOptions:
+        """From the options' texts; raises as `Reading.of`."""
+        from stadera.logs.reading import Reading
+        from stadera.logs.topics import Topics
+
+        return cls(Topics(joint_topic, imu_topic), Reading.of(columns, units, pd))
+
+    def log(self, path: Path) -> LogFile:
+        """A log, to be read so."""
+        from stadera.logs.topics import LogFile
+
+        return LogFile(path, self.topics, self.reading)

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import Force, ImuTopic, JointTopic, JsonFile, ReportFile, RobotName, log_file
+from stadera.cli.options import (
+    Columns,
+    Force,
+    ImuTopic,
+    JointTopic,
+    JsonFile,
+    LogOptions,
+    PdGains,
+    ReportFile,
+    RobotName,
+    Units,
+)
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -47,6 +58,9 @@ def weigh(
     ] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
+    columns: Columns = None,
+    units: Units = None,
+    pd: PdGains = None,
     truth: Annotated[
         Path | None, typer.Option(metavar="F.truth.json", help="Of a simulated log, to be shown with the result.")
     ] = None,
@@ -64,7 +78,8 @@ def weigh(
     is refused (exit code 1) unless --force is given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
-    chosen_tare = None if tare is None else _tare(tare, joint_topic, imu_topic)
+    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd)
+    chosen_tare = None if tare is None else _tare(tare, reading)
 
     from stadera.weigh.settings import check_choice
     from stadera.weigh.weigh import weigh as weigh_log
@@ -76,7 +91,7 @@ def weigh(
     with progress() as watch:
         result = weigh_log(
             model,
-            log_file(log, joint_topic, imu_topic),
+            reading.log(log),
             chosen_tare,
             method,
             imu_frame=imu_frame,
@@ -105,10 +120,10 @@ def _truth(path: Path | None) -> Truth | None:
     return read_truth(path)
 
 
-def _tare(given: str, joint_topic: str | None, imu_topic: str | None) -> tuple[float, float] | LogFile:
+def _tare(given: str, reading: LogOptions) -> tuple[float, float] | LogFile:
     """A range of time, or another log."""
     chosen = parse.tare(given)
-    return log_file(chosen, joint_topic, imu_topic) if isinstance(chosen, Path) else chosen
+    return reading.log(chosen) if isinstance(chosen, Path) else chosen
 
 
 def _robot(name: str, legs: Path | None) -> Robot:

@@ -11,7 +11,7 @@ import numpy as np
 from stadera.errors import RecordingError
 from stadera.identify.feet import carried_shares
 from stadera.identify.lag import EARLIEST, LATEST, STEP, TorqueLag, estimate_lag
-from stadera.identify.log import Log, Part, Section, head, joints_with_effort, time_span
+from stadera.identify.log import Log, Part, Section, head, has_effort, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.residuals import torque_sizes
 from stadera.identify.settings import IdentifySettings
@@ -78,6 +78,7 @@ class Job:
         torque_noise: by joint, white noise of the torque in the band of the rows [N·m].
         torque_rms: by joint, root mean square of the torque [N·m].
         notes: what was found out, one sentence each.
+        doubts: the logs' own reasons why the result is doubtful at best.
         progress: see `Progress`.
     """
 
@@ -92,6 +93,7 @@ class Job:
     torque_noise: Mapping[str, float]
     torque_rms: Mapping[str, float]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...]
     progress: Progress
 
     @property
@@ -157,6 +159,7 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         torque_noise=noise,
         torque_rms=size,
         notes=notes,
+        doubts=tuple(dict.fromkeys(doubt for beginning in beginnings for doubt in beginning.doubts)),
         progress=progress,
     )
 
@@ -196,8 +199,8 @@ def _supporting(robot: Robot, logs: Sequence[Log], wanted: Sequence[str], settin
     """The legs besides those wanted that inform on the drives: in all logs with their torques, and in the air."""
     if settings.spread is None:
         return []
-    recorded = set.intersection(*(joints_with_effort(log) for log in logs))
-    found = [leg.name for leg in robot.legs if leg.name not in wanted and recorded.issuperset(leg.joints)]
+    others = [leg for leg in robot.legs if leg.name not in wanted]
+    found = [leg.name for leg in others if all(has_effort(log, leg.joints) for log in logs)]
     for log in logs if found else ():
         beginning = head(log, joints_of(robot, found))
         shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)

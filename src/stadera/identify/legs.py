@@ -68,7 +68,7 @@ def identify(
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     estimates = _solve(job, gathered)
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
-    doubts = log_warnings(job.vertical, legs, samples)
+    doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples))
     return Identification(
         robot=model,
         source=", ".join(dict.fromkeys(log.source for log in fitted)),

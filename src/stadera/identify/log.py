@@ -40,13 +40,12 @@ def head(log: Log, joints: Sequence[str]) -> Recording:
     raise RecordingError(f"{log.source}: too few samples: none")
 
 
-def joints_with_effort(log: Log) -> set[str]:
-    """The joints that are recorded with their efforts; none where the log as a whole cannot be read."""
+def has_effort(log: Log, joints: Sequence[str]) -> bool:
+    """Whether these joints are recorded with their efforts."""
     try:
-        recording = next(stream(log, rows=2), None)
+        return next(stream(log, joints=joints, require=("effort",), rows=2), None) is not None
     except RecordingError:
-        return set()
-    return set() if recording is None or recording.effort is None else set(recording.joints)
+        return False
 
 
 def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:

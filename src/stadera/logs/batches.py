@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.logs.columns import Layout
+from stadera.logs.pd_law import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.recording import Imu, Recording
+from stadera.logs.velocity import with_velocity
 from stadera.types import Array, Bools
 
 LARGEST = 1e15
@@ -57,7 +60,7 @@ def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int 
             than two samples. Names the source, the column and the sample, counted from 0 over the whole log.
     """
     last, row, samples = -np.inf, 0, 0
-    for batch in _rebatched(batches, rows):
+    for batch in _rebatched(in_si(batches, layout), rows):
         chunk = _recording(batch, layout, source, row, last)
         row += len(batch)
         if chunk is not None:
@@ -66,6 +69,16 @@ def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int 
     if samples < 2:
         blank = f" without blank cells among {row}" if row > samples else ""
         raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least 2 are needed")
+
+
+def in_si(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
+    """The same, every column multiplied with its factor."""
+    if not layout.factors:
+        yield from batches
+        return
+    factors = np.array([layout.factors.get(name, 1.0) for name in layout.columns])[:, None]
+    for batch in batches:
+        yield Batch(batch.values * factors, batch.blank)
 
 
 def _rebatched(batches: Iterable[Batch], rows: int | None) -> Iterator[Batch]:
@@ -96,7 +109,9 @@ def _recording(batch: Batch, layout: Layout, source: str, first: int, last: floa
         return values[start : start + len(columns)].T
 
     imu = {key: block(columns) for key, columns in layout.imu.items()}
-    return Recording(
+    channels: dict[str, Any] = {channel: block(columns) for channel, columns in layout.channels.items()}
+    desired = {name: channels.pop(name) for name in DESIRED if name in channels}
+    recording = Recording(
         time=values[0],
         joints=layout.joints,
         imu=_imu(imu, layout.imu_frame) if imu else None,
@@ -104,8 +119,22 @@ def _recording(batch: Batch, layout: Layout, source: str, first: int, last: floa
         foot_contact={foot: values[place[column]] > 0.5 for foot, column in layout.contact.items()},
         source=source,
         notes=(layout.notes if first == 0 else ()) + notes,
-        **{channel: block(columns) for channel, columns in layout.channels.items()},
+        **channels,
     )
+    return recording if layout.pd is None else _with_pd_effort(recording, layout.pd, desired)
+
+
+def _with_pd_effort(recording: Recording, pd: PdGains, desired: dict[str, Array]) -> Recording:
+    """Efforts by the law of the joints' controllers, which is what they were asked for and not what they gave."""
+    moving = with_velocity(recording)
+    if moving.velocity is None:
+        raise RecordingError(f"{recording.source}: too few samples for joint velocities, which --pd needs")
+    try:
+        effort = pd.effort(moving.position, moving.velocity, moving.joints, desired)
+    except RecordingError as error:
+        raise RecordingError(f"{recording.source}: --pd {pd}: {error}") from None
+    note = f"efforts made of desired positions, kp,kd = {pd} N·m/rad, N·m·s/rad"
+    return replace(moving, effort=effort, notes=(*moving.notes, note), doubts=(*moving.doubts, PD_DOUBT))
 
 
 def _imu(quantities: Mapping[str, Array], frame: str | None) -> Imu:

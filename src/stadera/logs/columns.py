@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 from stadera.errors import RecordingError, UnknownNameError
+from stadera.joint_words import matched
+from stadera.logs.foreign.translate import translated
+from stadera.logs.pd_law import DESIRED, PdGains
+from stadera.logs.reading import AS_RECORDED, Reading
+from stadera.logs.topics import Topics
 
 TIME = "time"
 CHANNELS: tuple[str, ...] = ("position", "velocity", "acceleration", "effort")
@@ -18,7 +23,7 @@ IMU_COLUMNS: dict[str, tuple[str, ...]] = {
 }
 IMU_FRAME = "imu.frame"
 """Key of a Parquet table's metadata: the frame that the IMU's values are in."""
-_SEPARATORS = (";", "\t", "|")
+_LEG_JOINTS = 3
 REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
 
 
@@ -32,8 +37,13 @@ class Layout:
         imu: by quantity, its three or four columns; empty where there is no complete IMU.
         force: by foot, the x, y, z columns.
         contact: by foot, its column.
-        notes: what was kept out and why.
+        notes: what was kept out and why, what was recognised and converted.
         imu_frame: name of the frame that the IMU's values are in, None where the log does not say.
+        sources: by column, the log's own name for it, where that is another.
+        factors: by column, what makes SI units of the log's, where that is not 1.
+        stamped: whether the unit of time was said.
+        rate_hz: of a log without a column of time, its rows a second.
+        pd: gains that make the efforts of the desired positions among the channels.
     """
 
     joints: tuple[str, ...]
@@ -43,16 +53,33 @@ class Layout:
     contact: Mapping[str, str]
     notes: tuple[str, ...] = ()
     imu_frame: str | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
+    stamped: bool = False
+    rate_hz: float | None = None
+    pd: PdGains | None = None
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Every column to read, time first."""
+        """Every column of the flat table, time first."""
         groups = (*self.channels.values(), *self.imu.values(), *self.force.values(), tuple(self.contact.values()))
         return (TIME, *(name for group in groups for name in group))
 
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """The log's own names of the columns to read, in their order; without time where its rows are counted."""
+        columns = self.columns if self.rate_hz is None else self.columns[1:]
+        return tuple(self.sources.get(name, name) for name in columns)
+
 
 def layout(
-    names: Sequence[str], source: str, joints: Sequence[str] | None = None, require: Collection[str] = ()
+    names: Sequence[str],
+    source: str,
+    joints: Sequence[str] | None = None,
+    require: Collection[str] = (),
+    reading: Reading = AS_RECORDED,
+    topics: Topics | None = None,
+    kind: str = "table",
 ) -> Layout:
     """Sort a table's column names into a layout.
 
@@ -61,6 +88,9 @@ def layout(
         source: the file, for messages.
         joints: the joints to read, in this order; None for all that have a position.
         require: what each of these joints must have: any of position, velocity, acceleration, effort; and "imu".
+        reading: which columns are what, in which units, where their names do not say.
+        topics: to choose among, where columns have topics in their names; None where those were chosen before.
+        kind: of the log, for messages.
 
     Raises:
         RecordingError: a column that is there twice, missing or misspelled; names it and the closest ones.
@@ -69,36 +99,61 @@ def layout(
     if other := next((item for item in require if item not in REQUIRABLE), None):
         raise UnknownNameError("channel", other, REQUIRABLE)
     _check_header(names, source)
-    known = dict.fromkeys(names)
-    wanted = tuple(joints) if joints is not None else _joints_in(known, source)
-    channels, notes = _channels(known, source, wanted, require)
+    table = translated(names, source, reading, topics or Topics(), joints or ())
+    if topics is not None and not table.topics:
+        topics.refuse(source, kind)
+    if TIME not in table.sources and table.rate_hz is None:
+        raise _missing(TIME, names, source, "not a flat table", table.hint)
+    renamed = _by_leg_and_part(table.sources, joints or ())
+    sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
+    known = dict.fromkeys(sources)
+    wanted = tuple(joints) if joints is not None else _joints_in(known, source, table.hint)
+    channels, notes = _channels(known, source, wanted, require, reading.pd)
     imu, imu_notes = _imu(known, source, "imu" in require)
     force = _forces(known)
     contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
     found = Layout(wanted, channels, imu, force, contact)
-    unknown = [name for name in names if name not in set(found.columns) and not _is_joint_column(name)]
-    if unknown:
+    used = {sources[name] for name in found.columns if name in sources}
+    spared = used.union(own for name, own in sources.items() if _is_joint_column(name))
+    if unknown := [name for name in names if name not in spared]:
         notes += (f"kept out unknown columns: {_listed(unknown)}",)
-    return replace(found, notes=notes + imu_notes)
+    if renamed:
+        old, new = next(iter(renamed.items()))
+        notes = (f"joints found by leg and part, {old!r} as {new!r}", *notes)
+    return replace(
+        found,
+        notes=(*table.notes, *notes, *imu_notes),
+        sources={name: own for name, own in sources.items() if own != name},
+        factors={_renamed(name, renamed): factor for name, factor in table.factors.items()},
+        stamped=table.stamped,
+        rate_hz=None if TIME in sources else table.rate_hz,
+        pd=reading.pd,
+    )
+
+
+def _by_leg_and_part(names: Collection[str], joints: Sequence[str]) -> dict[str, str]:
+    """By joint of the log that is called otherwise, the joint asked for: all those of a leg or more, or none."""
+    there = _prefixes(names, ".position")
+    if len(joints) < _LEG_JOINTS or set(joints) & set(there):
+        return {}
+    return {own: joint for joint, own in (matched(joints, there) or {}).items()}
+
+
+def _renamed(column: str, joints: Mapping[str, str]) -> str:
+    joint, _, channel = column.rpartition(".")
+    return f"{joints[joint]}.{channel}" if joint in joints else column
 
 
 def _check_header(names: Sequence[str], source: str) -> None:
     if names.count("") > 1:
         blank = ", ".join(str(k) for k, name in enumerate(names, start=1) if not name)
         raise RecordingError(f"{source}: columns {blank} of the header have no name")
-    if len(names) == 1 and (sign := next((sign for sign in _SEPARATORS if sign in names[0]), None)):
-        raise RecordingError(
-            f"{source}: not a flat table: the separator looks like {sign!r}; columns are separated by ',', and "
-            "decimals written with '.'"
-        )
     name, times = Counter(names).most_common(1)[0] if names else ("", 0)
     if times > 1:
         raise RecordingError(f"{source}: column {name!r} is there {times} times")
-    if TIME not in names:
-        raise _missing(TIME, names, source, "not a flat table")
 
 
-def _joints_in(names: Collection[str], source: str) -> tuple[str, ...]:
+def _joints_in(names: Collection[str], source: str, help_: str) -> tuple[str, ...]:
     found = _prefixes(names, ".position")
     unknown = [name for name in names if not _is_joint_column(name)]
     for channel in CHANNELS[1:]:
@@ -107,27 +162,37 @@ def _joints_in(names: Collection[str], source: str) -> tuple[str, ...]:
             if joint not in found and get_close_matches(expected, unknown, n=1, cutoff=0.85):
                 raise _missing(expected, names, source)
     if not found:
-        raise _missing("<joint>.position", names, source, "not a flat table")
+        raise _missing("<joint>.position", names, source, "not a flat table", help_)
     return found
 
 
 def _channels(
-    names: Collection[str], source: str, joints: tuple[str, ...], require: Collection[str]
+    names: Collection[str], source: str, joints: tuple[str, ...], require: Collection[str], pd: PdGains | None
 ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
     """Columns of each channel. One that only some joints have is an error for effort, else left out with a note."""
+    needed = {"position", *require}
+    if pd is not None:
+        if any(f"{joint}.effort" in names for joint in joints):
+            raise RecordingError(f"{source}: joint efforts are recorded: leave out --pd, which is for logs without")
+        needed = (needed | {DESIRED[0]}) - {"effort"}
     channels: dict[str, tuple[str, ...]] = {}
     notes: tuple[str, ...] = ()
-    for channel in CHANNELS:
+    for channel in (*CHANNELS, *(DESIRED if pd is not None else ())):
         columns = tuple(f"{joint}.{channel}" for joint in joints)
         absent = [column for column in columns if column not in names]
         partial = 0 < len(absent) < len(columns)
-        if absent and (channel == "position" or channel in require or (channel == "effort" and partial)):
-            raise _missing(absent[0], names, source)
+        if absent and (channel in needed or (channel == "effort" and partial)):
+            raise _missing(absent[0], names, source, help_=_pd_hint(channel, names))
         if not absent:
             channels[channel] = columns
         elif partial:
             notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
     return channels, notes
+
+
+def _pd_hint(channel: str, names: Collection[str]) -> str:
+    commanded = channel == "effort" and any(name.endswith(f".{DESIRED[0]}") for name in names)
+    return "; --pd KP,KD makes efforts of the desired positions that are recorded" if commanded else ""
 
 
 def _imu(names: Collection[str], source: str, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
@@ -152,12 +217,12 @@ def _forces(names: Collection[str]) -> dict[str, tuple[str, ...]]:
     return {foot: columns for foot, columns in feet.items() if set(columns) <= set(names)}
 
 
-def _missing(column: str, names: Collection[str], source: str, what: str = "") -> RecordingError:
+def _missing(column: str, names: Collection[str], source: str, what: str = "", help_: str = "") -> RecordingError:
     close = get_close_matches(column, names, n=3, cutoff=0.75)
     joints = _prefixes(names, ".position")
     hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
     there = f"joints with a position: {_listed(joints)}" if joints else f"columns: {_listed(tuple(names))}"
-    return RecordingError(f"{source}: {what + ': ' if what else ''}no column {column!r}{hint} ({there})")
+    return RecordingError(f"{source}: {what + ': ' if what else ''}no column {column!r}{hint} ({there}){help_}")
 
 
 def _prefixes(names: Iterable[str], suffix: str) -> tuple[str, ...]:

@@ -12,30 +12,38 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.logs.batches import Batch, recordings
+from stadera.logs.batches import Batch
 from stadera.logs.columns import IMU_FRAME, TIME, layout
+from stadera.logs.reading import AS_RECORDED, Reading
 from stadera.logs.recording import Recording
+from stadera.logs.tables.rows import table_recordings
+from stadera.logs.topics import Topics
 from stadera.types import Array
 
 
 def from_dataframe(
-    df: Any, joints: Sequence[str] | None, require: Collection[str], imu_frame: str | None, source: str
+    df: Any,
+    joints: Sequence[str] | None,
+    require: Collection[str],
+    imu_frame: str | None,
+    source: str,
+    reading: Reading = AS_RECORDED,
 ) -> Recording:
     """See `Recording.from_dataframe`."""
     names = _names(df, source)
     if TIME not in names and getattr(getattr(df, "index", None), "name", None) == TIME:
         df = df.reset_index()
         names = _names(df, source)
-    found = layout(names, source, joints, require)
+    found = layout(names, source, joints, require, reading, Topics())
     found = replace(found, imu_frame=imu_frame or _frame_in(df))
-    columns = {name: _numbers(df[name], name, source) for name in found.columns}
-    samples = len(columns[TIME])
+    columns = {name: _numbers(df[name], name, source) for name in found.recorded}
+    first, samples = next((name, len(values)) for name, values in columns.items())
     if wrong := next((name for name, values in columns.items() if values.shape != (samples,)), None):
         raise RecordingError(
-            f"{source}: column {wrong!r} has {len(columns[wrong])} values, {TIME!r} has {samples}; both need as many"
+            f"{source}: column {wrong!r} has {len(columns[wrong])} values, {first!r} has {samples}; both need as many"
         )
     values = np.stack(tuple(columns.values()))
-    return next(recordings([Batch(values, np.isnan(values))], found, source, None))
+    return next(table_recordings([Batch(values, np.isnan(values))], found, source, None))
 
 
 def columns_of(recording: Recording) -> dict[str, Array]:

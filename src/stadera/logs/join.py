@@ -37,4 +37,8 @@ def concatenate(recordings: Sequence[Recording]) -> Recording:
     ):
         raise RecordingError(f"{first.source}: parts that hold different joints or channels cannot be concatenated")
     joined = first.mapped(lambda name, _: np.concatenate([part[name] for part in parts]))
-    return replace(joined, notes=tuple(dict.fromkeys(note for part in recordings for note in part.notes)))
+    notes, doubts = (
+        tuple(dict.fromkeys(said for part in recordings for said in getattr(part, name)))
+        for name in ("notes", "doubts")
+    )
+    return replace(joined, notes=notes, doubts=doubts)

@@ -22,7 +22,7 @@ from stadera.logs.join import concatenate, take
 from stadera.logs.recording import Recording
 from stadera.logs.tables.csv import CsvTable
 from stadera.logs.tables.parquet import ParquetTable
-from stadera.logs.topics import LogFile, Topics
+from stadera.logs.topics import LogFile
 
 Log = str | PathLike[str] | Recording
 """A log, wherever one is taken: a path, a LogFile (a path with topics), or a recording in memory."""
@@ -48,7 +48,7 @@ class Reader(Protocol):
         ...
 
     def stream(
-        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
+        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """As the module's `stream`; `rows` None: all in one. A kind without topics refuses any asked for."""
         ...
@@ -118,7 +118,7 @@ def stream(
     log = as_log(log)
     if isinstance(log, Recording):
         return _chunks(_chosen(log, joints, require), rows)
-    return reader_of(log.path).stream(log.path, joints=joints, require=require, rows=rows, topics=log.topics)
+    return reader_of(log.path).stream(log, joints=joints, require=require, rows=rows)
 
 
 def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:
@@ -127,7 +127,7 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
     if isinstance(log, Recording):
         return _chosen(log, joints, require)
     reader = reader_of(log.path)
-    return concatenate(tuple(reader.stream(log.path, joints=joints, require=require, rows=None, topics=log.topics)))
+    return concatenate(tuple(reader.stream(log, joints=joints, require=require, rows=None)))
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:
@@ -162,7 +162,7 @@ def reader_of(path: Path) -> Reader:
         found = next((reader for reader in READERS if reader.accepts(path)), None)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    named = next((reader for reader in READERS if path.suffix.lower() in reader.suffixes), None)
+    named = next((reader for reader in READERS if path.name.lower().endswith(reader.suffixes)), None)
     if found is not None and named in (None, found):
         return found
     raise RecordingError(f"{path}: {_not_what_it_seems(path, found, named)}; {accepted}")

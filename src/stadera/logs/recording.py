@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import PurePath
-from typing import Any
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.logs.columns import CHANNELS, IMU_COLUMNS, TIME
 from stadera.types import Array, Bools
+
+if TYPE_CHECKING:
+    from stadera.logs.foreign.column_map import ColumnMap
+    from stadera.logs.pd_law import PdGains
+    from stadera.logs.units import Units
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +53,7 @@ class Recording:
         foot_contact: by foot, (samples,) bool.
         source: where it came from, for messages.
         notes: what the reader and later steps changed, one sentence each.
+        doubts: why a result that is made of it is doubtful at best, one sentence each.
 
     Raises:
         RecordingError: shapes that do not fit together, a value that is not finite, time that does not increase; the
@@ -65,6 +71,7 @@ class Recording:
     foot_contact: Mapping[str, Bools] = field(default_factory=dict)
     source: str = "recording"
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Validated where made: see the class's Raises."""
@@ -141,8 +148,11 @@ class Recording:
         require: Collection[str] = (),
         imu_frame: str | None = None,
         source: str = "dataframe",
+        columns: str | Path | ColumnMap | None = None,
+        units: str | Units | None = None,
+        pd: str | PdGains | None = None,
     ) -> Recording:
-        """A recording from a data frame whose columns are named as those of the flat table.
+        """A recording from a data frame whose columns are named as those of the flat table, or as others name them.
 
         Rows with a missing value (null, NaN) are dropouts: they are removed and noted. Unknown columns are kept out
         and noted.
@@ -154,13 +164,18 @@ class Recording:
             require: what each of these joints must have: velocity, acceleration, effort; and "imu".
             imu_frame: frame of the IMU's values; None for that in a pyarrow table's metadata.
             source: a name for messages.
+            columns: a map of columns or its file, or a preset's name; None to recognise them by their names.
+            units: of the columns, such as "deg,ms", where their names or the map do not say.
+            pd: gains "kp,kd" that make efforts of desired positions, where no efforts are recorded.
 
         Raises:
             RecordingError: a column that is missing, misspelled or not of numbers, time that does not increase.
+            UnknownNameError: an unknown unit.
         """
         from stadera.logs.frames import from_dataframe
+        from stadera.logs.reading import Reading
 
-        return from_dataframe(df, joints, require, imu_frame, source)
+        return from_dataframe(df, joints, require, imu_frame, source, Reading.of(columns, units, pd))
 
     def __len__(self) -> int:
         return len(self.time)

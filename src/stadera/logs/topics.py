@@ -1,4 +1,4 @@
-"""Which topics of a bag are read, and a log's path together with that choice."""
+"""Which topics of a log are read, and a log's path together with that choice."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 
 from stadera.errors import RecordingError
+from stadera.logs.reading import AS_RECORDED, Reading
 
 
 @dataclass(frozen=True)
@@ -34,15 +35,17 @@ class Topics:
 
 @dataclass(frozen=True)
 class LogFile(PathLike[str]):
-    """A log on disk, and which of its topics to read; taken wherever the path of a log is.
+    """A log on disk, and how to read it; taken wherever the path of a log is.
 
     Attributes:
         path: of the file or folder.
-        topics: to read, for bags.
+        topics: to read, for bags and for tables that were made of them.
+        reading: what its columns are, and their units.
     """
 
     path: Path
     topics: Topics = field(default_factory=Topics)
+    reading: Reading = AS_RECORDED
 
     @classmethod
     def of(cls, log: str | PathLike[str]) -> LogFile:

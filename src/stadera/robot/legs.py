@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from stadera.errors import ModelError
+from stadera.joint_words import leg_of
 from stadera.robot.model import LEG_NAMES
 from stadera.robot.modelfile import ModelFile, joint_axis
 from stadera.types import Array
 
 _TRUNK_JOINT = 1
-_PREFIXES = {
-    "LF": {"lf", "fl", "frontleft", "leftfront"},
-    "RF": {"rf", "fr", "frontright", "rightfront"},
-    "LH": {"lh", "hl", "rl", "lr", "bl", "lb", "hindleft", "lefthind", "rearleft", "leftrear", "backleft", "leftback"},
-    "RH": {"rh", "hr", "rr", "br", "rb", "hindright", "righthind", "rearright", "rightrear", "backright", "rightback"},
-}
 
 
 @dataclass(frozen=True)
@@ -84,15 +77,7 @@ def _is_leg(model: Any, chain: Sequence[int]) -> bool:
 def _name_from_words(file: ModelFile, chain: Sequence[int]) -> str:
     """The leg that a chain's joint and link names agree on; empty if there is none, or several."""
     names = [file.model.names[j] for j in chain]
-    words = [_words(name) for name in (*names, *(file.links[name] for name in names))]
-    found = {leg for said in words for leg, prefixes in _PREFIXES.items() if prefixes & said}
-    return found.pop() if len(found) == 1 else ""
-
-
-def _words(name: str) -> set[str]:
-    """Lower-case words of a name, and each two neighbours joined: front_left_hip -> front, left, hip, frontleft..."""
-    split = [word.lower() for word in re.split(r"[^A-Za-z]+", re.sub(r"([a-z])([A-Z])", r"\1_\2", name)) if word]
-    return set(split) | {a + b for a, b in pairwise(split)}
+    return leg_of([*names, *(file.links[name] for name in names)])
 
 
 def _hip(model: Any, chain: Sequence[int]) -> Array:

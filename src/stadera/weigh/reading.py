@@ -131,6 +131,7 @@ class CheckedLog:
                 self.begin = float(chunk.time[0]) if np.isnan(self.begin) else self.begin
                 self.end = float(chunk.time[-1])
                 self.notes |= dict.fromkeys(checked.notes)
+                self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}
                 if self.event is None:
                     self._check(checked)
             if self.event is not None:

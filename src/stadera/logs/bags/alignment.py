@@ -77,6 +77,16 @@ class Track:
         stamps = np.array([stamp for stamp, _ in self._waiting], dtype=np.int64)
         values = np.array([values for _, values in self._waiting])
         self._waiting = []
+        self.extend(stamps, values)
+
+    def extend(self, stamps: Stamps, values: Array) -> None:
+        """Take in samples (samples, columns) at these stamps [ns].
+
+        Raises:
+            RecordingError: stamps that are no clock.
+        """
+        if not len(stamps):
+            return
         before = stamps[0] - 1 if self.seen == 0 else self.newest
         good = stamps > np.maximum.accumulate(np.concatenate([[before], stamps]))[:-1]
         self.seen += len(stamps)

@@ -21,8 +21,10 @@ from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import Batch, recordings
 from stadera.logs.columns import TIME, layout
+from stadera.logs.reading import Reading
 from stadera.logs.recording import Recording
-from stadera.logs.topics import Topics
+from stadera.logs.topics import LogFile
+from stadera.logs.units import Units
 
 
 @dataclass(frozen=True)
@@ -51,12 +53,15 @@ class BagLog:
             return file.read(len(magic)) == magic
 
     def stream(
-        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
+        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
+        path = log.path
+        if log.reading.columns is not None:
+            raise RecordingError(f"{path}: a {self.name} has no columns: leave out --columns, which is for tables")
         bag = Bag.at(path, self.container)
         found = bag.topics()
-        joint_topic, imu_topic = chosen_topics(found, topics, str(path))
+        joint_topic, imu_topic = chosen_topics(found, log.topics, str(path))
         chosen = [name for name in (joint_topic, imu_topic) if name is not None]
         decoders = {name: decoder(found[name], self.container.encoding, joints, self.settings) for name in chosen}
         samples = _Samples(bag, decoders)
@@ -71,13 +76,19 @@ class BagLog:
         if start.imu_fault and "imu" in require:
             raise RecordingError(f"{path}: topic {imu_topic} cannot be used as IMU: {start.imu_fault}")
         names = (TIME, *start.columns)
-        table = layout(names, str(path), joints, require)
+        table = layout(names, str(path), joints, require, _stamped(log.reading))
         notes = (f"left out the IMU, topic {imu_topic}: {start.imu_fault}",) if start.imu_fault else ()
         table = replace(table, imu_frame=start.imu_frame, notes=(*notes, *table.notes))
-        merging = Merging(start, joint_topic, imu_topic, table.columns, self.settings)
+        merging = Merging(start, joint_topic, imu_topic, table.recorded, self.settings)
         batches = _batches(samples, start, merging, self.settings.batch)
         notes_of_all = _notes(samples, merging, joint_topic)
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
+
+
+def _stamped(reading: Reading) -> Reading:
+    """Without a unit of time: stamps of messages are seconds and nanoseconds."""
+    units = {quantity: unit for quantity, unit in reading.units.of.items() if quantity != TIME}
+    return replace(reading, units=Units(units))
 
 
 class _Samples:

@@ -1,34 +1,54 @@
-"""The flat table as CSV: comma-separated, one header line, blank cells for dropouts."""
+"""The flat table as CSV: one header line, blank cells for dropouts; as it is, or packed by gzip, bzip2 or zstd."""
 
 from __future__ import annotations
 
 import csv
 import re
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from stadera.errors import RecordingError
-from stadera.logs.batches import Batch, recordings
+from stadera.logs.batches import Batch
 from stadera.logs.columns import layout
 from stadera.logs.recording import Recording
 from stadera.logs.tables.arrow import batch_of
-from stadera.logs.topics import Topics
+from stadera.logs.tables.rows import table_recordings
+from stadera.logs.topics import LogFile
 
 BLOCK_BYTES = 1 << 20
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\x28\xb5\x2f\xfd": "zstd"}
+_SEPARATORS = (";", "\t", "|")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a table is written.
+
+    Attributes:
+        header: names of the columns.
+        skip: lines before the first sample.
+        separator: of columns.
+        decimal: sign of decimals.
+    """
+
+    header: tuple[str, ...]
+    skip: int
+    separator: str = ","
+    decimal: str = "."
 
 
 class CsvTable:
     """Reads the flat table from CSV, a megabyte at a time."""
 
     name = "CSV table"
-    suffixes = (".csv",)
+    suffixes = (".csv", ".csv.gz", ".csv.bz2", ".csv.zst")
 
     def accepts(self, path: Path) -> bool:
-        """A file whose beginning is UTF-8 text."""
+        """A file whose beginning, unpacked, is UTF-8 text."""
         if not path.is_file():
             return False
-        with path.open("rb") as file:
-            head = file.read(4096)
+        head = _head(path, 4096)
         try:
             head[: head.rfind(b"\n") + 1 or None].decode("utf-8")
         except UnicodeDecodeError:
@@ -36,54 +56,91 @@ class CsvTable:
         return bool(head) and b"\0" not in head
 
     def stream(
-        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
+        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
-        topics.refuse(str(path), self.name)
-        header = _header(path)
-        found = layout(header, str(path), joints, require)
-        return recordings(_batches(path, header, found.columns), found, str(path), rows)
+        path = log.path
+        dialect = _dialect(path)
+        found = layout(dialect.header, str(path), joints, require, log.reading, log.topics, self.name)
+        return table_recordings(_batches(path, dialect, found.recorded), found, str(path), rows)
 
 
-def _header(path: Path) -> list[str]:
+def _head(path: Path, size: int) -> bytes:
+    """The first bytes of a file, unpacked; empty where they cannot be."""
+    import pyarrow as pa
+
+    with path.open("rb") as file:
+        packed = _packed(file.read(4))
+    if packed is None:
+        with path.open("rb") as file:
+            return file.read(size)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return [name.strip() for name in next(csv.reader(file, skipinitialspace=True), [])]
-    except (csv.Error, UnicodeDecodeError) as error:
+        with pa.input_stream(str(path), compression=packed) as unpacked:
+            return bytes(unpacked.read(size))
+    except (pa.ArrowException, OSError):
+        return b""
+
+
+def _packed(head: bytes) -> str | None:
+    return next((name for magic, name in _PACKED.items() if head.startswith(magic)), None)
+
+
+def _dialect(path: Path) -> Dialect:
+    """Comment lines (#) before the header are left out. Tables with ; may have decimals with a comma."""
+    try:
+        lines = _head(path, BLOCK_BYTES).decode("utf-8-sig", errors="ignore").splitlines()
+        skip = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
+        first, second = [*lines[skip : skip + 2], "", ""][:2]
+        separator = next((sign for sign in _SEPARATORS if sign in first and "," not in first), ",")
+        decimal = "," if separator == ";" and re.search(r"\d,\d", second) else "."
+        header = next(csv.reader([first], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error as error:
         raise RecordingError(f"{path}: not a readable CSV table: {error}") from None
+    return Dialect(tuple(name.strip() for name in header), skip + 1, separator, decimal)
 
 
-def _batches(path: Path, header: list[str], columns: tuple[str, ...]) -> Iterator[Batch]:
+def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator[Batch]:
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
     try:
+        with path.open("rb") as file:
+            packed = _packed(file.read(4))
         # one thread: Arrow then names the row of a bad cell
-        with pacsv.open_csv(
-            path,
-            read_options=pacsv.ReadOptions(use_threads=False, block_size=BLOCK_BYTES, column_names=header, skip_rows=1),
-            convert_options=pacsv.ConvertOptions(
-                include_columns=list(columns),
-                column_types=dict.fromkeys(columns, pa.float64()),
-                null_values=[""],
-                strings_can_be_null=True,
-            ),
-        ) as reader:
+        with (
+            pa.input_stream(str(path), compression=packed) as file,
+            pacsv.open_csv(
+                file,
+                read_options=pacsv.ReadOptions(
+                    use_threads=False, block_size=BLOCK_BYTES, column_names=dialect.header, skip_rows=dialect.skip
+                ),
+                parse_options=pacsv.ParseOptions(delimiter=dialect.separator),
+                convert_options=pacsv.ConvertOptions(
+                    include_columns=list(columns),
+                    column_types=dict.fromkeys(columns, pa.float64()),
+                    decimal_point=dialect.decimal,
+                    null_values=[""],
+                    strings_can_be_null=True,
+                ),
+            ) as reader,
+        ):
             for batch in reader:
                 yield batch_of(batch, columns, str(path))
-    except pa.ArrowInvalid as error:
-        raise _explained(str(error), path, header) from None
+    except (pa.ArrowInvalid, OSError) as error:
+        raise _explained(str(error), path, dialect) from None
 
 
-def _explained(text: str, path: Path, header: list[str]) -> RecordingError:
+def _explained(text: str, path: Path, dialect: Dialect) -> RecordingError:
     """Arrow's message in the words of the log: its column by name, its row as a sample."""
+    before = dialect.skip + 1
     if cell := re.search(r"column #(\d+): (?:Row #(\d+): )?.*invalid value '(.*)'", text, re.S):
         column, row, value = cell.groups()
-        sample = f" at sample {int(row) - 2}" if row else ""
-        return RecordingError(f"{path}: column {header[int(column)]!r} holds {value[:40]!r}, not a number{sample}")
+        sample = f" at sample {int(row) - before}" if row else ""
+        name = dialect.header[int(column)]
+        return RecordingError(f"{path}: column {name!r} holds {value[:40]!r}, not a number{sample}")
     if line := re.search(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)", text):
         row, expected, got = line.groups()
-        sample = f" at sample {int(row) - 2}" if row else ""
+        sample = f" at sample {int(row) - before}" if row else ""
         return RecordingError(f"{path}: {got} cells instead of {expected}{sample}; is the file cut off?")
     if "Empty CSV" in text:
         return RecordingError(f"{path}: too few samples: 0, at least 2 are needed")

@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from stadera.errors import RecordingError
-from stadera.logs.batches import Batch, recordings
-from stadera.logs.columns import IMU_FRAME, Layout, layout
+from stadera.logs.batches import Batch
+from stadera.logs.columns import IMU_FRAME, layout
 from stadera.logs.recording import Recording
 from stadera.logs.tables.arrow import batch_of
-from stadera.logs.topics import Topics
+from stadera.logs.tables.rows import table_recordings
+from stadera.logs.topics import LogFile
 
 MAGIC = b"PAR1"
 BUFFER_BYTES = 1 << 18
@@ -32,31 +33,31 @@ class ParquetTable:
             return file.read(len(MAGIC)) == MAGIC
 
     def stream(
-        self, path: Path, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None, topics: Topics
+        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
         import pyarrow as pa
         from pyarrow import parquet
 
-        topics.refuse(str(path), self.name)
+        path = log.path
         try:
             schema = parquet.read_schema(path)
             names, frame = schema.names, (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
         except (pa.ArrowException, OSError, ValueError) as error:
             raise _damaged(path, error) from None
-        found = layout(names, str(path), joints, require)
+        found = layout(names, str(path), joints, require, log.reading, log.topics)
         found = replace(found, imu_frame=frame or None)
-        return recordings(_batches(path, found, rows or BATCH_ROWS), found, str(path), rows)
+        return table_recordings(_batches(path, found.recorded, rows or BATCH_ROWS), found, str(path), rows)
 
 
-def _batches(path: Path, found: Layout, rows: int) -> Iterator[Batch]:
+def _batches(path: Path, columns: tuple[str, ...], rows: int) -> Iterator[Batch]:
     import pyarrow as pa
     from pyarrow import parquet
 
     try:
         with parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
-            for batch in file.iter_batches(min(rows, BATCH_ROWS), columns=list(found.columns), use_threads=False):
-                yield batch_of(batch, found.columns, str(path))
+            for batch in file.iter_batches(min(rows, BATCH_ROWS), columns=list(columns), use_threads=False):
+                yield batch_of(batch, columns, str(path))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise _damaged(path, error) from None
 

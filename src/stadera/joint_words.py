@@ -1,0 +1,70 @@
+"""What the name of a joint or link says: which leg it belongs to, and which of the leg's three joints it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+LEG_WORDS: dict[str, frozenset[str]] = {
+    "LF": frozenset({"lf", "fl", "frontleft", "leftfront"}),
+    "RF": frozenset({"rf", "fr", "frontright", "rightfront"}),
+    "LH": frozenset(
+        {"lh", "hl", "rl", "lr", "bl", "lb", "hindleft", "lefthind", "rearleft", "leftrear", "backleft", "leftback"}
+    ),
+    "RH": frozenset(
+        {"rh", "hr", "rr", "br", "rb", "hindright", "righthind", "rearright", "rightrear", "backright", "rightback"}
+    ),
+}
+_PART_WORDS: tuple[frozenset[str], ...] = (
+    frozenset({"haa", "abad", "abduction", "adduction", "hx", "hipx", "hipaa", "coxa"}),
+    frozenset({"hfe", "thigh", "hy", "hipy", "hipfe", "femur", "upper", "upperleg"}),
+    frozenset({"kfe", "calf", "knee", "kn", "tibia", "shank", "lower", "lowerleg"}),
+)
+_HIP = "hip"
+"""The first joint for Unitree and Boston Dynamics, the second for MIT, which calls the first `abad`."""
+
+Place = tuple[str, int]
+"""A leg, and a joint of it from the trunk outwards: 0, 1, 2."""
+
+
+def words(name: str) -> set[str]:
+    """Lower-case words of a name, and each two neighbours joined: front_left_hip -> front, left, hip, frontleft..."""
+    split = [word.lower() for word in re.split(r"[^A-Za-z]+", re.sub(r"([a-z])([A-Z])", r"\1_\2", name)) if word]
+    return set(split) | {a + b for a, b in pairwise(split)}
+
+
+def leg_of(names: Iterable[str]) -> str:
+    """The leg that all these names agree on; empty if there is none, or several."""
+    found = {leg for name in names for leg, known in LEG_WORDS.items() if known & words(name)}
+    return found.pop() if len(found) == 1 else ""
+
+
+def places(names: Iterable[str]) -> dict[str, Place]:
+    """Leg and joint of every name that says both, in a word (FL_thigh_joint, rh_KFE) or a number (FL_1)."""
+    said = {name: (leg, words(name)) for name in names if (leg := leg_of([name]))}
+    with_abad = {leg for leg, found in said.values() if found & _PART_WORDS[0]}
+    placed = {name: (leg, _part(name, found, leg in with_abad)) for name, (leg, found) in said.items()}
+    return {name: (leg, part) for name, (leg, part) in placed.items() if part is not None}
+
+
+def _part(name: str, found: set[str], has_abad: bool) -> int | None:
+    parts = [k for k in (1, 2, 0) if found & _PART_WORDS[k]]
+    if parts:
+        return parts[0]
+    if _HIP in found:
+        return 1 if has_abad else 0
+    number = re.search(r"(?<!\d)([0-2])$", name)
+    return int(number[1]) if number else None
+
+
+def matched(wanted: Sequence[str], names: Iterable[str]) -> dict[str, str] | None:
+    """By joint of `wanted`, the one name that is the same joint of the same leg; None if any has none, or several."""
+    found: dict[Place, list[str]] = {}
+    for name, place in places(names).items():
+        found.setdefault(place, []).append(name)
+    sought = places(wanted)
+    answer = {joint: found.get(sought[joint], []) for joint in wanted if joint in sought}
+    if len(answer) < len(wanted) or any(len(fitting) != 1 for fitting in answer.values()):
+        return None
+    return {joint: fitting[0] for joint, fitting in answer.items()}

@@ -1,0 +1,164 @@
+"""A map of a log's columns to those of the flat table: a TOML file of a user's, or a preset of this package."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import resources
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from stadera.errors import RecordingError
+from stadera.logs.units import FACTORS, Units, quantity_of
+
+_KEYS = ("about", "base", "joints", "units", "columns", "columns_if_chosen")
+TEMPLATE_HINT = "`stadera inspect LOG --columns` writes a template"
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a column of the flat table comes from.
+
+    Attributes:
+        pattern: of the log's column, see `stadera.logs.foreign.pattern`.
+        unit: of its values, empty for the map's.
+        factor: that they are multiplied with besides: a sign, or the ratio of a gear.
+    """
+
+    pattern: str
+    unit: str = ""
+    factor: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnMap:
+    """Which columns of a log are what.
+
+    Attributes:
+        name: of the preset, or of the map's file.
+        columns: by column of the flat table, with {joint} and {axis} for all joints and axes, where it may come from,
+            the likeliest first.
+        chosen: the same, only where the map is asked for by name: names that could as well be another robot's.
+        joints: the names that {i} and {n} count.
+        units: of the log.
+        about: what kind of log it is.
+    """
+
+    name: str
+    columns: Mapping[str, tuple[Source, ...]]
+    chosen: Mapping[str, tuple[Source, ...]] = field(default_factory=dict)
+    joints: tuple[str, ...] = ()
+    units: Units = field(default_factory=Units)
+    about: str = ""
+
+    def asked(self) -> ColumnMap:
+        """With the names that count only where the map is asked for."""
+        merged = {key: (*self.columns.get(key, ()), *more) for key, more in self.chosen.items()}
+        return replace(self, columns={**self.columns, **merged}, chosen={})
+
+
+def column_map(given: str | Path) -> ColumnMap:
+    """A preset by its name, or a map by the path of its TOML file.
+
+    Raises:
+        RecordingError: neither, or a file that is not such a map.
+    """
+    path = Path(given)
+    if str(given) in preset_names():
+        return preset(str(given)).asked()
+    if not path.is_file():
+        raise RecordingError(
+            f"{given}: neither a file nor a preset for columns; presets: {', '.join(preset_names())}; {TEMPLATE_HINT}"
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: cannot be read as a map of columns: {error}") from None
+    return parsed(text, str(path))
+
+
+def parsed(text: str, name: str) -> ColumnMap:
+    """A map from the text of a TOML file. Raises: see `column_map`."""
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RecordingError(f"{name}: not a map of columns: {error}") from None
+    if unknown := next((key for key in content if key not in _KEYS), None):
+        raise RecordingError(f"{name}: unknown key {unknown!r}; valid: {', '.join(_KEYS)}")
+    joints = content.get("joints", [])
+    if not isinstance(joints, list) or not all(isinstance(joint, str) for joint in joints):
+        raise RecordingError(f"{name}: joints needs a list of names")
+    base = _base(content, name)
+    units = _table(content, "units", name)
+    rate = units.pop("rate_hz", None)
+    return ColumnMap(
+        name,
+        {**(base.columns if base else {}), **_sources(_table(content, "columns", name), name)},
+        _sources(_table(content, "columns_if_chosen", name), name),
+        tuple(joints) or (base.joints if base else ()),
+        Units(units, None if rate is None else float(rate)).over(base.units if base else Units()),
+        str(content.get("about", "")),
+    )
+
+
+def _base(content: Mapping[str, Any], name: str) -> ColumnMap | None:
+    if "base" not in content:
+        return None
+    if content["base"] not in preset_names():
+        raise RecordingError(f"{name}: no preset {content['base']!r}; presets: {', '.join(preset_names())}")
+    return preset(content["base"]).asked()
+
+
+def _table(content: Mapping[str, Any], key: str, name: str) -> dict[str, Any]:
+    found = content.get(key, {})
+    if not isinstance(found, dict):
+        raise RecordingError(f"{name}: [{key}] needs to be a table")
+    return dict(found)
+
+
+def _sources(table: Mapping[str, Any], name: str) -> dict[str, tuple[Source, ...]]:
+    return {
+        column: tuple(_source(column, one, name) for one in (given if isinstance(given, list) else [given]))
+        for column, given in table.items()
+    }
+
+
+def _source(column: str, given: Any, name: str) -> Source:
+    fields = {"column": given} if isinstance(given, str) else given
+    if not isinstance(fields, dict) or not isinstance(fields.get("column"), str):
+        raise RecordingError(f'{name}: {column!r} needs the name of a column, or {{ column = "...", unit = "..." }}')
+    if unknown := next((key for key in fields if key not in ("column", "unit", "factor")), None):
+        raise RecordingError(f"{name}: {column!r}: unknown key {unknown!r}; valid: column, unit, factor")
+    unit, factor = str(fields.get("unit", "")), fields.get("factor", 1.0)
+    valid = FACTORS.get(quantity_of(column), {})
+    if unit and unit not in valid:
+        raise RecordingError(f"{name}: {column!r} has no unit {unit!r}; valid: {', '.join(valid) or 'none'}")
+    if not isinstance(factor, int | float) or not isfinite(factor) or not factor:
+        raise RecordingError(f"{name}: {column!r} needs a factor that is a number and not 0, got {factor!r}")
+    _check_places(column, fields["column"], name)
+    return Source(fields["column"], unit, float(factor))
+
+
+def _check_places(column: str, pattern: str, name: str) -> None:
+    """What the flat table's name leaves open, the log's has to say."""
+    for place, said in (("{joint}", ("{joint}", "{i}", "{n}")), ("{axis}", ("{axis}", "{xyz}", "{wxyz}", "{xyzw}"))):
+        if (place in column) != any(word in pattern for word in said):
+            raise RecordingError(f"{name}: {column!r} = {pattern!r}: {place} and one of {', '.join(said)} go together")
+
+
+@cache
+def preset_names() -> tuple[str, ...]:
+    """The presets, in the order in which a log's columns are compared with them."""
+    files = (resources.files(__package__) / "presets").iterdir()
+    found = sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+    return tuple(sorted(found, key=lambda name: name == "names"))  # the most general one last
+
+
+@cache
+def preset(name: str) -> ColumnMap:
+    """A preset of this package by its name."""
+    text = (resources.files(__package__) / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+    return parsed(text, name)

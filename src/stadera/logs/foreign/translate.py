@@ -1,0 +1,246 @@
+"""From a log's columns to those of the flat table: by a map that is given, or by the presets' patterns."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from stadera.errors import RecordingError
+from stadera.joint_words import places, words
+from stadera.logs.foreign.column_map import TEMPLATE_HINT, ColumnMap, Source, preset, preset_names
+from stadera.logs.foreign.pattern import Hit, hits
+from stadera.logs.reading import Reading
+from stadera.logs.topics import Topics
+from stadera.logs.units import FACTORS, Units, labelled, quantity_of
+
+_GENERAL = "names"
+_NO_JOINTS = frozenset({"des", "desired", "cmd", "command", "ref", "target", "error", "err", "raw", "foot"})
+"""Words that make a name something else than a joint's: q_des_FL_hip."""
+_GROUPS = {"joint": ("--joint-topic", "joints"), "imu": ("--imu-topic", "IMUs")}
+
+
+@dataclass(frozen=True)
+class Translation:
+    """Where the columns of the flat table come from.
+
+    Attributes:
+        sources: by column of the flat table, the log's.
+        factors: by column of the flat table, what makes SI units of the log's; absent where it is 1.
+        stamped: whether the unit of time was said.
+        rate_hz: of a log without time, its rows a second.
+        notes: what was recognised and converted, one sentence each.
+        hint: what to do about columns that are not recognised, for an error.
+        topics: whether the names have topics to choose from.
+    """
+
+    sources: Mapping[str, str]
+    factors: Mapping[str, float] = field(default_factory=dict)
+    stamped: bool = False
+    rate_hz: float | None = None
+    notes: tuple[str, ...] = ()
+    hint: str = ""
+    topics: bool = False
+
+
+@dataclass(frozen=True)
+class _Found:
+    """One column that may be one of the flat table's."""
+
+    flat: str
+    column: str
+    source: Source
+    topic: str
+    rank: int
+
+    @property
+    def group(self) -> str:
+        return "imu" if self.flat.startswith("imu.") else "joint" if "." in self.flat else ""
+
+
+def translated(
+    names: Sequence[str], source: str, reading: Reading, topics: Topics, joints: Collection[str] = ()
+) -> Translation:
+    """What the columns of a log are.
+
+    Args:
+        names: of its columns.
+        source: the log, for messages.
+        reading: a map of them, where there is one, and their units.
+        topics: to choose among, where the names have topics.
+        joints: names that are joints though they do not look like it.
+
+    Raises:
+        RecordingError: a map that does not fit, several topics and none chosen.
+    """
+    labels = labelled(names)
+    plain = {name: labels[name][0] if name in labels else name for name in names}
+    if reading.columns is not None:
+        found = _mapped(reading.columns, plain, source, topics, joints)
+        _check_given(reading.columns, found, plain, source)
+        return _in_units(found, reading.columns, labels, reading.units, given=True)
+    if _is_flat(plain.values()):
+        return _as_is(names, plain, labels, reading.units)
+    for name in preset_names():
+        found = _mapped(preset(name), plain, source, topics, joints)
+        if _is_log(found, reading.units):
+            return _in_units(found, preset(name), labels, reading.units, given=False)
+    return _as_is(names, plain, labels, reading.units, _hint(plain, reading.units))
+
+
+def _is_flat(names: Collection[str]) -> bool:
+    return "time" in names and any(name.endswith(".position") for name in names)
+
+
+def _is_log(found: Mapping[str, _Found], units: Units) -> bool:
+    return ("time" in found or units.rate_hz is not None) and any(flat.endswith(".position") for flat in found)
+
+
+def _as_is(
+    names: Sequence[str],
+    plain: Mapping[str, str],
+    labels: Mapping[str, tuple[str, str]],
+    units: Units,
+    hint: str = "",
+) -> Translation:
+    """Columns that are already called as in the flat table, or that nothing is known about."""
+    count = Counter(plain.values())
+    sources = {plain[name] if count[plain[name]] == 1 else name: name for name in names}
+    known = {flat: _Found(flat, name, Source(name), "", 0) for flat, name in sources.items()}
+    factors, notes = _factors(known, Units(), labels, units)
+    stamped = "time" in units.of or sources.get("time") in labels
+    return Translation(sources, factors, stamped, units.rate_hz, notes, hint)
+
+
+def _in_units(
+    found: Mapping[str, _Found],
+    chosen: ColumnMap,
+    labels: Mapping[str, tuple[str, str]],
+    units: Units,
+    *,
+    given: bool,
+) -> Translation:
+    factors, notes = _factors(found, chosen.units, labels, units)
+    example = next(one for flat, one in found.items() if flat.endswith(".position"))
+    how = f"the map {chosen.name}" if given else f"the preset {chosen.name} ({chosen.about})"
+    said = f"columns read by {how}: {example.column!r} as {example.flat!r}"
+    time = found.get("time")
+    stamped = time is not None and bool(
+        {"time"} & {*units.of, *chosen.units.of} or time.source.unit or time.column in labels
+    )
+    rate = units.over(chosen.units).rate_hz if time is None else None
+    sources = {flat: one.column for flat, one in found.items()}
+    return Translation(sources, factors, stamped, rate, (said, *notes), topics=any(one.topic for one in found.values()))
+
+
+def _factors(
+    found: Mapping[str, _Found], mapped: Units, labels: Mapping[str, tuple[str, str]], asked: Units
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """By column its factor to SI: the unit of its own in the map, else that asked for, its label's, the map's."""
+    factors: dict[str, float] = {}
+    converted: dict[str, None] = {}
+    for flat, one in found.items():
+        quantity = quantity_of(flat)
+        label = labels[one.column][1] if one.column in labels else ""
+        known = FACTORS.get(quantity, {})
+        unit = one.source.unit or asked.of.get(quantity) or (label if label in known else mapped.of.get(quantity, ""))
+        factor = (known[unit] if unit else 1.0) * one.source.factor
+        if factor != 1.0:
+            factors[flat] = factor
+            converted[f"{quantity or flat} {unit}".strip() if unit else f"{flat} times {factor:g}"] = None
+    notes = (f"converted to SI units: {', '.join(converted)}",) if converted else ()
+    return factors, notes
+
+
+def _mapped(
+    chosen: ColumnMap, plain: Mapping[str, str], source: str, topics: Topics, joints: Collection[str]
+) -> dict[str, _Found]:
+    """By column of the flat table, the log's column that fits best."""
+    by_column: dict[str, tuple[int, _Found]] = {}
+    for found in _candidates(chosen, plain, joints):
+        literal = len(re.sub(r"\{[^{}]*\}", "", found.source.pattern))
+        if found.column not in by_column or literal > by_column[found.column][0]:
+            by_column[found.column] = (literal, found)
+    everything = [found for _, found in by_column.values()]
+    kept = {group: _topic_of(group, everything, topics, source) for group in _GROUPS}
+    best: dict[str, _Found] = {}
+    for found in everything:
+        if found.topic != kept.get(found.group, found.topic):
+            continue
+        if found.flat not in best or found.rank < best[found.flat].rank:
+            best[found.flat] = found
+    place = {column: k for k, column in enumerate(plain)}
+    return dict(sorted(best.items(), key=lambda item: place[item[1].column]))
+
+
+def _candidates(chosen: ColumnMap, plain: Mapping[str, str], joints: Collection[str]) -> Iterator[_Found]:
+    columns = dict(chosen.columns)
+    columns["time"] = (*columns.get("time", ()), *preset(_GENERAL).columns["time"])
+    for key, sources in columns.items():
+        for rank, one in enumerate(sources):
+            for column, hit in hits(one.pattern, plain):
+                joint = _joint(hit, chosen, joints)
+                if joint is not None:
+                    flat = key.replace("{joint}", joint).replace("{axis}", hit.axis)
+                    yield _Found(flat, column, one, hit.topic, rank)
+
+
+def _joint(hit: Hit, chosen: ColumnMap, joints: Collection[str]) -> str | None:
+    """The name of a hit's joint, empty for none; None where it is not a joint."""
+    if isinstance(hit.joint, int):
+        return chosen.joints[hit.joint] if 0 <= hit.joint < len(chosen.joints) else None
+    if not hit.joint or hit.joint in joints or chosen.name != _GENERAL:
+        return hit.joint
+    return hit.joint if places([hit.joint]) and not words(hit.joint) & _NO_JOINTS else None
+
+
+def _topic_of(group: str, found: Sequence[_Found], topics: Topics, source: str) -> str:
+    """The topic that a group's columns are taken from."""
+    option, what = _GROUPS[group]
+    asked = topics.joint if group == "joint" else topics.imu
+    counts = Counter(one.topic for one in found if one.group == group)
+    if asked is not None and any(counts):
+        if asked.strip("/") not in {topic.strip("/") for topic in counts}:
+            raise RecordingError(f"{source}: {option} {asked}: no such topic; valid: {', '.join(counts)}")
+        return next(topic for topic in counts if topic.strip("/") == asked.strip("/"))
+    (first, most), *others = counts.most_common() or [("", 0)]
+    if others and others[0][1] == most:
+        raise RecordingError(
+            f"{source}: columns of {what} of several topics: {', '.join(counts)}; choose one with {option}"
+        )
+    return first
+
+
+def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[str, str], source: str) -> None:
+    """A map that is asked for has to fit; columns that it names have to be there."""
+    listed = ", ".join(list(plain)[:8]) + (f" and {len(plain) - 8} more" if len(plain) > 8 else "")
+    columns = {column for named in chosen.columns.values() for column in (one.pattern for one in named)}
+    counting = any("{i}" in column or "{n}" in column for column in columns)
+    for flat, sources in chosen.columns.items():
+        if "{" not in flat and flat not in found and flat != "time":
+            raise RecordingError(
+                f"{source}: no column {sources[0].pattern!r}, which {chosen.name} has as {flat!r} (columns: {listed})"
+            )
+    if not any(flat.endswith(".position") for flat in found):
+        order = '; numbered joints need their order: joints = ["..."]' if counting and not chosen.joints else ""
+        raise RecordingError(
+            f"{source}: no column is a joint's position by {chosen.name}{order}; columns: {listed}; {TEMPLATE_HINT}"
+        )
+
+
+def _hint(plain: Mapping[str, str], units: Units) -> str:
+    """What may help with a log that no preset fits without being asked for."""
+    fitting = []
+    for name in preset_names():
+        try:
+            found = _mapped(preset(name).asked(), plain, "", Topics(), ())
+        except RecordingError:
+            continue
+        if any(flat.endswith(".position") for flat in found):
+            fitting.append((name, "time" in found or units.rate_hz is not None))
+    chosen = f"--columns {' or '.join(name for name, _ in fitting)}" if fitting else ""
+    timed = "--units 200Hz if there is no time but a steady rate" if fitting and not all(t for _, t in fitting) else ""
+    own = f"--columns MAP.toml ({TEMPLATE_HINT})"
+    order = "; the joints are numbered, and these differ in the order" if len(fitting) > 1 else ""
+    return "; name the columns by " + ", ".join(filter(None, [chosen + order, timed, own]))

@@ -1,0 +1,86 @@
+"""Joint torques made of a position controller's commands, for logs that hold no measured ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.joint_words import places
+from stadera.types import Array
+
+DESIRED: tuple[str, ...] = ("position_desired", "velocity_desired", "effort_desired")
+"""Columns of a flat table that this law reads, `<joint>.position_desired` and so on; the last two may be absent."""
+PD_DOUBT = (
+    "joint torques are not measured but made of the controller's commands (--pd): what drives lose to friction and "
+    "saturation counts as torque of the joint"
+)
+
+
+@dataclass(frozen=True)
+class PdGains:
+    """Gains of the joints' position controllers.
+
+    Attributes:
+        kp: [N·m/rad], one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE).
+        kd: [N·m·s/rad], as many.
+
+    Raises:
+        RecordingError: neither one nor three, numbers of gains that differ, a gain below 0, or all of kp 0.
+    """
+
+    kp: tuple[float, ...]
+    kd: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.kp) not in (1, 3) or len(self.kd) != len(self.kp):
+            raise RecordingError("gains are one pair kp,kd or three, for hip, thigh and calf: kp,kd/kp,kd/kp,kd")
+        if not all(isfinite(gain) and gain >= 0 for gain in (*self.kp, *self.kd)) or not any(self.kp):
+            raise RecordingError(f"gains need to be at least 0 and some kp above, got {self}")
+
+    @classmethod
+    def parse(cls, text: str) -> PdGains:
+        """Gains from "20,0.5" or, for hip, thigh and calf, "20,0.5/30,1/40,1.5".
+
+        Raises:
+            RecordingError: anything else.
+        """
+        try:
+            pairs = [(float(kp), float(kd)) for kp, kd in (pair.split(",") for pair in text.split("/"))]
+        except ValueError:
+            raise RecordingError(
+                f"{text!r} is not a pair of gains kp,kd [N·m/rad, N·m·s/rad], nor three with / between for hip, thigh "
+                "and calf"
+            ) from None
+        return cls(tuple(kp for kp, _ in pairs), tuple(kd for _, kd in pairs))
+
+    def effort(self, position: Array, velocity: Array, joints: Sequence[str], desired: dict[str, Array]) -> Array:
+        """τ = kp (q_d - q) + kd (q̇_d - q̇) + τ_d, (samples, n) [N·m]: what the controller asks its drives for.
+
+        Args:
+            position, velocity: (samples, n) [rad, rad/s], measured.
+            joints: their names, n of them.
+            desired: by name of `DESIRED`, (samples, n); q̇_d and τ_d are 0 where absent.
+
+        Raises:
+            RecordingError: three gains, and a joint whose name does not say which of the leg's it is.
+        """
+        kp, kd = self._by_joint(joints)
+        zero = np.zeros(1)
+        target, rate, feedforward = (desired.get(name, zero) for name in DESIRED)
+        return np.asarray(kp * (target - position) + kd * (rate - velocity) + feedforward)
+
+    def _by_joint(self, joints: Sequence[str]) -> tuple[Array, Array]:
+        if len(self.kp) == 1:
+            return np.array(self.kp), np.array(self.kd)
+        known = places(joints)
+        if unknown := next((joint for joint in joints if joint not in known), None):
+            raise RecordingError(f"the name of joint {unknown!r} says neither hip, thigh nor calf: give one pair kp,kd")
+        part = [known[joint][1] for joint in joints]
+        return np.array(self.kp)[part], np.array(self.kd)[part]
+
+    def __str__(self) -> str:
+        return "/".join(f"{kp:g},{kd:g}" for kp, kd in zip(self.kp, self.kd, strict=True))

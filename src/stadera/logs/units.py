@@ -1,0 +1,128 @@
+"""Units of a log's columns, and their factors to SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from math import isfinite, pi
+
+import numpy as np
+
+from stadera.errors import RecordingError, UnknownNameError
+from stadera.types import Array
+
+_DEGREE = pi / 180.0
+FACTORS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    "position": {"rad": 1.0, "deg": _DEGREE, "°": _DEGREE, "mrad": 1e-3, "rev": 2.0 * pi},
+    "velocity": {"rad/s": 1.0, "deg/s": _DEGREE, "°/s": _DEGREE, "rpm": pi / 30.0, "rev/s": 2.0 * pi},
+    "acceleration": {"rad/s2": 1.0, "rad/s²": 1.0, "deg/s2": _DEGREE, "°/s²": _DEGREE},
+    "effort": {"Nm": 1.0, "N·m": 1.0, "N*m": 1.0, "N.m": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "kNm": 1e3},
+    "gyro": {"rad/s": 1.0, "deg/s": _DEGREE, "°/s": _DEGREE, "dps": _DEGREE},
+    "accelerometer": {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
+    "force": {"N": 1.0, "kN": 1e3},
+}
+"""By quantity, the factor of each unit to the first one, which is SI's. g is the standard acceleration of free fall."""
+_QUANTITY = {
+    "position_desired": "position",
+    "velocity_desired": "velocity",
+    "effort_desired": "effort",
+    "angular_velocity": "gyro",
+    "linear_acceleration": "accelerometer",
+}
+_LABEL = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]+)[\])]$")
+_UNIX = (1.0e9, 4.1e9)
+"""s, from 2001 to 2099."""
+_STEPS = (1e-5, 10.0)
+"""s, between samples of any log; tells milliseconds since 1970 from nanoseconds since the robot was switched on."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units of a log that does not say them.
+
+    Attributes:
+        of: by quantity (a key of `FACTORS`), its unit; SI where it is not named.
+        rate_hz: of a log without a column of time, its rows a second; None where there is time.
+
+    Raises:
+        UnknownNameError: a quantity, or a unit that it does not have.
+        RecordingError: a rate that is not positive.
+    """
+
+    of: Mapping[str, str] = field(default_factory=dict)
+    rate_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        for quantity, unit in self.of.items():
+            if quantity not in FACTORS:
+                raise UnknownNameError("quantity with a unit", quantity, FACTORS)
+            if unit not in FACTORS[quantity]:
+                raise UnknownNameError(f"unit of {quantity}", unit, FACTORS[quantity])
+        if self.rate_hz is not None and not (isfinite(self.rate_hz) and self.rate_hz > 0):
+            raise RecordingError(f"a rate of rows needs to be above 0 Hz, got {self.rate_hz:g}")
+
+    @classmethod
+    def parse(cls, text: str) -> Units:
+        """Units from a list such as "deg,ms,gyro=deg/s,200Hz".
+
+        A unit without a quantity holds for every quantity that has it: deg/s for joint velocities and for the gyro.
+
+        Raises:
+            UnknownNameError: no such unit or quantity.
+        """
+        of: dict[str, str] = {}
+        rate = None
+        for part in filter(None, (part.strip() for part in text.split(","))):
+            quantity, _, unit = (word.strip() for word in part.rpartition("="))
+            if match := re.fullmatch(r"([\d.]+)\s*[Hh]z", unit):
+                rate = float(match[1])
+            else:
+                of |= dict.fromkeys([quantity] if quantity else _quantities_of(unit), unit)
+        return cls(of, rate)
+
+    def factor(self, column: str) -> float:
+        """To SI, of a column of the flat table."""
+        quantity = quantity_of(column)
+        return FACTORS[quantity][self.of[quantity]] if quantity in self.of else 1.0
+
+    def over(self, other: Units) -> Units:
+        """These units, and those of another where these say nothing."""
+        return Units({**other.of, **self.of}, other.rate_hz if self.rate_hz is None else self.rate_hz)
+
+    def __str__(self) -> str:
+        rate = [] if self.rate_hz is None else [f"{self.rate_hz:g} rows a second"]
+        return ", ".join([*(f"{quantity} in {unit}" for quantity, unit in self.of.items()), *rate])
+
+
+def quantity_of(column: str) -> str:
+    """The quantity of a column of the flat table, a key of `FACTORS`; empty for one without a unit."""
+    name = re.sub(r"\.(?:[xyzw]|\{axis\})$", "", column)
+    last = _QUANTITY.get(name.rpartition(".")[-1], name.rpartition(".")[-1])
+    return last if last in FACTORS else ""
+
+
+def labelled(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """By column, its name and unit where it ends in a known unit in brackets, such as "FL_hip.position [deg]"."""
+    found = {name: match for name in names if (match := _LABEL.match(name))}
+    known = {unit for units in FACTORS.values() for unit in units}
+    return {name: (match["name"], unit) for name, match in found.items() if (unit := match["unit"].strip()) in known}
+
+
+def unix_unit(stamps: Array) -> str:
+    """The unit of Unix time stamps that are no seconds, by their size; empty for seconds and for other clocks."""
+    if len(stamps) < 2:
+        return ""
+    step = float(np.median(np.diff(stamps)))
+    for unit, factor in FACTORS["time"].items():
+        if factor < 1.0 and _UNIX[0] <= factor * stamps[0] <= _UNIX[1] and _STEPS[0] <= factor * step <= _STEPS[1]:
+            return unit
+    return ""
+
+
+def _quantities_of(unit: str) -> list[str]:
+    found = [quantity for quantity, units in FACTORS.items() if unit in units]
+    if not found:
+        raise UnknownNameError("unit", unit, dict.fromkeys(u for units in FACTORS.values() for u in units))
+    return found
