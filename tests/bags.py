@@ -88,14 +88,15 @@ def low_state(
     tick: int | None = None,
     kind: str = "unitree_go/msg/LowState",
     topic: str = "/lowstate",
+    imu: tuple[Any, Any] = ((1, 2, 3), (4, 5, 6)),
 ) -> Sent:
-    """Of twelve motors; the IMU says gyro (1, 2, 3), specific force (4, 5, 6), quaternion wxyz (0.5, 0.1, 0.7, 0.5)."""
+    """Of twelve motors; the IMU says gyro and specific force, and the quaternion wxyz (0.5, 0.1, 0.7, 0.5)."""
     package = kind.split("/")[0]
     message = _zeros(kind)
     for motor, q, dq, tau in zip(message.motor_state, position, velocity, effort, strict=False):
         motor.q, motor.dq, motor.tau_est = float(q), float(dq), float(tau)
     assert type(message.imu_state).__name__.startswith(package)
-    for name, values in (("gyroscope", (1, 2, 3)), ("accelerometer", (4, 5, 6)), ("quaternion", (0.5, 0.1, 0.7, 0.5))):
+    for name, values in (("gyroscope", imu[0]), ("accelerometer", imu[1]), ("quaternion", (0.5, 0.1, 0.7, 0.5))):
         setattr(message.imu_state, name, np.array(values, dtype=np.float32))
     message.tick = (round(1e3 * received) if tick is None else tick) % 2**32
     return _sent(topic, kind, received, message)

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pytest
 
 from bags import of_recording, write_folder, write_mcap, write_ros1
+from log_formats import mat, npz
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.logs import READERS, Imu, Recording, as_log, concatenate, read, reader_of, stream, write_table
 from stadera.logs.frames import columns_of
@@ -23,6 +24,8 @@ MAKERS: dict[str, Callable[[Recording, Path], Path]] = {
     "Parquet table": lambda recording, folder: write_table(recording, folder / "log.parquet"),
     "MCAP bag": lambda recording, folder: write_mcap(of_recording(recording), folder / "log.mcap"),
     "ROS 1 bag": lambda recording, folder: write_ros1(of_recording(recording), folder / "log.bag"),
+    "NumPy table": lambda recording, folder: npz(recording, folder / "log.npz"),
+    "MATLAB table": lambda recording, folder: mat(recording, folder / "log.mat"),
     "sqlite3 bag": lambda recording, folder: write_folder(of_recording(recording), folder / "log"),
 }
 

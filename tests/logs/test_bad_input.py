@@ -27,11 +27,14 @@ def test_a_huge_value_names_column_and_sample(tmp_path: Path) -> None:
         read(path)
 
 
-@pytest.mark.parametrize("sign", [";", "\t"])
-def test_another_separator_is_named(tmp_path: Path, sign: str) -> None:
-    path = table(tmp_path / "log.csv", f"time{sign}a.position\n0{sign}1\n1{sign}2\n")
-    with pytest.raises(RecordingError, match="the separator looks like"):
-        read(path)
+@pytest.mark.parametrize("sign", [";", "\t", "|"])
+def test_other_separators_are_read(tmp_path: Path, sign: str) -> None:
+    text = f"# go2, 12 May\ntime{sign}a.position\n0{sign}1.5\n1{sign}2\n"
+    assert read(table(tmp_path / "log.csv", text)).position.tolist() == [[1.5], [2.0]]
+
+
+def test_decimals_with_a_comma_are_read(tmp_path: Path) -> None:
+    assert read(table(tmp_path / "log.csv", "time;a.position\n0,0;1,5\n0,5;2\n")).position.tolist() == [[1.5], [2.0]]
 
 
 def test_columns_without_a_name(tmp_path: Path) -> None:

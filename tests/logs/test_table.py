@@ -140,7 +140,7 @@ def test_bad_values_name_file_column_and_sample(tmp_path: Path, rows: list[str],
     ("header", "message"),
     [
         ("LF_HAA.position,LF_HAA.effort", r"not a flat table: no column 'time'"),
-        ("Time,LF_HAA.position", r"no column 'time'; did you mean 'Time'"),
+        ("tme,LF_HAA.position", r"no column 'time'; did you mean 'tme'"),
         ("time,LF_HAA.effort", r"no column '<joint>.position'"),
         ("time,LF_HAA.position,LF_HAA.position", r"column 'LF_HAA.position' is there 2 times"),
         ("time,a.position,b.postion,b.effort", r"no column 'b.position'; did you mean 'b.postion'"),

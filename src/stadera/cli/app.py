@@ -15,6 +15,7 @@ from stadera.cli.demo import demo
 from stadera.cli.excite import excite
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
+from stadera.cli.options import ColumnsMayStandAlone
 from stadera.cli.reproduce import reproduce
 from stadera.cli.simulate import simulate
 from stadera.cli.weigh import weigh
@@ -47,4 +48,4 @@ def _stadera(
 
 
 for _command in (identify, weigh, inspect, excite, simulate, demo, reproduce):
-    app.command()(_command)
+    app.command(cls=ColumnsMayStandAlone if _command is inspect else None)(_command)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stadera.cli.options import ImuTopic, JointTopic, log_file
+from stadera.cli.options import TEMPLATE, Columns, ImuTopic, JointTopic, LogOptions, PdGains, Units
 from stadera.cli.terminal import progress, show
 
 
@@ -18,12 +18,21 @@ def inspect(
     ] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
+    columns: Columns = None,
+    units: Units = None,
+    pd: PdGains = None,
 ) -> None:
     """Show what is in a log or a robot model.
 
     Of a robot: legs, links with masses, joints with limits, what the loader assumed. Of a log: joints, duration,
-    rate, gaps, ranges, and the robots it fits; with --robot, what is wrong with it.
+    rate, gaps, ranges, and the robots it fits; with --robot, what is wrong with it. `--columns` without a value writes
+    a map of a table's columns, filled in as far as they are recognised.
     """
+    if columns == TEMPLATE:
+        from stadera.logs.foreign.template import template
+
+        print(template(Path(target), LogOptions.of(units=units).reading), end="")
+        return
     if _is_robot(target):
         from stadera.report.inspect import robot_contents
         from stadera.robot import load_robot
@@ -34,7 +43,7 @@ def inspect(
     from stadera.logs.summary import summarize
     from stadera.report.inspect import log_contents
 
-    log = log_file(Path(target), joint_topic, imu_topic)
+    log = LogOptions.of(joint_topic, imu_topic, columns, units, pd).log(Path(target))
     if robot is None:
         summary = summarize(stream(log))
         show(*log_contents(summary, _fitting(summary.joints)))

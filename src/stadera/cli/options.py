@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 if TYPE_CHECKING:
     from stadera.logs.reading import Reading
@@ -44,6 +45,21 @@ PdGains = Annotated[
     str | None,
     typer.Option("--pd", metavar="KP,KD", help="Make torques of desired positions; hip, thigh, calf: KP,KD/KP,KD/..."),
 ]
+
+
+TEMPLATE = "-"
+"""The value of `--columns` without one: write a map of the columns."""
+
+
+class ColumnsMayStandAlone(TyperCommand):
+    """A command whose option `--columns` may stand without a value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The arguments, `--columns` alone made `--columns -`."""
+        given: list[str] = []
+        for argument, follower in zip(args, [*args[1:], "--"], strict=True):
+            given += [argument, TEMPLATE] if argument == "--columns" and follower.startswith("-") else [argument]
+        return super().parse_args(ctx, given)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from stadera.errors import RecordingError
 from stadera.identify.feet import carried_shares
 from stadera.identify.lag import EARLIEST, LATEST, STEP, TorqueLag, estimate_lag
-from stadera.identify.log import Log, Part, Section, head, has_effort, time_span
+from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.residuals import torque_sizes
 from stadera.identify.settings import IdentifySettings

@@ -20,8 +20,10 @@ from stadera.logs.columns import layout
 from stadera.logs.frames import columns_of
 from stadera.logs.join import concatenate, take
 from stadera.logs.recording import Recording
+from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.csv import CsvTable
 from stadera.logs.tables.parquet import ParquetTable
+from stadera.logs.tables.refused import refusal
 from stadera.logs.topics import LogFile
 
 Log = str | PathLike[str] | Recording
@@ -60,6 +62,8 @@ READERS: tuple[Reader, ...] = (
     BagLog(McapFile()),
     BagLog(SqliteFile()),
     BagLog(Ros1File()),
+    NpzTable(),
+    MatTable(),
     CsvTable(),
 )
 
@@ -159,6 +163,8 @@ def reader_of(path: Path) -> Reader:
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(f"{path}: the file is empty; {accepted}")
     try:
+        if refused := refusal(path):
+            raise RecordingError(f"{path}: {refused}")
         found = next((reader for reader in READERS if reader.accepts(path)), None)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None

@@ -89,6 +89,20 @@ def translated(
     return _as_is(names, plain, labels, reading.units, _hint(plain, reading.units))
 
 
+def guessed(names: Sequence[str], reading: Reading) -> Translation:
+    """What the columns of a log may be, also by presets that count only where they are asked for."""
+    found = translated(names, "", reading, Topics())
+    if any(flat.endswith(".position") for flat in found.sources):
+        return found
+    labels = labelled(names)
+    plain = {name: labels[name][0] if name in labels else name for name in names}
+    for name in preset_names():
+        mapped = _mapped_quietly(preset(name).asked(), plain)
+        if any(flat.endswith(".position") for flat in mapped):
+            return _in_units(mapped, preset(name).asked(), labels, reading.units, given=False)
+    return Translation({"time": own} if (own := found.sources.get("time")) else {})
+
+
 def _is_flat(names: Collection[str]) -> bool:
     return "time" in names and any(name.endswith(".position") for name in names)
 
@@ -231,16 +245,24 @@ def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[
 
 def _hint(plain: Mapping[str, str], units: Units) -> str:
     """What may help with a log that no preset fits without being asked for."""
-    fitting = []
+    fitting, timed = [], True
     for name in preset_names():
-        try:
-            found = _mapped(preset(name).asked(), plain, "", Topics(), ())
-        except RecordingError:
-            continue
+        found = _mapped_quietly(preset(name).asked(), plain)
         if any(flat.endswith(".position") for flat in found):
-            fitting.append((name, "time" in found or units.rate_hz is not None))
-    chosen = f"--columns {' or '.join(name for name, _ in fitting)}" if fitting else ""
-    timed = "--units 200Hz if there is no time but a steady rate" if fitting and not all(t for _, t in fitting) else ""
-    own = f"--columns MAP.toml ({TEMPLATE_HINT})"
-    order = "; the joints are numbered, and these differ in the order" if len(fitting) > 1 else ""
-    return "; name the columns by " + ", ".join(filter(None, [chosen + order, timed, own]))
+            fitting.append(name)
+            timed = timed and _is_log(found, units)
+    ways = []
+    if asked := [name for name in fitting if preset(name).chosen]:
+        order = " (joints by number: these differ in their order)" if len(asked) > 1 else ""
+        ways.append(f"--columns {' or '.join(asked)}{order}")
+    if not timed:
+        ways.append("--units 200Hz for a steady rate without a column of time")
+    return f"; {', '.join([*ways, f'--columns MAP.toml ({TEMPLATE_HINT})'])}"
+
+
+def _mapped_quietly(chosen: ColumnMap, plain: Mapping[str, str]) -> dict[str, _Found]:
+    """As `_mapped`; nothing where topics would have to be chosen."""
+    try:
+        return _mapped(chosen, plain, "", Topics(), ())
+    except RecordingError:
+        return {}

@@ -55,6 +55,10 @@ class CsvTable:
             return False
         return bool(head) and b"\0" not in head
 
+    def header(self, path: Path) -> tuple[str, ...]:
+        """Names of the columns."""
+        return _dialect(path).header
+
     def stream(
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:

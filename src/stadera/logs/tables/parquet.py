@@ -32,22 +32,32 @@ class ParquetTable:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
 
+    def header(self, path: Path) -> tuple[str, ...]:
+        """Names of the columns."""
+        return _schema(path)[0]
+
     def stream(
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
-        import pyarrow as pa
-        from pyarrow import parquet
-
         path = log.path
-        try:
-            schema = parquet.read_schema(path)
-            names, frame = schema.names, (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
-        except (pa.ArrowException, OSError, ValueError) as error:
-            raise _damaged(path, error) from None
-        found = layout(names, str(path), joints, require, log.reading, log.topics)
-        found = replace(found, imu_frame=frame or None)
+        names, frame = _schema(path)
+        found = layout(names, str(path), joints, require, log.reading, log.topics, self.name)
+        found = replace(found, imu_frame=frame)
         return table_recordings(_batches(path, found.recorded, rows or BATCH_ROWS), found, str(path), rows)
+
+
+def _schema(path: Path) -> tuple[tuple[str, ...], str | None]:
+    """Names of the columns, and the IMU's frame."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        schema = parquet.read_schema(path)
+        frame = (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
+        return tuple(schema.names), frame or None
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise _damaged(path, error) from None
 
 
 def _batches(path: Path, columns: tuple[str, ...], rows: int) -> Iterator[Batch]:

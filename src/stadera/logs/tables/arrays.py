@@ -1,0 +1,244 @@
+"""Named arrays as a table: NumPy's .npz, read row by row, and MATLAB's .mat.
+
+An array of shape (samples,) is a column. One of shape (samples, k) is k columns: of the joints that the array `joints`
+names for position, velocity, acceleration, effort and their desired values; x, y, z (w) for an IMU's vectors and a
+foot's force; else they are numbered, name[0] to name[k-1]. Pickled objects are never read.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import RecordingError
+from stadera.logs.batches import Batch
+from stadera.logs.columns import CHANNELS, layout
+from stadera.logs.pd_law import DESIRED
+from stadera.logs.recording import Recording
+from stadera.logs.tables.rows import table_recordings
+from stadera.logs.topics import LogFile
+from stadera.types import Array
+
+BATCH_ROWS = 16384
+_AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
+_JOINTS = "joints"
+_NUMBERS = "fiub"
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a column is: an array's name, and which of its columns; None for an array of one."""
+
+    array: str
+    index: int | None = None
+
+
+def columns_of_arrays(shapes: Mapping[str, tuple[int, ...]], joints: Sequence[str]) -> dict[str, Column]:
+    """The columns that arrays of these shapes are, by name. Samples are along the longer side."""
+    found: dict[str, Column] = {}
+    for name, shape in shapes.items():
+        sizes = [size for size in shape if size != 1]
+        if len(sizes) == 1:
+            found[name] = Column(name)
+        elif len(sizes) == 2:
+            found |= {column: Column(name, k) for k, column in enumerate(_split(name, min(sizes), joints))}
+    return found
+
+
+def _split(name: str, width: int, joints: Sequence[str]) -> list[str]:
+    axes = _AXES.get(name.rpartition(".")[-1], "")
+    if name in (*CHANNELS, *DESIRED) and width == len(joints):
+        return [f"{joint}.{name}" for joint in joints]
+    return [f"{name}.{axis}" for axis in axes] if width == len(axes) else [f"{name}[{k}]" for k in range(width)]
+
+
+class NpzTable:
+    """Reads NumPy's .npz; memory is flat in its length for arrays of NumPy's own order."""
+
+    name = "NumPy table"
+    suffixes = (".npz",)
+
+    def accepts(self, path: Path) -> bool:
+        """A zip file of arrays."""
+        if not path.is_file() or not zipfile.is_zipfile(path):
+            return False
+        with zipfile.ZipFile(path) as archive:
+            return any(name.endswith(".npy") for name in archive.namelist())
+
+    def header(self, path: Path) -> tuple[str, ...]:
+        """Names of the columns."""
+        with zipfile.ZipFile(path) as archive:
+            return tuple(_npz_columns(archive, path))
+
+    def stream(
+        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
+    ) -> Iterator[Recording]:
+        """See `stadera.logs.stream`."""
+        path = str(log.path)
+        with zipfile.ZipFile(log.path) as archive:
+            columns = _npz_columns(archive, log.path)
+        found = layout(tuple(columns), path, joints, require, log.reading, log.topics, self.name)
+        batches = _npz_batches(log.path, [columns[name] for name in found.recorded])
+        return table_recordings(batches, found, path, rows)
+
+
+class MatTable:
+    """Reads MATLAB's .mat up to version 7, whole; fields of structs are named struct.field."""
+
+    name = "MATLAB table"
+    suffixes = (".mat",)
+
+    def accepts(self, path: Path) -> bool:
+        """A file that begins as MATLAB's of version 5 to 7."""
+        if not path.is_file():
+            return False
+        with path.open("rb") as file:
+            return file.read(10) == b"MATLAB 5.0"
+
+    def header(self, path: Path) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(_mat_columns(_mat_arrays(path)))
+
+    def stream(
+        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
+    ) -> Iterator[Recording]:
+        """See `stadera.logs.stream`."""
+        path, arrays = str(log.path), _mat_arrays(log.path)
+        columns = _mat_columns(arrays)
+        found = layout(tuple(columns), path, joints, require, log.reading, log.topics, self.name)
+        values = [_column(arrays[columns[name].array], columns[name].index) for name in found.recorded]
+        _check_lengths({name: len(value) for name, value in zip(found.recorded, values, strict=True)}, path)
+        return table_recordings([_batch(np.stack(values))], found, path, rows)
+
+
+def _batch(values: Array) -> Batch:
+    """NaN is a blank cell: arrays have no other."""
+    blank = np.isnan(values)
+    return Batch(values, blank if blank.any() else None)
+
+
+def _column(array: NDArray[Any], index: int | None) -> Array:
+    array = np.squeeze(array)
+    if index is not None:
+        array = array[:, index] if array.shape[0] >= array.shape[1] else array[index]
+    return array.astype(np.float64)
+
+
+def _check_lengths(lengths: Mapping[str, int], path: str) -> None:
+    (first, samples), *others = lengths.items()
+    if wrong := next(((name, length) for name, length in others if length != samples), None):
+        raise RecordingError(f"{path}: {wrong[0]!r} has {wrong[1]} values, {first!r} has {samples}; both need as many")
+
+
+# -- NumPy ------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Header:
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
+
+
+def _read_header(file: IO[bytes]) -> _Header:
+    version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    return _Header(*read(file))  # type: ignore[no-untyped-call]
+
+
+def _npz_columns(archive: zipfile.ZipFile, path: Path) -> dict[str, Column]:
+    shapes: dict[str, tuple[int, ...]] = {}
+    joints: list[str] = []
+    try:
+        for member in archive.namelist():
+            name = member.removesuffix(".npy")
+            with archive.open(member) as file:
+                header = _read_header(file)
+            if header.dtype.hasobject:
+                raise RecordingError(
+                    f"{path}: array {name!r} holds pickled objects, which can run any code and are not read; save it "
+                    f"as numbers or as names: import numpy; numpy.savez(..., {name}=list_of_them)"
+                )
+            if name == _JOINTS and header.dtype.kind == "U":
+                with archive.open(member) as file:
+                    joints = [str(joint) for joint in np.lib.format.read_array(file, allow_pickle=False)]  # type: ignore[no-untyped-call]
+            elif header.dtype.kind in _NUMBERS:
+                shapes[name] = header.shape
+    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        raise RecordingError(f"{path}: damaged NumPy file: {' '.join(str(error).split())[:200]}") from None
+    return columns_of_arrays(shapes, joints)
+
+
+class _Member:
+    """One array of an archive, read from its beginning on."""
+
+    def __init__(self, archive: zipfile.ZipFile, name: str, stack: ExitStack) -> None:
+        self._file = stack.enter_context(archive.open(f"{name}.npy"))
+        self._header = header = _read_header(self._file)
+        sizes = [size for size in header.shape if size != 1] or [1]
+        self.samples = max(sizes)
+        self._width = min(sizes) if len(sizes) == 2 else 1
+        self._whole: NDArray[Any] | None = None
+        if len(sizes) == 2 and (header.fortran or sizes[0] < sizes[1]):  # samples do not follow each other
+            flat = np.frombuffer(self._file.read(), header.dtype)
+            array = flat.reshape(sizes[::-1]).T if header.fortran else flat.reshape(sizes)
+            self._whole = array if sizes[0] >= sizes[1] else array.T
+
+    def rows(self, first: int, count: int) -> NDArray[Any]:
+        """The next samples, (count, width)."""
+        if self._whole is not None:
+            return self._whole[first : first + count]
+        count = min(count, self.samples - first)
+        size = count * self._width * self._header.dtype.itemsize
+        return np.frombuffer(self._file.read(size), self._header.dtype).reshape(count, self._width)
+
+
+def _npz_batches(path: Path, columns: Sequence[Column]) -> Iterator[Batch]:
+    try:
+        with ExitStack() as stack:
+            archive = stack.enter_context(zipfile.ZipFile(path))
+            members = {name: _Member(archive, name, stack) for name in dict.fromkeys(c.array for c in columns)}
+            _check_lengths({name: member.samples for name, member in members.items()}, str(path))
+            for first in range(0, members[columns[0].array].samples, BATCH_ROWS):
+                rows = {name: member.rows(first, BATCH_ROWS) for name, member in members.items()}
+                yield _batch(np.array([rows[c.array][:, c.index or 0] for c in columns], dtype=np.float64))
+    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        raise RecordingError(f"{path}: damaged NumPy file: {' '.join(str(error).split())[:200]}") from None
+
+
+# -- MATLAB -----------------------------------------------------------------------------------------------------------
+def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    from scipy import io
+
+    try:
+        content = io.loadmat(str(path), chars_as_strings=True)
+    except Exception as error:  # scipy meets damaged files with errors of many kinds
+        raise RecordingError(f"{path}: damaged MATLAB file: {' '.join(str(error).split())[:200]}") from None
+    found: dict[str, NDArray[Any]] = {}
+    for name, value in content.items():
+        if not name.startswith("__"):
+            _flatten(name, value, found)
+    return found
+
+
+def _flatten(name: str, value: Any, found: dict[str, NDArray[Any]]) -> None:
+    array = np.asarray(value)
+    if array.dtype.names is not None and array.size == 1:
+        for field in array.dtype.names:
+            _flatten(f"{name}.{field}", array[field].item(), found)
+    elif array.dtype.kind == "O":
+        found[name] = np.array([str(np.squeeze(cell)) for cell in array.ravel()])
+    elif array.dtype.names is None:
+        found[name] = array
+
+
+def _mat_columns(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
+    """A char matrix or a cell array `joints` names the joints."""
+    joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
+    shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
+    return columns_of_arrays(shapes, joints)

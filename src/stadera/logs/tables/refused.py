@@ -1,0 +1,51 @@
+"""Files that are not read, and how to make logs of them: pickles, which can run any code, and what has no names."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+_PICKLES = (".pkl", ".pickle")
+_UNSAFE = "a pickle can run any code and is not read; where you trust it, make a table of it in Python"
+
+
+def refusal(path: Path) -> str:
+    """Why a file is not read, with the lines that convert it; empty for any other."""
+    if not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        head = file.read(128)
+    name, npz = str(path), f"{path.stem}.npz"
+    if (head[:1] == b"\x80" and head[1:2] in (b"\x02", b"\x03", b"\x04", b"\x05")) or path.suffix.lower() in _PICKLES:
+        return f"{_UNSAFE}: import numpy, pickle; numpy.savez({npz!r}, **pickle.load(open({name!r}, 'rb')))"
+    if head.startswith(b"PK") and _is_torch(path):
+        return (
+            f"{_UNSAFE}: import numpy, torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in "
+            f"torch.load({name!r}, weights_only=True).items()}})"
+        )
+    if head.startswith(b"\x93NUMPY"):
+        return _of_npy(head, name, npz)
+    if b"MATLAB 7.3" in head[:16]:
+        return f"MATLAB's version 7.3 is not read; save it again in MATLAB: save({f'{path.stem}_7.mat'!r}, ..., '-v7')"
+    if head.startswith(b"\x89HDF"):
+        return (
+            f"HDF5 is not read; make a table of it in Python: import h5py, numpy; numpy.savez({npz!r}, "
+            f"**{{k: v[()] for k, v in h5py.File({name!r}).items()}})"
+        )
+    return ""
+
+
+def _is_torch(path: Path) -> bool:
+    if not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return any(name.endswith("data.pkl") for name in archive.namelist())
+
+
+def _of_npy(head: bytes, name: str, npz: str) -> str:
+    if b"'|O'" in head:
+        return f"{_UNSAFE}: import numpy; numpy.savez({npz!r}, **numpy.load({name!r}, allow_pickle=True).item())"
+    return (
+        "an array without names of columns; give it some in Python: import numpy; a = "
+        f"numpy.load({name!r}); numpy.savez({npz!r}, time=a[:, 0], position=a[:, 1:13], joints=['FL_hip_joint', ...])"
+    )
