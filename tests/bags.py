@@ -15,13 +15,33 @@ from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stadera.logs import Recording
+from stadera.logs.bags.states import PUBLISHED as STATES
 from stadera.logs.bags.unitree import PUBLISHED
 
 JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 ROS1_TYPES = get_typestore(Stores.ROS1_NOETIC)
-for _kind, _definition in PUBLISHED.items():
-    TYPES.register(get_types_from_msg(_definition, _kind))
+OLD_LOW_STATE = "unitree_legged_msgs/msg/LowState"
+_LINE = "=" * 80
+OTHERS = {
+    OLD_LOW_STATE: "uint8 levelFlag\nuint16 bandWidth\nunitree_legged_msgs/IMU imu\n"
+    "unitree_legged_msgs/MotorState[20] motorState\nint16[4] footForce\nuint32 tick\n"
+    f"{_LINE}\nMSG: unitree_legged_msgs/IMU\nfloat32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\n"
+    f"int8 temperature\n{_LINE}\nMSG: unitree_legged_msgs/MotorState\nuint8 mode\nfloat32 q\nfloat32 dq\n"
+    "float32 ddq\nfloat32 tauEst\nint8 temperature\nuint32[2] reserve\n",
+    "anymal_msgs/msg/AnymalState": "std_msgs/Header header\nint8 state\nany_msgs/ExtendedJointState joints\n"
+    f"{_LINE}\nMSG: any_msgs/ExtendedJointState\nstd_msgs/Header header\nstring[] name\nfloat64[] position\n"
+    "float64[] velocity\nfloat64[] acceleration\nfloat64[] effort\n",
+    "whole_body_state_msgs/msg/WholeBodyState": "std_msgs/Header header\nfloat64 time\n"
+    f"whole_body_state_msgs/JointState[] joints\n{_LINE}\nMSG: whole_body_state_msgs/JointState\nstring name\n"
+    "float64 position\nfloat64 velocity\nfloat64 acceleration\nfloat64 effort\n",
+    "control_msgs/msg/JointTrajectoryControllerState": "std_msgs/Header header\nstring[] joint_names\n"
+    "trajectory_msgs/JointTrajectoryPoint reference\ntrajectory_msgs/JointTrajectoryPoint feedback\n",
+}
+"""Definitions of types that other packages have, shortened."""
+for _kind, _definition in (*PUBLISHED.items(), *STATES.items(), *OTHERS.items()):
+    TYPES.register({k: v for k, v in get_types_from_msg(_definition, _kind).items() if k not in TYPES.types})
+ROS1_TYPES.register(get_types_from_msg(OTHERS[OLD_LOW_STATE], OLD_LOW_STATE))
 NS = 1_000_000_000
 
 
@@ -99,7 +119,54 @@ def low_state(
     for name, values in (("gyroscope", imu[0]), ("accelerometer", imu[1]), ("quaternion", (0.5, 0.1, 0.7, 0.5))):
         setattr(message.imu_state, name, np.array(values, dtype=np.float32))
     message.tick = (round(1e3 * received) if tick is None else tick) % 2**32
+    if hasattr(message, "foot_force"):
+        message.foot_force = np.arange(4, dtype=np.int16)
     return _sent(topic, kind, received, message)
+
+
+def old_low_state(received: float, position: Any, tick: int) -> Sent:
+    """Of the ROS 1 packages, torques by one more than the positions; the IMU says what `low_state`'s does."""
+    message = _zeros(OLD_LOW_STATE)
+    for motor, q in zip(message.motorState, position, strict=False):
+        motor.q, motor.tauEst = float(q), float(q) + 1.0
+    for name, values in (("gyroscope", (1, 2, 3)), ("accelerometer", (4, 5, 6)), ("quaternion", (0.5, 0.1, 0.7, 0.5))):
+        setattr(message.imu, name, np.array(values, dtype=np.float32))
+    message.tick = tick
+    return _sent("/low_state", OLD_LOW_STATE, received, message)
+
+
+def states(
+    kind: str, time: float, names: Sequence[str], position: Any, velocity: Any, effort: Any, topic: str = "/state"
+) -> Sent:
+    """Joints' states in a message of another type."""
+    make, header, rows = TYPES.types, _header(time, ""), (position, velocity, effort)
+    arrays = [np.asarray(row, dtype=float) for row in rows]
+    message: Any
+    if kind.endswith("AnymalState"):
+        part = make["any_msgs/msg/ExtendedJointState"](header, list(names), *arrays[:2], np.empty(0), arrays[2])
+        message = make[kind](header, 1, part)
+    elif kind.endswith("WholeBodyState"):
+        joint = make["whole_body_state_msgs/msg/JointState"]
+        message = make[kind](header, 0.0, [joint(n, q, v, 0.0, t) for n, q, v, t in zip(names, *rows, strict=True)])
+    elif kind.endswith("DynamicJointState"):
+        value = make["control_msgs/msg/InterfaceValue"]
+        mixed = [(["effort", "position", "velocity"], [t, q, v]) for q, v, t in zip(*rows, strict=True)]
+        message = make[kind](header, list(names), [value(n, np.array(v, dtype=float)) for n, v in mixed])
+    elif kind.endswith("Statistics"):
+        number = make["pal_statistics_msgs/msg/Statistic"]
+        said = [
+            ("state_interface", "position", 0),
+            ("state_interface", "effort", 2),
+            ("command_interface", "effort", 1),
+        ]
+        listed = [number(f"{a}.{n}/{b}", float(rows[c][k])) for k, n in enumerate(names) for a, b, c in said]
+        message = make[kind](header, [number("controller_manager.rate", 1000.0), *listed])
+    else:
+        duration = make["builtin_interfaces/msg/Duration"](0, 0)
+        point = make["trajectory_msgs/msg/JointTrajectoryPoint"]
+        wanted, measured = (point(p, v, np.empty(0), t, duration) for p, v, t in (3 * [0 * arrays[0]], arrays))
+        message = make[kind](header, list(names), wanted, measured)
+    return _sent(topic, kind, time, message)
 
 
 def _zeros(kind: str) -> Any:
@@ -181,7 +248,8 @@ def write_ros1(sent: Iterable[Sent], path: Path, *, chunk: int = 1 << 14, compre
         for message in sent:
             if message.topic not in connections:
                 connections[message.topic] = writer.add_connection(message.topic, message.kind, typestore=ROS1_TYPES)
-            said = ROS1_TYPES.serialize_ros1(_as_ros1(TYPES.deserialize_cdr(message.data, message.kind)), message.kind)
+            decoded = _as_ros1(TYPES.deserialize_cdr(message.data, message.kind))
+            said = ROS1_TYPES.serialize_ros1(decoded, message.kind)
             writer.write(connections[message.topic], message.received, bytes(said))
     return path
 

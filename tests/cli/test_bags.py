@@ -49,7 +49,8 @@ def test_topics_are_chosen(run, standing: Recording, tmp_path: Path) -> None:
     log = write_mcap(sorted(sent, key=lambda s: s.received), tmp_path / "log.mcap")
     finished = run("inspect", log)
     assert finished.code == 1
-    assert "/imu/data, /imu/raw; choose one with --imu-topic" in finished.err
+    assert "/imu/data (sensor_msgs/msg/Imu, 100 Hz), /imu/raw (" in finished.err
+    assert finished.err.endswith("; choose one with --imu-topic\n")
     finished = run("inspect", log, "--robot", "hyq", "--imu-topic", "/imu/data")
     assert finished.code == 0
     assert "nothing wrong was found" in finished.out

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bags import imu, joints, low_state, write_folder, write_mcap
+from bags import imu, joints, low_state, old_low_state, write_folder, write_mcap, write_ros1
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Recording, Topics, read
-from stadera.logs.bags.unitree import LOW_STATES, MOTORS, TickClock, motor_names
+from stadera.logs.bags.clock import TickClock
+from stadera.logs.bags.unitree import LOW_STATES, MOTORS, motor_names
 
 MS = 1_000_000
 
@@ -38,7 +39,8 @@ def test_motors_by_name_and_the_imu_in_our_order(tmp_path: Path, kind: str) -> N
         np.testing.assert_allclose(log.imu.linear_acceleration[7], (4, 5, 6))
         np.testing.assert_allclose(log.imu.orientation[7], (0.1, 0.7, 0.5, 0.5), rtol=1e-6)  # type: ignore[index]
         np.testing.assert_allclose(np.diff(log.time), 0.002, atol=1e-6)
-        assert any("foot_force of /lowstate" in note for note in log.notes)
+        (note,) = [note for note in log.notes if "foot_force" in note] or [""]
+        assert note.endswith("(FR 0 to 0, FL 1 to 1, RR 2 to 2, RL 3 to 3)") == (kind == LOW_STATES[0])
 
 
 @pytest.mark.parametrize(
@@ -77,12 +79,39 @@ def test_a_topic_of_its_own_replaces_the_imu_where_asked_for(tmp_path: Path) -> 
 
 
 def test_two_topics_of_joints_are_asked_about(tmp_path: Path) -> None:
-    twice = [*states(), *states(topic="/lf/lowstate")]
-    with pytest.raises(RecordingError, match=r"/lf/lowstate, /lowstate; choose one with --joint-topic"):
-        read(write_mcap(twice, tmp_path / "x.mcap"))
     named = [joints(1.7e9 + 0.002 * k, ("a",), (1.0,)) for k in range(50)]
-    with pytest.raises(RecordingError, match=r"/joint_states, /lowstate; choose one with --joint-topic"):
-        read(write_mcap([*states(), *named], tmp_path / "y.mcap"))
+    path = write_mcap([*states(), *named], tmp_path / "y.mcap")
+    with pytest.raises(
+        RecordingError, match=r"/joint_states \(.*1 joints\), /lowstate \(.*500 Hz, 12 joints\); choose"
+    ):
+        read(path)
+    log = read(path, joints=("FL_hip_joint", "FL_thigh_joint"))
+    assert any("joints read from /lowstate" in n and "other topics of joints: /joint_states" in n for n in log.notes)
+
+
+def test_the_slow_copy_of_the_state_is_left(tmp_path: Path) -> None:
+    path = write_mcap([*states(), *states(topic="/lf/lowstate")[::10]], tmp_path / "x.mcap")
+    assert len(read(path)) == 50
+    assert len(read(LogFile(path, Topics(joint="/lf/lowstate")))) == 5
+
+
+def test_more_motors_than_the_legs_have_are_named(tmp_path: Path) -> None:
+    sent = [low_state(1.7e9 + 0.002 * k, np.ones(16), np.ones(16), np.ones(16)) for k in range(9)]
+    assert any("/lowstate has 16 motors" in note for note in read(write_mcap(sent, tmp_path / "x.mcap")).notes)
+
+
+def test_the_ros_1_packages_of_older_robots(tmp_path: Path) -> None:
+    """Names in camel case, numbers that are not aligned."""
+    path = write_ros1(
+        [old_low_state(1.6e9 + 0.002 * k, np.arange(12.0) + k, 2 * k) for k in range(50)], tmp_path / "x.bag"
+    )
+    log = read(path)
+    assert log.joints == MOTORS
+    np.testing.assert_array_equal(log.position, np.arange(12) + np.arange(50)[:, None])
+    np.testing.assert_array_equal(log.effort, log.position + 1)  # type: ignore[operator]
+    assert log.imu is not None
+    np.testing.assert_allclose(log.imu.linear_acceleration[3], (4, 5, 6))
+    np.testing.assert_allclose(log.imu.orientation[3], (0.1, 0.7, 0.5, 0.5), rtol=1e-6)  # type: ignore[index]
 
 
 def test_late_messages_get_the_counters_time(tmp_path: Path) -> None:

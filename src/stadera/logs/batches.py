@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
+from stadera.logs.clock import RowClock
 from stadera.logs.columns import Layout
 from stadera.logs.pd_law import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.recording import Imu, Recording
@@ -53,18 +54,19 @@ class Batch:
 def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
     """Recordings of `rows` samples each (the last one shorter; None: a single one) from batches of any length.
 
-    A blank cell is a dropout: its row is removed, counted and named in the notes. NaN or infinity is an error.
+    A blank cell is a dropout: its row is removed, counted and named in the notes. NaN or infinity is an error. For time
+    that does not increase see `RowClock`.
 
     Raises:
-        RecordingError: a value that is not a finite number, time that does not increase (also across chunks), fewer
-            than two samples. Names the source, the column and the sample, counted from 0 over the whole log.
+        RecordingError: a value that is not a finite number, time that is no clock, fewer than two samples. Names the
+            source, the column and the sample, counted from 0 over the whole log.
     """
-    last, row, samples = -np.inf, 0, 0
+    clock, row, samples = RowClock(source), 0, 0
     for batch in _rebatched(in_si(batches, layout), rows):
-        chunk = _recording(batch, layout, source, row, last)
+        chunk = _recording(batch, layout, source, row, clock)
         row += len(batch)
         if chunk is not None:
-            last, samples = float(chunk.time[-1]), samples + len(chunk)
+            samples += len(chunk)
             yield chunk
     if samples < 2:
         blank = f" without blank cells among {row}" if row > samples else ""
@@ -96,12 +98,15 @@ def _rebatched(batches: Iterable[Batch], rows: int | None) -> Iterator[Batch]:
         yield Batch.joined(waiting)
 
 
-def _recording(batch: Batch, layout: Layout, source: str, first: int, last: float) -> Recording | None:
+def _recording(batch: Batch, layout: Layout, source: str, first: int, clock: RowClock) -> Recording | None:
     values, samples, notes = _without_dropouts(batch, layout.columns, first)
     if not len(samples):
         return None
     _check_values(values, layout.columns, samples, source)
-    _check_time(values[0], samples, source, last)
+    time, kept, more = clock(values[0], samples)
+    if not kept.any():
+        return None
+    time, values, notes = time[kept], values if kept.all() else values[:, kept], notes + more
     place = {name: i for i, name in enumerate(layout.columns)}
 
     def block(columns: tuple[str, ...]) -> Array:
@@ -112,7 +117,7 @@ def _recording(batch: Batch, layout: Layout, source: str, first: int, last: floa
     channels: dict[str, Any] = {channel: block(columns) for channel, columns in layout.channels.items()}
     desired = {name: channels.pop(name) for name in DESIRED if name in channels}
     recording = Recording(
-        time=values[0],
+        time=time,
         joints=layout.joints,
         imu=_imu(imu, layout.imu_frame) if imu else None,
         foot_force={foot: block(columns) for foot, columns in layout.force.items()},
@@ -170,13 +175,3 @@ def _check_values(values: Array, columns: Sequence[str], samples: NDArray[np.int
     raise RecordingError(
         f"{where} {value:.3g} at sample {samples[at]}, more than any sensor says in SI units (at most {LARGEST:g})"
     )
-
-
-def _check_time(time: Array, samples: NDArray[np.int64], source: str, last: float) -> None:
-    steps = np.diff(time, prepend=last)
-    if steps.min() > 0:
-        return
-    at = int(np.argmax(steps <= 0))
-    before = last if at == 0 else time[at - 1]
-    what = "stands still" if steps[at] == 0 else "runs back"
-    raise RecordingError(f"{source}: column 'time' {what} at sample {samples[at]} ({before:.6f} to {time[at]:.6f} s)")

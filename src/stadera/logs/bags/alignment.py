@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import RecordingError
+from stadera.logs.bags.clock import HeaderClock
 from stadera.logs.bags.decode import Sample
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.columns import IMU_COLUMNS
@@ -32,6 +33,8 @@ class Track:
         gaps, longest: steps of more than `GAP_FACTOR` periods, and the longest step [ns].
         first, newest: stamps [ns].
         period: median step of the beginning [ns].
+        clock: that repairs the stamps.
+        apart: of the reference's clock from this one [s], where that is corrected; the largest so far.
         stamps, values: of the samples kept, (kept,) [ns] and (kept, columns).
     """
 
@@ -44,7 +47,9 @@ class Track:
         self.period = np.nan
         self.stamps: Stamps = np.empty(0, dtype=np.int64)
         self.values: Array = np.empty((0, len(columns)))
-        self._waiting: list[tuple[int, Array]] = []
+        self.clock = HeaderClock(settings)
+        self.apart = 0.0
+        self._waiting: list[tuple[int, int, Array]] = []
         self._order: dict[tuple[str, ...], list[int]] = {}
 
     def __len__(self) -> int:
@@ -56,27 +61,30 @@ class Track:
         gaps = f", {self.gaps} gap{'s' * (self.gaps > 1)}, the longest {1e-9 * self.longest:.3f} s" if self.gaps else ""
         return f"{rate:.5g} Hz{gaps}"
 
-    def add(self, stamp: int, values: Array) -> None:
-        """Add a sample (columns,) at its stamp [ns]; it counts from the next `settle` on."""
-        self._waiting.append((stamp, values))
+    def add(self, stamp: int, values: Array, received: int | None = None) -> None:
+        """Add a sample (columns,) at its stamp [ns], recorded then or later; it counts from the next `settle` on."""
+        self._waiting.append((stamp, stamp if received is None else received, values))
 
     def take(self, sample: Sample) -> None:
         """Add a sample whose columns are in any order."""
         if (order := self._order.get(sample.columns)) is None:
             order = self._order[sample.columns] = [sample.columns.index(name) for name in self.columns]
-        self.add(sample.stamp, sample.values[order])
+        self.add(sample.stamp, sample.values[order], sample.received)
 
-    def settle(self) -> None:
-        """Take in the samples added since the last call.
+    def settle(self, reference: Track | None = None) -> None:
+        """Take in the samples added since the last call; their clock follows that of the reference, if there is one.
 
         Raises:
             RecordingError: stamps that are no clock.
         """
-        if not self._waiting:
+        if not self._waiting or (reference is not None and np.isnan(reference.clock.delay)):
             return
-        stamps = np.array([stamp for stamp, _ in self._waiting], dtype=np.int64)
-        values = np.array([values for _, values in self._waiting])
+        stamps, received = np.array([times for *times, _ in self._waiting], dtype=np.int64).T
+        values = np.array([values for *_, values in self._waiting])
         self._waiting = []
+        stamps = self.clock(stamps, received)
+        if reference is not None:
+            stamps = stamps + round(1e9 * self._behind(reference.clock))
         self.extend(stamps, values)
 
     def extend(self, stamps: Stamps, values: Array) -> None:
@@ -105,6 +113,17 @@ class Track:
         self.newest = int(stamps[-1])
         self.stamps = np.concatenate([self.stamps, stamps])
         self.values = np.concatenate([self.values, values])
+
+    def _behind(self, other: HeaderClock) -> float:
+        """By how much this clock is behind the other one [s]; 0 where that is no more than delays differ by."""
+        at_first = self.clock.first_delay - other.first_delay
+        behind = self.clock.delay - other.delay
+        if abs(at_first) <= self._settings.clocks_apart:
+            behind -= at_first
+            if abs(behind) <= self._settings.drift:
+                return 0.0
+        self.apart = max(self.apart, behind, key=abs)
+        return float(behind)
 
     def _check_clock(self, bad: Stamps) -> None:
         enough = self.seen >= self._settings.out_of_order_from
@@ -158,8 +177,9 @@ class Alignment:
         Args:
             final: nothing more is to come.
         """
-        for track in (self.reference, *self.others):
-            track.settle()
+        self.reference.settle()
+        for track in self.others:
+            track.settle(self.reference)
         newest = self.reference.newest
         until = newest if final else max(min((t.newest for t in self.others), default=newest), newest - self._patience)
         count = int(np.searchsorted(self.reference.stamps, until, side="right"))

@@ -8,11 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.logs.bags.container import Topic
-from stadera.logs.bags.decode import IMU, IMU_NAMES, JOINT_STATE, Sample
+from stadera.logs.bags.decode import IMU_NAMES, Sample
 from stadera.logs.bags.settings import BagSettings
-from stadera.logs.bags.unitree import LOW_STATES
-from stadera.logs.topics import Topics
 
 Columns = tuple[str, ...]
 
@@ -44,38 +41,6 @@ class Beginning:
         return (*(name for columns in self.joints.values() for name in columns), *(self.imu or ()))
 
 
-def chosen_topics(found: Mapping[str, Topic], topics: Topics, source: str) -> tuple[str, str | None]:
-    """The topic of joints and that of the IMU. None if there is none, or if the joints' messages have it.
-
-    Raises:
-        RecordingError: a topic that is not there or of another type, none of joints, several and none chosen.
-    """
-    states = (JOINT_STATE, *(kind for kind in LOW_STATES if kind in {topic.kind for topic in found.values()}))
-    joint = _chosen(found, states, topics.joint, "--joint-topic", source)
-    if joint is None:
-        there = ", ".join(f"{name} ({topic.kind})" for name, topic in sorted(found.items())) or "none"
-        raise RecordingError(f"{source}: no topic of type {LOW_STATES[0]} or {JOINT_STATE}; topics: {there}")
-    if found[joint].kind in LOW_STATES and topics.imu in (None, joint):
-        return joint, None
-    return joint, _chosen(found, (IMU,), topics.imu, "--imu-topic", source)
-
-
-def _chosen(
-    found: Mapping[str, Topic], kinds: Sequence[str], asked: str | None, option: str, source: str
-) -> str | None:
-    fitting = sorted(name for name, topic in found.items() if topic.kind in kinds)
-    listed = f"topics of type {' or '.join(kinds)}: {', '.join(fitting) or 'none'}"
-    if asked is not None:
-        if asked not in found:
-            raise RecordingError(f"{source}: {option} {asked}: no such topic; {listed}")
-        if asked not in fitting:
-            raise RecordingError(f"{source}: {option} {asked} is a {found[asked].kind}; {listed}")
-        return asked
-    if len(fitting) > 1:
-        raise RecordingError(f"{source}: several {listed}; choose one with {option}")
-    return fitting[0] if fitting else None
-
-
 def first_samples(
     samples: Iterable[Sample], joint_topic: str, imu_topic: str | None, settings: BagSettings
 ) -> tuple[Sample, ...]:
@@ -91,7 +56,7 @@ def first_samples(
 
 
 def beginning_of(
-    head: Sequence[Sample], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None, settings: BagSettings
+    head: Sequence[Sample], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
 ) -> Beginning:
     """What the first messages, some of joints among them, decide for the joints asked for (None: all).
 
@@ -101,7 +66,7 @@ def beginning_of(
     of_joints = [sample for sample in head if sample.topic == joint_topic]
     of_imu = [sample for sample in head if sample.topic == imu_topic]
     offset = _delay(of_joints) - _delay(of_imu)
-    fault = _fault(of_imu, offset, settings) if imu_topic is not None else ""
+    fault = _fault(of_imu) if imu_topic is not None else ""
     usable = bool(of_imu) and not fault
     return Beginning(
         samples=tuple(head),
@@ -149,7 +114,7 @@ def _check_agreement(named: Sequence[Columns], topic: str) -> None:
     """Raises if publishers have a joint in common, or one names a joint twice."""
     for k, names in enumerate(named):
         if twice := next((joint for joint in names if names.count(joint) > 1), None):
-            raise RecordingError(f"{topic}: a JointState names joint {twice!r} twice")
+            raise RecordingError(f"{topic}: a message names joint {twice!r} twice")
         for other in named[:k]:
             if both := sorted(set(names).intersection(other)):
                 raise RecordingError(
@@ -164,15 +129,13 @@ def _known(samples: Sequence[Sample]) -> Columns:
     return tuple(name for name in samples[0].columns if any(known[name] for known in values))
 
 
-def _fault(samples: Sequence[Sample], offset: float, settings: BagSettings) -> str:
+def _fault(samples: Sequence[Sample]) -> str:
     if not samples:
         return "it has no messages that can be read"
     if other := next((sample.frame for sample in samples if sample.frame != samples[0].frame), None):
         return f"its messages are in two frames, {samples[0].frame!r} and {other!r}"
     if missing := [name for name in IMU_NAMES[:6] if name not in _known(samples)]:
         return f"it has no {missing[0].removeprefix('imu.')}"
-    if abs(offset) > settings.clocks_apart:
-        return f"the clock of its headers is {offset:+.3f} s off that of the joints'"
     return ""
 
 

@@ -1,4 +1,4 @@
-"""Values of messages from their bytes: JointState and Imu of ROS 1 and 2, and Unitree's LowState."""
+"""Values of messages from their bytes: joints' states and Imu of ROS 1 and 2, and Unitree's LowState."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from stadera.errors import RecordingError
 from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.settings import BagSettings
+from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.types import Array
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
-CHANNELS = ("position", "velocity", "effort")
 IMU_NAMES = tuple(name for names in IMU_COLUMNS.values() for name in names)
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -58,13 +58,31 @@ def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings:
         joints: that are asked for; motors without names are mapped to these.
         settings: how stamps are corrected.
     """
-    if topic.kind in (JOINT_STATE, IMU):
-        store, read = _types(encoding), _joint_state if topic.kind == JOINT_STATE else _imu
-        deserialize = store.deserialize_ros1 if encoding == "ros1" else store.deserialize_cdr
-        return lambda message: read(message, deserialize(uncompressed(message.data), topic.kind))
-    from stadera.logs.bags.unitree import LowStates
+    if is_low_state(topic):
+        from stadera.logs.bags.unitree import LowStates
 
-    return LowStates(topic, joints, settings)
+        return LowStates(topic, encoding, joints, settings)
+    types = _types(topic, encoding)
+    deserialize = types.deserialize_ros1 if encoding == "ros1" else types.deserialize_cdr
+    read = _imu if topic.kind == IMU else _states(finder(types.fielddefs, topic.kind), topic.kind)
+    return lambda message: read(message, deserialize(uncompressed(message.data), topic.kind))
+
+
+def is_low_state(topic: Topic) -> bool:
+    """Whether messages are Unitree's LowState, of ROS 2 or of a ROS 1 package of its older robots."""
+    from stadera.logs.bags.unitree import LOW_STATES
+
+    return topic.kind in LOW_STATES or (topic.kind.endswith("/LowState") and "otor" in topic.definition)
+
+
+def has_states(topic: Topic, encoding: str) -> bool:
+    """Whether messages other than a JointState or LowState have joints' states in a layout that is known."""
+    if "position" not in topic.definition and topic.kind not in PUBLISHED and "Statistic" not in topic.definition:
+        return False
+    try:
+        return finder(_types(topic, encoding).fielddefs, topic.kind) is not None
+    except Exception:  # of many kinds: a definition that is damaged or in another language
+        return False
 
 
 def uncompressed(data: bytes) -> bytes:
@@ -82,14 +100,23 @@ def joint_columns(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{name}.{channel}" for channel in CHANNELS for name in names)
 
 
-def _joint_state(message: Message, content: Any) -> Sample:
-    names, blank = tuple(content.name), np.full(len(content.name), np.nan)
-    channels = [getattr(content, channel) for channel in CHANNELS]
-    for channel, values in zip(CHANNELS, channels, strict=True):
-        if len(values) not in (0, len(names)):
-            raise RecordingError(f"{message.topic}: a JointState has {len(names)} names and {len(values)} of {channel}")
-    values = np.concatenate([values if len(values) else blank for values in channels])
-    return Sample(message.topic, message.received, _stamp(content), "", joint_columns(names), values)
+def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Sample]:
+    """Reads messages that have joints' states."""
+    if find is None:
+        raise RecordingError(f"a {kind} in this log has no joints' states: its definition is another one")
+
+    def read(message: Message, content: Any) -> Sample:
+        names, channels = find(content)
+        blank = np.full(len(names), np.nan)
+        rows = [channels.get(channel, blank) for channel in CHANNELS]
+        if wrong := next((c for c, row in zip(CHANNELS, rows, strict=True) if len(row) not in (0, len(names))), None):
+            count = len(channels[wrong])
+            raise RecordingError(f"{message.topic}: a message has {len(names)} names and {count} of {wrong}")
+        values = np.concatenate([row if len(row) else blank for row in rows])
+        stamp = _stamp(content) if hasattr(content, "header") else message.received
+        return Sample(message.topic, message.received, stamp, "", joint_columns(names), values)
+
+    return read
 
 
 def _imu(message: Message, content: Any) -> Sample:
@@ -111,8 +138,14 @@ def _stamp(content: Any) -> int:
 
 
 @cache
-def _types(encoding: str) -> Typestore:
-    """Definitions of a release: both types are alike in all of ROS 2, and in all of ROS 1."""
-    from rosbags.typesys import Stores, get_typestore
+def _types(topic: Topic, encoding: str) -> Typestore:
+    """A release's definitions, with JointState and Imu as in all of ROS 2 or all of ROS 1, and the topic's own."""
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    if topic.kind not in store.types:
+        definition = topic.definition or PUBLISHED.get(topic.kind, "")
+        is_idl = "module " in definition and "struct " in definition
+        found = get_types_from_idl(definition) if is_idl else get_types_from_msg(definition, topic.kind)
+        store.register({kind: fields for kind, fields in found.items() if kind not in store.types})
+    return store

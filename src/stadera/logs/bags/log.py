@@ -13,7 +13,8 @@ from itertools import chain, islice
 from pathlib import Path
 
 from stadera.errors import RecordingError
-from stadera.logs.bags.beginning import Beginning, beginning_of, chosen_topics, first_samples
+from stadera.logs.bags.beginning import Beginning, beginning_of, first_samples
+from stadera.logs.bags.choice import choose
 from stadera.logs.bags.container import Bag, Container
 from stadera.logs.bags.decode import Decoder, Sample, decoder
 from stadera.logs.bags.merging import Merging
@@ -61,7 +62,8 @@ class BagLog:
             raise RecordingError(f"{path}: a {self.name} has no columns: leave out --columns, which is for tables")
         bag = Bag.at(path, self.container)
         found = bag.topics()
-        joint_topic, imu_topic = chosen_topics(found, log.topics, str(path))
+        choice = choose(bag, found, log.topics, joints, self.settings)
+        joint_topic, imu_topic = choice.joint, choice.imu
         chosen = [name for name in (joint_topic, imu_topic) if name is not None]
         decoders = {name: decoder(found[name], self.container.encoding, joints, self.settings) for name in chosen}
         samples = _Samples(bag, decoders)
@@ -70,7 +72,7 @@ class BagLog:
             why = "".join(f"; {damage}" for damage in bag.damage[:1])
             raise RecordingError(f"{path}: no message of topic {joint_topic} can be read{why}")
         try:
-            start = beginning_of(head, joint_topic, imu_topic, joints, self.settings)
+            start = beginning_of(head, joint_topic, imu_topic, joints)
         except RecordingError as error:
             raise RecordingError(f"{path}: {error}") from None
         if start.imu_fault and "imu" in require:
@@ -78,7 +80,7 @@ class BagLog:
         names = (TIME, *start.columns)
         table = layout(names, str(path), joints, require, _stamped(log.reading))
         notes = (f"left out the IMU, topic {imu_topic}: {start.imu_fault}",) if start.imu_fault else ()
-        table = replace(table, imu_frame=start.imu_frame, notes=(*notes, *table.notes))
+        table = replace(table, imu_frame=start.imu_frame, notes=(*choice.notes, *notes, *table.notes))
         merging = Merging(start, joint_topic, imu_topic, table.recorded, self.settings)
         batches = _batches(samples, start, merging, self.settings.batch)
         notes_of_all = _notes(samples, merging, joint_topic)

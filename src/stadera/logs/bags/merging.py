@@ -78,7 +78,14 @@ class Merging:
                     f"left out {track.out_of_order} of {track.seen} messages of {track.name} whose stamps repeat or "
                     "run back"
                 )
+        for track in self.tracks:
+            yield from track.clock.notes(track.name)
         for track in others:
+            if track.apart:
+                yield (
+                    f"the clock of {track.name} is up to {track.apart:+.3g} s behind that of {reference.name}: "
+                    "corrected by the times of recording"
+                )
             yield f"{track.name} ({track}) interpolated at the stamps of {reference.name} ({reference})"
         if self._imu is not None:
             offset = 1e3 * self._start.clock_offset

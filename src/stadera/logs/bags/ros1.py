@@ -29,6 +29,7 @@ class _Part(NamedTuple):
     connection: int
     topic: str = ""
     type: str = ""
+    definition: str = ""
     time: int = 0
     data: bytes = b""
 
@@ -45,9 +46,10 @@ class Ros1File:
 
         try:
             with Reader(path) as reader:
-                return {connection.topic: Topic(connection.msgtype) for connection in reader.connections}
+                return {c.topic: Topic(c.msgtype, c.msgdef.data) for c in reader.connections}
         except Exception:  # of many kinds, at a damaged end; the records themselves are read instead
-            found = {part.topic: Topic(normalize_msgtype(part.type)) for part in _parts(path, []) if part.topic}
+            connections = [part for part in _parts(path, []) if part.topic]
+            found = {part.topic: Topic(normalize_msgtype(part.type), part.definition) for part in connections}
         if not found:
             raise RecordingError(f"{path}: no topics that can be read; is the file cut off?")
         return found
@@ -82,7 +84,8 @@ def _unpacked(record: _Record) -> list[_Part]:
         return [_Part(header.get_uint32("conn"), time=header.get_time("time"), data=data)]
     if kind == _CONNECTION:
         fields = Header.read(BytesIO(len(data).to_bytes(4, "little") + data))
-        return [_Part(header.get_uint32("conn"), header.get_string("topic"), fields.get_string("type"))]
+        described = fields.get_string("type"), fields.get_string("message_definition")
+        return [_Part(header.get_uint32("conn"), header.get_string("topic"), *described)]
     return []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
+from stadera.logs.bags.clock import TickClock
 from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.decode import IMU_NAMES, Sample, joint_columns, uncompressed
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
@@ -41,79 +43,73 @@ class LowStates:
 
     Attributes:
         clock: that repairs their stamps.
+        motors: with values in the first message.
     """
 
-    def __init__(self, topic: Topic, joints: Sequence[str] | None, settings: BagSettings = DEFAULTS) -> None:
-        published = PUBLISHED[topic.kind]
-        try:
-            at = offsets(topic.kind, topic.definition or published)
-        except RecordingError:
-            raise
-        except Exception:  # of many kinds: a definition that is damaged or in another language
-            at = offsets(topic.kind, published)
+    def __init__(
+        self, topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings = DEFAULTS
+    ) -> None:
+        at = _offsets(topic, aligned=encoding == "cdr")
+        count = 1 + max(int(name.split(".")[1]) for name in at if name.startswith("motor_state."))
         motors = [f"motor_state.{k}.{name}" for name in ("q", "dq", "tau_est") for k in range(len(MOTORS))]
         imu = [f"imu_state.gyroscope.{k}" for k in range(3)] + [f"imu_state.accelerometer.{k}" for k in range(3)]
         quaternion = [f"imu_state.quaternion.{k}" for k in (1, 2, 3, 0)]  # w comes first in the message
-        self._words = np.array([at[name] for name in (*motors, *imu, *quaternion)]) // 4
-        self._tick = at["tick"] // 4
+        self._start = 4 if encoding == "cdr" else 0
+        self._words = _bytes([at[name] for name in (*motors, *imu, *quaternion)], 4)
+        self._angles = _bytes([at[f"motor_state.{k}.q"] for k in range(count)], 4)
+        self._tick = _bytes([at["tick"]], 4)
+        self._feet = at.get("foot_force.0")
+        self._least, self._most = np.full(4, np.inf), np.full(4, -np.inf)
         self._columns = (*joint_columns(motor_names(joints)), *IMU_NAMES)
-        self.clock = TickClock(settings)
+        self.clock, self.motors = TickClock(settings), 0
 
     def __call__(self, message: Message) -> Sample:
         data = uncompressed(message.data)
-        order = "<" if data[1] & 1 else ">"
-        words: NDArray[Any] = np.frombuffer(data, f"{order}f4", count=len(data) // 4 - 1, offset=4)
-        values = words[self._words].astype(np.float64)
+        order = "<" if not self._start or data[1] & 1 else ">"
+        content: NDArray[np.uint8] = np.frombuffer(data, np.uint8, offset=self._start)
+        values = content[self._words].view(f"{order}f4")[:, 0].astype(np.float64)
         if not values[-4:].any():
             values[-4:] = np.nan
-        tick = int(words[self._tick : self._tick + 1].view(f"{order}u4")[0])
+        tick = int(content[self._tick].view(f"{order}u4")[0, 0])
         stamp = self.clock.stamp(message.received, tick)
+        self._note(content, order)
         return Sample(message.topic, message.received, stamp, "", self._columns, values)
+
+    def _note(self, content: NDArray[np.uint8], order: str) -> None:
+        if not self.motors:
+            self.motors = 1 + int(np.flatnonzero(content[self._angles].view(f"{order}f4")[:, 0]).max(initial=-1))
+        if self._feet is not None:
+            counts = content[self._feet : self._feet + 8].view(f"{order}i2")
+            np.minimum(self._least, counts, out=self._least)
+            np.maximum(self._most, counts, out=self._most)
 
     def notes(self, topic: str) -> Iterator[str]:
         """What was done to its messages, one sentence each."""
-        if self.clock.repaired:
-            yield (
-                f"{self.clock.repaired} stamps of {topic} corrected by its counter, by at most "
-                f"{1e3 * self.clock.furthest:.3g} ms"
-            )
-        yield f"foot_force of {topic} is left out: counts of a sensor, not newtons"
+        yield from self.clock.notes(topic)
+        if self.motors > len(MOTORS):
+            yield f"{topic} has {self.motors} motors: the legs' twelve are read, {', '.join(MOTORS[:3])} and so on"
+        if self._feet is not None and np.isfinite(self._least).all():
+            feet = zip(MOTORS[::3], self._least, self._most, strict=True)
+            counts = ", ".join(f"{motor[:2]} {low:g} to {high:g}" for motor, low, high in feet)
+            yield f"foot_force of {topic} is not used: counts of a sensor, not newtons ({counts})"
 
 
-class TickClock:
-    """Stamps for messages without any: when they were recorded, corrected by the robot's counter of milliseconds.
+def _offsets(topic: Topic, *, aligned: bool) -> dict[str, int]:
+    """As `offsets`, by the definition in the log, else Unitree's."""
+    published = PUBLISHED.get(topic.kind, "")
+    try:
+        return offsets(topic.kind, topic.definition or published, aligned=aligned)
+    except RecordingError:
+        raise
+    except Exception:  # of many kinds: a definition that is damaged or in another language
+        if not published:
+            raise RecordingError(f"the definition of {topic.kind} in this log cannot be read") from None
+        return offsets(topic.kind, published, aligned=aligned)
 
-    A message cannot be recorded before it was sent, so the least delay seen so far is the offset of the recorder's
-    clock from the robot's. A stamp more than `counter_late` after that is a late message or a step of the recorder's
-    clock, and gets the counter's time. A counter that stands still or starts anew corrects nothing.
 
-    Attributes:
-        repaired: stamps that were changed.
-        furthest: the largest change [s].
-    """
-
-    def __init__(self, settings: BagSettings = DEFAULTS) -> None:
-        self._late, self._jump = round(1e9 * settings.counter_late), round(1e9 * settings.counter_jump)
-        self._drift = settings.counter_drift
-        self.repaired, self.furthest = 0, 0.0
-        self._offset, self._tick, self._wraps = 0, -1, 0
-
-    def stamp(self, received: int, tick: int) -> int:
-        """The stamp [ns] of a message recorded at `received` [ns] with the counter at `tick` [ms, 32 bits]."""
-        passed = (tick - self._tick) % (1 << 32) if self._tick >= 0 else 0
-        anew = self._tick < 0 or passed == 0 or passed > 1 << 31
-        self._wraps += not anew and tick < self._tick
-        counted = (tick + (self._wraps << 32)) * 1_000_000
-        offset = received - counted
-        if anew:
-            self._offset = offset
-        elif abs(offset - self._offset) < self._jump:
-            self._offset = min(offset, self._offset + round(self._drift * passed * 1e6))
-        self._tick = tick
-        stamp = counted + min(max(offset, self._offset), self._offset + self._late)
-        self.repaired += stamp != received
-        self.furthest = max(self.furthest, 1e-9 * abs(stamp - received))
-        return stamp
+def _bytes(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
+    """(numbers, size), where the bytes of some numbers are."""
+    return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
 
 
 def motor_names(joints: Sequence[str] | None) -> tuple[str, ...]:
@@ -131,10 +127,11 @@ def _match(motor: str, joints: Sequence[str]) -> str:
     return motor if motor in joints or len(fitting) != 1 else fitting[0]
 
 
-def offsets(kind: str, definition: str) -> dict[str, int]:
-    """Where each number of a message is in its CDR body [bytes], by path, such as "motor_state.3.q".
+def offsets(kind: str, definition: str, *, aligned: bool = True) -> dict[str, int]:
+    """Where each number of a message is in its body [bytes], by path, such as "motor_state.3.q".
 
-    Numbers are aligned to their own size (OMG CDR). What comes after a field of unknown size is left out.
+    In CDR numbers are aligned to their own size (OMG CDR), in ROS 1's encoding not. What comes after a field of unknown
+    size is left out. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are given as those of ROS 2.
 
     Raises:
         RecordingError: a definition without the fields of a LowState.
@@ -145,11 +142,17 @@ def offsets(kind: str, definition: str) -> dict[str, int]:
     found: dict[str, int] = {}
     end = 0
     for path, size in _numbers(types, kind, ""):
-        start = -(-end // size) * size
-        found[path], end = start, start + size
+        start = -(-end // size) * size if aligned else end
+        found[_renamed(path)], end = start, start + size
     if missing := [name for name in ("tick", "imu_state.quaternion.3", "motor_state.11.tau_est") if name not in found]:
         raise RecordingError(f"a {kind} in this log has no {missing[0]}: its definition is not Unitree's")
     return found
+
+
+def _renamed(path: str) -> str:
+    """In ROS 2's names: snake case, and imu_state for imu."""
+    snake = re.sub(r"(?<=[a-z])([A-Z])", lambda match: f"_{match[1].lower()}", path)
+    return re.sub(r"^imu\.", "imu_state.", snake)
 
 
 def _numbers(types: Mapping[str, Any], kind: str, path: str) -> Iterator[tuple[str, int]]:

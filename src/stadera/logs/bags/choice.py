@@ -1,0 +1,204 @@
+"""Which topics of a bag are read: found by type, chosen by the joints asked for and by namespace, else asked about."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+from stadera.errors import RecordingError
+from stadera.logs.bags.beginning import joints_in
+from stadera.logs.bags.container import Bag, Message, Topic
+from stadera.logs.bags.decode import IMU, JOINT_STATE, decoder, has_states, is_low_state
+from stadera.logs.bags.settings import BagSettings
+from stadera.logs.topics import Topics
+
+_SLOW_TWIN = "lf"
+"""Unitree's robots publish /lf/lowstate, the same at a lower rate, beside /lowstate."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The topics to read.
+
+    Attributes:
+        joint: of the joints' states.
+        imu: of the IMU; None if there is none, or if the joints' messages have it.
+        notes: what was chosen, and what was left.
+    """
+
+    joint: str
+    imu: str | None
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A topic that may be meant: its rate [Hz], NaN where unknown, and the joints of its first message."""
+
+    name: str
+    kind: str
+    rate: float
+    joints: tuple[str, ...]
+
+    def __str__(self) -> str:
+        joints = f", {len(self.joints)} joints" if self.joints else ""
+        rate = f", {self.rate:.4g} Hz" if self.rate == self.rate else ", fewer than two messages"
+        return f"{self.name} ({self.kind}{rate}{joints})"
+
+
+def choose(
+    bag: Bag, found: Mapping[str, Topic], topics: Topics, joints: Sequence[str] | None, settings: BagSettings
+) -> Choice:
+    """The topic of joints and that of the IMU.
+
+    Of several topics of joints, Unitree's slow copies are left out, then those without the joints asked for. Of several
+    IMUs, the one in the joints' namespace is read.
+
+    Raises:
+        RecordingError: a topic that is not there or of another type, none of joints, several that fit.
+    """
+    source = str(bag.path)
+    states = _states(found, bag.container.encoding, topics.joint)
+    if topics.joint is not None:
+        _check_asked(found, states, topics.joint, "--joint-topic", "joints' states", source)
+        joint = topics.joint
+    else:
+        joint = _joint_topic(bag, found, states, joints, settings)
+    imu = None
+    if not is_low_state(found[joint]) or topics.imu not in (None, joint):
+        imu = _imu_topic(bag, found, topics.imu, joint, states, settings)
+    read = f"joints read from {joint} ({found[joint].kind}), IMU from {imu or _own(found[joint]) or 'none'}"
+    others = sorted(set(states) - {joint})
+    left = f"; other topics of joints: {', '.join(others)}; --joint-topic chooses" if others else ""
+    return Choice(joint, imu, (read + left,))
+
+
+def _own(topic: Topic) -> str:
+    return "the same messages" if is_low_state(topic) else ""
+
+
+def _states(found: Mapping[str, Topic], encoding: str, asked: str | None) -> list[str]:
+    """The topics of joints' states; of unusual types where there are no others, or where one is asked for."""
+    usual = [name for name, topic in found.items() if topic.kind == JOINT_STATE or is_low_state(topic)]
+    if usual and asked in (None, *usual):
+        return sorted(usual)
+    return sorted([*usual, *(n for n, topic in found.items() if n not in usual and has_states(topic, encoding))])
+
+
+def _joint_topic(
+    bag: Bag,
+    found: Mapping[str, Topic],
+    states: Sequence[str],
+    joints: Sequence[str] | None,
+    settings: BagSettings,
+) -> str:
+    if not states:
+        there = ", ".join(f"{name} ({topic.kind})" for name, topic in sorted(found.items())) or "none"
+        raise RecordingError(
+            f"{bag.path}: no topic of type unitree_go/msg/LowState or {JOINT_STATE}, nor of another one with names, "
+            f"positions and efforts of joints; topics: {there}"
+        )
+    fitting = [name for name in states if _fast_twin(name) not in states]
+    if len(fitting) == 1:
+        return fitting[0]
+    candidates = _measured(bag, found, fitting, joints, settings)
+    whole = [c for c in candidates if joints and set(joints) <= set(c.joints)]
+    if len(whole) == 1:
+        return whole[0].name
+    raise _several(bag, whole or candidates, "joints' states", "--joint-topic")
+
+
+def _imu_topic(
+    bag: Bag,
+    found: Mapping[str, Topic],
+    asked: str | None,
+    joint: str,
+    states: Sequence[str],
+    settings: BagSettings,
+) -> str | None:
+    fitting = sorted(name for name, topic in found.items() if topic.kind == IMU)
+    if asked is not None:
+        _check_asked(found, fitting, asked, "--imu-topic", IMU, str(bag.path))
+        return asked
+    # an IMU belongs to the topic of joints that it shares most of its namespace with
+    own = [name for name in fitting if all(_shared(name, joint) >= _shared(name, other) for other in states)]
+    nearest = max((_shared(name, joint) for name in own), default=0)
+    own = [name for name in own if _shared(name, joint) == nearest]
+    if len(own) > 1:
+        raise _several(bag, _measured(bag, found, own, None, settings), IMU, "--imu-topic")
+    return own[0] if own else None
+
+
+def _fast_twin(name: str) -> str:
+    """The topic that this one may be the slow copy of."""
+    parts = name.split("/")
+    return "/".join(part for part in parts if part != _SLOW_TWIN) if _SLOW_TWIN in parts[:-1] else ""
+
+
+def _shared(one: str, other: str) -> int:
+    """The number of namespaces that two topics have in common."""
+    parts = zip(one.strip("/").split("/")[:-1], other.strip("/").split("/")[:-1], strict=False)
+    return next((k for k, (a, b) in enumerate(parts) if a != b), min(one.count("/"), other.count("/")) - 1)
+
+
+def _check_asked(
+    found: Mapping[str, Topic], fitting: Sequence[str], asked: str, option: str, what: str, source: str
+) -> None:
+    listed = f"topics of type {what}" if "/" in what else f"topics of {what}"
+    listed += f": {', '.join(fitting) or 'none'}"
+    if asked not in found:
+        raise RecordingError(f"{source}: {option} {asked}: no such topic; {listed}")
+    if asked not in fitting:
+        raise RecordingError(f"{source}: {option} {asked} is a {found[asked].kind}; {listed}")
+
+
+def _several(bag: Bag, candidates: Sequence[_Candidate], what: str, option: str) -> RecordingError:
+    listed = ", ".join(map(str, candidates))
+    return RecordingError(f"{bag.path}: several topics of {what}: {listed}; choose one with {option}")
+
+
+def _measured(
+    bag: Bag,
+    found: Mapping[str, Topic],
+    names: Sequence[str],
+    joints: Sequence[str] | None,
+    settings: BagSettings,
+) -> list[_Candidate]:
+    """The candidates with their rates, by the beginning of the bag."""
+    first: dict[str, list[Message]] = {name: [] for name in names}
+    for message in islice(bag.messages(names), settings.most_ahead):
+        if len(first[message.topic]) < settings.head:
+            first[message.topic].append(message)
+        elif all(len(messages) > 1 for messages in first.values()):
+            break
+    bag.damage.clear()  # found again when the bag is read
+    return [_candidate(name, found[name], bag.container.encoding, first[name], joints, settings) for name in names]
+
+
+def _candidate(
+    name: str,
+    topic: Topic,
+    encoding: str,
+    messages: Sequence[Message],
+    joints: Sequence[str] | None,
+    settings: BagSettings,
+) -> _Candidate:
+    span = 1e-9 * (messages[-1].received - messages[0].received) if len(messages) > 1 else 0.0
+    rate = (len(messages) - 1) / span if span else float("nan")
+    names = () if topic.kind == IMU else tuple(_joints(topic, encoding, messages, joints, settings))
+    return _Candidate(name, topic.kind, rate, names)
+
+
+def _joints(
+    topic: Topic, encoding: str, messages: Sequence[Message], joints: Sequence[str] | None, settings: BagSettings
+) -> Iterator[str]:
+    """The joints of the first messages that can be read."""
+    decode = decoder(topic, encoding, joints, settings)
+    seen: dict[str, None] = {}
+    for message in messages[:8]:
+        try:
+            seen |= dict.fromkeys(joints_in(decode(message).columns))
+        except Exception:  # the libraries meet damaged bytes with errors of many kinds
+            continue
+    yield from seen

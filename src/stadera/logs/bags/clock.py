@@ -1,0 +1,141 @@
+"""Stamps of a topic's messages, repaired where its clock and the recorder's tell which of the two is wrong.
+
+A message cannot be recorded before it was stamped, so the least delay so far, received - stamp, is the offset of the
+recorder's clock from the sender's. A queue only adds to a delay; so a delay below the least one, or a stamp that runs
+back by more than messages overtake each other, follows a step of a clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.logs.bags.settings import DEFAULTS, BagSettings
+from stadera.logs.sampling import GAP_FACTOR
+
+Stamps = NDArray[np.int64]
+
+_ENOUGH = 32
+"""Messages at once that show a period."""
+
+
+class HeaderClock:
+    """Stamps of headers, each step of their clock undone; times of recording where they repeat or run back.
+
+    Attributes:
+        steps: of the headers' clock that were undone.
+        furthest: the largest of them [s].
+        silent: whether the headers' stamps are no clock, and the times of recording are used.
+        delay: least delay in the newest whole window [s], and in the first.
+    """
+
+    def __init__(self, settings: BagSettings = DEFAULTS) -> None:
+        self._settings, self._jump = settings, round(1e9 * settings.header_jump)
+        self.steps, self.furthest, self.silent = 0, 0.0, False
+        self.delay, self.first_delay = np.nan, np.nan
+        self._correction, self._least, self._period = 0, 0, 1
+        self._stamp, self._received = 0, 0
+        self._seen = self._wrong = 0
+        self._window_start, self._window_least, self._windows = 0, np.inf, 0
+
+    def __call__(self, stamps: Stamps, received: Stamps) -> Stamps:
+        """The stamps to use for the next messages [ns], from their headers and the times of their recording."""
+        if not self._seen:
+            self._stamp, self._received = int(stamps[0]) - 1, int(received[0])
+            self._least, self._window_start = int(received[0] - stamps[0]), self._received
+        self._decide(stamps)
+        undone = received if self.silent else self._without_steps(stamps, received)
+        self._watch_delay(undone, received)
+        self._stamp, self._received = int(stamps[-1]), int(received[-1])
+        return undone
+
+    def _decide(self, stamps: Stamps) -> None:
+        """Whether the stamps are a clock, by the beginning of the log."""
+        if self._seen < self._settings.head:
+            first, self._seen = not self._seen, self._seen + len(stamps)
+            self._wrong += int(np.count_nonzero(np.diff(stamps, prepend=self._stamp) <= 0))
+            enough = first or self._seen >= self._settings.out_of_order_from
+            self.silent = enough and self._wrong > self._settings.out_of_order * self._seen
+
+    def _watch_delay(self, stamps: Stamps, received: Stamps) -> None:
+        """Least delays of windows: a clock's drift, without what queues add."""
+        self._window_least = min(self._window_least, 1e-9 * float((received - stamps).min()))
+        whole = received[-1] - self._window_start > 1e9 * self._settings.drift_window
+        if not self._windows:
+            self.delay = self.first_delay = self._window_least
+        elif whole:
+            self.delay = self._window_least
+        if whole:
+            self._windows, self._window_start, self._window_least = self._windows + 1, int(received[-1]), np.inf
+
+    def _without_steps(self, stamps: Stamps, received: Stamps) -> Stamps:
+        """The stamps with the corrections for all steps so far and for those in them."""
+        advance, passed = np.diff(stamps, prepend=self._stamp), np.diff(received, prepend=self._received)
+        self._period = max(int(np.median(advance)), 1) if len(advance) >= _ENOUGH else self._period
+        back, ahead = advance < -self._jump, advance > max(self._jump, GAP_FACTOR * self._period)
+        # crystals drift apart, so the least delay may rise
+        self._least += round(self._settings.counter_drift * max(int(received[-1]) - self._received, 0))
+        out, start = stamps + self._correction, 0
+        for k in (*np.flatnonzero(back | ahead).tolist(), len(stamps)):
+            self._least = min(self._least, int((received - out)[start:k].min(initial=self._least)))
+            start = k
+            if k == len(stamps) or (ahead[k] and received[k] - out[k] > self._least - self._jump):
+                continue  # the end; or a pause, or a queue that empties: the delay is what it was
+            step = int(advance[k]) - max(int(passed[k]), self._period)
+            out[k:] -= step
+            self._correction -= step
+            self._least = int(received[k] - out[k])
+            self.steps, self.furthest = self.steps + 1, max(self.furthest, 1e-9 * abs(step))
+        return out
+
+    def notes(self, topic: str) -> Iterator[str]:
+        """What was done to the stamps, one sentence each."""
+        if self.silent:
+            yield f"the stamps of {topic} repeat or run back: times of recording are used"
+        if self.steps:
+            yield (
+                f"the clock of {topic} steps {self.steps} time{'s' * (self.steps > 1)}, by up to "
+                f"{self.furthest:.3g} s: undone by the times of recording"
+            )
+
+
+class TickClock:
+    """Stamps for messages without any: when they were recorded, corrected by the robot's counter of milliseconds.
+
+    A stamp more than `counter_late` after the least delay is a late message or a step of the recorder's clock, and
+    gets the counter's time. A counter that stands still or starts anew corrects nothing.
+
+    Attributes:
+        repaired: stamps that were changed.
+        furthest: the largest change [s].
+    """
+
+    def __init__(self, settings: BagSettings = DEFAULTS) -> None:
+        self._late, self._jump = round(1e9 * settings.counter_late), round(1e9 * settings.counter_jump)
+        self._drift = settings.counter_drift
+        self.repaired, self.furthest = 0, 0.0
+        self._offset, self._tick, self._wraps = 0, -1, 0
+
+    def stamp(self, received: int, tick: int) -> int:
+        """The stamp [ns] of a message recorded at `received` [ns] with the counter at `tick` [ms, 32 bits]."""
+        passed = (tick - self._tick) % (1 << 32) if self._tick >= 0 else 0
+        anew = self._tick < 0 or passed == 0 or passed > 1 << 31
+        self._wraps += not anew and tick < self._tick
+        counted = (tick + (self._wraps << 32)) * 1_000_000
+        offset = received - counted
+        if anew:
+            self._offset = offset
+        elif abs(offset - self._offset) < self._jump:
+            self._offset = min(offset, self._offset + round(self._drift * passed * 1e6))
+        self._tick = tick
+        stamp = counted + min(max(offset, self._offset), self._offset + self._late)
+        self.repaired += stamp != received
+        self.furthest = max(self.furthest, 1e-9 * abs(stamp - received))
+        return stamp
+
+    def notes(self, topic: str) -> Iterator[str]:
+        """What was done to the stamps, one sentence each."""
+        if self.repaired:
+            yield f"{self.repaired} stamps of {topic} corrected by its counter, by at most {1e3 * self.furthest:.3g} ms"

@@ -1,0 +1,82 @@
+"""The clock of a log's rows: few rows whose time repeats are left out, and where it is set back the log is split."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import RecordingError
+from stadera.logs.sampling import GAP_FACTOR
+from stadera.types import Array, Bools
+
+MOST_WRONG = 0.01
+"""Share of the samples so far that may repeat or run back; above it the column is no clock."""
+
+
+@dataclass
+class RowClock:
+    """Makes the time of consecutive chunks of one log strictly increasing, sample by sample.
+
+    A sample at most GAP_FACTOR mean steps earlier than the one before is left out: a repeated row, or one out of order.
+    After one that is further back, the clock was set back: there is no second one to say by how much, so what follows
+    is put after a gap.
+
+    Attributes:
+        source: for messages.
+    """
+
+    source: str
+    _first: float = np.nan  # s
+    _last: float = -np.inf  # s, of the samples kept, after shifts
+    _shift: float = 0.0  # s
+    _wrong: int = 0
+
+    def __call__(self, time: Array, samples: NDArray[np.int64]) -> tuple[Array, Bools, tuple[str, ...]]:
+        """The time of a chunk, which of its samples to keep, and notes.
+
+        Args:
+            time: (samples,) [s].
+            samples: their numbers in the log.
+
+        Raises:
+            RecordingError: too many that repeat or run back.
+        """
+        raw, time, kept = time, time + self._shift, np.ones(len(time), dtype=bool)
+        self._first = float(time[0]) if np.isnan(self._first) else self._first
+        dropped, notes, at = 0, [], 0
+        while at < len(time):
+            wrong = np.flatnonzero(np.diff(time[at:], prepend=self._last) <= 0)
+            stop = at + int(wrong[0]) if len(wrong) else len(time)
+            self._last = float(time[stop - 1]) if stop > at else self._last
+            if stop == len(time):
+                break
+            self._count(float(time[stop]), int(samples[stop]))
+            if back := self._set_back(float(time[stop]), int(samples[stop])):
+                notes.append(
+                    f"time is set back at sample {samples[stop]}, {self._last - self._shift:.3f} to {raw[stop]:.3f} s: "
+                    f"the log is split there, what follows is put {back:.3g} s later"
+                )
+                self._shift += back
+                time[stop:] = raw[stop:] + self._shift
+                at = stop
+            else:
+                kept[stop], dropped, at = False, dropped + 1, stop + 1
+        if dropped:
+            notes.append(f"left out {dropped} samples whose time repeats or runs back")
+        return time, kept, tuple(notes)
+
+    def _set_back(self, time: float, sample: int) -> float:
+        """By how much later a sample and all after it are put [s]; 0 where it is one that is out of order."""
+        gap = GAP_FACTOR * (self._last - self._first) / sample
+        return 0.0 if time >= self._last - gap else self._last + 2.0 * gap - time
+
+    def _count(self, time: float, sample: int) -> None:
+        self._wrong += 1
+        if self._wrong <= MOST_WRONG * sample:
+            return
+        what = "stands still" if time == self._last else "runs back"
+        raise RecordingError(
+            f"{self.source}: column 'time' {what} at sample {sample} ({self._last:.6f} to {time:.6f} s)"
+        )
