@@ -19,9 +19,8 @@ LOAD = InertialParameters.from_com(8.0, [0.1, 0.0, 0.2], 0.1 * np.eye(3))
 class Swing:
     """Three joints on sinusoids about a middle (3,) [rad]."""
 
-    time = np.arange(0.0, 8.0, 0.004)
-
-    def __init__(self, middle: np.ndarray) -> None:
+    def __init__(self, middle: np.ndarray, seconds: float = 8.0) -> None:
+        self.time = np.arange(0.0, seconds, 0.004)
         speed = 2 * np.pi * np.array([0.5, 0.7, 0.9])
         angle = speed * self.time[:, None] + np.array([0.0, 1.0, 2.0])
         self.position, self.velocity = middle + 0.3 * np.sin(angle), 0.3 * speed * np.cos(angle)

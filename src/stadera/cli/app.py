@@ -13,6 +13,7 @@ from stadera import __version__
 from stadera.cli import DEBUG
 from stadera.cli.demo import demo
 from stadera.cli.excite import excite
+from stadera.cli.fleet import fleet
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
 from stadera.cli.options import ColumnsMayStandAlone
@@ -47,5 +48,5 @@ def _stadera(
     pass
 
 
-for _command in (identify, weigh, inspect, excite, simulate, demo, reproduce):
+for _command in (identify, weigh, inspect, excite, fleet, simulate, demo, reproduce):
     app.command(cls=ColumnsMayStandAlone if _command is inspect else None)(_command)

@@ -94,14 +94,14 @@ def load(value: str) -> tuple[float, Literal["kg", "N"]]:
 
 def tare(value: str) -> tuple[float, float] | Path:
     """A range of time "T0:T1" [s], or the path of a log."""
-    first, colon, last = value.partition(":")
+    from stadera.errors import IdentificationError
+    from stadera.weigh.settings import tare_of
+
     try:
-        begin, end = float(first), float(last)
-    except ValueError:
-        return Path(value)
-    if not (colon and isfinite(begin) and isfinite(end) and begin < end):
-        raise typer.BadParameter(f"{value!r} is not a range of time T0:T1 with T0 < T1")
-    return begin, end
+        found = tare_of(value)
+    except IdentificationError as error:
+        raise typer.BadParameter(str(error)) from None
+    return Path(found) if isinstance(found, str) else found
 
 
 def _number(value: str, wanted: str, option: str | None = None) -> float:

@@ -40,12 +40,32 @@ def progress() -> Iterator[Progress | None]:
     from rich.progress import Progress as Bars
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Bars(*columns, TextColumn("{task.fields[detail]}"), console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, TaskID] = {}
+    extra = (TextColumn("{task.fields[left]}"), TextColumn("{task.fields[detail]}"))
+    with Bars(*columns, *extra, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, tuple[TaskID, int]] = {}
 
         def report(what: str, done: int, total: int, detail: str = "") -> None:
             if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total or None, detail=detail)
-            bars.update(tasks[what], completed=done, total=total or None, detail=detail)
+                tasks[what] = bars.add_task(what, total=total or None, detail=detail, left=""), done
+            task, begun = tasks[what]
+            elapsed = bars.tasks[bars.task_ids.index(task)].elapsed or 0.0
+            left = remaining(elapsed, done - begun, total - done)
+            bars.update(task, completed=done, total=total or None, detail=detail, left=left)
 
         yield report
+
+
+_LONG = 10.0  # s, of work after which a remaining time is shown
+
+
+def remaining(elapsed: float, done: int, left: int) -> str:
+    """How long the rest will take if it goes on as so far; nothing before that can be said.
+
+    Args:
+        elapsed: [s]. done: steps made in it, those of an earlier run apart. left: steps to go.
+    """
+    if done <= 0 or left <= 0 or elapsed < _LONG:
+        return ""
+    seconds = elapsed * left / done
+    amount = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min" if seconds < 6000 else ""
+    return f"about {amount or f'{seconds / 3600:.1f} h'} left"

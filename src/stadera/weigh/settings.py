@@ -108,3 +108,19 @@ def check_choice(method: str | None, stiffness: tuple[float, float, float] | Non
         raise IdentificationError(
             f"a stiffness is used by the method 'orientation' alone, not by {method or 'the one chosen without a name'}"
         )
+
+
+def tare_of(text: str) -> tuple[float, float] | str:
+    """A tare as text: a range of time "T0:T1" [s], else the address of a log, as it is.
+
+    Raises:
+        IdentificationError: a range that does not begin before its end.
+    """
+    first, colon, last = text.partition(":")
+    try:
+        begin, end = float(first), float(last)
+    except ValueError:
+        return text
+    if not (colon and np.isfinite([begin, end]).all() and begin < end):
+        raise IdentificationError(f"{text!r} is not a range of time T0:T1 with T0 < T1")
+    return begin, end

@@ -1,0 +1,109 @@
+"""`stadera fleet`: many logs weighed, one table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli import parse
+from stadera.cli.options import Force, ImuTopic, JointTopic
+from stadera.cli.terminal import progress, show
+
+if TYPE_CHECKING:
+    from stadera.fleet.jobs import LogJob
+    from stadera.fleet.pool import Pool
+    from stadera.fleet.table import FleetTable
+
+
+def fleet(
+    out: Annotated[Path, typer.Option(metavar="F.parquet", help="The table; what it holds already is not done again.")],
+    logs: Annotated[
+        list[str] | None, typer.Argument(metavar="[LOG_OR_GLOB]...", help="Paths, URLs, or globs of them.")
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(metavar="R", help="A robot's name, or a path to a URDF or MJCF [default: as each log says]."),
+    ] = None,
+    manifest: Annotated[
+        Path | None, typer.Option(metavar="F.csv", help="A log a line: log, and where known robot, tare, legs, name.")
+    ] = None,
+    names: Annotated[
+        str | None,
+        typer.Option(metavar="REGEX", help="Which of several like robots: the first group found in a log's path."),
+    ] = None,
+    identify: Annotated[
+        bool, typer.Option("--identify", help="Identify legs, from logs of robots on a stand, instead of weighing.")
+    ] = False,
+    tare: Annotated[
+        str | None, typer.Option(metavar="T0:T1|LOG", help="Time [s] in each log, or another log, without the payload.")
+    ] = None,
+    legs: Annotated[Path | None, typer.Option(metavar="F.json", help="Legs as `identify --json` found them.")] = None,
+    method: Annotated[
+        str | None, typer.Option(metavar="walking|contact|...", help="As of `weigh` [default: chosen for each log].")
+    ] = None,
+    stiffness: Annotated[
+        str | None, typer.Option(metavar="KX,KY,KZ", help="As of `weigh`, for the method 'orientation'.")
+    ] = None,
+    imu_frame: Annotated[str | None, typer.Option(metavar="NAME", help="Frame that the IMUs' values are in.")] = None,
+    joint_topic: JointTopic = None,
+    imu_topic: ImuTopic = None,
+    force: Force = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, help="Processes on this machine; 0: this one [default: one a core]."),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:8786", help="A Dask scheduler, whose workers do the work.")
+    ] = None,
+    memory: Annotated[
+        float, typer.Option(metavar="GB", help="Of a worker on this machine, above which it is ended and tries anew.")
+    ] = 2.0,
+) -> None:
+    """Weigh the logs of many robots, on all cores or a Dask cluster, and write one table with a row a log.
+
+    A log that fails is a row with its error. Rows are safe as they come in: what is broken off goes on with the same
+    command, and what is done is not done again while log, options and version stay the same.
+    """
+    if (manifest is None) == (not logs):
+        raise typer.BadParameter("name logs or a --manifest", param_hint="LOG_OR_GLOB")
+    for option, given in (("--tare", tare), ("--legs", legs), ("--names", names)):
+        if manifest is not None and given is not None:
+            raise typer.BadParameter("is of the manifest's lines", param_hint=option)
+    if scheduler is not None and workers is not None:
+        raise typer.BadParameter("a scheduler has its own workers", param_hint="--workers")
+    springs = None if stiffness is None else parse.point(stiffness)
+
+    from stadera.fleet.jobs import FleetOptions, jobs_of, read_manifest
+    from stadera.fleet.pool import Pool
+    from stadera.report.fleet.terminal import fleet_tables
+
+    options = FleetOptions(identify, method, springs, imu_frame, joint_topic, imu_topic, force)
+    if manifest is not None:
+        jobs = read_manifest(manifest, robot, options)
+    else:
+        jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, options)
+    table = _run(jobs, out, Pool(workers, scheduler, round(1e9 * memory)))
+    show(*fleet_tables(table), f"table: {out}")
+    _require_any(table)
+
+
+def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
+    """Raises: StaderaError: broken off by Ctrl-C; what is done is kept."""
+    from stadera.errors import StaderaError
+    from stadera.fleet.run import run_fleet
+
+    try:
+        with progress() as watch:
+            return run_fleet(jobs, out, pool, watch)
+    except KeyboardInterrupt:
+        raise StaderaError(f"broken off; what is done is in {out}, and the same command goes on from there") from None
+
+
+def _require_any(table: FleetTable) -> None:
+    """Where every log failed, something is wrong with the call."""
+    from stadera.errors import StaderaError
+
+    if all(row["status"] == "failed" for row in table.rows):
+        raise StaderaError(f"all {len(table.rows)} logs failed, the first: {table.rows[0]['error']}")

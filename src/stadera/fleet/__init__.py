@@ -1,0 +1,40 @@
+"""Many logs, one table: a fleet's logs weighed on every core or on a Dask cluster. Needs the extra `fleet`."""
+
+from typing import TYPE_CHECKING
+
+from stadera.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from stadera.fleet.jobs import FleetOptions, LogJob, jobs_of, read_manifest
+    from stadera.fleet.pool import Failure, Pool, run_tasks
+    from stadera.fleet.run import run_fleet
+    from stadera.fleet.table import FleetTable, read_fleet
+
+__all__ = [
+    "Failure",
+    "FleetOptions",
+    "FleetTable",
+    "LogJob",
+    "Pool",
+    "jobs_of",
+    "read_fleet",
+    "read_manifest",
+    "run_fleet",
+    "run_tasks",
+]
+
+_HOMES = {
+    "Failure": "stadera.fleet.pool",
+    "FleetOptions": "stadera.fleet.jobs",
+    "FleetTable": "stadera.fleet.table",
+    "LogJob": "stadera.fleet.jobs",
+    "Pool": "stadera.fleet.pool",
+    "jobs_of": "stadera.fleet.jobs",
+    "read_fleet": "stadera.fleet.table",
+    "read_manifest": "stadera.fleet.jobs",
+    "run_fleet": "stadera.fleet.run",
+    "run_tasks": "stadera.fleet.pool",
+}
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazy_names(__name__, _HOMES)

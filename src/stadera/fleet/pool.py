@@ -1,0 +1,204 @@
+"""Independent tasks over processes or machines: in this process, on a local Dask cluster, or on somebody's scheduler.
+
+A task is a function of a module and one small picklable argument, and the same argument gives the same outcome: if a
+worker dies, its task is run again on another one, and nobody notices. A task whose workers keep dying (out of memory,
+say) ends as a `Failure`; the others go on.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import stadera
+from stadera.errors import MissingExtraError, StaderaError
+
+Task = TypeVar("Task")
+Found = TypeVar("Found")
+
+_CONNECT = 10.0  # s, until a scheduler must have answered
+_FIRST_WORKER = 60.0  # s, until it must have a worker
+_CONFIG = {
+    # the default spills results to disk and pauses at 0.6 to 0.8 of the limit; results here are small, and what grows
+    # is the task itself, so a worker is only ever ended
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    # no task waits on a worker that may die of the one before it
+    "distributed.scheduler.worker-saturation": 1.0,
+    # a worker that was ended comes back, however long a busy machine takes for it: the default gives it up for good
+    "distributed.deploy.lost-worker-timeout": "1 hour",
+}
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Where tasks are run.
+
+    Attributes:
+        workers: processes of a local cluster; None for one a core, 0 for none: in this process, without Dask.
+        scheduler: address of a Dask scheduler whose workers are used, "tcp://host:8786"; None for a local cluster.
+        memory: of a local worker [bytes], above which it is ended and its task tried again; weighing needs less than
+            500 MB however long the log.
+
+    Raises:
+        StaderaError: a number of workers that is negative or given together with a scheduler; no memory.
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    memory: int = 2_000_000_000
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.workers < 0:
+            raise StaderaError(f"a number of workers is not negative, got {self.workers}")
+        if self.workers is not None and self.scheduler is not None:
+            raise StaderaError(f"{self.scheduler} has its own workers: a number of workers is for this machine alone")
+        if not self.memory > 0:
+            raise StaderaError(f"a worker needs memory, got {self.memory} bytes")
+
+    def for_tasks(self, count: int) -> Pool:
+        """The same, with no more local workers than tasks; a single one is run in this process."""
+        if self.scheduler is not None:
+            return self
+        workers = min(os.cpu_count() or 1 if self.workers is None else self.workers, count)
+        return Pool(0 if workers < 2 else workers, None, self.memory)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What a task came to that has no outcome.
+
+    Attributes:
+        reason: one line.
+        lost: whether it was lost with its workers, so that it may succeed another time.
+    """
+
+    reason: str
+    lost: bool = False
+
+
+def run_tasks(
+    run: Callable[[Task], Found], tasks: Mapping[str, Task], pool: Pool
+) -> Generator[tuple[str, Found | Failure], None, None]:
+    """Names and outcomes, as they come in. Ending the iteration early ends the work.
+
+    Local workers are spawned, so a script that calls this needs the usual `if __name__ == "__main__"`.
+
+    Args:
+        run: a function of a module, importable by the workers, or a partial of one.
+        tasks: by name.
+
+    Raises:
+        MissingExtraError: Dask is needed and not installed.
+        StaderaError: no scheduler or worker answers, or the workers have another version of this package.
+    """
+    if not tasks:
+        return
+    if pool.scheduler is None and pool.workers == 0:
+        for name, task in tasks.items():
+            yield name, attempted(run, task)
+        return
+    with _client(pool) as client:
+        yield from _gathered(client, run, tasks)
+
+
+def attempted(run: Callable[[Task], Found], task: Task) -> Found | Failure:
+    """The outcome, or what an expected error says. One thread: there are as many processes as cores, and sums in the
+    same order whatever the machine.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        try:
+            return run(task)
+        except StaderaError as error:
+            return Failure(str(error))
+
+
+def require_dask() -> None:
+    """Checks that Dask is installed.
+
+    Raises:
+        MissingExtraError: it is not.
+    """
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("distributed", "fleet", "more than one worker") from None
+
+
+def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Task]) -> Iterator[tuple[str, Any]]:
+    from distributed import KilledWorker, as_completed
+
+    waiting = client.map(attempted, [run] * len(tasks), list(tasks.values()), pure=False, batch_size=1000)
+    names = {future.key: name for future, name in zip(waiting, tasks, strict=True)}
+    completed = as_completed(waiting, loop=client.loop)  # type: ignore[no-untyped-call]
+    del waiting  # an outcome is let go of as soon as it is handed on
+    for future in completed:
+        name = names.pop(future.key)
+        try:
+            outcome = future.result()
+        except KilledWorker as error:
+            outcome = Failure(
+                f"its worker ended {error.allowed_failures + 1} times, out of memory or killed", lost=True
+            )
+        yield name, outcome
+
+
+@contextmanager
+def _client(pool: Pool) -> Iterator[Any]:
+    """A client of the pool's cluster, which for a local one lives as long."""
+    require_dask()
+    import dask
+    import distributed
+
+    if pool.scheduler is not None:
+        try:
+            client: Any = distributed.Client(  # type: ignore[no-untyped-call]
+                pool.scheduler, timeout=_CONNECT, set_as_default=False
+            )
+        except (OSError, ValueError) as error:
+            raise StaderaError(f"{pool.scheduler}: no Dask scheduler answers there: {error}") from None
+        with client:
+            _check_workers(client, pool.scheduler)
+            yield client
+        return
+    with dask.config.set(_CONFIG):
+        cluster: Any = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=pool.workers,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=pool.memory,
+            preload=["stadera.fleet.worker"],
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        )
+        with cluster, distributed.Client(cluster, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            yield client
+
+
+def _check_workers(client: Any, address: str) -> None:
+    """That there are workers, and that they compute what this process would."""
+    from distributed import TimeoutError as NoWorkers
+
+    try:
+        client.wait_for_workers(1, timeout=_FIRST_WORKER)
+    except NoWorkers:
+        raise StaderaError(
+            f"{address}: the scheduler has no workers, and none has come in {_FIRST_WORKER:g} s"
+        ) from None
+    for worker, version in client.run(version_here, on_error="return").items():
+        if version != stadera.__version__:
+            here = f"stadera {version}" if isinstance(version, str) else "no stadera that can be imported"
+            raise StaderaError(f"{address}: worker {worker} has {here}, and this is {stadera.__version__}")
+
+
+def version_here() -> str:
+    """Of this package, where it is asked."""
+    return stadera.__version__

@@ -1,0 +1,203 @@
+"""One log to one row of the table: what a worker does."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from math import isfinite
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import stadera
+from stadera.errors import StaderaError, UntrustedError
+from stadera.fleet.jobs import LogJob, robot_of
+from stadera.fleet.metadata import robot_named_in
+from stadera.fleet.source import digest, fetched, is_url
+from stadera.fleet.table import COLUMNS
+from stadera.logs.topics import LogFile, Topics
+from stadera.weigh.settings import tare_of
+
+if TYPE_CHECKING:
+    from stadera.identify.result import Identification
+    from stadera.trust import Trust
+
+Row = dict[str, Any]
+"""One row by column, see `stadera.fleet.table`; None where there is no value."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A log to weigh, unless it is known.
+
+    Attributes:
+        job: what to do.
+        known: the key under which it was done before; None if it was not.
+    """
+
+    job: LogJob
+    known: str | None = None
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a log.
+
+    Attributes:
+        key: of its content, the package's version and everything that the row depends on; None where the log could not
+            be read to its end, so that another try may succeed.
+        row: None if the log is done already under this key.
+        joints: a row for each parameter of a joint that was identified.
+    """
+
+    key: str | None
+    row: Row | None
+    joints: tuple[Row, ...] = ()
+
+
+def process(task: Task) -> Done:
+    """Weighs one log, or identifies legs from it. Whatever goes wrong is in the row."""
+    job, begun = task.job, perf_counter()
+    row: Row = dict.fromkeys(COLUMNS)
+    row |= {"log": job.log, "robot": job.name or job.robot, "status": "ok", "version": stadera.__version__}
+    source, path = None, Path(job.log)
+    joints: tuple[Row, ...] = ()
+    with ExitStack() as stack:
+        try:
+            path = stack.enter_context(fetched(job.log))
+            source = _Source.of(job, path, stack)
+            if source.key == task.known:
+                return Done(source.key, None)
+            row |= {"sha256": source.sha256, "robot": job.name or source.robot}
+            found, joints = _identified(job, source) if job.options.identify else _weighed(job, source)
+            row |= found
+        except Exception as error:  # whatever it is, the other logs go on
+            row |= _failed(error, str(path), job.log)
+            if isinstance(error, OSError | MemoryError):
+                source = None
+    row["seconds"] = perf_counter() - begun
+    named = {"log": job.log, "robot": row["robot"]}
+    return Done(None if source is None else source.key, row, tuple(named | joint for joint in joints))
+
+
+def is_done(task: Task) -> bool:
+    """Whether a log on this machine's disk is known under the key that it would get now."""
+    if task.known is None or is_url(task.job.log):
+        return False
+    try:
+        with ExitStack() as stack:
+            return _Source.of(task.job, stack.enter_context(fetched(task.job.log)), stack).key == task.known
+    except (StaderaError, OSError):
+        return False
+
+
+def lost(job: LogJob, reason: str) -> Done:
+    """The row of a log whose workers were lost, to be tried again another time."""
+    row: Row = dict.fromkeys(COLUMNS)
+    row |= {"log": job.log, "robot": job.name or job.robot, "version": stadera.__version__}
+    return Done(None, row | {"status": "failed", "error": f"{job.log}: {reason}"})
+
+
+def _failed(error: Exception, path: str, log: str) -> Row:
+    """What an error says, of the log by its own name."""
+    said = " ".join(str(error).split()).replace(path, log)
+    if not isinstance(error, StaderaError):
+        said = f"internal error, {type(error).__name__}: {said}"
+    return {"status": "failed", "error": said, "trust": "bad" if isinstance(error, UntrustedError) else None}
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What a row is made from: log and tare on disk, the robot, and the key of all that the row depends on."""
+
+    path: Path
+    tare: tuple[float, float] | Path | None
+    robot: str
+    sha256: str
+    key: str
+
+    @classmethod
+    def of(cls, job: LogJob, path: Path, stack: ExitStack) -> _Source:
+        """Raises: RecordingError, ModelError, UnknownNameError: no tare, or no robot, of that name."""
+        given = None if job.tare is None else tare_of(job.tare)
+        tare = stack.enter_context(fetched(given)) if isinstance(given, str) else given
+        robot, sha256 = job.robot or robot_named_in(path), digest(path)
+        files = [robot_of(robot, job.legs).source, job.legs, tare if isinstance(tare, Path) else None]
+        contents = [None if file is None else _digest(Path(file)) for file in files]
+        text = json.dumps([sha256, stadera.__version__, asdict(job), robot, contents], sort_keys=True)
+        return cls(path, tare, robot, sha256, hashlib.sha256(text.encode()).hexdigest())
+
+
+def _digest(path: Path) -> str:
+    """Of a file that many rows depend on, read once while it does not change."""
+    state = path.stat()
+    return _digest_at(path, state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _digest_at(path: Path, size: int, modified: int) -> str:
+    return digest(path)
+
+
+def _weighed(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
+    from stadera.weigh.weigh import weigh
+
+    options = job.options
+    topics = Topics(options.joint_topic, options.imu_topic)
+    tare = LogFile(source.tare, topics) if isinstance(source.tare, Path) else source.tare
+    result = weigh(
+        robot_of(source.robot, job.legs),
+        LogFile(source.path, topics),
+        tare,
+        options.method,
+        imu_frame=options.imu_frame,
+        stiffness=options.stiffness,
+        force=options.force,
+    )
+    row: Row = {"begin": result.begin, "end": result.end, "changes": len(result.changes)}
+    row |= _pair("trunk_mass", result.mass, result.mass_std)
+    for axis, value, std in zip("xyz", result.com, result.com_std, strict=True):
+        row |= _pair(f"com_{axis}", value, std)
+    if result.payload is not None:
+        row |= _pair("payload_mass", result.payload.mass, result.payload.mass_std)
+    return row | _trust(result.trust), ()
+
+
+def _identified(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
+    from stadera.identify.legs import identify
+    from stadera.identify.log import joints_with_effort, time_span
+    from stadera.identify.settings import IdentifySettings
+
+    robot, options = robot_of(source.robot, None), job.options
+    log = LogFile(source.path, Topics(options.joint_topic, options.imu_topic))
+    recorded = joints_with_effort(log)
+    legs = tuple(leg.name for leg in robot.legs if recorded.issuperset(leg.joints))
+    result = identify(robot, log, IdentifySettings(legs=legs or None))
+    if result.trust.verdict == "bad" and not options.force:
+        raise UntrustedError(f"{log.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
+    begin, end = time_span(log, result.legs[0].leg.joints)
+    return {"begin": begin, "end": end} | _trust(result.trust), tuple(_joints(result))
+
+
+def _joints(result: Identification) -> Iterator[Row]:
+    """What drives wear by: rotor inertia, friction and torque offset of each joint."""
+    for leg in result.legs:
+        for name, quantity in leg.parameters.items():
+            joint, parameter = name.rsplit(".", 1)
+            if joint in leg.leg.joints:
+                std = None if quantity.is_held else quantity.std
+                yield {"joint": joint, "parameter": parameter, "value": quantity.value, "std": std}
+
+
+def _pair(name: str, value: float, std: float) -> Row:
+    """A value and its standard deviation, both None where it was not observed."""
+    seen = isfinite(value) and isfinite(std)
+    return {name: float(value) if seen else None, f"{name}_std": float(std) if seen else None}
+
+
+def _trust(trust: Trust) -> Row:
+    return {"trust": trust.verdict, "misfit": trust.misfit if isfinite(trust.misfit) else None}

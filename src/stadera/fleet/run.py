@@ -1,0 +1,130 @@
+"""A fleet's logs weighed: what is known is kept, the rest is run, and every row is safe as soon as it is there.
+
+Rows are appended to a journal beside the table as they come in. The table is written whole: now and then, at the end,
+and when the run is broken off; then the journal goes. A log is done if its content, the options, the robot's files and
+the package's version are those of its row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from os import PathLike
+from pathlib import Path
+from time import monotonic
+
+from stadera.files import require_writable
+from stadera.fleet.jobs import LogJob, check_models
+from stadera.fleet.journal import journal, read_journal
+from stadera.fleet.pool import Failure, Pool, run_tasks
+from stadera.fleet.row import Done, Row, Task, is_done, lost, process
+from stadera.fleet.source import is_url, size_of
+from stadera.fleet.table import FleetTable, read_fleet, table_path
+
+Watch = Callable[[str, int, int, str], None]
+"""Called with what is done, how much of it, of how much, and how many logs in words."""
+
+_SAVED_EVERY = 30.0  # s, between two writings of the table while rows come in
+
+
+def run_fleet(
+    jobs: Sequence[LogJob], out: str | PathLike[str], pool: Pool | None = None, watch: Watch | None = None
+) -> FleetTable:
+    """Weighs a fleet's logs, or identifies legs from them, and writes the table.
+
+    Args:
+        jobs: one a log. Rows of other logs that the table has stay in it, before these.
+        out: of the table, .parquet; what it holds already is not done again.
+        pool: where logs are weighed; None for one process a core.
+        watch: see `Watch`.
+
+    Raises:
+        StaderaError: a table that cannot be written or read; no scheduler. Never for a log, whose row says what was
+            wrong with it.
+        MissingExtraError: Dask is needed and not installed.
+    """
+    target = require_writable(table_path(out))
+    check_models(jobs)
+    fleet = _Fleet(target, jobs)
+    by_log = {job.log: job for job in jobs}
+    tasks = {log: Task(job, fleet.key(log)) for log, job in by_log.items()}
+    waiting = {log: task for log, task in tasks.items() if not is_done(task)}
+    progress = _Progress([by_log[log] for log in waiting], watch)
+    try:
+        with journal(fleet.journal) as append, closing(run_tasks(process, waiting, pool or Pool())) as outcomes:
+            for log, outcome in outcomes:
+                done = lost(by_log[log], outcome.reason) if isinstance(outcome, Failure) else outcome
+                if done.row is not None:
+                    append({"key": done.key, "row": done.row, "joints": done.joints})
+                    fleet.add(log, done)
+                progress.finished(log)
+    finally:
+        fleet.save()
+        fleet.journal.unlink(missing_ok=True)
+    return fleet.table()
+
+
+class _Fleet:
+    """What is done: what table and journal hold, and what comes in."""
+
+    def __init__(self, target: Path, jobs: Sequence[LogJob]) -> None:
+        self.journal = target.with_name(f".{target.stem}.journal.jsonl")
+        self._target, self._jobs = target, jobs
+        self._done: dict[str, Done] = {}
+        if target.exists():
+            self._read(read_fleet(target))
+        self._changed, self._saved = False, monotonic()
+        for entry in read_journal(self.journal):
+            self._done[entry["row"]["log"]] = Done(entry["key"], entry["row"], tuple(entry["joints"]))
+            self._changed = True
+
+    def key(self, log: str) -> str | None:
+        """The key under which a log is done."""
+        return self._done[log].key if log in self._done else None
+
+    def add(self, log: str, done: Done) -> None:
+        """A row; saved with those before it if the last time was long ago."""
+        self._done[log], self._changed = done, True
+        if monotonic() - self._saved > _SAVED_EVERY:
+            self.save()
+
+    def save(self) -> None:
+        """Writes the table, if it has changed."""
+        if self._changed:
+            self.table().save(self._target)
+        self._changed, self._saved = False, monotonic()
+
+    def table(self) -> FleetTable:
+        """Logs of earlier runs, then those of this one in their order."""
+        now = dict.fromkeys(job.log for job in self._jobs)
+        order = [*(log for log in self._done if log not in now), *(log for log in now if log in self._done)]
+        done = [self._done[log] for log in order]
+        joints = tuple(joint for one in done for joint in one.joints)
+        return FleetTable(tuple(one.row or {} for one in done), joints, tuple(one.key for one in done))
+
+    def _read(self, table: FleetTable) -> None:
+        joints: dict[str, list[Row]] = {}
+        for joint in table.joints:
+            joints.setdefault(joint["log"], []).append(joint)
+        for row, key in zip(table.rows, table.keys, strict=True):
+            self._done[row["log"]] = Done(key, row, tuple(joints.get(row["log"], ())))
+
+
+class _Progress:
+    """By the logs' sizes, which their time goes by; by their number where some are remote."""
+
+    def __init__(self, jobs: Sequence[LogJob], watch: Watch | None) -> None:
+        self._watch, self._done = watch, 0
+        remote = watch is None or any(is_url(job.log) for job in jobs)
+        self._sizes = {job.log: 1 if remote else max(size_of(job.log), 1) for job in jobs}
+        self._total, self._logs = sum(self._sizes.values()), 0
+        self._show()
+
+    def finished(self, log: str) -> None:
+        """One log more."""
+        self._done, self._logs = self._done + self._sizes[log], self._logs + 1
+        self._show()
+
+    def _show(self) -> None:
+        if self._watch is not None:
+            self._watch("weighing logs", self._done, self._total, f"{self._logs} of {len(self._sizes)}")

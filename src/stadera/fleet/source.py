@@ -1,0 +1,120 @@
+"""Where logs lie: on disk, or at any URL that fsspec reads (s3://, gs://, az://, https://, sftp://, ...).
+
+A log is a file, or a folder that is a bag. One at a URL is fetched into a temporary folder, weighed and thrown away.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from glob import glob, has_magic
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from stadera.errors import MissingExtraError, RecordingError
+
+_PIECE = 1 << 20  # bytes read at once
+
+
+def is_url(address: str) -> bool:
+    """Whether an address is a URL and not a path on disk."""
+    return "://" in address
+
+
+def expanded(pattern: str) -> list[str]:
+    """The addresses that a path, a URL or a glob of one names, sorted; paths are absolute.
+
+    A path or URL without wildcards is taken as it is, whether there is something or not. The truth that `simulate`
+    writes beside its logs is no log, and no glob matches it.
+
+    Raises:
+        RecordingError: a glob that matches nothing, a place that cannot be listed.
+        MissingExtraError: a URL, and fsspec or what it needs for that protocol is not installed.
+    """
+    if not has_magic(pattern):
+        return [pattern if is_url(pattern) else str(Path(pattern).absolute())]
+    if is_url(pattern):
+        system, path = _system(pattern)
+        with _named(pattern):
+            found = [str(system.unstrip_protocol(name)) for name in system.glob(path)]
+    else:
+        found = [str(Path(name).absolute()) for name in glob(pattern, recursive=True)]
+    found = sorted(name for name in found if ".truth." not in Path(name).name)
+    if not found:
+        raise RecordingError(f"{pattern}: matches no log")
+    return found
+
+
+def size_of(address: str) -> int:
+    """Bytes, for the remaining time; 0 where that cannot be known cheaply."""
+    try:
+        if is_url(address):
+            system, path = _system(address)
+            return int(system.size(path) or 0)
+        place = Path(address)
+        files = place.rglob("*") if place.is_dir() else [place]
+        return sum(file.stat().st_size for file in files if file.is_file())
+    except Exception:  # whatever a remote place raises: the log's own row will say it
+        return 0
+
+
+@contextmanager
+def fetched(address: str) -> Iterator[Path]:
+    """A log on this machine's disk, for as long as it is used.
+
+    Raises:
+        RecordingError: it is not there, or cannot be fetched.
+        MissingExtraError: see `expanded`.
+    """
+    if not is_url(address):
+        if not Path(address).exists():
+            raise RecordingError(f"{address}: no such file")
+        yield Path(address)
+        return
+    system, path = _system(address)
+    with TemporaryDirectory(prefix="stadera-") as folder:
+        copy = Path(folder) / path.rstrip("/").rpartition("/")[2]
+        with _named(address):
+            whole = system.isdir(path)
+            system.get(path.rstrip("/") + "/" * whole, str(copy) + "/" * whole, recursive=whole)
+        yield copy
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file's content; of a folder, of its files' names and contents."""
+    total = hashlib.sha256()
+    if path.is_dir():
+        for part in sorted(part for part in path.rglob("*") if part.is_file()):
+            total.update(f"{part.relative_to(path).as_posix()}\0{digest(part)}\0".encode())
+        return total.hexdigest()
+    with path.open("rb") as file:
+        while piece := file.read(_PIECE):
+            total.update(piece)
+    return total.hexdigest()
+
+
+def _system(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it."""
+    try:
+        from fsspec.core import url_to_fs  # type: ignore[import-untyped]
+    except ImportError:
+        raise MissingExtraError("fsspec", "fleet", f"a log at {url}") from None
+    try:
+        system, path = url_to_fs(url)
+    except ImportError as error:  # fsspec's own, of the package for that protocol
+        raise RecordingError(f"{url}: {error}") from None
+    except ValueError as error:
+        raise RecordingError(f"{url}: not a URL that can be read: {error}") from None
+    return system, str(path)
+
+
+@contextmanager
+def _named(url: str) -> Iterator[None]:
+    """Errors of a remote place, which are of any class, as one of this package that names the URL."""
+    try:
+        yield
+    except Exception as error:
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise RecordingError(f"{url}: cannot be fetched: {said[:200]}") from None

@@ -1,0 +1,139 @@
+"""The table of a fleet: one row a log, in Parquet; of identified legs, beside it one row a joint's parameter.
+
+Columns are only ever added. SI units; a value that was not observed is null, and so are all values of a log that
+failed. `changes` is how many changes of the load were found. The file's metadata hold the key of each row, by which a
+later run knows what is done.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from stadera.errors import MissingExtraError, StaderaError
+from stadera.files import written_together
+
+_VALUES = ("trunk_mass", "com_x", "com_y", "com_z", "payload_mass")
+COLUMNS: dict[str, str] = {
+    "log": "string",
+    "sha256": "string",
+    "robot": "string",
+    "begin": "double",
+    "end": "double",
+    "status": "string",
+    "error": "string",
+    **{name: "double" for value in _VALUES for name in (value, f"{value}_std")},
+    "changes": "int64",
+    "trust": "string",
+    "misfit": "double",
+    "seconds": "double",
+    "version": "string",
+}
+"""Of the table, with their types."""
+JOINTS: dict[str, str] = {
+    "log": "string",
+    "robot": "string",
+    "joint": "string",
+    "parameter": "string",
+    "value": "double",
+    "std": "double",
+}
+"""Of the table of joints: armature [kg·m²], viscous [N·m·s/rad], coulomb and offset [N·m]; `std` is null where the data
+do not measure the value."""
+_KEYS = b"stadera.keys"
+
+
+@dataclass(frozen=True)
+class FleetTable:
+    """What is known of a fleet's logs.
+
+    Attributes:
+        rows: by column, see `COLUMNS`.
+        joints: by column, see `JOINTS`; none where trunks were weighed.
+        keys: of each row, None for one that is to be tried again.
+    """
+
+    rows: tuple[dict[str, Any], ...]
+    joints: tuple[dict[str, Any], ...] = ()
+    keys: tuple[str | None, ...] = ()
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes the table, and that of the joints if there are any; both whole or not at all.
+
+        Raises:
+            StaderaError: a path that cannot be written or is not called .parquet.
+        """
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        target = table_path(path)
+        paths = [target, joints_path(target)] if self.joints else [target]
+        keys = {_KEYS: json.dumps(self.keys)}
+        with written_together(paths) as drafts:
+            parquet.write_table(_arrow(pa, self.rows, COLUMNS).replace_schema_metadata(keys), drafts[0])
+            if self.joints:
+                parquet.write_table(_arrow(pa, self.joints, JOINTS), drafts[1])
+
+    def to_dataframe(self) -> Any:
+        """The rows as a pandas DataFrame.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        try:
+            import pandas as pd  # type: ignore[import-untyped]
+        except ImportError:
+            raise MissingExtraError("pandas", "dataframe", "a data frame") from None
+        return pd.DataFrame(list(self.rows), columns=list(COLUMNS))
+
+
+def read_fleet(path: str | PathLike[str]) -> FleetTable:
+    """A table as `FleetTable.save` wrote it.
+
+    Raises:
+        StaderaError: no such file, or another table.
+    """
+    target = table_path(path)
+    rows, keys = _read(target, COLUMNS)
+    joints = joints_path(target)
+    listed = tuple(json.loads(keys)) if keys else (None,) * len(rows)
+    return FleetTable(rows, _read(joints, JOINTS)[0] if joints.exists() else (), listed)
+
+
+def table_path(path: str | PathLike[str]) -> Path:
+    """The path of a table.
+
+    Raises:
+        StaderaError: it is not called .parquet.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".parquet":
+        raise StaderaError(f"{target}: a fleet's table is written as .parquet")
+    return target
+
+
+def joints_path(table: Path) -> Path:
+    """Of the table of joints beside a table."""
+    return table.with_suffix(".joints.parquet")
+
+
+def _arrow(pa: Any, rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> Any:
+    schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in columns.items()])
+    return pa.Table.from_pylist(list(rows), schema=schema)
+
+
+def _read(path: Path, columns: dict[str, str]) -> tuple[tuple[dict[str, Any], ...], bytes]:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        table = parquet.read_table(path)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise StaderaError(f"{path}: not a fleet's table: {' '.join(str(error).split())[:200]}") from None
+    if missing := [name for name in columns if name not in table.column_names]:
+        raise StaderaError(f"{path}: not a fleet's table: no column {', '.join(missing)}")
+    return tuple(table.select(list(columns)).to_pylist()), (table.schema.metadata or {}).get(_KEYS, b"")

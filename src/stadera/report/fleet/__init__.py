@@ -1,0 +1,1 @@
+"""Of a fleet: many logs of several robots."""

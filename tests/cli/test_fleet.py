@@ -1,0 +1,85 @@
+"""`stadera fleet`: what it writes and prints, and what bad input gets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stadera.cli.terminal import remaining
+from stadera.fleet import read_fleet
+from stadera.fleet import run as runs
+from stadera.lab.plant import STANDARD
+from stadera.logs import write_table
+from stadera.robot import load_robot
+from walking import Walk, recorded, walked
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    robot = load_robot("hyq")
+    motion = walked(robot, Walk(seconds=1.5, rate_hz=100.0))
+    return write_table(recorded(robot, motion, STANDARD, 0), tmp_path_factory.mktemp("walk") / "walk.parquet")
+
+
+def test_a_table_of_all_logs_with_those_that_failed(run: Callable[..., Any], walk: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty.parquet").touch()
+    logs = [walk, tmp_path / "empty.parquet"]
+    done = run("fleet", *logs, "--robot", "hyq", "--tare", "0:0.8", "--out", tmp_path / "r.parquet", "--workers", "0")
+    assert done.code == 0, done.err
+    assert "failed: " in done.out
+    assert "empty.parquet: the file is empty" in done.out
+    good, bad = read_fleet(tmp_path / "r.parquet").rows
+    assert good["payload_mass_std"] > 0
+    assert bad["status"] == "failed"
+
+
+def test_where_all_fail_the_call_is_wrong(run: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "empty.parquet").touch()
+    done = run("fleet", f"{tmp_path}/*.parquet", "--robot", "hyq", "--out", tmp_path / "out.parquet", "--workers", "0")
+    assert done.code == 1
+    assert done.err.startswith(f"stadera: error: all 1 logs failed, the first: {tmp_path}/empty.parquet: the file is")
+    assert len(read_fleet(tmp_path / "out.parquet").rows) == 1
+
+
+def test_ctrl_c_keeps_what_is_done(
+    run: Callable[..., Any], walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def pressed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runs, "process", pressed)
+    done = run("fleet", walk, "--robot", "hyq", "--out", tmp_path / "r.parquet", "--workers", "0")
+    assert done.code == 1
+    assert "broken off; what is done is in" in done.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        ((), 2, "name logs or a --manifest"),
+        (("a.csv", "--manifest", "m.csv"), 2, "name logs or a --manifest"),
+        (("--manifest", "m.csv", "--tare", "0:1"), 2, "is of the manifest's lines"),
+        (("a.csv", "--scheduler", "tcp://x:1", "--workers", "2"), 2, "has its own workers"),
+        (("a.csv", "--workers", "-1"), 2, "workers"),
+        (("a.csv", "--tare", "3:1", "--robot", "hyq"), 1, "'3:1' is not a range of time"),
+        (("a.csv", "--method", "wlking", "--robot", "hyq"), 1, "unknown method 'wlking'"),
+        (("a.csv", "--robot", "hqy"), 1, "unknown robot 'hqy'"),
+        (("none*.csv", "--robot", "hyq"), 1, "matches no log"),
+        (("a.csv", "--robot", "hyq", "--names", "unit"), 1, "has no group in parentheses"),
+    ],
+)
+def test_bad_input(run: Callable[..., Any], tmp_path: Path, arguments: tuple[str, ...], code: int, said: str) -> None:
+    done = run("fleet", *arguments, "--out", tmp_path / "r.parquet")
+    assert done.code == code
+    assert said in " ".join(done.err.replace("│", " ").split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_remaining_time_counts_what_was_done_in_this_run() -> None:
+    assert remaining(60.0, 30, 60) == "about 2 min left"
+    assert remaining(60.0, 60, 30) == "about 30 s left"
+    assert remaining(3600.0, 1, 5) == "about 5.0 h left"
+    assert remaining(5.0, 3, 60) == remaining(60.0, 0, 60) == remaining(60.0, 9, 0) == ""
