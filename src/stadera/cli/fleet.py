@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import Force, ImuTopic, JointTopic
+from stadera.cli.options import (
+    Columns,
+    Force,
+    ImuTopic,
+    JointTopic,
+    LogOptions,
+    PdGains,
+    Scheduler,
+    Units,
+    Workers,
+    check_workers,
+)
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -49,14 +60,12 @@ def fleet(
     imu_frame: Annotated[str | None, typer.Option(metavar="NAME", help="Frame that the IMUs' values are in.")] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
+    columns: Columns = None,
+    units: Units = None,
+    pd: PdGains = None,
     force: Force = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=0, help="Processes on this machine; 0: this one [default: one a core]."),
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:8786", help="A Dask scheduler, whose workers do the work.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     memory: Annotated[
         float, typer.Option(metavar="GB", help="Of a worker on this machine, above which it is ended and tries anew.")
     ] = 2.0,
@@ -71,15 +80,15 @@ def fleet(
     for option, given in (("--tare", tare), ("--legs", legs), ("--names", names)):
         if manifest is not None and given is not None:
             raise typer.BadParameter("is of the manifest's lines", param_hint=option)
-    if scheduler is not None and workers is not None:
-        raise typer.BadParameter("a scheduler has its own workers", param_hint="--workers")
+    check_workers(workers, scheduler)
     springs = None if stiffness is None else parse.point(stiffness)
 
     from stadera.fleet.jobs import FleetOptions, jobs_of, read_manifest
     from stadera.fleet.pool import Pool
     from stadera.report.fleet.terminal import fleet_tables
 
-    options = FleetOptions(identify, method, springs, imu_frame, joint_topic, imu_topic, force)
+    logged = LogOptions.of(joint_topic, imu_topic, columns, units, pd)
+    options = FleetOptions(identify, method, springs, imu_frame, logged.topics, logged.reading, force)
     if manifest is not None:
         jobs = read_manifest(manifest, robot, options)
     else:

@@ -45,6 +45,20 @@ PdGains = Annotated[
     str | None,
     typer.Option("--pd", metavar="KP,KD", help="Make torques of desired positions; hip, thigh, calf: KP,KD/KP,KD/..."),
 ]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", metavar="N", min=0, help="Processes on this machine; 0: this one [default: one a core]."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler, whose workers do the work."),
+]
+
+
+def check_workers(workers: int | None, scheduler: str | None) -> None:
+    """Raises: BadParameter: both are given."""
+    if scheduler is not None and workers is not None:
+        raise typer.BadParameter("a scheduler has its own workers", param_hint="--workers")
 
 
 TEMPLATE = "-"

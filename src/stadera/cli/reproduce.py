@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.options import JsonFile, ReportFile
+from stadera.cli.options import JsonFile, ReportFile, Scheduler, Workers, check_workers
 from stadera.cli.outputs import check_outputs, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
@@ -37,6 +37,8 @@ def reproduce(
         int | None,
         typer.Option(metavar="N", min=1, help="Of walking, alarms and reality: as many repetitions of the whole grid."),
     ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     json: JsonFile = None,
     report: ReportFile = None,
 ) -> None:
@@ -44,9 +46,12 @@ def reproduce(
 
     A bound that is not met is reported in terminal, page and JSON; it is a measurement, not an error.
     """
+    check_workers(workers, scheduler)
+
     from stadera.lab import require_lab
 
     require_lab("stadera reproduce")
+    from stadera.fleet.pool import Pool
     from stadera.lab.experiments import ReproduceSettings, experiments_named, run_experiments
     from stadera.lab.report.experiments.terminal import experiment_renderables
 
@@ -54,7 +59,7 @@ def reproduce(
     check_outputs((json, report))
     results = []
     with progress() as watch:
-        settings = ReproduceSettings(seed, quick, data, keep, seeds)
+        settings = ReproduceSettings(seed, quick, data, keep, seeds, Pool(workers, scheduler))
         for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
     _write(results, json, report)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.fleet.source import expanded, is_url
+from stadera.logs.reading import AS_RECORDED, Reading
+from stadera.logs.topics import Topics
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.weigh.settings import check_choice, tare_of
@@ -27,7 +29,8 @@ class FleetOptions:
     Attributes:
         identify: whether legs are identified, from logs of robots on a stand; else trunks are weighed.
         method, stiffness, imu_frame, force: as `stadera.weigh` takes them.
-        joint_topic, imu_topic: of bags with several.
+        topics: to read, of logs with several.
+        reading: what columns are, and their units.
 
     Raises:
         UnknownNameError, IdentificationError: as `stadera.weigh`, before any log is read.
@@ -38,8 +41,8 @@ class FleetOptions:
     method: str | None = None
     stiffness: tuple[float, float, float] | None = None
     imu_frame: str | None = None
-    joint_topic: str | None = None
-    imu_topic: str | None = None
+    topics: Topics = field(default_factory=Topics)
+    reading: Reading = AS_RECORDED
     force: bool = False
 
     def __post_init__(self) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
@@ -19,7 +18,7 @@ from stadera.fleet.jobs import LogJob, robot_of
 from stadera.fleet.metadata import robot_named_in
 from stadera.fleet.source import digest, fetched, is_url
 from stadera.fleet.table import COLUMNS
-from stadera.logs.topics import LogFile, Topics
+from stadera.logs.topics import LogFile
 from stadera.weigh.settings import tare_of
 
 if TYPE_CHECKING:
@@ -128,7 +127,7 @@ class _Source:
         robot, sha256 = job.robot or robot_named_in(path), digest(path)
         files = [robot_of(robot, job.legs).source, job.legs, tare if isinstance(tare, Path) else None]
         contents = [None if file is None else _digest(Path(file)) for file in files]
-        text = json.dumps([sha256, stadera.__version__, asdict(job), robot, contents], sort_keys=True)
+        text = repr((sha256, stadera.__version__, job, robot, contents))
         return cls(path, tare, robot, sha256, hashlib.sha256(text.encode()).hexdigest())
 
 
@@ -147,11 +146,10 @@ def _weighed(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
     from stadera.weigh.weigh import weigh
 
     options = job.options
-    topics = Topics(options.joint_topic, options.imu_topic)
-    tare = LogFile(source.tare, topics) if isinstance(source.tare, Path) else source.tare
+    tare = _log(job, source.tare) if isinstance(source.tare, Path) else source.tare
     result = weigh(
         robot_of(source.robot, job.legs),
-        LogFile(source.path, topics),
+        _log(job, source.path),
         tare,
         options.method,
         imu_frame=options.imu_frame,
@@ -169,18 +167,21 @@ def _weighed(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
 
 def _identified(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
     from stadera.identify.legs import identify
-    from stadera.identify.log import joints_with_effort, time_span
+    from stadera.identify.log import has_effort, time_span
     from stadera.identify.settings import IdentifySettings
 
     robot, options = robot_of(source.robot, None), job.options
-    log = LogFile(source.path, Topics(options.joint_topic, options.imu_topic))
-    recorded = joints_with_effort(log)
-    legs = tuple(leg.name for leg in robot.legs if recorded.issuperset(leg.joints))
+    log = _log(job, source.path)
+    legs = tuple(leg.name for leg in robot.legs if has_effort(log, leg.joints))
     result = identify(robot, log, IdentifySettings(legs=legs or None))
     if result.trust.verdict == "bad" and not options.force:
         raise UntrustedError(f"{log.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     begin, end = time_span(log, result.legs[0].leg.joints)
     return {"begin": begin, "end": end} | _trust(result.trust), tuple(_joints(result))
+
+
+def _log(job: LogJob, path: Path) -> LogFile:
+    return LogFile(path, job.options.topics, job.options.reading)
 
 
 def _joints(result: Identification) -> Iterator[Row]:

@@ -56,7 +56,7 @@ def pretended(monkeypatch: pytest.MonkeyPatch) -> Callable[[tuple[float, float, 
     """All runs come out as said, without a simulation."""
 
     def _pretended(com: tuple[float, float, float]) -> None:
-        def stood(_: str, __: object, cases: list[StandingCase], ___: object) -> list[StandingOutcome]:
+        def stood(_: str, __: object, cases: list[StandingCase], *___: object, **____: object) -> list[StandingOutcome]:
             return [outcome(case, com) for case in cases]
 
         for module in (table2, table3, table4):

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from stadera.errors import StaderaError
+from stadera.fleet.pool import Pool
 from stadera.lab.experiments.result import CaseValues, ExperimentResult, FigureData, Record
 from stadera.report.table import TableData
 from stadera.types import Progress
@@ -26,6 +27,7 @@ class ReproduceSettings:
         data: the folder of real logs; None to look for it (see `experiments.legs.real_logs`).
         keep: the folder in which long studies keep their runs, to go on from (see `experiments.grid`); None for none.
         seeds: how many, of a study that repeats its whole grid for each; None for its default.
+        pool: where the runs of a grid are run.
 
     Raises:
         StaderaError: a negative seed, less than one of them.
@@ -36,6 +38,7 @@ class ReproduceSettings:
     data: Path | None = None
     keep: Path | None = None
     seeds: int | None = None
+    pool: Pool = field(default_factory=Pool)
 
     def __post_init__(self) -> None:
         if self.seeds is not None and self.seeds < 1:

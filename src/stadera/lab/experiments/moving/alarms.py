@@ -42,7 +42,7 @@ def cases(settings: ReproduceSettings) -> list[AlarmCase]:
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """The whole grid, over the processor's cores; runs kept in `settings.keep` are not done again."""
     grid = cases(settings)
-    return summary(grid, run_grid(PAPER.name, watch, grid, progress, settings.keep))
+    return summary(grid, run_grid(PAPER.name, watch, grid, progress, settings.keep, settings.pool))
 
 
 def summary(grid: Sequence[AlarmCase], runs: Sequence[Outcome]) -> ExperimentResult:

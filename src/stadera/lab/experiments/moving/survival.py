@@ -184,7 +184,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     study = _QUICK if settings.quick else FULL
     walks = _Walks.of(study, settings.seed)
     cases = list(dict.fromkeys((*walks.grid, *walks.worst, *walks.small, *walks.quiet)))
-    found = dict(zip(cases, run_grid(PAPER.name, survive, cases, progress, settings.keep), strict=True))
+    found = dict(zip(cases, run_grid(PAPER.name, survive, cases, progress, settings.keep, settings.pool), strict=True))
     watched = [c for c in dict.fromkeys((*walks.grid, *walks.worst, *walks.small)) if c.load >= study.small - 1e-9]
     return PAPER.result(
         (

@@ -132,7 +132,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     seeds = range(settings.seed, settings.seed + (1 if settings.quick else _SEEDS))
     loads = [float(load) for load in PAPER.values]
     cases = [Table5Case(load, seed) for load in loads for seed in seeds]
-    outcomes = run_grid(PAPER.name, weigh_on_the_way, cases, progress, settings.keep)
+    outcomes = run_grid(PAPER.name, weigh_on_the_way, cases, progress, settings.keep, settings.pool)
     by_load = {load: [o for c, o in zip(cases, outcomes, strict=True) if c.load == load] for load in loads}
     return PAPER.result(
         (record for load, found in by_load.items() for record in _records(load, found)),

@@ -103,7 +103,7 @@ def cases(settings: ReproduceSettings) -> list[WalkingCase]:
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """The whole grid, over the processor's cores; runs kept in `settings.keep` are not done again."""
     grid = cases(settings)
-    return summary(grid, run_grid(PAPER.name, weigh_in_motion, grid, progress, settings.keep))
+    return summary(grid, run_grid(PAPER.name, weigh_in_motion, grid, progress, settings.keep, settings.pool))
 
 
 _Pairs = Sequence[tuple[WalkingCase, Outcome]]

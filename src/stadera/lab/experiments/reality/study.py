@@ -109,8 +109,10 @@ def cases(settings: ReproduceSettings) -> list[RealityCase]:
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """The whole grid, over the processor's cores; logs and figures kept in `settings.keep` are not made again."""
     grid = cases(settings)
-    logs = None if settings.keep is None else settings.keep / f"{PAPER.name}-logs"
-    return summary(grid, run_grid(PAPER.name, partial(weigh_real, logs=logs), grid, progress, settings.keep))
+    logs = None if settings.keep is None else settings.keep.absolute() / f"{PAPER.name}-logs"
+    return summary(
+        grid, run_grid(PAPER.name, partial(weigh_real, logs=logs), grid, progress, settings.keep, settings.pool)
+    )
 
 
 def summary(grid: Sequence[RealityCase], runs: Sequence[Outcome]) -> ExperimentResult:

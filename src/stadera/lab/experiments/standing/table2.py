@@ -45,7 +45,9 @@ class _Cases:
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Weighs HyQ by three methods under three loads, and other robots by the last."""
     plan = _Cases.of(settings)
-    outcomes = run_grid(PAPER.name, stand, [*plan.hyq, *(case for case, _ in plan.others)], progress)
+    outcomes = run_grid(
+        PAPER.name, stand, [*plan.hyq, *(case for case, _ in plan.others)], progress, pool=settings.pool
+    )
     hyq, rest = outcomes[: len(plan.hyq)], outcomes[len(plan.hyq) :]
     others = [(outcome, share) for outcome, (_, share) in zip(rest, plan.others, strict=True)]
     plane, height = [_plane_record(o) for o in hyq], [_height_record(o) for o in hyq if _finds_height(o.case.method)]

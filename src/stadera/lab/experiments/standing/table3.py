@@ -25,7 +25,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     grid = [(float(slope), load) for slope in PAPER.values for load in _LOADS]
     grid = grid[-1:] if settings.quick else grid
     cases = [StandingCase("hyq", "contact", load, slope, seed=settings.seed, start=_START) for slope, load in grid]
-    outcomes = run_grid(PAPER.name, stand, cases, progress)
+    outcomes = run_grid(PAPER.name, stand, cases, progress, pool=settings.pool)
     records = [record for outcome in outcomes for record in _records(outcome)]
     return PAPER.result(
         records,

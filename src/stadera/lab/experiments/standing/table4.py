@@ -122,7 +122,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Weighs HyQ by three methods under all errors."""
     cells = [(Column("torque", "sample", 0.0, 1.0), "contact")] if settings.quick else list(_cells())
     planned = [(cell, cell[0].case(cell[1], settings.seed + k)) for cell in cells for k in range(cell[0].runs)]
-    outcomes = run_grid(PAPER.name, stand, [case for _, case in planned], progress)
+    outcomes = run_grid(PAPER.name, stand, [case for _, case in planned], progress, pool=settings.pool)
     found: dict[tuple[Column, str], list[StandingOutcome]] = {cell: [] for cell in cells}
     for (cell, _), outcome in zip(planned, outcomes, strict=True):
         found[cell].append(outcome)
