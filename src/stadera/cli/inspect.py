@@ -64,13 +64,17 @@ def _is_robot(target: str) -> bool:
         StaderaError: neither a name nor a file.
     """
     from stadera.errors import StaderaError
+    from stadera.logs.examples import EXAMPLES
     from stadera.robot.catalog import CATALOG
 
     if target.lower() in CATALOG:
         return True
     path = Path(target)
-    if not path.exists():
-        raise StaderaError(f"{target}: neither a file nor a robot's name; robots: {', '.join(CATALOG)}")
+    if not path.exists() and target not in EXAMPLES:
+        raise StaderaError(
+            f"{target}: neither a file nor a robot's name; robots: {', '.join(CATALOG)}; "
+            f"logs that come with stadera: {', '.join(EXAMPLES)}"
+        )
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         return True
     if not path.is_file():

@@ -17,6 +17,7 @@ from stadera.logs.bags.mcap import McapFile
 from stadera.logs.bags.ros1 import Ros1File
 from stadera.logs.bags.sqlite import SqliteFile
 from stadera.logs.columns import layout
+from stadera.logs.examples import EXAMPLES
 from stadera.logs.frames import columns_of
 from stadera.logs.join import concatenate, take
 from stadera.logs.recording import Recording
@@ -159,7 +160,7 @@ def reader_of(path: Path) -> Reader:
     """
     accepted = "accepted: " + ", ".join(f"{reader.name} ({', '.join(reader.suffixes)})" for reader in READERS)
     if not path.exists():
-        raise RecordingError(f"{path}: no such file")
+        raise RecordingError(f"{path}: no such file; logs that come with stadera: {', '.join(EXAMPLES)}")
     if path.is_file() and path.stat().st_size == 0:
         raise RecordingError(f"{path}: the file is empty; {accepted}")
     try:

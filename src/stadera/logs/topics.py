@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 
 from stadera.errors import RecordingError
+from stadera.logs.examples import EXAMPLES, example
 from stadera.logs.reading import AS_RECORDED, Reading
 
 
@@ -38,7 +39,7 @@ class LogFile(PathLike[str]):
     """A log on disk, and how to read it; taken wherever the path of a log is.
 
     Attributes:
-        path: of the file or folder.
+        path: of the file or folder; the name of one of `EXAMPLES`, where there is no such file, stands for its file.
         topics: to read, for bags and for tables that were made of them.
         reading: what its columns are, and their units.
     """
@@ -46,6 +47,10 @@ class LogFile(PathLike[str]):
     path: Path
     topics: Topics = field(default_factory=Topics)
     reading: Reading = AS_RECORDED
+
+    def __post_init__(self) -> None:
+        if str(self.path) in EXAMPLES and not self.path.exists():
+            object.__setattr__(self, "path", example(str(self.path)))
 
     @classmethod
     def of(cls, log: str | PathLike[str]) -> LogFile:

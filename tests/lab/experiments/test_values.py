@@ -19,6 +19,7 @@ from stadera.lab.experiments import (
 )
 from stadera.lab.experiments.legs.real_logs import MissingDataError, data_folder, real_log
 from stadera.lab.experiments.paper import Steps
+from stadera.logs.examples import example
 from stadera.report.table import Cell, TableData
 
 
@@ -103,16 +104,19 @@ def test_logs_are_looked_for_where_the_variable_says(tmp_path: Path, monkeypatch
     monkeypatch.setenv("STADERA_DATA", str(tmp_path))
     assert data_folder() == tmp_path
     with pytest.raises(MissingDataError, match="no such log"):
-        real_log(tmp_path, "x.csv")
+        real_log("x")
     (tmp_path / "real").mkdir()
     (tmp_path / "real" / "x.csv").write_text("time\n")
-    assert real_log(tmp_path, "x.csv") == tmp_path / "real" / "x.csv"
+    assert real_log("x") == tmp_path / "real" / "x.csv"
     monkeypatch.setenv("STADERA_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(MissingDataError, match="set STADERA_DATA"):
         data_folder()
     monkeypatch.delenv("STADERA_DATA")
+    monkeypatch.chdir(tmp_path)
+    assert data_folder() is None
+    assert real_log("go2_legs_in_air") == example("go2_legs_in_air")
     beside = tmp_path / "shared" / "data"
     beside.mkdir(parents=True)
     (tmp_path / "project").mkdir()
     monkeypatch.chdir(tmp_path / "project")
-    assert data_folder().resolve() == beside
+    assert data_folder() == Path("..") / "shared" / "data"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from stadera.identify.legs import identify
 from stadera.identify.result import MODELS, Identification
-from stadera.lab.experiments.legs.real_logs import data_folder, real_log
+from stadera.lab.experiments.legs.real_logs import real_log
 from stadera.lab.experiments.legs.recovery import impossible_links
 from stadera.lab.experiments.legs.torques import rmse_records, rmse_table, torque_figure
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
@@ -18,7 +18,7 @@ from stadera.types import Progress
 
 PAPER = Paper.of("fig5")
 
-_LOGS = {"go2": "go2_legs_in_air.csv", "aliengo": "aliengo_legs_in_air.csv"}
+_LOGS = {"go2": "go2_legs_in_air", "aliengo": "aliengo_legs_in_air"}
 _LEG = "RF"  # the paper's
 
 
@@ -26,11 +26,11 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Identifies all legs of both robots.
 
     Raises:
-        MissingDataError: the logs are not on this machine.
+        MissingDataError: the logs are not in the folder that is named.
         MissingExtraError: the robots' models are not installed.
     """
-    folder, step = data_folder(settings.data), Steps(PAPER.name, progress)
-    logs = {robot: real_log(folder, file) for robot, file in _LOGS.items()}
+    step = Steps(PAPER.name, progress)
+    logs = {robot: real_log(name, settings.data) for robot, name in _LOGS.items()}
     results = {}
     for robot, log in logs.items():
         step(f"identifying {robot}")

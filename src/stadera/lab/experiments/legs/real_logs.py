@@ -1,4 +1,4 @@
-"""Where real logs are found; the project carries none."""
+"""Where real logs are found: a folder that is given, STADERA_DATA, ../shared/data, else those of the package."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from stadera.errors import StaderaError
+from stadera.logs.examples import example
 
 VARIABLE = "STADERA_DATA"
 _BESIDE = Path("..") / "shared" / "data"
@@ -15,26 +16,29 @@ class MissingDataError(StaderaError):
     """Real logs that an experiment needs are not on this machine."""
 
 
-def data_folder(given: Path | None = None) -> Path:
-    """The folder of real logs: the given one, else what STADERA_DATA names, else ../shared/data.
+def data_folder(given: Path | None = None) -> Path | None:
+    """The folder of real logs: the given one, else what STADERA_DATA names, else ../shared/data; None without any.
 
     Raises:
-        MissingDataError: it does not exist.
+        MissingDataError: the folder that is given or named does not exist.
     """
     named = os.environ.get(VARIABLE)
-    folder = given or (Path(named) if named else _BESIDE)
+    folder = given or (Path(named) if named else None)
+    if folder is None:
+        return _BESIDE if _BESIDE.is_dir() else None
     if not folder.is_dir():
         raise MissingDataError(f"no real logs: {folder} does not exist (set {VARIABLE} to their folder)")
     return folder
 
 
-def real_log(folder: Path, name: str) -> Path:
-    """A log of that folder, `real/<name>`.
+def real_log(name: str, given: Path | None = None) -> Path:
+    """A log, `real/<name>.csv` in the folder of real logs, or where there is none the package's own.
 
     Raises:
         MissingDataError: it is not there.
     """
-    path = folder / "real" / name
+    folder = data_folder(given)
+    path = example(name) if folder is None else folder / "real" / f"{name}.csv"
     if not path.is_file():
-        raise MissingDataError(f"{path}: no such log (set {VARIABLE} to the folder that holds real/{name})")
+        raise MissingDataError(f"{path}: no such log (set {VARIABLE} to the folder that holds real/{name}.csv)")
     return path
