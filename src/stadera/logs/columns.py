@@ -108,7 +108,7 @@ def layout(
     sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
     known = dict.fromkeys(sources)
     wanted = tuple(joints) if joints is not None else _joints_in(known, source, table.hint)
-    channels, notes = _channels(known, source, wanted, require, reading.pd)
+    channels, notes = _channels(known, source, wanted, require, reading.pd, table.hint)
     imu, imu_notes = _imu(known, source, "imu" in require)
     force = _forces(known)
     contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
@@ -167,7 +167,12 @@ def _joints_in(names: Collection[str], source: str, help_: str) -> tuple[str, ..
 
 
 def _channels(
-    names: Collection[str], source: str, joints: tuple[str, ...], require: Collection[str], pd: PdGains | None
+    names: Collection[str],
+    source: str,
+    joints: tuple[str, ...],
+    require: Collection[str],
+    pd: PdGains | None,
+    help_: str,
 ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
     """Columns of each channel. One that only some joints have is an error for effort, else left out with a note."""
     needed = {"position", *require}
@@ -182,7 +187,7 @@ def _channels(
         absent = [column for column in columns if column not in names]
         partial = 0 < len(absent) < len(columns)
         if absent and (channel in needed or (channel == "effort" and partial)):
-            raise _missing(absent[0], names, source, help_=_pd_hint(channel, names))
+            raise _missing(absent[0], names, source, help_=help_ or _pd_hint(channel, names))
         if not absent:
             channels[channel] = columns
         elif partial:

@@ -38,15 +38,18 @@ def template(path: Path, reading: Reading) -> str:
 
 
 def _head(path: Path, found: Translation) -> str:
-    recognised = "".join(f"# {note}\n" for note in found.notes) or "# Nothing was recognised: fill in what you know.\n"
+    nothing = "Nothing was recognised: fill in what you know."
+    flat = "These are the flat table's own names: no map is needed."
+    said = found.notes or (flat if any(flat.endswith(".position") for flat in found.sources) else nothing,)
+    recognised = "".join(f"# {note}\n" for note in said)
     return _HEAD.format(log=path.name, presets=", ".join(preset_names()), recognised=recognised)
 
 
 def _units(reading: Reading) -> list[str]:
     lines = ["[units]", "# rate_hz = 200  # of the rows, where there is no column of time"]
     for quantity, si in _UNITS.items():
-        unit = reading.units.of.get(quantity, si)
-        lines.append(f'{quantity} = "{unit}"  # {", ".join(FACTORS[quantity])}')
+        unit = reading.units.of.get(quantity)
+        lines.append(f'{"" if unit else "# "}{quantity} = "{unit or si}"  # {", ".join(FACTORS[quantity])}')
     return lines
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from stadera.errors import RecordingError
 from stadera.joint_words import places, words
@@ -86,7 +86,9 @@ def translated(
         found = _mapped(preset(name), plain, source, topics, joints)
         if _is_log(found, reading.units):
             return _in_units(found, preset(name), labels, reading.units, given=False)
-    return _as_is(names, plain, labels, reading.units, _hint(plain, reading.units))
+    unknown = _as_is(names, plain, labels, reading.units, _hint(plain, reading.units))
+    timed = _mapped(preset(_GENERAL), plain, source, topics, joints).get("time")
+    return replace(unknown, sources={**unknown.sources, "time": timed.column}) if timed else unknown
 
 
 def guessed(names: Sequence[str], reading: Reading) -> Translation:
@@ -245,7 +247,7 @@ def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[
 
 def _hint(plain: Mapping[str, str], units: Units) -> str:
     """What may help with a log that no preset fits without being asked for."""
-    fitting, timed = [], True
+    fitting, timed = [], not any(name.endswith(".position") for name in plain.values())
     for name in preset_names():
         found = _mapped_quietly(preset(name).asked(), plain)
         if any(flat.endswith(".position") for flat in found):

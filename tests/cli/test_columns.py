@@ -1,0 +1,57 @@
+"""Tables of others through the commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from log_formats import in_other_units, own_names
+from stadera.logs import Recording
+
+
+@pytest.fixture
+def legs(swing: Recording) -> tuple[str, ...]:
+    return ("--robot", "hyq", "--legs", "RH")
+
+
+def values_of(out: Path) -> list[float]:
+    joints = json.loads(out.read_text())["joints"]
+    return [found["value"] for joint in joints.values() for found in joint.values()]
+
+
+def test_a_map_and_units_identify_what_the_table_does(run, log: Path, swing: Recording, legs, tmp_path: Path) -> None:
+    own, given = own_names(swing, tmp_path / "own.csv")
+    degrees = in_other_units(swing, tmp_path / "deg.csv")
+    found = []
+    for k, options in enumerate(((log,), (own, "--columns", given), (degrees, "--units", "deg,deg/s,ms"))):
+        assert run("identify", *options, *legs, "--json", tmp_path / f"{k}.json").code == 0
+        found.append(values_of(tmp_path / f"{k}.json"))
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-6, atol=1e-5)
+
+
+def test_a_template_is_a_map(run, log: Path, tmp_path: Path) -> None:
+    written = run("inspect", log, "--columns")
+    assert written.code == 0
+    (tmp_path / "map.toml").write_text(written.out)
+    shown = run("inspect", log, "--columns", tmp_path / "map.toml")
+    assert shown.code == 0
+    assert "hyq (RH)" in shown.out
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (("--columns", "nosuch"), 1, "nosuch: neither a file nor a preset for columns; presets: cheetah,"),
+        (("--units", "furlong"), 1, "unknown unit 'furlong'; valid: s, ms"),
+        (("--pd", "20"), 1, "'20' is not a pair of gains kp,kd"),
+        (("--pd", "20,1"), 1, "leave out --pd, which is for logs without"),
+    ],
+)
+def test_options_that_are_wrong(run, log: Path, options: tuple[str, ...], code: int, message: str) -> None:
+    finished = run("inspect", log, *options)
+    assert finished.code == code
+    assert message in finished.err
+    assert finished.err.count("\n") == 1
