@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import subprocess
 import sys
 
@@ -9,6 +11,7 @@ import pytest
 
 import stadera
 from stadera.cli import app, main
+from stadera.cli.terminal import show
 from stadera.errors import StaderaError
 
 
@@ -87,3 +90,39 @@ def test_what_a_terminal_shows_needs_neither_plots_nor_pages():
     )
     finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert finished.stdout.strip() == "[]"
+
+
+def shell(command: str) -> subprocess.CompletedProcess[str]:
+    """The command line in a shell, `stadera` being this one."""
+    run = f"{sys.executable} -m stadera"
+    script = f"set -o pipefail; {command.replace('stadera', run)}"
+    return subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("command", ["stadera inspect hyq >&-", "stadera inspect hyq | true"])
+def test_a_reader_who_is_not_there_is_no_error(command):
+    finished = shell(command)
+    assert (finished.returncode, finished.stderr) == (0, "")
+
+
+def test_a_stdout_that_cannot_be_written_to_is_named(monkeypatch):
+    class Full(io.StringIO):
+        def flush(self):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(sys, "stdout", Full())
+    with pytest.raises(StaderaError, match=r"^standard output: No space left on device$"):
+        show("text")
+
+
+def test_names_are_shown_as_they_are_and_no_terminal_takes_them_for_commands(run, tmp_path):
+    path = tmp_path / "[b]:smile:.csv"
+    path.write_text("time,a.position\n0,1\n1,2\n")
+    assert "/[b]:smile:.csv" in run("inspect", path).out
+    path.write_text("neither\n")
+    for name, shown in (("no\x1b[2J.csv", "no\\x1b[2J.csv"), ("\udcff.csv", "\\udcff.csv")):
+        path.rename(tmp_path / name)
+        finished = run("inspect", tmp_path / name, "--robot", "hyq")
+        assert finished.code == 1
+        assert shown in finished.err
+        (tmp_path / name).rename(path)

@@ -221,7 +221,7 @@ def without_orientation(recording: Recording) -> Recording:
         (lambda r: r, ("--stiffness", "1,1,1"), "used by the method 'orientation' alone"),
         (lambda r: r, ("--stiffness", "1,1,1", "--method", "walking"), "not by walking"),
         (lambda r: r, ("--imu-frame", "nowhere"), "unknown IMU frame"),
-        (lambda r: r, ("--truth", "nowhere.json"), "cannot be read"),
+        (lambda r: r, ("--truth", "nowhere.json"), "no such file"),
         (without_orientation, ("--method", "orientation", "--stiffness", "900,900,900"), "imu.orientation.x"),
     ],
 )

@@ -21,8 +21,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         SystemExit: with the exit code.
     """
     from stadera.cli.app import app
+    from stadera.cli.terminal import prepare_streams
     from stadera.errors import StaderaError
 
+    prepare_streams()
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = DEBUG in given or os.environ.get("STADERA_DEBUG", "0") not in ("", "0")
     try:
@@ -30,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except Exception as error:
         if debug:
             raise
-        said = " ".join(str(error).split())
+        said = " ".join(_printable(str(error)).split())
         if not isinstance(error, StaderaError):
             said = (
                 f"internal error, {type(error).__name__}: {said}; please report it with the traceback that the same "
@@ -38,3 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
         print(f"stadera: error: {said}", file=sys.stderr)
         sys.exit(1)
+
+
+def _printable(text: str) -> str:
+    """What no terminal takes for a command: names in messages come out of files."""
+    return "".join(c if c.isprintable() or c.isspace() else c.encode("unicode_escape").decode() for c in text)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, TextIO
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -21,12 +23,48 @@ _PIPE_WIDTH = 140
 
 
 def show(*renderables: RenderableType) -> None:
-    """Print tables and texts on stdout; at a fixed width, without colours, where that is no terminal."""
+    """Print tables and texts on stdout; at a fixed width, without colours, where that is no terminal.
+
+    Who reads a pipe may stop reading: the rest is then left out, and that is no error.
+
+    Raises:
+        StaderaError: stdout cannot be written to, such as a full disk.
+    """
     from rich.console import Console
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPE_WIDTH)
-    for renderable in renderables:
-        console.print(renderable)
+    from stadera.errors import StaderaError
+
+    width = None if sys.stdout.isatty() else _PIPE_WIDTH
+    console = Console(highlight=False, markup=False, emoji=False, width=width)
+    try:
+        with console.capture() as shown:  # rich has its own way with broken pipes
+            for renderable in renderables:
+                console.print(renderable)
+        sys.stdout.write(shown.get())
+        sys.stdout.flush()
+    except BrokenPipeError:
+        write_nowhere(sys.stdout)
+    except OSError as error:
+        write_nowhere(sys.stdout)
+        raise StaderaError(f"standard output: {error.strerror}") from None
+
+
+def write_nowhere(stream: TextIO) -> None:
+    """Sends what is still in a stream's buffer, and whatever follows, to the null device."""
+    with suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)
+
+
+def prepare_streams() -> None:
+    """Makes stdout and stderr fit to be written to: one that was closed goes nowhere, and no character is an error."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 @contextmanager

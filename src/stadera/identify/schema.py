@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from stadera.boundary import foreign, require_input
 from stadera.errors import MissingExtraError, ModelError
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
@@ -94,14 +95,11 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
         UnknownNameError: a link or joint that this robot has not.
     """
     path = Path(path)
-    try:
+    require_input(path, ModelError)
+    with foreign(path, "not the JSON of an identification (identify --json)", ModelError):
         value = json.loads(path.read_text(encoding="utf-8"))
         links = {name: _body(entry) for name, entry in value["links"].items()}
         joints = {name: _known(entry) for name, entry in value["joints"].items()}
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ModelError(f"{path}: not the JSON of an identification (identify --json): {error!r}") from None
     for name, body in links.items():
         if not body.is_physical():
             raise ModelError(f"{path}: link {name!r} was identified as a body that cannot be")

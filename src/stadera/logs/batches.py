@@ -13,12 +13,10 @@ from stadera.errors import RecordingError
 from stadera.logs.clock import RowClock
 from stadera.logs.columns import Layout
 from stadera.logs.pd_law import DESIRED, PD_DOUBT, PdGains
+from stadera.logs.plausible import largest_of
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.velocity import with_velocity
 from stadera.types import Array, Bools
-
-LARGEST = 1e15
-"""A larger value is no measurement. Its square is still far from overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +163,8 @@ def _without_dropouts(
 
 
 def _check_values(values: Array, columns: Sequence[str], samples: NDArray[np.int64], source: str) -> None:
-    bad = np.argwhere(~(np.abs(values) <= LARGEST))
+    largest = np.array([largest_of(column) for column in columns])
+    bad = np.argwhere(~(np.abs(values) <= largest[:, None]))
     if not len(bad):
         return
     column, at = bad[0]
@@ -173,5 +172,6 @@ def _check_values(values: Array, columns: Sequence[str], samples: NDArray[np.int
     if not np.isfinite(value := values[column, at]):
         raise RecordingError(f"{where} {value} at sample {samples[at]}")
     raise RecordingError(
-        f"{where} {value:.3g} at sample {samples[at]}, more than any sensor says in SI units (at most {LARGEST:g})"
+        f"{where} {value:.3g} at sample {samples[at]}, more than any sensor says in SI units (at most "
+        f"{largest[column]:g})"
     )

@@ -148,6 +148,8 @@ def _check_header(names: Sequence[str], source: str) -> None:
     if names.count("") > 1:
         blank = ", ".join(str(k) for k, name in enumerate(names, start=1) if not name)
         raise RecordingError(f"{source}: columns {blank} of the header have no name")
+    if odd := next((name for name in names if not name.isprintable()), None):
+        raise RecordingError(f"{source}: the name of column {odd[:60]!r} has characters that cannot be printed")
     name, times = Counter(names).most_common(1)[0] if names else ("", 0)
     if times > 1:
         raise RecordingError(f"{source}: column {name!r} is there {times} times")

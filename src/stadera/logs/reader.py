@@ -11,6 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Protocol
 
+from stadera.boundary import foreign, require_input
 from stadera.errors import RecordingError
 from stadera.logs.bags.log import BagLog
 from stadera.logs.bags.mcap import McapFile
@@ -159,16 +160,13 @@ def reader_of(path: Path) -> Reader:
         RecordingError: nothing there, nothing in it, of no known kind, or of another kind than its name says.
     """
     accepted = "accepted: " + ", ".join(f"{reader.name} ({', '.join(reader.suffixes)})" for reader in READERS)
-    if not path.exists():
-        raise RecordingError(f"{path}: no such file; logs that come with stadera: {', '.join(EXAMPLES)}")
-    if path.is_file() and path.stat().st_size == 0:
-        raise RecordingError(f"{path}: the file is empty; {accepted}")
-    try:
+    require_input(path, folder=True, hint=f"; logs that come with stadera: {', '.join(EXAMPLES)}")
+    with foreign(path, "cannot be read"):
+        if path.is_file() and not path.open("rb").read(1):
+            raise RecordingError(f"{path}: the file is empty; {accepted}")
         if refused := refusal(path):
             raise RecordingError(f"{path}: {refused}")
         found = next((reader for reader in READERS if reader.accepts(path)), None)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     named = next((reader for reader in READERS if path.name.lower().endswith(reader.suffixes)), None)
     if found is not None and named in (None, found):
         return found

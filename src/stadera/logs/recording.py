@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.logs.columns import CHANNELS, IMU_COLUMNS, TIME
+from stadera.logs.plausible import largest_of
 from stadera.types import Array, Bools
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Recording:
             _check_shape(values, (len(self.time), *table), name, self.source)
         _check_time(self.time, self.source)
         for name, values in self.arrays().items():
-            _check_finite(values, self.columns(name), self.source)
+            _check_values(values, self.columns(name), self.source)
 
     @classmethod
     def from_arrays(
@@ -254,10 +255,14 @@ def _check_shape(values: NDArray[Any], shape: tuple[int, ...], name: str, source
         raise RecordingError(f"{source}: {name} needs shape {shape}, got {values.shape}{hint}")
 
 
-def _check_finite(values: NDArray[Any], columns: tuple[str, ...], source: str) -> None:
-    if not np.isfinite(values).all():
-        sample, column = np.argwhere(~np.isfinite(values.reshape(len(values), -1)))[0]
-        raise RecordingError(f"{source}: column {columns[column]!r} is not finite at sample {sample}")
+def _check_values(values: NDArray[Any], columns: tuple[str, ...], source: str) -> None:
+    largest = largest_of(columns[0]) if columns else 0.0
+    good = np.abs(values) <= largest
+    if not good.all():
+        sample, column = np.argwhere(~good.reshape(len(values), -1))[0]
+        value = values.reshape(len(values), -1)[sample, column]
+        what = f"{value:.3g}, more than any sensor says" if np.isfinite(value) else "not finite"
+        raise RecordingError(f"{source}: column {columns[column]!r} is {what} at sample {sample}")
 
 
 def _check_time(time: Array, source: str) -> None:

@@ -8,6 +8,7 @@ from importlib import metadata, resources
 from os import PathLike
 from pathlib import Path
 
+from stadera.boundary import foreign
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 
 _EXAMPLE_ROBOT_DATA = "example-robot-data"
@@ -54,11 +55,13 @@ def resolve(source: str | PathLike[str]) -> tuple[str | None, Path]:
     text = str(source)
     if isinstance(source, str) and text.lower() in CATALOG:
         return text.lower(), find_file(text.lower())
-    path = Path(source).expanduser()
-    if path.is_file():
-        return None, path.resolve()
-    if path.is_dir():
-        raise ModelError(f"{path}: a folder; a robot is a URDF or an MJCF file")
+    with foreign(text, "no home of that user", ModelError):
+        path = Path(source).expanduser()
+    with foreign(path.name, "no robot's name, and as a file it cannot be read", ModelError):
+        if path.is_file():
+            return None, path.resolve()
+        if path.is_dir():
+            raise ModelError(f"{path}: a folder; a robot is a URDF or an MJCF file")
     if path.suffix or len(path.parts) > 1 or not isinstance(source, str):
         raise ModelError(f"{path}: no such file")
     raise UnknownNameError("robot", text, (*CATALOG, "or a path to a URDF or MJCF file"))

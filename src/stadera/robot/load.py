@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from stadera.boundary import foreign, require_input
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.catalog import resolve
@@ -42,7 +43,8 @@ def load_robot(source: Robot | str | PathLike[str]) -> Robot:
         return source
     name, path = resolve(source)
     file = read_model_file(path)
-    robot = _understand(file)
+    with foreign(path, "not understood as a robot", ModelError):
+        robot = _understand(file)
     return replace(robot, name=name) if name else robot
 
 
@@ -56,12 +58,14 @@ def read_model_file(path: Path) -> ModelFile:
     if root.tag == "robot":
         from stadera.robot.urdf.read import read_urdf
 
-        return read_urdf(path, root)
+        with foreign(path, "not a URDF that can be read", ModelError):
+            return read_urdf(path, root)
     try:
         from stadera.robot.mjcf.read import read_mjcf
     except ModuleNotFoundError as error:
         raise MissingExtraError("mujoco", "lab", f"reading the MJCF {path}") from error
-    return read_mjcf(path)
+    with foreign(path, "not an MJCF that can be read", ModelError):
+        return read_mjcf(path)
 
 
 def parse_xml(path: Path) -> ET.Element:
@@ -70,12 +74,9 @@ def parse_xml(path: Path) -> ET.Element:
     Raises:
         ModelError: not a file, not XML, or XML of another kind.
     """
-    if not path.is_file():
-        raise ModelError(f"{path}: no such file")
-    try:
+    require_input(path, ModelError)
+    with foreign(path, "a robot is a URDF or an MJCF file, and this is not XML", ModelError):
         root = ET.parse(path).getroot()
-    except (ET.ParseError, UnicodeDecodeError, ValueError) as error:
-        raise ModelError(f"{path}: not XML ({error}); a robot is a URDF or an MJCF file") from error
     if root.tag not in ("robot", "mujoco"):
         raise ModelError(f"{path}: root element <{root.tag}>; a URDF has <robot>, an MJCF <mujoco>")
     return root

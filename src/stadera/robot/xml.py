@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from xml.dom import minidom
-from xml.parsers.expat import ExpatError
 
+from stadera.boundary import foreign
 from stadera.errors import ModelError
 from stadera.robot.model import JointDynamics
 from stadera.types import Array
@@ -20,10 +20,8 @@ def parse_document(path: Path) -> minidom.Document:
     Raises:
         ModelError: not XML.
     """
-    try:
+    with foreign(path, "not XML", ModelError):
         return minidom.parse(str(path))
-    except ExpatError as error:
-        raise ModelError(f"{path}: not XML ({error})") from error
 
 
 def root_of(document: minidom.Document) -> minidom.Element:

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from stadera.errors import RecordingError
+from stadera.boundary import foreign, require_input
 from stadera.inertia import InertialParameters
 
 _NEGLIGIBLE = 1e-9  # kg
@@ -109,7 +109,8 @@ def read_truth(path: str | PathLike[str]) -> Truth:
         RecordingError: no such file, or not such a JSON.
     """
     path = Path(path)
-    try:
+    require_input(path)
+    with foreign(path, "not the truth of a simulated run (LOG.truth.json)"):
         value = json.loads(path.read_text(encoding="utf-8"))
         return Truth(
             robot=str(value["robot"]),
@@ -121,10 +122,6 @@ def read_truth(path: str | PathLike[str]) -> Truth:
             moments=tuple(_moment(m) for m in value["trunk"]),
             drawn=value.get("drawn"),
         )
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f"{path}: not the truth of a simulated run (LOG.truth.json): {error!r}") from None
 
 
 def _moment(value: dict[str, Any]) -> TruthAt:

@@ -19,6 +19,7 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
+from stadera.robot.mjcf.quiet import keep_quiet
 from stadera.robot.model import Robot, Tree
 from stadera.types import Array
 
@@ -56,6 +57,7 @@ def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec
     (`frictionloss`) of the robot's joint dynamics, and gets one actuator that applies a torque and saturates at the
     joint's effort limit. Offsets of the joint dynamics are constant generalised forces: see `joint_offsets`.
     """
+    keep_quiet()
     spec = mujoco.MjSpec()
     spec.option.timestep = options.timestep
     spec.option.gravity = (0.0, 0.0, -GRAVITY)

@@ -84,7 +84,7 @@ class Bag:
         there, suffix = sorted(path.iterdir(), key=_in_order), container.suffix
         if packed := next((p for p in there if p.name.endswith((f"{suffix}.zstd", f"{suffix}.zst"))), None):
             raise RecordingError(f"{packed}: compressed as a whole; unpack it first: zstd -d {packed.name}")
-        files = tuple(p for p in there if p.suffix == suffix)
+        files = tuple(p for p in there if p.suffix == suffix and p.is_file())
         return cls(path, container, files, [missing] if (missing := _missing_parts(files)) else [])
 
     def topics(self) -> dict[str, Topic]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
 
+from stadera.boundary import foreign
 from stadera.errors import RecordingError
 from stadera.logs.bags.beginning import Beginning, beginning_of, first_samples
 from stadera.logs.bags.choice import choose
@@ -26,6 +27,9 @@ from stadera.logs.reading import Reading
 from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
 from stadera.logs.units import Units
+
+_EARLIEST, _LATEST = -(1 << 61), 1 << 62
+"""[ns], of a stamp: up to the year 2116. Differences of such stamps do not overflow."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,8 @@ class BagLog:
         """A file that begins with the format's magic bytes, or a folder with files that are called so."""
         suffix, magic = self.container.suffix, self.container.magic
         if path.is_dir():
-            return any(p.suffix == suffix or f"{suffix}.zst" in p.name for p in path.iterdir())
+            files = (p for p in path.iterdir() if p.is_file())
+            return any(p.suffix == suffix or f"{suffix}.zst" in p.name for p in files)
         with path.open("rb") as file:
             return file.read(len(magic)) == magic
 
@@ -65,7 +70,8 @@ class BagLog:
         choice = choose(bag, found, log.topics, joints, self.settings)
         joint_topic, imu_topic = choice.joint, choice.imu
         chosen = [name for name in (joint_topic, imu_topic) if name is not None]
-        decoders = {name: decoder(found[name], self.container.encoding, joints, self.settings) for name in chosen}
+        with foreign(path, "definitions of messages"):
+            decoders = {name: decoder(found[name], self.container.encoding, joints, self.settings) for name in chosen}
         samples = _Samples(bag, decoders)
         head = first_samples(samples, joint_topic, imu_topic, self.settings)
         if not any(sample.topic == joint_topic for sample in head):
@@ -111,8 +117,11 @@ class _Samples:
                 sample = self.decoders[message.topic](message)
             except Exception:  # the libraries meet damaged bytes with errors of many kinds
                 self.damaged[message.topic] += 1
-            else:
+                continue
+            if all(_EARLIEST <= time < _LATEST for time in (sample.stamp, sample.received)):
                 yield sample
+            else:
+                self.damaged[message.topic] += 1
 
 
 def _batches(samples: _Samples, start: Beginning, merging: Merging, batch: int) -> Iterator[Batch]:

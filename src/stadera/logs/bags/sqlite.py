@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 
+from stadera.boundary import foreign
 from stadera.errors import RecordingError
 from stadera.logs.bags.container import Message, Topic, salvaged
 
@@ -19,23 +20,27 @@ class SqliteFile:
     def topics(self, path: Path) -> dict[str, Topic]:
         """See `Container`."""
         definitions: dict[str, str] = {}
-        try:
-            with closing(_open(path)) as database:
-                rows = database.execute("SELECT name, type, serialization_format FROM topics").fetchall()
-                with suppress(sqlite3.Error):  # older bags have no definitions
-                    query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
-                    definitions = dict(database.execute(query).fetchall())
-        except sqlite3.Error as error:
-            raise RecordingError(f"{path}: no bag that can be read ({error})") from None
+        with foreign(path, "no bag that can be read"), closing(_open(path)) as database:
+            rows = database.execute("SELECT name, type, serialization_format FROM topics").fetchall()
+            with suppress(sqlite3.Error):  # older bags have no definitions
+                query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
+                definitions = {kind: str(text) for kind, text in database.execute(query) if text}
         return {str(n): Topic(str(kind), definitions.get(kind, "")) for n, kind, form in rows if form == self.encoding}
 
     def messages(self, path: Path, topics: Collection[str], damage: list[str]) -> Iterator[Message]:
         """See `Container`."""
-        messages = _messages(path, topics)
-        return salvaged(path, messages, lambda message: (message,), lambda read: f"{read} messages", damage)
+        return salvaged(path, _rows(path, topics), _message, lambda read: f"{read} messages", damage)
 
 
-def _messages(path: Path, topics: Collection[str]) -> Iterator[Message]:
+def _message(row: tuple[str, object, object]) -> tuple[Message]:
+    """The columns of a sqlite table hold values of any type."""
+    topic, received, data = row
+    if not (isinstance(received, int) and isinstance(data, bytes)):
+        raise RecordingError(f"a message is {type(data).__name__} at {type(received).__name__}")
+    return (Message(topic, received, data),)
+
+
+def _rows(path: Path, topics: Collection[str]) -> Iterator[tuple[str, object, object]]:
     with closing(_open(path)) as database:
         names = {number: str(name) for number, name in database.execute("SELECT id, name FROM topics")}
         wanted = [number for number, name in names.items() if name in topics]
@@ -45,7 +50,7 @@ def _messages(path: Path, topics: Collection[str]) -> Iterator[Message]:
             "ORDER BY id"
         )
         for number, received, data in database.execute(query, wanted):
-            yield Message(names[number], received, data)
+            yield names[number], received, data
 
 
 def _open(path: Path) -> sqlite3.Connection:

@@ -20,6 +20,8 @@ MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for par
 """Unitree's order, and the joints' names in its models."""
 _PARTS = {"hip": ("hip", "haa", "abad", "hx"), "thigh": ("thigh", "hfe", "hy"), "calf": ("calf", "kfe", "knee", "kn")}
 _LEGS = {"FR": ("fr", "rf"), "FL": ("fl", "lf"), "RR": ("rr", "rh", "hr"), "RL": ("rl", "lh", "hl")}
+_MOST_NUMBERS = 10_000
+"""Of a LowState; Unitree's have under a thousand."""
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 _IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
 PUBLISHED = {
@@ -144,6 +146,8 @@ def offsets(kind: str, definition: str, *, aligned: bool = True) -> dict[str, in
     for path, size in _numbers(types, kind, ""):
         start = -(-end // size) * size if aligned else end
         found[_renamed(path)], end = start, start + size
+        if len(found) > _MOST_NUMBERS:
+            raise RecordingError(f"a {kind} in this log has more than {_MOST_NUMBERS} numbers: it is not Unitree's")
     if missing := [name for name in ("tick", "imu_state.quaternion.3", "motor_state.11.tau_est") if name not in found]:
         raise RecordingError(f"a {kind} in this log has no {missing[0]}: its definition is not Unitree's")
     return found

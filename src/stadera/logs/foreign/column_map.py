@@ -11,6 +11,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from stadera.boundary import foreign, require_input
 from stadera.errors import RecordingError
 from stadera.logs.units import FACTORS, Units, quantity_of
 
@@ -69,15 +70,14 @@ def column_map(given: str | Path) -> ColumnMap:
     path = Path(given)
     if str(given) in preset_names():
         return preset(str(given)).asked()
-    if not path.is_file():
-        raise RecordingError(
-            f"{given}: neither a file nor a preset for columns; presets: {', '.join(preset_names())}; {TEMPLATE_HINT}"
-        )
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{path}: cannot be read as a map of columns: {error}") from None
-    return parsed(text, str(path))
+        require_input(path)
+    except RecordingError as error:
+        raise RecordingError(
+            f"neither a preset for columns ({', '.join(preset_names())}) nor a map: {error}; {TEMPLATE_HINT}"
+        ) from None
+    with foreign(path, "not a map of columns"):
+        return parsed(path.read_text(encoding="utf-8"), str(path))
 
 
 def parsed(text: str, name: str) -> ColumnMap:

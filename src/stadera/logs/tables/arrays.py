@@ -7,16 +7,20 @@ foot's force; else they are numbered, name[0] to name[k-1]. Pickled objects are 
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import zipfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.boundary import foreign
 from stadera.errors import RecordingError
 from stadera.logs.batches import Batch
 from stadera.logs.columns import CHANNELS, layout
@@ -30,6 +34,9 @@ BATCH_ROWS = 16384
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
 _JOINTS = "joints"
 _NUMBERS = "fiub"
+MAT_BYTES, MAT_SECONDS = 2 << 30, 60
+"""That unpacking a MATLAB file may take."""
+_DAMAGED_NPZ = "damaged NumPy file"
 
 
 @dataclass(frozen=True)
@@ -154,7 +161,7 @@ def _read_header(file: IO[bytes]) -> _Header:
 def _npz_columns(archive: zipfile.ZipFile, path: Path) -> dict[str, Column]:
     shapes: dict[str, tuple[int, ...]] = {}
     joints: list[str] = []
-    try:
+    with foreign(path, _DAMAGED_NPZ):
         for member in archive.namelist():
             name = member.removesuffix(".npy")
             with archive.open(member) as file:
@@ -169,8 +176,6 @@ def _npz_columns(archive: zipfile.ZipFile, path: Path) -> dict[str, Column]:
                     joints = [str(joint) for joint in np.lib.format.read_array(file, allow_pickle=False)]  # type: ignore[no-untyped-call]
             elif header.dtype.kind in _NUMBERS:
                 shapes[name] = header.shape
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise RecordingError(f"{path}: damaged NumPy file: {' '.join(str(error).split())[:200]}") from None
     return columns_of_arrays(shapes, joints)
 
 
@@ -199,42 +204,33 @@ class _Member:
 
 
 def _npz_batches(path: Path, columns: Sequence[Column]) -> Iterator[Batch]:
-    try:
-        with ExitStack() as stack:
-            archive = stack.enter_context(zipfile.ZipFile(path))
-            members = {name: _Member(archive, name, stack) for name in dict.fromkeys(c.array for c in columns)}
-            _check_lengths({name: member.samples for name, member in members.items()}, str(path))
-            for first in range(0, members[columns[0].array].samples, BATCH_ROWS):
-                rows = {name: member.rows(first, BATCH_ROWS) for name, member in members.items()}
-                yield _batch(np.array([rows[c.array][:, c.index or 0] for c in columns], dtype=np.float64))
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise RecordingError(f"{path}: damaged NumPy file: {' '.join(str(error).split())[:200]}") from None
+    with foreign(path, _DAMAGED_NPZ), ExitStack() as stack:
+        archive = stack.enter_context(zipfile.ZipFile(path))
+        members = {name: _Member(archive, name, stack) for name in dict.fromkeys(c.array for c in columns)}
+        _check_lengths({name: member.samples for name, member in members.items()}, str(path))
+        for first in range(0, members[columns[0].array].samples, BATCH_ROWS):
+            rows = {name: member.rows(first, BATCH_ROWS) for name, member in members.items()}
+            yield _batch(np.array([rows[c.array][:, c.index or 0] for c in columns], dtype=np.float64))
 
 
 # -- MATLAB -----------------------------------------------------------------------------------------------------------
 def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    from scipy import io
-
-    try:
-        content = io.loadmat(str(path), chars_as_strings=True)
-    except Exception as error:  # scipy meets damaged files with errors of many kinds
-        raise RecordingError(f"{path}: damaged MATLAB file: {' '.join(str(error).split())[:200]}") from None
-    found: dict[str, NDArray[Any]] = {}
-    for name, value in content.items():
-        if not name.startswith("__"):
-            _flatten(name, value, found)
-    return found
-
-
-def _flatten(name: str, value: Any, found: dict[str, NDArray[Any]]) -> None:
-    array = np.asarray(value)
-    if array.dtype.names is not None and array.size == 1:
-        for field in array.dtype.names:
-            _flatten(f"{name}.{field}", array[field].item(), found)
-    elif array.dtype.kind == "O":
-        found[name] = np.array([str(np.squeeze(cell)) for cell in array.ravel()])
-    elif array.dtype.names is None:
-        found[name] = array
+    """Unpacked by another process, which a damaged file may end (see `unpack_mat`)."""
+    script = Path(__file__).with_name("unpack_mat.py")
+    with foreign(path, "damaged MATLAB file"), TemporaryDirectory() as folder:
+        archive = Path(folder) / "arrays.npz"
+        limits = (str(MAT_BYTES), str(MAT_SECONDS))
+        done = subprocess.run(
+            [sys.executable, "-P", str(script), str(path), str(archive), *limits],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            said = done.stderr.splitlines()[-1] if done.returncode > 0 and done.stderr else "its reader was ended by it"
+            raise RecordingError(f"{path}: damaged MATLAB file: {said[:200]}")
+        with np.load(archive, allow_pickle=False) as arrays:
+            return dict(arrays)
 
 
 def _mat_columns(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Column]:

@@ -18,7 +18,7 @@ def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batc
     """These columns of a record batch. A null is a blank cell.
 
     Raises:
-        RecordingError: a column that does not hold numbers.
+        RecordingError: a column that does not hold numbers. Integers are rounded to the nearest double.
     """
     values = np.empty((len(columns), table.num_rows))
     blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None
@@ -41,4 +41,4 @@ def _numbers(column: pa.Array, name: str, source: str) -> pa.Array:
         raise RecordingError(f"{source}: column {name!r} holds {kind}, not numbers")
     if pa.types.is_boolean(kind):
         column = column.cast(pa.int8())
-    return column.cast(pa.float64())
+    return column.cast(pa.float64(), safe=False)

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stadera.boundary import foreign
 from stadera.errors import RecordingError
 from stadera.logs.batches import Batch
 from stadera.logs.columns import layout
@@ -17,6 +18,7 @@ from stadera.logs.tables.rows import table_recordings
 from stadera.logs.topics import LogFile
 
 BLOCK_BYTES = 1 << 20
+_UNREADABLE = "not a readable CSV table"
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\x28\xb5\x2f\xfd": "zstd"}
 _SEPARATORS = (";", "\t", "|")
 
@@ -91,15 +93,13 @@ def _packed(head: bytes) -> str | None:
 
 def _dialect(path: Path) -> Dialect:
     """Comment lines (#) before the header are left out. Tables with ; may have decimals with a comma."""
-    try:
-        lines = _head(path, BLOCK_BYTES).decode("utf-8-sig", errors="ignore").splitlines()
-        skip = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
-        first, second = [*lines[skip : skip + 2], "", ""][:2]
-        separator = next((sign for sign in _SEPARATORS if sign in first and "," not in first), ",")
-        decimal = "," if separator == ";" and re.search(r"\d,\d", second) else "."
+    lines = _head(path, BLOCK_BYTES).decode("utf-8-sig", errors="ignore").splitlines()
+    skip = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
+    first, second = [*lines[skip : skip + 2], "", ""][:2]
+    separator = next((sign for sign in _SEPARATORS if sign in first and "," not in first), ",")
+    decimal = "," if separator == ";" and re.search(r"\d,\d", second) else "."
+    with foreign(path, _UNREADABLE):
         header = next(csv.reader([first], delimiter=separator, skipinitialspace=True), [])
-    except csv.Error as error:
-        raise RecordingError(f"{path}: not a readable CSV table: {error}") from None
     return Dialect(tuple(name.strip() for name in header), skip + 1, separator, decimal)
 
 
@@ -107,31 +107,29 @@ def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
-    try:
-        with path.open("rb") as file:
-            packed = _packed(file.read(4))
-        # one thread: Arrow then names the row of a bad cell
-        with (
-            pa.input_stream(str(path), compression=packed) as file,
-            pacsv.open_csv(
-                file,
-                read_options=pacsv.ReadOptions(
-                    use_threads=False, block_size=BLOCK_BYTES, column_names=dialect.header, skip_rows=dialect.skip
-                ),
-                parse_options=pacsv.ParseOptions(delimiter=dialect.separator),
-                convert_options=pacsv.ConvertOptions(
-                    include_columns=list(columns),
-                    column_types=dict.fromkeys(columns, pa.float64()),
-                    decimal_point=dialect.decimal,
-                    null_values=[""],
-                    strings_can_be_null=True,
-                ),
-            ) as reader,
-        ):
-            for batch in reader:
-                yield batch_of(batch, columns, str(path))
-    except (pa.ArrowInvalid, OSError) as error:
-        raise _explained(str(error), path, dialect) from None
+    # one thread: Arrow then names the row of a bad cell
+    reading = pacsv.ReadOptions(
+        use_threads=False, block_size=BLOCK_BYTES, column_names=dialect.header, skip_rows=dialect.skip
+    )
+    converting = pacsv.ConvertOptions(
+        include_columns=list(columns),
+        column_types=dict.fromkeys(columns, pa.float64()),
+        decimal_point=dialect.decimal,
+        null_values=[""],
+        strings_can_be_null=True,
+    )
+    parsing = pacsv.ParseOptions(delimiter=dialect.separator)
+    with foreign(path, _UNREADABLE), path.open("rb") as file:
+        packed = _packed(file.read(4))
+        try:
+            with (
+                pa.input_stream(str(path), compression=packed) as unpacked,
+                pacsv.open_csv(unpacked, reading, parsing, converting) as reader,
+            ):
+                for batch in reader:
+                    yield batch_of(batch, columns, str(path))
+        except pa.ArrowInvalid as error:
+            raise _explained(str(error), path, dialect) from None
 
 
 def _explained(text: str, path: Path, dialect: Dialect) -> RecordingError:
@@ -148,4 +146,4 @@ def _explained(text: str, path: Path, dialect: Dialect) -> RecordingError:
         return RecordingError(f"{path}: {got} cells instead of {expected}{sample}; is the file cut off?")
     if "Empty CSV" in text:
         return RecordingError(f"{path}: too few samples: 0, at least 2 are needed")
-    return RecordingError(f"{path}: not a readable CSV table: {' '.join(text.split())[:200]}")
+    return RecordingError(f"{path}: {_UNREADABLE}: {' '.join(text.split())[:200]}")

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from stadera.errors import RecordingError
+from stadera.boundary import foreign
 from stadera.logs.batches import Batch
 from stadera.logs.columns import IMU_FRAME, layout
 from stadera.logs.recording import Recording
@@ -17,6 +17,7 @@ from stadera.logs.topics import LogFile
 MAGIC = b"PAR1"
 BUFFER_BYTES = 1 << 18
 BATCH_ROWS = 65536
+_DAMAGED = "damaged Parquet file"
 
 
 class ParquetTable:
@@ -49,28 +50,17 @@ class ParquetTable:
 
 def _schema(path: Path) -> tuple[tuple[str, ...], str | None]:
     """Names of the columns, and the IMU's frame."""
-    import pyarrow as pa
     from pyarrow import parquet
 
-    try:
+    with foreign(path, _DAMAGED):
         schema = parquet.read_schema(path)
         frame = (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
         return tuple(schema.names), frame or None
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise _damaged(path, error) from None
 
 
 def _batches(path: Path, columns: tuple[str, ...], rows: int) -> Iterator[Batch]:
-    import pyarrow as pa
     from pyarrow import parquet
 
-    try:
-        with parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
-            for batch in file.iter_batches(min(rows, BATCH_ROWS), columns=list(columns), use_threads=False):
-                yield batch_of(batch, columns, str(path))
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise _damaged(path, error) from None
-
-
-def _damaged(path: Path, error: Exception) -> RecordingError:
-    return RecordingError(f"{path}: damaged Parquet file: {' '.join(str(error).split())[:200]}")
+    with foreign(path, _DAMAGED), parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
+        for batch in file.iter_batches(min(rows, BATCH_ROWS), columns=list(columns), use_threads=False):
+            yield batch_of(batch, columns, str(path))

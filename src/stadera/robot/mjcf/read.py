@@ -15,7 +15,9 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from stadera.boundary import foreign
 from stadera.errors import ModelError
+from stadera.robot.mjcf.quiet import keep_quiet
 from stadera.robot.model import Shape
 from stadera.robot.modelfile import ModelFile
 from stadera.types import Array
@@ -53,13 +55,12 @@ def read_mjcf(path: Path) -> ModelFile:
 
 def compile_mjcf(path: Path) -> Any:
     """MuJoCo's compiled model; meshes are left out where no inertia hangs on them, so their files need not be there."""
-    try:
+    keep_quiet()
+    with foreign(path, "not an MJCF that MuJoCo can compile", ModelError):
         spec = mujoco.MjSpec.from_file(str(path))
         if not _inertia_from_meshes(spec):
             _drop_meshes(spec)
         return spec.compile()
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(f"{path}: not an MJCF that MuJoCo can compile: {' '.join(str(error).split())}") from error
 
 
 def _is_mesh(geom: Any) -> bool:
