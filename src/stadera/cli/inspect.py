@@ -75,7 +75,7 @@ def _is_robot(target: str) -> bool:
             f"{target}: neither a file nor a robot's name; robots: {', '.join(CATALOG)}; "
             f"logs that come with stadera: {', '.join(EXAMPLES)}"
         )
-    if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
+    if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".xacro"):
         return True
     if not path.is_file():
         return False

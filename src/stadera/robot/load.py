@@ -19,7 +19,9 @@ from stadera.robot.feet import find_foot
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
 from stadera.robot.modelfile import ModelFile, joint_axis
+from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import fitted_shapes
+from stadera.robot.xacro import parsed
 
 _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit
 
@@ -69,14 +71,14 @@ def read_model_file(path: Path) -> ModelFile:
 
 
 def parse_xml(path: Path) -> ET.Element:
-    """The root element of a robot file, <robot> or <mujoco>.
+    """The root element of a robot file, <robot> or <mujoco>; of a xacro that of its expansion.
 
     Raises:
         ModelError: not a file, not XML, or XML of another kind.
     """
     require_input(path, ModelError)
     with foreign(path, "a robot is a URDF or an MJCF file, and this is not XML", ModelError):
-        root = ET.parse(path).getroot()
+        root = parsed(path)
     if root.tag not in ("robot", "mujoco"):
         raise ModelError(f"{path}: root element <{root.tag}>; a URDF has <robot>, an MJCF <mujoco>")
     return root
@@ -92,8 +94,8 @@ def _understand(file: ModelFile) -> Robot:
     legs, foot_notes = _legs(file, chains, frames, shapes)
     for leg in legs:
         frames.setdefault(leg.foot, Frame(leg.links[2], np.eye(3), np.asarray(leg.foot_position)))
-    limits, limit_notes = _limits(file.model, tree)
-    return Robot(
+    limits, limit_notes = _limits(file, tree)
+    robot = Robot(
         name=file.name,
         tree=tree,
         legs=legs,
@@ -105,6 +107,7 @@ def _understand(file: ModelFile) -> Robot:
         source=file.path,
         notes=(*notes, *held, *foot_notes, *limit_notes),
     )
+    return replace(robot, notes=(*robot.notes, *check_sense(robot)))
 
 
 def _without_other_joints(model: Any, chains: tuple[Chain, ...]) -> tuple[Any, list[str]]:
@@ -136,7 +139,8 @@ def _inertias(file: ModelFile, model: Any, tree: Tree, order: list[int]) -> dict
     for link, joint in zip(tree.links, [1, *order], strict=True):
         mass = model.inertias[joint].mass
         if not mass > 0:
-            raise ModelError(f"{file.path}: moving link {link!r} has mass {mass:g} kg; it must be positive")
+            why = "" if file.masses.get(link) else ": it has no <inertial>, nor has anything fixed to it"
+            raise ModelError(f"{file.path}: moving link {link!r} has mass {mass:g} kg; it must be positive{why}")
         inertias[link] = InertialParameters.from_pinocchio(model.inertias[joint])
     return inertias
 
@@ -181,14 +185,21 @@ def _legs(
     return tuple(legs), [f"foot {', '.join(feet)}: {note}" for note, feet in feet_by_note.items() if note]
 
 
-def _limits(model: Any, tree: Tree) -> tuple[dict[str, JointLimits], list[str]]:
-    limits, notes = {}, []
+def _limits(file: ModelFile, tree: Tree) -> tuple[dict[str, JointLimits], list[str]]:
+    limits: dict[str, JointLimits] = {}
+    notes: list[str] = []
+    model = file.model
     for name in tree.joints:
         joint = model.joints[model.getJointId(name)]
         lower, upper = -np.inf, np.inf
         if joint.nq == 1:
             lower = _stated(model.lowerPositionLimit[joint.idx_q])
             upper = _stated(model.upperPositionLimit[joint.idx_q])
+            try:
+                lower, upper, note = checked_limits(name, lower, upper)
+            except ModelError as error:
+                raise ModelError(f"{file.path}: {error}") from error
+            notes += [note] if note else []
         velocity = _stated(model.upperVelocityLimit[joint.idx_v])
         effort = _stated(model.upperEffortLimit[joint.idx_v])
         if velocity <= 0 or effort <= 0:

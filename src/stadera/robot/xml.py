@@ -9,19 +9,20 @@ from xml.dom import minidom
 from stadera.boundary import foreign
 from stadera.errors import ModelError
 from stadera.robot.model import JointDynamics
+from stadera.robot.xacro import expanded, is_xacro
 from stadera.types import Array
 
 _UNITS = {"armature": "kg m^2", "offset": "N m"}
 
 
 def parse_document(path: Path) -> minidom.Document:
-    """The whole file, comments included.
+    """The whole file, comments included; a xacro as it is expanded.
 
     Raises:
         ModelError: not XML.
     """
     with foreign(path, "not XML", ModelError):
-        return minidom.parse(str(path))
+        return minidom.parseString(expanded(path)) if is_xacro(path) else minidom.parse(str(path))
 
 
 def root_of(document: minidom.Document) -> minidom.Element:

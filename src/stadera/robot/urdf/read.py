@@ -18,6 +18,7 @@ from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Shape
 from stadera.robot.modelfile import ModelFile
+from stadera.robot.xacro import expanded, is_xacro
 from stadera.types import Array
 
 _DUMMY_MASS_RATIO = 1e-3  # a root this light next to what is fixed to it is there for the tree's sake alone
@@ -67,10 +68,13 @@ def read_urdf(path: Path, root: ET.Element) -> ModelFile:
 
 
 def _build(path: Path) -> Any:
+    build, source = pin.buildModelFromUrdf, str(path)
+    if is_xacro(path):
+        build, source = pin.buildModelFromXML, expanded(path)
     try:
-        model = pin.buildModelFromUrdf(str(path))
+        model = build(source)
         if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
-            model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+            model = build(source, pin.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"not a URDF that Pinocchio can build: {str(error).splitlines()[0]}") from error
     return model

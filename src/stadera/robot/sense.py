@@ -1,0 +1,103 @@
+"""Whether a model's numbers make sense: units that were mixed up, limits that leave no room, bodies without inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.errors import ModelError
+from stadera.robot.model import JointLimits, Robot
+
+
+@dataclass(frozen=True)
+class ModelLimits:
+    """Beyond these a number is in another unit. The lightest and heaviest known quadrupeds weigh 0.2 and 590 kg.
+
+    Attributes:
+        lightest, heaviest: robot [kg].
+        distance: between joints, and from a joint to a centre of mass [m].
+        leg: longest and shortest way from hip to foot [m].
+        gyration: largest radius of gyration of a link [m].
+        angle: largest limit of a joint's position [rad].
+    """
+
+    lightest: float = 0.1
+    heaviest: float = 2000.0
+    distance: float = 3.0
+    leg: tuple[float, float] = (0.02, 4.0)
+    gyration: float = 3.0
+    angle: float = 12.0 * np.pi
+
+
+def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, ...]:
+    """Notes on what is odd.
+
+    Raises:
+        ModelError: a number that no quadruped has; names it and the unit it may be in.
+    """
+    limits = limits or ModelLimits()
+    where = f"{robot.source}: " if robot.source else ""
+    for wrong in (*_masses(robot, limits), *_distances(robot, limits), *_inertias(robot, limits)):
+        raise ModelError(f"{where}{wrong}")
+    return tuple(_angles(robot, limits))
+
+
+def checked_limits(joint: str, lower: float, upper: float) -> tuple[float, float, str]:
+    """Limits of a joint's position [rad], and a note where they were left away because they leave no room.
+
+    Raises:
+        ModelError: the lower one is above the upper one.
+    """
+    if lower > upper:
+        raise ModelError(f"joint {joint!r}: its lower limit {lower:g} rad is above its upper limit {upper:g} rad")
+    if lower == upper:
+        return -np.inf, np.inf, f"joint {joint}: limits {lower:g} to {upper:g} rad leave no room and are read as none"
+    return lower, upper, ""
+
+
+def _masses(robot: Robot, limits: ModelLimits) -> Iterator[str]:
+    if not limits.lightest < robot.mass < limits.heaviest:
+        unit = "grams" if robot.mass > limits.heaviest else "tonnes"
+        heaviest = max(robot.tree.links, key=lambda link: robot.inertias[link].mass)
+        yield (
+            f"the robot weighs {robot.mass:.3g} kg, its heaviest link {heaviest!r} {robot.inertias[heaviest].mass:.3g} "
+            f"kg: masses are in kg, not in {unit}"
+        )
+
+
+def _distances(robot: Robot, limits: ModelLimits) -> Iterator[str]:
+    millimetres = "distances are in m, not in mm"
+    for joint, place in zip(robot.tree.joints, robot.tree.translations, strict=True):
+        if (far := float(np.linalg.norm(place))) > limits.distance:
+            yield f"joint {joint!r} is {far:.3g} m from the one before: {millimetres}"
+    for link in robot.tree.links:
+        if (far := float(np.linalg.norm(robot.inertias[link].com))) > limits.distance:
+            yield f"the centre of mass of link {link!r} is {far:.3g} m from its joint: {millimetres}"
+    for leg in robot.legs:
+        steps = [robot.tree.translations[robot.tree.joints.index(joint)] for joint in leg.joints[1:]]
+        length = float(sum(np.linalg.norm(step) for step in (*steps, np.asarray(leg.foot_position))))
+        if not limits.leg[0] < length < limits.leg[1]:
+            yield f"leg {leg.name} is {length:.3g} m long from hip to foot: distances are in m"
+
+
+def _inertias(robot: Robot, limits: ModelLimits) -> Iterator[str]:
+    for link in robot.tree.links:
+        body = robot.inertias[link]
+        size = np.sqrt(max(float(np.trace(body.inertia_com)), 0.0) / (2.0 * body.mass))
+        if size > limits.gyration:
+            yield (
+                f"link {link!r} of {body.mass:.3g} kg has moments of inertia of {np.trace(body.inertia_com):.3g}, "
+                f"as a body {2 * size:.3g} m wide: they are in kg·m², not in kg·mm² or g·mm²"
+            )
+
+
+def _angles(robot: Robot, limits: ModelLimits) -> Iterator[str]:
+    def stated(found: JointLimits) -> float:
+        return max((abs(x) for x in (found.lower, found.upper) if np.isfinite(x)), default=0.0)
+
+    large = [joint for joint in robot.tree.joints if limits.angle < stated(robot.limits[joint])]
+    if large:
+        names = ", ".join(large)
+        yield f"joints {names}: position limits beyond {limits.angle:.3g} rad; limits are in rad, not in degrees"

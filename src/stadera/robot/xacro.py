@@ -1,0 +1,50 @@
+"""The URDF that a xacro file stands for, by the package xacro (the extra of that name)."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from contextlib import redirect_stderr
+from io import StringIO
+from pathlib import Path
+
+from stadera.errors import MissingExtraError, ModelError
+
+_NAMESPACES = ("xmlns:xacro=", "ros.org/wiki/xacro", "ros.org/xacro")
+_HEAD = 4096  # bytes in which the root element begins
+
+
+def is_xacro(path: Path) -> bool:
+    """Whether a file is to be expanded: by its name, or by the namespace of its root element."""
+    if path.name.lower().endswith(".xacro"):
+        return True
+    with path.open("rb") as file:
+        head = file.read(_HEAD).decode(errors="replace")
+    return any(name in head for name in _NAMESPACES)
+
+
+def expanded(path: Path) -> str:
+    """The text of a URDF or MJCF, expanded where it is a xacro, with the arguments' defaults.
+
+    Raises:
+        MissingExtraError: a xacro, and the package is not installed.
+        ModelError: xacro cannot expand it: an argument without a default, a package that is not found.
+    """
+    if not is_xacro(path):
+        return path.read_text(encoding="utf-8-sig")
+    by_hand = f"expand it where its packages are: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    try:
+        import xacro
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("xacro", "xacro", f"{path}: a xacro; {by_hand}; reading it as it is") from error
+    said = StringIO()
+    try:
+        with redirect_stderr(said):  # where xacro prints warnings
+            return str(xacro.process_file(str(path)).toxml())
+    except (Exception, SystemExit) as error:  # of many kinds, and it exits on its own for some
+        why = " ".join(f"{said.getvalue()} {error}".split())[:300]
+        raise ModelError(f"{path}: xacro cannot expand it ({why}); {by_hand}") from error
+
+
+def parsed(path: Path) -> ET.Element:
+    """The root element; errors as `expanded`, and those of the parser."""
+    return ET.fromstring(expanded(path)) if is_xacro(path) else ET.parse(path).getroot()
