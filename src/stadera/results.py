@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from os import PathLike
 from typing import Any
 
-from stadera.files import written_together
+from stadera.files import write_text, written_together
 
 
 class Result(ABC):
@@ -36,4 +36,4 @@ class Result(ABC):
 
 def _save(path: str | PathLike[str], text: str) -> None:
     with written_together([path]) as (draft,):
-        draft.write_text(text, encoding="utf-8")
+        write_text(draft, text)

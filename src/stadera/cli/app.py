@@ -14,6 +14,7 @@ from stadera.cli import DEBUG
 from stadera.cli.demo import demo
 from stadera.cli.excite import excite
 from stadera.cli.fleet import fleet
+from stadera.cli.gate import GatedCommand
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
 from stadera.cli.options import ColumnsMayStandAlone
@@ -49,4 +50,4 @@ def _stadera(
 
 
 for _command in (identify, weigh, inspect, excite, fleet, simulate, demo, reproduce):
-    app.command(cls=ColumnsMayStandAlone if _command is inspect else None)(_command)
+    app.command(cls=ColumnsMayStandAlone if _command is inspect else GatedCommand)(_command)

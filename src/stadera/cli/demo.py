@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from stadera.cli.options import JsonFile
-from stadera.cli.outputs import check_outputs, json_of, text_of, write_outputs
+from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 _REPORT = Path("out") / "demo.html"
@@ -37,6 +37,7 @@ def demo(
     if report == _REPORT:
         report.parent.mkdir(exist_ok=True)
     check_outputs((report, json))
+    check_report(report)
     with progress() as watch:
 
         def follow(run: str, done: float, doing: str) -> None:
@@ -48,4 +49,4 @@ def demo(
         (report, text_of(lambda: demo_html(result))),
         (json, json_of(result.to_dict)),
     )
-    show(*demo_tables(result), f"report: {report}")
+    show(*demo_tables(result))

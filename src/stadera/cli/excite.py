@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli.options import JsonFile, ReportFile, RobotName
-from stadera.cli.outputs import check_outputs, check_table, json_of, text_of, write_outputs
+from stadera.cli.outputs import check_outputs, check_report, check_table, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ def excite(
 
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
     check_outputs((out, report, json))
+    check_report(report)
     if out is not None:
         check_table(out)
     with progress() as watch:

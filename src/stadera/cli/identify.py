@@ -101,7 +101,7 @@ def identify(
     )
     model = load_robot(robot)
     files = ResultFiles(json, report, export)
-    files.check([*logs, *(validate or ())], model)
+    files.check(model)
     training = [reading.log(path) for path in logs]
     validation = [reading.log(path) for path in validate or ()]
     with progress() as watch:

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
+
+from stadera.cli.gate import GatedCommand
 
 if TYPE_CHECKING:
     from stadera.logs.reading import Reading
@@ -65,7 +66,7 @@ TEMPLATE = "-"
 """The value of `--columns` without one: write a map of the columns."""
 
 
-class ColumnsMayStandAlone(TyperCommand):
+class ColumnsMayStandAlone(GatedCommand):
     """A command whose option `--columns` may stand without a value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stadera.errors import RecordingError, StaderaError
-from stadera.files import require_writable, written_together
+from stadera.files import require_writable, write_text, written_together
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
@@ -19,20 +19,18 @@ Writer = Callable[[Path], object]
 """Fills the draft of one file."""
 
 
-def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path] = ()) -> None:
+def check_outputs(outputs: Iterable[Path | None]) -> None:
     """What can be known of the outputs before the work; None is one that was not asked for.
 
     Raises:
         StaderaError: an output that cannot be written, is named twice, or would replace an input.
     """
-    taken = {path.resolve(): "an input" for path in inputs}
-    for path in outputs:
-        if path is None:
-            continue
-        place = require_writable(path).resolve()
+    taken = set()
+    for path in filter(None, outputs):
+        place = require_writable(path)
         if place in taken:
-            raise StaderaError(f"{path}: would replace {taken[place]}")
-        taken[place] = "another output"
+            raise StaderaError(f"{path}: would replace another output")
+        taken.add(place)
 
 
 def check_table(path: Path) -> None:
@@ -55,13 +53,14 @@ class ResultFiles:
     report: Path | None
     export: Path | None
 
-    def check(self, inputs: Iterable[Path], robot: Robot) -> None:
+    def check(self, robot: Robot) -> None:
         """What can be known of them before the work.
 
         Raises:
             StaderaError: see `check_outputs`; ModelError: the robot's model file is of another kind than the export.
         """
-        check_outputs((self.json, self.report, self.export), inputs)
+        check_outputs((self.json, self.report, self.export))
+        check_report(self.report)
         if self.export is not None:
             from stadera.robot.export import check_export
 
@@ -74,6 +73,16 @@ class ResultFiles:
             (self.report, text_of(page or result.to_html)),
             (self.export, result.save_urdf),
         )
+
+
+def check_report(path: Path | None) -> None:
+    """Whether a page can be written as a file of that name, None for none.
+
+    Raises:
+        StaderaError: it is not HTML.
+    """
+    if path is not None and path.suffix.lower() not in (".html", ".htm"):
+        raise StaderaError(f"{path}: a report is written as .html")
 
 
 def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:
@@ -94,11 +103,11 @@ def json_of(make: Callable[[], Any]) -> Writer:
     def fill(draft: Path) -> None:
         from stadera.report.json import json_text
 
-        draft.write_text(json_text(make()), encoding="utf-8")
+        write_text(draft, json_text(make()))
 
     return fill
 
 
 def text_of(make: Callable[[], str]) -> Writer:
     """Of a text that is made only when its file is."""
-    return lambda draft: draft.write_text(make(), encoding="utf-8")
+    return lambda draft: write_text(draft, make())

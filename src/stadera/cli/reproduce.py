@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli.options import JsonFile, ReportFile, Scheduler, Workers, check_workers
-from stadera.cli.outputs import check_outputs, json_of, text_of, write_outputs
+from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def reproduce(
 
     experiments = experiments_named(name)
     check_outputs((json, report))
+    check_report(report)
     results = []
     with progress() as watch:
         settings = ReproduceSettings(seed, quick, data, keep, seeds, Pool(workers, scheduler))
@@ -65,8 +66,6 @@ def reproduce(
     _write(results, json, report)
     for result in results:
         show(*experiment_renderables(result))
-    if report is not None:
-        show(f"report: {report}")
 
 
 def _write(results: list[ExperimentResult | Skipped], json: Path | None, report: Path | None) -> None:

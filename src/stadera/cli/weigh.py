@@ -86,7 +86,7 @@ def weigh(
 
     check_choice(method, springs)
     model, files = _robot(robot, legs), ResultFiles(json, report, export)
-    files.check([log], model)
+    files.check(model)
     known = _truth(truth)
     with progress() as watch:
         result = weigh_log(

@@ -1,0 +1,58 @@
+"""Commands whose outputs pass a gate: none is written on an input of the command, and each is named at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from typer.core import TyperCommand
+
+OUTPUTS = frozenset({"json", "report", "export", "out", "model", "latex", "figure", "keep"})
+"""Parameters that name what a command writes. Whatever else names a file is an input."""
+
+
+class GatedCommand(TyperCommand):
+    """A command. Its inputs are found among its parameters, so that none can be forgotten."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Runs it in the gate, and names the files that it wrote."""
+        from stadera.files import output_gate
+
+        with output_gate(inputs_of(ctx.params)) as gate:
+            value = super().invoke(ctx)
+        if gate.written:
+            from stadera.cli.terminal import show
+
+            show(*(f"wrote {path}{' in place of the one before' * replaced}" for path, replaced in gate.written))
+        return value
+
+
+def inputs_of(parameters: Mapping[str, Any]) -> Iterator[Path]:
+    """The files that parameters name, those of a named robot and of what a model includes among them."""
+    for name, value in parameters.items():
+        if name in OUTPUTS:
+            continue
+        for text in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(text, Path | str) and text:
+                yield from _files(str(text), name)
+
+
+def _files(text: str, parameter: str) -> Iterator[Path]:
+    path = _robot(text) if parameter in ("robot", "target") else Path(text)
+    yield path
+    if path.suffix.lower() in (".xml", ".mjcf", ".urdf") and path.is_file():
+        import re
+
+        found = re.findall(r'<(?:include|compiler)[^>]*?(?:file|filename)="([^"]+)"', path.read_text(errors="replace"))
+        yield from (path.parent / name for name in found)
+
+
+def _robot(text: str) -> Path:
+    from stadera.errors import StaderaError
+    from stadera.robot.catalog import resolve
+
+    try:
+        return resolve(text)[1]
+    except StaderaError:
+        return Path(text)
