@@ -69,7 +69,7 @@ def test_every_format_weighs_the_same_payload(walk: Recording, tmp_path: Path) -
 def test_real_legs_are_identified_the_same_from_every_format(shared_data: Path) -> None:
     """Five seconds of a Go2 in the air; LowState is of single precision."""
     folder = shared_data / "real"
-    settings = IdentifySettings(legs=("LF",), spread=None)
+    settings = IdentifySettings(legs=("LF",))
 
     def found(log: Recording | Path) -> Identification:
         return identify("go2", [log], settings)
