@@ -155,7 +155,7 @@ def _factors(
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """By column its factor to SI: the unit of its own in the map, else that asked for, its label's, the map's."""
     factors: dict[str, float] = {}
-    converted: dict[str, None] = {}
+    converted: Counter[str] = Counter()
     for flat, one in found.items():
         quantity = quantity_of(flat)
         label = labels[one.column][1] if one.column in labels else ""
@@ -164,8 +164,10 @@ def _factors(
         factor = (known[unit] if unit else 1.0) * one.source.factor
         if factor != 1.0:
             factors[flat] = factor
-            converted[f"{quantity or flat} {unit}".strip() if unit else f"{flat} times {factor:g}"] = None
-    notes = (f"converted to SI units: {', '.join(converted)}",) if converted else ()
+            own = f" times {one.source.factor:g}" if one.source.factor != 1.0 else ""
+            converted[f"{quantity or flat}{f' {unit}' if unit else ''}{own}"] += 1
+    listed = ", ".join(f"{what} ({count} columns)" if " times" in what else what for what, count in converted.items())
+    notes = (f"converted to SI units: {listed}",) if converted else ()
     return factors, notes
 
 
