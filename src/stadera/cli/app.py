@@ -18,6 +18,7 @@ from stadera.cli.gate import GatedCommand
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
 from stadera.cli.options import ColumnsMayStandAlone
+from stadera.cli.live import live
 from stadera.cli.reproduce import reproduce
 from stadera.cli.simulate import simulate
 from stadera.cli.weigh import weigh
@@ -49,5 +50,5 @@ def _stadera(
     pass
 
 
-for _command in (identify, weigh, inspect, excite, fleet, simulate, demo, reproduce):
+for _command in (identify, weigh, live, inspect, excite, fleet, simulate, demo, reproduce):
     app.command(cls=ColumnsMayStandAlone if _command is inspect else GatedCommand)(_command)

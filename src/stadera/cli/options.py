@@ -29,6 +29,9 @@ JointTopic = Annotated[
 ]
 ImuTopic = Annotated[str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Of a log with several IMUs.")]
 
+View = Annotated[bool, typer.Option("--view", help="Show the robot, and what becomes known of it, in Rerun.")]
+RrdFile = Annotated[Path | None, typer.Option("--rrd", metavar="F.rrd", help="Write what Rerun would show.")]
+
 
 Columns = Annotated[
     str | None,

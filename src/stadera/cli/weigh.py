@@ -18,10 +18,13 @@ from stadera.cli.options import (
     PdGains,
     ReportFile,
     RobotName,
+    RrdFile,
     Units,
+    View,
 )
-from stadera.cli.outputs import ResultFiles
+from stadera.cli.outputs import ResultFiles, check_outputs
 from stadera.cli.terminal import progress, show
+from stadera.cli.viewing import watching
 
 if TYPE_CHECKING:
     from stadera.logs import LogFile
@@ -70,6 +73,8 @@ def weigh(
         Path | None,
         typer.Option(metavar="F.urdf", help="Write the model as weighed (URDF, MJCF), the payload as a link."),
     ] = None,
+    view: View = False,
+    rrd: RrdFile = None,
 ) -> None:
     """Weigh a robot from its log: trunk with payload, where its centre of mass is, when the load changed.
 
@@ -85,10 +90,10 @@ def weigh(
     from stadera.weigh.weigh import weigh as weigh_log
 
     check_choice(method, springs)
-    model, files = _robot(robot, legs), ResultFiles(json, report, export)
+    model, files = robot_with_legs(robot, legs), ResultFiles(json, report, export)
     files.check(model)
     known = _truth(truth)
-    with progress() as watch:
+    with watching(model, view, rrd) as watch, progress() as bar:
         result = weigh_log(
             model,
             reading.log(log),
@@ -97,7 +102,8 @@ def weigh(
             imu_frame=imu_frame,
             stiffness=springs,
             force=force,
-            progress=watch,
+            progress=bar,
+            watch=watch,
         )
 
     def page() -> str:
@@ -126,7 +132,7 @@ def _tare(given: str, reading: LogOptions) -> tuple[float, float] | LogFile:
     return reading.log(chosen) if isinstance(chosen, Path) else chosen
 
 
-def _robot(name: str, legs: Path | None) -> Robot:
+def robot_with_legs(name: str, legs: Path | None) -> Robot:
     """The robot, with its legs as identified where they are given."""
     from stadera.identify.schema import with_identified_legs
     from stadera.robot import load_robot

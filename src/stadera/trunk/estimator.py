@@ -175,6 +175,12 @@ class TrunkEstimator:
         """Takes the trunk as it is now for the reference that `payload` is the difference to."""
         self._tare, self._nested = self._current, True
 
+    def restart(self) -> None:
+        """Lets samples begin anew: the next may come at another rate, and do not follow on. What was learnt stays."""
+        self._buffer = SampleBuffer(self.robot.tree.joints, self.settings.block)
+        self._maker.forget()
+        self._ground = GroundNormal(self._weight)
+
     # -- asking -----------------------------------------------------------------------------------------------------
     @property
     def trunk(self) -> TrunkParameters:

@@ -47,6 +47,21 @@ class TrunkParameters:
     inertia_std: Array
     observed: Bools
 
+    @property
+    def mass_std(self) -> float:
+        """[kg], NaN where not observed."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def com(self) -> Array:
+        """(3,) [m], NaN where not observed."""
+        return np.where(np.isnan(self.com_std), np.nan, self.inertial.com)
+
+    @property
+    def com_std(self) -> Array:
+        """(3,) [m], NaN where not observed."""
+        return np.sqrt(np.diag(self.covariance)[1:])
+
     @classmethod
     def of(
         cls, vector: Array, covariance: Array, prior: InertialParameters, robot_mass: float, length: float

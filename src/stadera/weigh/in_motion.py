@@ -18,7 +18,7 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import LoadChange, Payload, since_tare
-from stadera.trunk.protocol import Status, TrunkEstimate
+from stadera.trunk.protocol import Status
 from stadera.trunk.samples import Samples
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
@@ -49,6 +49,20 @@ def weigh_in_motion(request: Request) -> Weighing:
             f"{log.begin:g} to {log.end:g} s"
         )
     return reading.result()
+
+
+def trust_now(estimator: TrunkEstimator, learnt: float | None = None) -> Trust:
+    """The estimator's trust in what it found, worse where it refuses the last samples.
+
+    Args:
+        learnt: time of the last sample that was learnt from [s]; None for the estimator's own.
+    """
+    trust, estimate = estimator.trust, estimator.estimate()
+    if estimate.status is not Status.REFUSED or trust.verdict == "bad":
+        return trust
+    verdict: Verdict = "bad" if estimate.reason.startswith(_DIVERGED) else "doubtful"
+    at = estimate.time if learnt is None else learnt
+    return trust.at_most(verdict, f"as known at {at:.2f} s; nothing was learnt after it: {estimate.reason}")
 
 
 class _Reading:
@@ -125,7 +139,7 @@ class _Reading:
             source=log.source.source,
             method=IN_MOTION,
             status=str(estimate.status),
-            trust=self._trust(estimate, learnt, logs),
+            trust=self._trust(learnt, logs),
             trunk=estimator.parameters(),
             time=learnt,
             payload=payload,
@@ -172,6 +186,8 @@ class _Reading:
     def _add(self, samples: Samples) -> None:
         self._time = float(samples.time[-1])
         self.estimator.add(replace(samples, time=samples.time + (self._shift or 0.0)))
+        if self._request.watch is not None:
+            self._request.watch(samples, self.estimator)
         estimate = self.estimator.estimate()
         if estimate.status is Status.REFUSED:
             self._refuse(float(samples.time[0]), self._time, estimate.reason)
@@ -206,13 +222,8 @@ class _Reading:
         changes = self.estimator.changes[self._changes_before :]
         return since_tare([replace(c, time=c.time - shift, noticed=c.noticed - shift) for c in changes], payload)
 
-    def _trust(self, estimate: TrunkEstimate, learnt: float, logs: list[CheckedLog]) -> Trust:
-        trust = self.estimator.trust
-        if estimate.status is Status.REFUSED and trust.verdict != "bad":
-            verdict: Verdict = "bad" if estimate.reason.startswith(_DIVERGED) else "doubtful"
-            trust = trust.at_most(
-                verdict, f"as known at {learnt:.2f} s; nothing was learnt after it: {estimate.reason}"
-            )
+    def _trust(self, learnt: float, logs: list[CheckedLog]) -> Trust:
+        trust = trust_now(self.estimator, learnt)
         for log in logs:
             if log.event is not None:
                 trust = trust.at_most("doubtful", f"as known at {log.event.begin:.2f} s: {log.event.reason}")

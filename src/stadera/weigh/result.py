@@ -149,17 +149,17 @@ class Weighing(Result):
     @property
     def mass_std(self) -> float:
         """[kg], NaN where not observed."""
-        return float(np.sqrt(self.trunk.covariance[0, 0]))
+        return self.trunk.mass_std
 
     @property
     def com(self) -> Array:
         """Centre of mass of the trunk with all that is on it, (3,) [m], trunk frame; NaN where not observed."""
-        return np.where(np.isnan(self.com_std), np.nan, self.trunk.inertial.com)
+        return self.trunk.com
 
     @property
     def com_std(self) -> Array:
         """(3,) [m], NaN where not observed."""
-        return np.sqrt(np.diag(self.trunk.covariance)[1:])
+        return self.trunk.com_std
 
     @property
     def refused(self) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from stadera.errors import StaderaError
 from stadera.inertia import ORDER
 from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.result import TrunkParameters
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -37,13 +38,9 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
         "status": result.status,
         "trust": result.trust.to_dict(),
         "time": result.time,
-        "trunk": {
-            "mass": quantity(result.mass, result.mass_std) | mark,
-            "com": {"value": plain(result.com), "std": plain(result.com_std)} | mark,
-            "inertia": None if result.torque_lag is None else _trunk_inertia(result),
-        },
-        "payload": None if result.payload is None else _payload(result.payload, result.robot.trunk, mark),
-        "changes": [_change(change, mark) for change in result.changes],
+        "trunk": trunk_dict(result.trunk, mark) | ({"inertia": None} if result.torque_lag is None else {}),
+        "payload": None if result.payload is None else payload_dict(result.payload, result.robot.trunk, mark),
+        "changes": [change_dict(change, mark) for change in result.changes],
         "timeline": timeline_dict(result.timeline),
         "torque_lag": None if result.torque_lag is None else quantity(*result.torque_lag),
         "vertical": None if result.vertical is None else _vertical(result.vertical),
@@ -87,13 +84,18 @@ def timeline_frame(line: Timeline) -> Any:
     return pandas.DataFrame(columns)
 
 
-def _trunk_inertia(result: Weighing) -> dict[str, Any]:
-    trunk = result.trunk
+def trunk_dict(trunk: TrunkParameters, mark: dict[str, bool]) -> dict[str, Any]:
+    """A trunk as plain values, each mass and centre of mass with `mark`."""
     std = trunk.inertia_std if trunk.observed[4:].all() else np.full(6, np.nan)
-    return {name: quantity(v, s) for name, v, s in zip(_TENSOR, trunk.inertial.vector[4:], std, strict=True)}
+    return {
+        "mass": quantity(trunk.inertial.mass, trunk.mass_std) | mark,
+        "com": {"value": plain(trunk.com), "std": plain(trunk.com_std)} | mark,
+        "inertia": {n: quantity(v, s) for n, v, s in zip(_TENSOR, trunk.inertial.vector[4:], std, strict=True)},
+    }
 
 
-def _payload(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[str, Any]:
+def payload_dict(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[str, Any]:
+    """A payload as plain values, in the frame of that name."""
     tensor = payload.inertia
     components = None if tensor is None else [tensor["xyz".index(name[0]), "xyz".index(name[1])] for name in _TENSOR]
     return {
@@ -106,7 +108,8 @@ def _payload(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[str, A
     }
 
 
-def _change(change: LoadChange, mark: dict[str, bool]) -> dict[str, Any]:
+def change_dict(change: LoadChange, mark: dict[str, bool]) -> dict[str, Any]:
+    """A change of the load as plain values."""
     mass = quantity(change.mass, change.mass_std) | mark
     return {"time": change.time, "noticed": change.noticed, "kind": change.kind, "mass": mass}
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +16,13 @@ from stadera.trunk.registry import METHODS
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Progress
 
+if TYPE_CHECKING:
+    from stadera.trunk.estimator import TrunkEstimator
+    from stadera.trunk.samples import Samples
+
 Source = LogFile | Recording
+Watch = Callable[["Samples", "TrunkEstimator"], None]
+"""Called with samples, IMU values in trunk axes, and the estimator that has taken them in."""
 IN_MOTION = "walking"
 """The method that weighs in any motion, by its name in `METHODS`; all others weigh at rest."""
 
@@ -70,6 +78,7 @@ class Request:
         force: whether a result that is not to be trusted is given all the same, marked as such.
         settings: see `WeighSettings`.
         progress: called with what is done, and how many samples of it.
+        watch: called with the samples, IMU values in trunk axes, and the estimator that took them in; in motion alone.
 
     Raises:
         UnknownNameError: no such method.
@@ -86,8 +95,14 @@ class Request:
     force: bool = False
     settings: WeighSettings = field(default_factory=WeighSettings)
     progress: Progress | None = None
+    watch: Watch | None = None
 
     def __post_init__(self) -> None:
+        if self.watch is not None and self.method != IN_MOTION:
+            raise IdentificationError(
+                f"{self.source.source}: only weighing in motion, {IN_MOTION!r}, can be watched; this log is weighed by "
+                f"{self.method!r}"
+            )
         check_choice(self.method, self.stiffness)
         if isinstance(self.tare, tuple) and not self.tare[0] < self.tare[1]:
             raise IdentificationError(f"a tare's range needs a beginning before its end, got {self.tare} s")

@@ -15,7 +15,7 @@ from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.in_motion import weigh_in_motion
 from stadera.weigh.reading import choose_method
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import IN_MOTION, Request, WeighSettings, check_choice
+from stadera.weigh.settings import IN_MOTION, Request, Watch, WeighSettings, check_choice
 
 
 def weigh(
@@ -29,6 +29,7 @@ def weigh(
     force: bool = False,
     settings: WeighSettings | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Weighing:
     """Weighs the trunk of a robot, with all that is on it, and the payload added since a tare.
 
@@ -43,6 +44,7 @@ def weigh(
         force: gives a result that is not to be trusted all the same; `trust` and every output say so.
         settings: None for the defaults.
         progress: called with what is done, and how many samples of it.
+        watch: called with the samples and the estimator that took them in, in motion alone.
 
     Raises:
         ModelError, UnknownNameError: no such robot, method or frame.
@@ -57,7 +59,7 @@ def weigh(
     if tare is not None and not isinstance(tare, tuple):
         other = as_log(tare)
     name = method or choose_method(model, source, other, chosen)
-    request = Request(model, source, other, name, imu_frame, stiffness, force, chosen, progress)
+    request = Request(model, source, other, name, imu_frame, stiffness, force, chosen, progress, watch)
     result = weigh_in_motion(request) if name == IN_MOTION else weigh_at_rest(request)
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")

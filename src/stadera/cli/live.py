@@ -1,0 +1,116 @@
+"""`stadera live`: a robot weighed while it runs, its topics over Zenoh."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stadera.cli.options import RobotName, RrdFile, View, log_file
+from stadera.cli.terminal import show
+from stadera.cli.viewing import watching
+
+if TYPE_CHECKING:
+    from stadera.live import LiveState
+
+_REPLAY = "replay:"
+
+
+def live(
+    robot: RobotName,
+    source: Annotated[str, typer.Argument(metavar="zenoh|replay:LOG", help="Where the messages come from.")] = "zenoh",
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ENDPOINT", help="Zenoh endpoint to reach; repeatable [default: tcp/localhost:7447]."),
+    ] = None,
+    listen: Annotated[
+        list[str] | None, typer.Option(metavar="ENDPOINT", help="Zenoh endpoint to be reached by; repeatable.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(metavar="F.json5", help="Zenoh configuration file.")] = None,
+    rate: Annotated[float, typer.Option(metavar="X", min=0.001, help="Of a replay: X times as fast; inf.")] = 1.0,
+    joint_topic: Annotated[
+        str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Of joint states, where several are seen.")
+    ] = None,
+    imu_topic: Annotated[
+        str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Of the IMU, where several are seen.")
+    ] = None,
+    imu_frame: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Frame that the IMU's values are in [default: the messages' own]."),
+    ] = None,
+    legs: Annotated[
+        Path | None,
+        typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia as `identify --json` found."),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="F.mcap", help="Record what comes in and what is sent.")
+    ] = None,
+    view: View = False,
+    rrd: RrdFile = None,
+) -> None:
+    """Weigh a robot while it runs: its joint states and IMU in, its trunk and payload out, until Ctrl-C.
+
+    In: sensor_msgs/JointState and Imu, or Unitree's LowState, of rmw_zenoh or zenoh-bridge-ros2dds, found by type. Out,
+    ten times a second: stadera/trunk and stadera/payload (InertiaStamped), stadera/state (JSON), stadera/diagnostics;
+    the services stadera/tare and stadera/reset.
+    """
+    if source != "zenoh" and not source.startswith(_REPLAY):
+        raise typer.BadParameter(f"{source!r} is neither zenoh nor {_REPLAY}LOG", param_hint="SOURCE")
+    log = log_file(Path(source.removeprefix(_REPLAY)), joint_topic, imu_topic) if source != "zenoh" else None
+
+    from stadera.cli.outputs import check_outputs
+    from stadera.cli.weigh import robot_with_legs
+    from stadera.files import written_together
+    from stadera.live import LiveSession
+    from stadera.live.link import Endpoints
+    from stadera.live.run import Source, run
+    from stadera.logs.topics import Topics
+    from stadera.report.live.terminal import live_summary
+
+    model, topics = robot_with_legs(robot, legs), Topics(joint_topic, imu_topic)
+    check_outputs((record, rrd), [] if log is None else [log.path])
+    where = Source(Endpoints(tuple(connect or ()), tuple(listen or ()), config), topics, log, rate)
+    with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
+        session = LiveSession(model, topics, imu_frame, watch=watch)
+        with _until_stopped() as stop, _shown() as sink:
+            last = run(session, where, stop, [sink], drafts[0] if drafts else None)
+    show(live_summary(last))
+
+
+@contextmanager
+def _until_stopped() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and SIGTERM set."""
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _shown() -> Iterator[Callable[[LiveState], None]]:
+    """What shows states: one screen on a terminal, else a line for everything that happens."""
+    from stadera.report.live.terminal import live_lines, live_screen
+
+    if sys.stdout.isatty():
+        from rich.live import Live
+
+        with Live(auto_refresh=False) as screen:
+            yield lambda state: screen.update(live_screen(state), refresh=True)
+        return
+    before: list[LiveState | None] = [None]
+
+    def lines(state: LiveState) -> None:
+        for line in live_lines(state, before[0]):
+            print(line, flush=True)
+        before[0] = state
+
+    yield lines

@@ -1,0 +1,14 @@
+"""A running robot weighed: its topics over Zenoh in, its trunk and payload out.
+
+    Zenoh ──messages──▶ Worker ──▶ Intake ──samples──▶ TrunkEstimator ──▶ LiveState ──▶ Zenoh, terminal, Rerun, MCAP
+    (or a log, replayed)  queue      decoded, merged
+
+The worker's thread does all the work; whoever brings messages only queues them.
+"""
+
+from stadera.live.session import Answer, LiveSession
+from stadera.live.settings import LiveSettings
+from stadera.live.state import Lag, LiveState
+from stadera.live.worker import Worker
+
+__all__ = ["Answer", "Lag", "LiveSession", "LiveSettings", "LiveState", "Worker"]

@@ -1,0 +1,263 @@
+"""Messages of a running robot in, samples out: decoded, put on one clock, merged, and begun anew where the stream
+changes.
+
+The first messages decide which topic, publishers and columns are read, as those of a bag do
+(`stadera.logs.bags.beginning`). That is decided anew when a clock was set, the rate changed, or a publisher names
+other joints than before.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.live.clock import StreamClock
+from stadera.live.settings import LiveSettings
+from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, choose
+from stadera.logs.bags.beginning import beginning_of
+from stadera.logs.bags.container import Message, Topic
+from stadera.logs.bags.decode import IMU, Decoder, Sample, decoder
+from stadera.logs.bags.merging import Merging
+from stadera.logs.bags.unitree import LOW_STATES
+from stadera.logs.batches import Batch, recordings
+from stadera.logs.columns import TIME, Layout, layout
+from stadera.logs.recording import Recording
+from stadera.logs.topics import Topics
+from stadera.robot.model import Robot
+from stadera.types import Array
+
+_SOURCE = "live"
+_GAP = 2.5  # periods between two samples from which on messages between them were lost; stamps jitter by up to one
+
+
+class Intake:
+    """Takes in messages.
+
+    Args:
+        robot: whose joints are looked for.
+        topics: asked for; None for those that fit by type.
+        settings: see `LiveSettings`.
+
+    Attributes:
+        topics: names of joints' and IMU's topics; None before they are known.
+        seen: by name, every topic of which a message came.
+        announced: by name, types of topics that are known to be there.
+        fresh: whether the next samples do not follow on those before, and may have another rate.
+        clock: of the stamps.
+        lost: messages and rows that were left out, by why.
+        notes: what happened, one sentence each.
+    """
+
+    def __init__(self, robot: Robot, topics: Topics | None = None, settings: LiveSettings | None = None) -> None:
+        self._robot, self._asked, self._settings = robot, _slashed(topics or Topics()), settings or LiveSettings()
+        self.topics: Topics | None = None
+        self.seen: dict[str, SeenTopic] = {}
+        self.announced: Mapping[str, str] = {}
+        self.fresh = True
+        self.clock = StreamClock(self._settings)
+        self.lost: Counter[str] = Counter()
+        self.notes: dict[str, None] = {}
+        self._decoders: dict[str, Decoder] = {}
+        self._publishers = PublisherFilter(self._settings)
+        self._head: list[Sample] = []
+        self._merging: Merging | None = None
+        self._layout: Layout | None = None
+        self._fault = ""
+        self._held: Batch | None = None
+        self._progress = 0.0  # arrival of the last message that completed a sample
+        self._known_joints = 0.0  # arrival of the last message of a known publisher
+        self._last, self._period = np.nan, np.nan
+        self._slower = 0
+
+    def take(self, arrival: Arrival) -> None:
+        """Takes in a message; of types that are not read it only counts it."""
+        seen = self.seen.setdefault(arrival.topic, SeenTopic(arrival.kind))
+        seen.take(arrival)
+        if arrival.kind not in KINDS or not self._wanted(arrival.topic, arrival.kind):
+            return
+        if (sample := self._decoded(arrival)) is None:
+            return
+        if not self._publishers.accepts(arrival, sample.columns):
+            self.lost["left out"] += 1
+            self.notes[f"a second publisher on {arrival.topic} is left out"] = None
+        elif self._merging is None:
+            self._head.append(sample)
+            self._begin(arrival.arrived)
+        else:
+            self._continue(sample, arrival.arrived)
+
+    def completed(self) -> Recording | None:
+        """The samples completed since the last call; None where there are fewer than two."""
+        if self._merging is None or self._layout is None:
+            return None
+        try:
+            rows = self._rows(self._merging)
+            found = list(recordings(iter([rows]), self._layout, _SOURCE, None)) if rows is not None else []
+        except RecordingError as error:
+            self._anew(str(error))
+            return None
+        if not found:
+            return None
+        self._progress = self._known_joints
+        self._watch_rate(found[0].time)
+        return found[0]
+
+    def waiting_for(self, now: float) -> tuple[str, ...]:
+        """What keeps samples from coming, one sentence each; empty while they come.
+
+        Args:
+            now: by the clock of the arrivals [s].
+        """
+        if self._merging is None or self.topics is None:
+            return (self._fault or self._lacking(),)
+        chosen = [name for name in (self.topics.joint, self.topics.imu) if name is not None]
+        silent = [name for name in chosen if now - self.seen[name].last > self._settings.silent]
+        if silent:
+            return tuple(f"messages of {name}, which have stopped" for name in silent)
+        if now - self._progress > self._settings.silent:
+            newest = max(track.newest for track in self._merging.tracks)
+            behind = [t.name for t in self._merging.tracks if newest - t.newest > 1e9 * self._settings.bags.patience]
+            lacking = (
+                f"messages of {' and '.join(behind)}" if behind else "stamps that go on, and values in all messages"
+            )
+            return (lacking,)
+        return ()
+
+    # -- inside -----------------------------------------------------------------------------------------------
+    def _wanted(self, topic: str, kind: str) -> bool:
+        """Whether a topic may be the one asked for."""
+        asked = self._asked.imu if kind == IMU else self._asked.joint
+        return asked in (None, topic)
+
+    def _decoded(self, arrival: Arrival) -> Sample | None:
+        name = arrival.topic
+        if name not in self._decoders:
+            self._decoders[name] = decoder(Topic(arrival.kind), "cdr", self._robot.tree.joints, self._settings.bags)
+        try:
+            return self._decoders[name](Message(name, arrival.received, arrival.data))
+        except Exception:  # the libraries meet damaged bytes with errors of many kinds
+            self.lost["damaged"] += 1
+            return None
+
+    def _begin(self, arrived: float) -> None:
+        """Decides what is read, once there are enough messages."""
+        kinds = {name: seen.kind for name, seen in self.seen.items()}
+        counts = Counter(sample.topic for sample in self._head)
+        of_joints = [n for name, n in counts.items() if kinds[name] in JOINT_KINDS]
+        has_imu = any(kinds[n] in LOW_STATES or (kinds[n] == IMU and counts[n] > 1) for n in counts)
+        if max(of_joints, default=0) < self._settings.head or not has_imu:
+            del self._head[: -20 * self._settings.head]
+            return
+        head, self._head = self._head, []
+        try:
+            topics = choose(head, kinds, self._asked, self._robot.tree.joints)
+            assert topics.joint is not None
+            head = [sample for sample in head if sample.topic in (topics.joint, topics.imu)]
+            start = beginning_of(head, topics.joint, topics.imu, self._robot.tree.joints, self._settings.bags)
+            if start.imu_fault:
+                raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
+            names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
+            found = layout(names, _SOURCE, self._robot.tree.joints, require)
+            self._layout = Layout(found.joints, found.channels, found.imu, {}, {}, (), start.imu_frame)
+            merging = Merging(start, topics.joint, topics.imu, self._layout.columns, self._settings.bags)
+            self._check_rate([sample.stamp for sample in head if sample.topic == topics.joint], topics.joint)
+        except RecordingError as error:
+            self._fault = str(error)
+            return
+        self.topics, self._merging, self._fault = topics, merging, ""
+        self.fresh, self._held, self._slower = True, None, 0
+        self._progress = self._known_joints = arrived
+        self._period = self._last = np.nan
+        for sample in head:
+            self._merge(sample, arrived, merging)
+
+    def _continue(self, sample: Sample, arrived: float) -> None:
+        assert self._merging is not None
+        assert self.topics is not None
+        if sample.topic in (self.topics.joint, self.topics.imu):
+            steps = self.clock.steps
+            self._merge(sample, arrived, self._merging)
+            if self.clock.steps > steps:
+                self.notes["the clock of the stamps was set, or a publisher began anew"] = None
+                self._anew()
+
+    def _merge(self, sample: Sample, arrived: float, merging: Merging) -> None:
+        stamp = self.clock.at(sample.stamp, arrived)
+        if stamp is None:
+            self.lost["left out"] += 1
+            self.notes[f"messages of {sample.topic} on another clock are left out"] = None
+        elif merging.take(sample._replace(stamp=stamp)):
+            if self.topics is not None and sample.topic == self.topics.joint:
+                self._known_joints = arrived
+        else:
+            self.lost["left out"] += 1
+            if arrived - self._known_joints > self._settings.other_publisher:
+                self.notes[f"messages of {sample.topic} name other joints than before"] = None
+                self._anew()
+
+    def _anew(self, fault: str = "") -> None:
+        """What is read is decided anew."""
+        self._merging, self._fault, self._head = None, fault, []
+
+    def _rows(self, merging: Merging) -> Batch | None:
+        """Complete rows, at least two; fewer are kept for the next time."""
+        before = sum(track.out_of_order for track in merging.tracks)
+        batch = merging.batch()
+        self.lost["left out"] += sum(track.out_of_order for track in merging.tracks) - before
+        if batch is not None:
+            complete = np.isfinite(batch.values).all(axis=0)
+            self.lost["left out"] += int(np.count_nonzero(~complete))
+            rows = Batch(batch.values[:, complete])
+            self._held = rows if self._held is None else Batch.joined([self._held, rows])
+        if self._held is None or len(self._held) < 2:
+            return None
+        rows, self._held = self._held, None
+        return rows
+
+    def _watch_rate(self, time: Array) -> None:
+        """Counts samples that are missing, and begins anew where they come at another rate."""
+        steps = np.diff(time, prepend=self._last)
+        self._last = float(time[-1])
+        if np.isnan(self._period):
+            self._period = float(np.median(steps[1:]))
+        usual = steps[steps < self._settings.silent]
+        if self.topics is not None and not self._numbered(self.topics.joint):
+            lost = usual[usual > _GAP * self._period]
+            self.lost["network"] += int((np.round(lost / self._period) - 1).sum())
+        ratio = float(np.median(usual)) / self._period if len(usual) else 1.0
+        other = not 1 / self._settings.rate_change < ratio < self._settings.rate_change
+        self._slower = (self._slower + len(steps)) * other
+        if self._slower > self._settings.head:
+            self.notes["messages come at another rate than before"] = None
+            self._anew()
+
+    def _numbered(self, topic: str | None) -> bool:
+        return topic is not None and bool(self.seen[topic].numbered)
+
+    def _check_rate(self, stamps: list[int], topic: str) -> None:
+        rate = 1e9 / max(float(np.median(np.diff(stamps))), 1.0)
+        if rate < self._settings.least_rate / 1.02:
+            raise RecordingError(
+                f"{topic}: {rate:.3g} messages a second, of which weighing in motion sees too little; "
+                f"{self._settings.least_rate:g} are needed"
+            )
+
+    def _lacking(self) -> str:
+        there = {**self.announced, **{name: seen.kind for name, seen in self.seen.items()}}
+        listed = ", ".join(f"{name} ({kind or 'type unknown'})" for name, kind in sorted(there.items())) or "none"
+        came = {seen.kind for name, seen in self.seen.items() if self._wanted(name, seen.kind)}
+        if not came.intersection(JOINT_KINDS):
+            asked = f" on {self._asked.joint}" if self._asked.joint else ""
+            return f"joint states{asked}: no messages of {' or '.join(JOINT_KINDS[:2])} yet; topics seen: {listed}"
+        if not came.intersection((IMU, *LOW_STATES)):
+            asked = f" on {self._asked.imu}" if self._asked.imu else ""
+            return f"an IMU{asked}: no messages of {IMU} yet; topics seen: {listed}"
+        return "enough messages to begin with"
+
+
+def _slashed(topics: Topics) -> Topics:
+    """Topics by their ROS names, which begin with a slash."""
+    return Topics(*(name if name is None else f"/{name.lstrip('/')}" for name in (topics.joint, topics.imu)))

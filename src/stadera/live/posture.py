@@ -1,0 +1,106 @@
+"""How a robot stands in the world, as far as its encoders and its IMU say: pose of the trunk, links, feet and their
+forces.
+
+Tilt is that of the specific force's direction, held over short times by the gyro (a complementary filter); heading is
+the gyro's alone. Nothing says where the robot is: the lowest foot is on the ground, under a trunk that stays in place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.robot.imu import ImuMount
+from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.model import Robot
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.samples import Samples
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.types import Array, Bools
+
+_SETTLING = 1.0  # s, in which the tilt follows the specific force
+_PERIOD = 0.04  # s, between two postures
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A moment, world axes: z upwards, the ground at zero, origin below the trunk's.
+
+    Attributes:
+        time: [s]. rotation: (3, 3), of the trunk. origin: (3,) [m], of the trunk.
+        rotations: (links, 3, 3), origins: (links, 3) [m], of all links, trunk first.
+        contacts: (4, 3) [m]. forces: (4, 3) [N], what the ground does to the feet. stance: (4,), those that carry.
+    """
+
+    time: float
+    rotation: Array
+    origin: Array
+    rotations: Array
+    origins: Array
+    contacts: Array
+    forces: Array
+    stance: Bools
+
+
+class Postures:
+    """Follows one robot.
+
+    Args:
+        robot: the model.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._forces = robot, ContactForceEstimator(robot)
+        self._world: Rotation | None = None  # of the trunk
+        self._last, self._due = -np.inf, -np.inf
+
+    def of(self, samples: Samples, mount: ImuMount) -> Iterator[Posture]:
+        """The postures that fall due among these samples, IMU values in trunk axes."""
+        for k in range(len(samples)):
+            time = float(samples.time[k])
+            if time < self._last:  # begun anew
+                self._world, self._due = None, -np.inf
+            if time >= self._due:
+                since = int(np.searchsorted(samples.time, self._last))
+                self._turn(samples[slice(min(since, k), k + 1)])
+                self._due = time + _PERIOD
+                yield self._posture(samples, k, mount)
+        self._turn(samples[samples.time > self._last])
+
+    def _turn(self, samples: Samples) -> None:
+        """The trunk's attitude after these samples."""
+        if not len(samples):
+            return
+        force = samples.specific_force.mean(axis=0)
+        elapsed = min(float(samples.time[-1]) - self._last, _SETTLING)
+        if self._world is None:
+            self._world = Rotation.align_vectors([[0.0, 0.0, 1.0]], [force])[0]
+        else:
+            turned = self._world * Rotation.from_rotvec(samples.angular_velocity.mean(axis=0) * elapsed)
+            up = turned.apply(force / np.linalg.norm(force))
+            self._world = Rotation.from_rotvec(elapsed / _SETTLING * np.cross(up, [0.0, 0.0, 1.0])) * turned
+        self._last = float(samples.time[-1])
+
+    def _posture(self, samples: Samples, k: int, mount: ImuMount) -> Posture:
+        assert self._world is not None
+        R = self._world.as_matrix()
+        one = Measurement(
+            float(samples.time[k]),
+            samples.position[k],
+            samples.velocity[k],
+            samples.effort[k],
+            samples.angular_velocity[k],
+            samples.specific_force[k],
+            lever=mount.translation,
+        )
+        found = self._forces.at(one)
+        contacts = found.contact @ R.T
+        lift = np.array([0.0, 0.0, -contacts[:, 2].min()])
+        rotations, origins = forward_kinematics(self._robot.tree, samples.position[k : k + 1])
+        forces = np.where(np.isfinite(found.force), found.force, 0.0) @ R.T
+        return Posture(
+            one.time, R, lift, R @ rotations[0], origins[0] @ R.T + lift, contacts + lift, forces, found.stance
+        )

@@ -1,0 +1,79 @@
+"""A session from its first message to its last: where messages come from, who gets the states, and an end that is
+clean."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stadera.live.link import Endpoints, ZenohLink
+from stadera.live.messages import RESET, TARE
+from stadera.live.recorder import Recorder
+from stadera.live.replay import replay
+from stadera.live.session import LiveSession
+from stadera.live.state import LiveState
+from stadera.live.worker import Worker
+from stadera.logs.topics import LogFile, Topics
+
+_POLL = 0.05  # s, after which a fault of the worker ends the session
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where messages come from.
+
+    Attributes:
+        endpoints: of Zenoh; what is found is published there also where a log is replayed.
+        topics: asked for.
+        log: to be replayed in place of messages, `rate` times as fast as it was recorded; None for messages.
+    """
+
+    endpoints: Endpoints
+    topics: Topics
+    log: LogFile | None = None
+    rate: float = 1.0
+
+
+def run(
+    session: LiveSession,
+    source: Source,
+    stop: threading.Event,
+    sinks: Sequence[Callable[[LiveState], None]] = (),
+    record: Path | None = None,
+) -> LiveState:
+    """Runs until `stop` is set or the log ends; the last state.
+
+    Args:
+        sinks: called with every state, in the worker's thread.
+        record: file for what comes in and what is sent, whole when this returns; None for none.
+
+    Raises:
+        MissingExtraError: zenoh is not installed. StaderaError: Zenoh cannot be started.
+        RecordingError: the log cannot be replayed.
+    """
+    recorder = None if record is None else Recorder(record)
+    worker = Worker(session, keep=None if recorder is None else recorder.keep)
+    link: ZenohLink | None = None
+    try:
+        requests = {TARE: session.tare, RESET: session.reset}
+        put = worker.put if source.log is None else None
+        link = ZenohLink(source.endpoints, source.topics, put, requests, worker.ask)
+        session.intake.announced = link.announced
+        worker.sinks = (link.publish, *([] if recorder is None else [recorder.sent]), *sinks)
+        worker.start()
+        if source.log is not None:
+            replay(source.log, session.robot, worker, stop, source.rate)
+        else:
+            while not stop.wait(_POLL) and worker.failure is None:
+                pass
+    finally:
+        worker.stop()
+        if link is not None:
+            link.close()
+        if recorder is not None:
+            recorder.close()
+    if worker.failure is not None:
+        raise worker.failure
+    return session.state()

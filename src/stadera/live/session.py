@@ -1,0 +1,172 @@
+"""One robot that is weighed while it runs: messages or samples in, its state out. Nothing here waits, sends or
+draws."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.live.intake import Intake
+from stadera.live.settings import LiveSettings
+from stadera.live.state import Lag, LiveState
+from stadera.live.topics import Arrival
+from stadera.logs.recording import Recording
+from stadera.logs.topics import Topics
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.load import since_tare
+from stadera.trunk.samples import Samples
+from stadera.weigh.in_motion import trust_now
+from stadera.weigh.settings import Watch
+
+_MOST_CHANGES = 20  # that are sent with every state
+_DAY = 86400.0  # s, by which no two clocks differ that mean the same
+
+
+@dataclass(frozen=True)
+class Answer:
+    """To a request: whether it was done, and a sentence."""
+
+    success: bool
+    message: str
+
+
+class LiveSession:
+    """Weighs one robot.
+
+    Args:
+        robot: with its legs as known.
+        topics: asked for; None for those that fit by type.
+        imu_frame: in which the IMU's values are; None for the messages' own, else the model's.
+        settings: see `LiveSettings`.
+        watch: called with all samples.
+
+    Attributes:
+        intake: of the messages.
+        estimator: of the trunk; None before the first samples.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        topics: Topics | None = None,
+        imu_frame: str | None = None,
+        settings: LiveSettings | None = None,
+        watch: Watch | None = None,
+    ) -> None:
+        self.robot, self.settings = robot, settings or LiveSettings()
+        self.intake = Intake(robot, topics, self.settings)
+        self.estimator: TrunkEstimator | None = None
+        self._frame, self._watch = imu_frame, watch
+        self._idle = TrunkEstimator(robot, settings=self.settings.trunk)
+        if imu_frame is not None:
+            ImuMount.of(robot, imu_frame)  # a name that is not there is an error at once
+        self._fault = ""
+        self._time, self._arrived = np.nan, np.nan
+        self._tared_after: int | None = None
+
+    def feed(self, arrivals: Iterable[Arrival]) -> None:
+        """Takes in messages; what cannot be used is counted, and no message raises an error."""
+        newest = np.nan
+        for arrival in arrivals:
+            self.intake.take(arrival)
+            newest = arrival.arrived
+        samples = self.intake.completed()
+        if samples is not None:
+            self.add(samples, newest)
+
+    def add(self, samples: Recording, arrived: float) -> None:
+        """Takes in samples with velocities, torques and IMU.
+
+        Args:
+            samples: of the robot's joints, on the intake's clock.
+            arrived: by this machine's steady clock [s].
+        """
+        try:
+            self._add(samples)
+            self._fault = ""
+        except (StaderaError, ArithmeticError, np.linalg.LinAlgError) as error:
+            self._fault = f"samples that can be used: {error}"
+            if self.estimator is not None:
+                self.estimator.restart()
+        self._arrived = arrived
+
+    def tare(self) -> Answer:
+        """Makes the trunk as it is known now the reference of the payload."""
+        estimator = self.estimator
+        if estimator is None or not estimator.trunk.observed[0]:
+            return Answer(False, "no tare: the trunk's mass is not known yet")
+        if trust_now(estimator).verdict == "bad":
+            return Answer(False, f"no tare: {'; '.join(trust_now(estimator).reasons)}")
+        estimator.tare()
+        self._tared_after = len(estimator.changes)
+        return Answer(True, f"tared at {self._time:.2f} s")
+
+    def reset(self) -> Answer:
+        """Forgets everything learnt, the tare and the changes included."""
+        self.estimator, self._tared_after = None, None
+        return Answer(True, "everything learnt is forgotten; the model is the prior")
+
+    def event(self, until: float) -> tuple[object, ...]:
+        """What is worth a state at once when it is different: changes, the verdict, what is lacking, the tare."""
+        estimator = self.estimator or self._idle
+        return len(estimator.changes), trust_now(estimator).verdict, self._lacking(until), self._tared_after, estimator
+
+    def state(self, now: float | None = None, until: float | None = None) -> LiveState:
+        """What is known.
+
+        Args:
+            now: by the clock of the arrivals [s]; None for this machine's.
+            until: arrival up to which all messages were fed; None for now. Only what was silent up to it is said to be.
+        """
+        now = time.monotonic() if now is None else now
+        estimator, intake = self.estimator or self._idle, self.intake
+        payload, changes = estimator.payload, estimator.changes
+        tared = self._tared_after or 0
+        after = () if payload is None else since_tare(changes[tared:], payload)
+        stamp = 0 if np.isnan(self._time) else round(1e9 * self._time) - intake.clock.shift
+        behind = time.time() - 1e-9 * stamp
+        lost = {"network": intake.lost["network"] + sum(seen.lost for seen in intake.seen.values())}
+        return LiveState(
+            robot=self.robot.name,
+            link=self.robot.trunk,
+            time=self._time,
+            stamp=stamp,
+            status=str(estimator.estimate().status),
+            trunk=estimator.trunk,
+            payload=payload,
+            changes=(*changes[:tared], *after)[-_MOST_CHANGES:] if payload is not None else changes[-_MOST_CHANGES:],
+            trust=trust_now(estimator),
+            rates={name: seen.look(now) for name, seen in sorted(intake.seen.items())},
+            lost=lost | {where: intake.lost[where] for where in ("damaged", "left out")},
+            lag=Lag(now - self._arrived, behind if abs(behind) < _DAY else np.nan),
+            waiting_for=self._lacking(now if until is None else until),
+            notes=tuple(intake.notes),
+        )
+
+    # -- inside -----------------------------------------------------------------------------------------------
+    def _lacking(self, now: float) -> tuple[str, ...]:
+        if self._fault:
+            return (self._fault,)
+        replayed = not self.intake.seen and self.estimator is not None
+        return () if replayed else self.intake.waiting_for(now)
+
+    def _add(self, recording: Recording) -> None:
+        estimator = self.estimator
+        if estimator is None:
+            frame = self._frame or (recording.imu.frame if recording.imu is not None else None)
+            mount = ImuMount.of(self.robot, frame)
+            estimator = TrunkEstimator(self.robot, settings=self.settings.trunk, mount=mount)
+        elif self.intake.fresh:
+            estimator.restart()
+        self.estimator, self.intake.fresh = estimator, False
+        samples = Samples.of_recording(recording, self.robot, estimator.mount.name)
+        estimator.add(samples)
+        self._time = float(samples.time[-1])
+        if self._watch is not None:
+            self._watch(samples, estimator)

@@ -1,0 +1,115 @@
+"""What is known of a running robot at one moment, and how its messages arrive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.result import TrunkParameters
+from stadera.trust import Trust
+from stadera.weigh.schema import change_dict, payload_dict, trunk_dict
+
+
+@dataclass(frozen=True, eq=False)
+class Lag:
+    """How old the figures are.
+
+    Attributes:
+        processing: from the arrival of the newest message used to now [s]. stamp: from its stamp to now by this
+            machine's clock [s], which means something where the clocks agree. NaN before the first.
+    """
+
+    processing: float = float("nan")
+    stamp: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class LiveState:
+    """A moment.
+
+    Attributes:
+        robot: its name. link: the trunk's, whose frame all figures are in.
+        time: of the newest sample used [s], NaN before the first; the stamps' clock until that was first set.
+        stamp: of that sample by its own clock [ns], 0 before the first.
+        status: of the estimator, see `stadera.trunk.protocol.Status`.
+        trunk: with all that is on it; the model's where nothing was observed.
+        payload: added since the tare; None without one.
+        changes: of the load.
+        trust: whether the figures hold.
+        rates: messages a second, by topic.
+        lost: messages that did not reach the estimator, by where: "network", "queue", "damaged", "left out" (repeated
+            stamps, a second publisher, values missing).
+        lag: see `Lag`.
+        waiting_for: what keeps the estimate from going on, one sentence each; empty while samples come.
+        notes: what happened on the way, one sentence each.
+    """
+
+    robot: str
+    link: str
+    time: float
+    stamp: int
+    status: str
+    trunk: TrunkParameters
+    payload: Payload | None
+    changes: tuple[LoadChange, ...]
+    trust: Trust
+    rates: Mapping[str, float]
+    lost: Mapping[str, int]
+    lag: Lag
+    waiting_for: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether figures may be used."""
+        return self.trust.verdict != "bad"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; null where something was not observed, "trusted": false where the verdict is bad."""
+        mark = {} if self.is_trusted else {"trusted": False}
+        return {
+            "robot": self.robot,
+            "time": _number(self.time),
+            "status": self.status,
+            "trunk": trunk_dict(self.trunk, mark) | {"frame": self.link},
+            "payload": None if self.payload is None else payload_dict(self.payload, self.link, mark),
+            "changes": [change_dict(change, mark) for change in self.changes],
+            "trust": self.trust.to_dict(),
+            "rates": {topic: round(rate, 2) for topic, rate in self.rates.items()},
+            "lost": dict(self.lost),
+            "lag": {"processing": _number(self.lag.processing), "stamp": _number(self.lag.stamp)},
+            "waiting_for": list(self.waiting_for),
+            "notes": list(self.notes),
+        }
+
+    def figures(self) -> dict[str, str]:
+        """The figures as text with units and standard deviations, for people."""
+        from stadera.report.numbers import number, with_std
+
+        trunk, payload, last = self.trunk, self.payload, self.changes[-1:]
+        mark = "" if self.is_trusted else " (not to be trusted)"
+        shown = {"trunk mass [kg]": with_std(trunk.inertial.mass, trunk.mass_std) + mark}
+        places = [("trunk", trunk.com, trunk.com_std)]
+        if payload is not None:
+            shown["payload mass [kg]"] = with_std(payload.mass, payload.mass_std) + mark
+            places.append(("payload", payload.com, payload.com_std))
+        for what, com, std in places:
+            for axis, value, error in zip("xyz", com, std, strict=True):
+                shown[f"{what} com {axis} [m]"] = with_std(value, error) + mark
+        for change in last:
+            shown["last change [kg]"] = (
+                f"{change.kind} at {change.time:.2f} s, {with_std(change.mass, change.mass_std)}"
+            )
+        misfit = number(self.trust.misfit, 3, "not evaluated")
+        shown["trust"] = f"{self.trust.verdict}, misfit {misfit}"
+        shown |= {f"rate of {topic} [Hz]": f"{rate:.1f}" for topic, rate in self.rates.items()}
+        shown["lost"] = ", ".join(f"{where} {count}" for where, count in self.lost.items() if count) or "none"
+        shown["lag [ms]"] = number(1e3 * self.lag.processing, 3, "none yet")
+        return shown
+
+
+def _number(value: float) -> float | None:
+    return value if isfinite(value) else None

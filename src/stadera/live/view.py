@@ -1,0 +1,257 @@
+"""A weighing in Rerun: the robot as it moves, and what is known of its trunk and payload as it becomes known.
+
+Fed by samples and an estimator, whoever feeds them: a running robot or a log. All sizes of uncertainty are two standard
+deviations; what is not observed is as wide as what is plausible for the robot.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.constants import GRAVITY
+from stadera.errors import MissingExtraError, StaderaError
+from stadera.live.posture import Posture, Postures
+from stadera.robot.model import Robot
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.model import TrunkBounds
+from stadera.trunk.samples import Samples
+from stadera.types import Array
+from stadera.weigh.in_motion import trust_now
+
+if TYPE_CHECKING:
+    import rerun
+
+_PERIOD = 0.1  # s, between two entries of the timelines
+_SIGMAS = 2.0
+_EPOCH = 1e8  # s: stamps beyond this are dates
+_AXES = ("x", "y", "z")
+_AXIS_COLOURS = ([194, 65, 12], [77, 124, 15], [11, 108, 196])
+_TRUST_COLOURS = {"good": [46, 160, 67], "doubtful": [227, 160, 8], "bad": [207, 34, 46]}
+_LINK, _FORCE, _SUPPORT = [150, 160, 175], [224, 142, 69], [110, 118, 130]
+
+
+class Viewer:
+    """Draws one robot; a context that ends the recording.
+
+    Args:
+        robot: the model.
+        spawn: opens the viewer.
+        save: writes what it would show to this .rrd file.
+
+    Raises:
+        MissingExtraError: rerun is not installed.
+        StaderaError: the viewer does not start.
+    """
+
+    def __init__(self, robot: Robot, *, spawn: bool = False, save: Path | None = None) -> None:
+        try:
+            import rerun
+        except ImportError:
+            raise MissingExtraError("rerun-sdk", "view", "the viewer") from None
+        self._rr, self._robot = rerun, robot
+        self._postures, self._shapes = Postures(robot), _Shapes(robot)
+        self._wide = TrunkBounds.of(robot).spread[1:]
+        longest = float(np.linalg.norm(robot.tree.translations, axis=1).max())
+        self._force_scale = longest / (robot.mass * GRAVITY)
+        self._rec = rerun.RecordingStream(f"stadera {robot.name}")
+        self._open(spawn, save)
+        self._due, self._changes, self._verdict = -np.inf, 0, ""
+        self._pose: Posture | None = None
+        self._style()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._rec.disconnect()
+
+    def watch(self, samples: Samples, estimator: TrunkEstimator) -> None:
+        """Draws what samples show, and what the estimator knows after them.
+
+        Args:
+            samples: IMU values in trunk axes. estimator: that took them in.
+        """
+        for posture in self._postures.of(samples, estimator.mount):
+            self._pose = posture
+            self._at(posture.time)
+            self._draw_robot(posture)
+        time = float(samples.time[-1])
+        if self._pose is not None and not self._due - _PERIOD <= time < self._due:
+            self._due = time + _PERIOD
+            self._at(time)
+            self._draw_known(self._pose, estimator)
+
+    # -- inside -----------------------------------------------------------------------------------------------
+    def _open(self, spawn: bool, save: Path | None) -> None:
+        rr, sinks = self._rr, []
+        if spawn:
+            try:
+                rr.spawn(connect=False)
+            except Exception as error:  # of several kinds: no program, no display
+                raise StaderaError(f"the viewer does not start: {error}; --rrd F writes a file instead") from None
+            sinks.append(rr.GrpcSink())
+        if save is not None:
+            sinks.append(rr.FileSink(str(save)))
+        self._rec.set_sinks(*sinks, default_blueprint=_blueprint())
+
+    def _at(self, time: float) -> None:
+        self._rec.set_time("time", **({"timestamp": time} if time > _EPOCH else {"duration": time}))
+
+    def _style(self) -> None:
+        rr, log = self._rr, self._rec.log
+        log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for place, name in (("plots/trunk", "trunk"), ("plots/payload", "payload")):
+            log(f"{place}/mass", _band(rr, [f"{name} mass [kg]"], [[11, 108, 196]]), static=True)
+            log(f"{place}/com", _band(rr, [f"{name} com {a} [m]" for a in _AXES], _AXIS_COLOURS), static=True)
+        verdicts, colours = list(_TRUST_COLOURS), list(_TRUST_COLOURS.values())
+        log("trust", rr.StateConfiguration(values=verdicts, labels=verdicts, colors=colours), static=True)
+
+    def _draw_robot(self, posture: Posture) -> None:
+        rr, log = self._rr, self._rec.log
+        for name, archetype in self._shapes.drawn(rr, posture):
+            log(f"world/robot/{name}", archetype)
+        vectors = self._force_scale * posture.forces
+        log("world/forces", rr.Arrows3D(vectors=vectors, origins=posture.contacts, colors=_FORCE, radii=0.006))
+        log("world/support", rr.LineStrips3D(_polygon(posture), colors=_SUPPORT, radii=0.004))
+
+    def _draw_known(self, posture: Posture, estimator: TrunkEstimator) -> None:
+        rr, log, trunk, payload = self._rr, self._rec.log, estimator.trunk, estimator.payload
+        trust = trust_now(estimator)
+        colour = _TRUST_COLOURS[trust.verdict]
+        if trust.verdict != self._verdict:
+            self._verdict = trust.verdict
+            log("trust", rr.StateChange(state=trust.verdict))
+            log("events", rr.TextLog(f"trust: {trust.verdict} {'; '.join(trust.reasons)}", level=_level(trust.verdict)))
+        if trunk.observed[0]:
+            self._plot("trunk", trunk.inertial.mass, trunk.mass_std, trunk.com, trunk.com_std)
+        half, turned = self._spread(trunk.covariance[1:, 1:], posture)
+        centre = posture.rotation @ trunk.inertial.com + posture.origin
+        log(
+            "world/com",
+            rr.Ellipsoids3D(
+                centers=[centre], half_sizes=[half], quaternions=[turned], colors=[colour], fill_mode="solid"
+            ),
+        )
+        if payload is not None:
+            self._plot("payload", payload.mass, payload.mass_std, payload.com, payload.com_std)
+            self._draw_payload(payload.com, payload.com_covariance, f"{payload.mass:.2f} kg", posture, colour)
+        for change in estimator.changes[self._changes :]:
+            log("events", rr.TextLog(f"load {change.kind}, at {change.time:.2f} s", level="INFO"))
+        self._changes = len(estimator.changes)
+
+    def _draw_payload(self, com: Array, covariance: Array, label: str, posture: Posture, colour: list[int]) -> None:
+        """A box around where its centre of mass is; nothing where no component of it was observed."""
+        rr = self._rr
+        if np.isnan(com).all():
+            self._rec.log("world/payload", rr.Clear(recursive=False))
+            return
+        std = np.sqrt(np.diag(covariance))
+        half = np.where(np.isnan(std), self._wide, _SIGMAS * std)
+        centre = posture.rotation @ np.where(np.isnan(com), 0.0, com) + posture.origin
+        turned = Rotation.from_matrix(posture.rotation).as_quat()
+        box = rr.Boxes3D(centers=[centre], half_sizes=[half], quaternions=[turned], colors=[colour], labels=[label])
+        self._rec.log("world/payload", box)
+
+    def _plot(self, what: str, mass: float, mass_std: float, com: Array, com_std: Array) -> None:
+        rr = self._rr
+        for name, value, std in (("mass", np.array([mass]), np.array([mass_std])), ("com", com, com_std)):
+            band = np.stack([value, value - _SIGMAS * std, value + _SIGMAS * std], axis=1)
+            self._rec.log(f"plots/{what}/{name}", rr.Scalars(band.ravel()))
+
+    def _spread(self, covariance: Array, posture: Posture) -> tuple[Array, Array]:
+        """Half axes [m] and attitude of a centre of mass's uncertainty."""
+        seen = np.isfinite(np.diag(covariance))
+        full = np.diag((self._wide / _SIGMAS) ** 2)
+        full[np.ix_(seen, seen)] = covariance[np.ix_(seen, seen)]
+        values, vectors = np.linalg.eigh(full)
+        vectors[:, 0] *= np.sign(np.linalg.det(vectors))
+        return _SIGMAS * np.sqrt(values), Rotation.from_matrix(posture.rotation @ vectors).as_quat()
+
+
+class _Shapes:
+    """The robot's shapes by kind, fixed to their links."""
+
+    def __init__(self, robot: Robot) -> None:
+        shapes = robot.shapes
+        self._kinds = {}
+        for kind in ("box", "capsule", "cylinder", "sphere"):
+            own = [shape for shape in shapes if shape.kind == kind]
+            if own:
+                links = [robot.tree.links.index(shape.link) for shape in own]
+                rotations, places = np.array([s.rotation for s in own]), np.array([s.translation for s in own])
+                self._kinds[kind] = (links, rotations, places, np.array([shape.size for shape in own]))
+
+    def drawn(self, rr: Any, posture: Posture) -> list[tuple[str, Any]]:
+        """By kind, all of them where they are now."""
+        out = []
+        for kind, (links, rotations, places, sizes) in self._kinds.items():
+            R = posture.rotations[links] @ rotations
+            at = np.einsum("nij,nj->ni", posture.rotations[links], places) + posture.origins[links]
+            turned = Rotation.from_matrix(R).as_quat()
+            if kind == "capsule":  # Rerun's begin at their first end
+                at = at - 0.5 * sizes[:, 1:] * R[:, :, 2]
+            out.append((kind, _archetype(rr, kind, at, turned, sizes)))
+        return out
+
+
+def _archetype(rr: Any, kind: str, at: Array, turned: Array, sizes: Array) -> Any:
+    look = {"colors": _LINK, "fill_mode": "solid"}
+    if kind == "box":
+        return rr.Boxes3D(centers=at, half_sizes=0.5 * sizes, quaternions=turned, **look)
+    if kind == "sphere":
+        return rr.Ellipsoids3D(centers=at, radii=sizes[:, 0], **look)
+    if kind == "capsule":
+        return rr.Capsules3D(translations=at, radii=sizes[:, 0], lengths=sizes[:, 1], quaternions=turned, **look)
+    return rr.Cylinders3D(centers=at, radii=sizes[:, 0], lengths=sizes[:, 1], quaternions=turned, **look)
+
+
+def _polygon(posture: Posture) -> list[Array]:
+    """The feet that carry, around and back to the first; nothing of fewer than two."""
+    corners = posture.contacts[posture.stance]
+    if len(corners) < 2:
+        return []
+    x, y, _ = (corners - corners.mean(axis=0)).T
+    around = np.argsort(np.arctan2(y, x))
+    return [corners[[*around, around[0]]]]
+
+
+def _band(rr: Any, names: list[str], colours: Any) -> Any:
+    """The look of values with two standard deviations below and above."""
+    lines = [(f"{name}{part}", colour, width) for name, colour in zip(names, colours, strict=True)
+             for part, width in (("", 2.0), (" − 2σ", 0.7), (" + 2σ", 0.7))]  # fmt: skip
+    names, colours, widths = (list(column) for column in zip(*lines, strict=True))
+    return rr.SeriesLines(names=names, colors=colours, widths=widths)
+
+
+def _level(verdict: str) -> str:
+    return {"good": "INFO", "doubtful": "WARN", "bad": "ERROR"}[verdict]
+
+
+def _blueprint() -> rerun.blueprint.Blueprint:
+    import rerun.blueprint as rrb
+
+    plots = [
+        rrb.TimeSeriesView(origin="plots/payload/mass", name="payload, mass"),
+        rrb.TimeSeriesView(origin="plots/payload/com", name="payload, centre of mass"),
+        rrb.TimeSeriesView(origin="plots/trunk/mass", name="trunk, mass"),
+        rrb.TimeSeriesView(origin="plots/trunk/com", name="trunk, centre of mass"),
+    ]
+    events = rrb.Horizontal(
+        rrb.StateTimelineView(origin="trust", name="trust"), rrb.TextLogView(origin="events", name="events")
+    )
+    scene = rrb.Spatial3DView(origin="world", name="robot")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, events, row_shares=[3, 1]), rrb.Grid(*plots, grid_columns=1), column_shares=[3, 2]
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline="time"),
+    )

@@ -1,0 +1,134 @@
+"""The thread that does all the work, in the order in which messages and requests came."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from stadera.live.session import Answer, LiveSession
+from stadera.live.state import LiveState
+from stadera.live.topics import Arrival
+from stadera.logs.recording import Recording
+
+
+class _Request(NamedTuple):
+    """Something to be done between two messages, and what gets the answer."""
+
+    do: Callable[[], Answer]
+    reply: Callable[[Answer], None]
+
+
+_Item = Arrival | Recording | _Request
+
+
+class Worker:
+    """Feeds a session in a thread of its own. `put` and `ask` never wait, and may be called from any thread.
+
+    Args:
+        session: that nobody else touches from `start` to `stop`.
+        keep: called with every message before it is worked on.
+
+    Attributes:
+        sinks: called in the worker's thread with a state every `period`, and at once when something changed.
+        dropped: messages that were dropped because the queue was full, the oldest first.
+        failure: a fault of the program that ended the thread; None while there is none.
+    """
+
+    def __init__(
+        self,
+        session: LiveSession,
+        keep: Callable[[Arrival], None] | None = None,
+    ) -> None:
+        self._session, self._settings, self._keep = session, session.settings, keep
+        self.sinks: Sequence[Callable[[LiveState], None]] = ()
+        self._waiting: deque[_Item] = deque()
+        self._lock, self._stop = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="stadera live", daemon=True)
+        self._due = 0.0
+        self._sent: tuple[object, ...] = ()
+        self.dropped = 0
+        self.failure: BaseException | None = None
+
+    def start(self) -> None:
+        """Begins to work."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Works off what waits, sends a last state, and ends; returns when that is done."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def put(self, item: Arrival | Recording) -> None:
+        """Queues a message, or samples of a log. With a full queue the oldest message is dropped."""
+        with self._lock:
+            self._waiting.append(item)
+            if len(self._waiting) > self._settings.queue:
+                self._drop_oldest()
+
+    def ask(self, do: Callable[[], Answer], reply: Callable[[Answer], None]) -> None:
+        """Queues a request such as `session.tare`; its answer is given in the worker's thread."""
+        with self._lock:
+            self._waiting.append(_Request(do, reply))
+
+    @property
+    def pending(self) -> int:
+        """How many items wait."""
+        return len(self._waiting)
+
+    # -- inside -----------------------------------------------------------------------------------------------
+    def _drop_oldest(self) -> None:
+        oldest = next((k for k, item in enumerate(self._waiting) if not isinstance(item, _Request)), None)
+        if oldest is not None:
+            del self._waiting[oldest]
+            self.dropped += 1
+
+    def _run(self) -> None:
+        try:
+            stopping = False
+            while not stopping:
+                stopping = self._stop.wait(self._settings.batch)
+                with self._lock:
+                    items, self._waiting = self._waiting, deque()
+                self.work(items)
+                self._send(final=stopping)
+        except BaseException as error:  # handed to whoever waits for the thread
+            self.failure = error
+
+    def work(self, items: Sequence[_Item]) -> None:
+        """Works off items: neighbouring messages together, requests and samples one by one."""
+        arrivals: list[Arrival] = []
+        for item in items:
+            if isinstance(item, Arrival):
+                if self._keep is not None:
+                    self._keep(item)
+                arrivals.append(item)
+                continue
+            self._session.feed(arrivals)
+            arrivals = []
+            if isinstance(item, _Request):
+                item.reply(item.do())
+            else:
+                self._session.add(item, time.monotonic())
+        self._session.feed(arrivals)
+
+    def _fed_until(self, now: float) -> float:
+        """Arrival of the oldest message that waits; now if there is none."""
+        with self._lock:
+            return next((item.arrived for item in self._waiting if isinstance(item, Arrival)), now)
+
+    def _send(self, *, final: bool) -> None:
+        now = time.monotonic()
+        until = self._fed_until(now)
+        event = self._session.event(until)
+        if now < self._due and event == self._sent and not final:
+            return
+        state = self._session.state(now, until)
+        state = replace(state, lost={**state.lost, "queue": self.dropped})
+        self._due, self._sent = now + self._settings.period, event
+        for sink in self.sinks:
+            sink(state)

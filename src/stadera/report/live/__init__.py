@@ -1,0 +1,1 @@
+"""A running robot, as it is shown."""

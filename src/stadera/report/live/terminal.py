@@ -1,0 +1,99 @@
+"""A running robot in the terminal: one screen that is drawn in place, or a line for everything that happens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from stadera.live.state import LiveState
+from stadera.report.numbers import number, with_std
+from stadera.report.trust import trust_text
+from stadera.types import Array
+
+_COLOURS = {"good": "green", "doubtful": "yellow", "bad": "bold red"}
+_CHANGES = 5
+_PLACE = ("com x [m]", "com y [m]", "com z [m]")
+
+
+def live_screen(state: LiveState) -> RenderableType:
+    """All that is known: masses, places, trust, changes, how messages come, and what is waited for."""
+    colour = _COLOURS[state.trust.verdict]
+    parts: list[RenderableType] = [_bodies(state), Text(f"trust: {trust_text(state.trust)}", style=colour)]
+    parts += [Text(f"waiting for {lacking}", style="yellow") for lacking in state.waiting_for]
+    if state.changes:
+        parts.append(_changes(state))
+    parts += [_health(state), *(Text(f"note: {note}", style="dim") for note in state.notes)]
+    time = "" if state.time != state.time else f" at {state.time:.2f} s"
+    return Panel(Group(*parts), title=f"{state.robot}{time}, {state.status}", title_align="left", border_style=colour)
+
+
+def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
+    """A line for everything that is different from the state before: what is waited for, trust, tare and changes."""
+    at = "" if state.time != state.time else f"{state.time:.2f} s: "
+    if before is None or before.waiting_for != state.waiting_for:
+        yield from (f"{at}waiting for {lacking}" for lacking in state.waiting_for)
+    if before is not None and before.waiting_for and not state.waiting_for:
+        yield f"{at}samples come"
+    if before is None or before.trust.verdict != state.trust.verdict:
+        yield f"{at}trust: {trust_text(state.trust)}"
+    if state.payload is not None and (before is None or before.payload is None):
+        yield f"{at}tared"
+    known = set() if before is None else {change.noticed for change in before.changes}
+    for change in state.changes:
+        if change.noticed not in known:
+            mass = with_std(change.mass, change.mass_std)
+            yield f"{at}load {change.kind} at {change.time:.2f} s, {mass} kg so far{_mark(state)}"
+
+
+def live_summary(state: LiveState) -> str:
+    """The last word, in one line."""
+    trunk, payload = state.trunk, state.payload
+    text = f"trunk {with_std(trunk.inertial.mass, trunk.mass_std)} kg{_mark(state)}"
+    if payload is not None:
+        text += f", payload {with_std(payload.mass, payload.mass_std)} kg{_mark(state)}"
+    return f"{text}; trust: {trust_text(state.trust)}"
+
+
+def _mark(state: LiveState) -> str:
+    return "" if state.is_trusted else " (not to be trusted)"
+
+
+def _bodies(state: LiveState) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in ("", "mass [kg]", *_PLACE):
+        table.add_column(Text(heading), justify="left" if not heading else "right")
+    trunk, payload = state.trunk, state.payload
+    table.add_row(*_body("trunk", trunk.inertial.mass, trunk.mass_std, trunk.com, trunk.com_std, state))
+    if payload is None:
+        table.add_row("payload", "no tare yet")
+    else:
+        table.add_row(*_body("payload", payload.mass, payload.mass_std, payload.com, payload.com_std, state))
+    return table
+
+
+def _body(name: str, mass: float, mass_std: float, com: Array, com_std: Array, state: LiveState) -> Iterator[Text]:
+    style = "bold" if state.is_trusted else "red strike"
+    yield Text(name)
+    yield Text(with_std(mass, mass_std), style=style)
+    for value, std in zip(com, com_std, strict=True):
+        yield Text(with_std(value, std), style=style)
+
+
+def _changes(state: LiveState) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for heading in ("load", "at [s]", "noticed after [s]", "change [kg]"):
+        table.add_column(Text(heading), justify="right")
+    for change in reversed(state.changes[-_CHANGES:]):
+        after = f"{change.noticed - change.time:.2f}"
+        table.add_row(change.kind, f"{change.time:.2f}", after, with_std(change.mass, change.mass_std) + _mark(state))
+    return table
+
+
+def _health(state: LiveState) -> Text:
+    rates = ", ".join(f"{topic} {rate:.0f} Hz" for topic, rate in state.rates.items()) or "no messages"
+    lost = ", ".join(f"{count} {where}" for where, count in state.lost.items() if count) or "none"
+    return Text(f"{rates}; lost: {lost}; lag {number(1e3 * state.lag.processing, 2, 'unknown')} ms", style="dim")
