@@ -17,8 +17,8 @@ from stadera.cli.fleet import fleet
 from stadera.cli.gate import GatedCommand
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
-from stadera.cli.options import ColumnsMayStandAlone
 from stadera.cli.live import live
+from stadera.cli.options import ColumnsMayStandAlone
 from stadera.cli.reproduce import reproduce
 from stadera.cli.simulate import simulate
 from stadera.cli.weigh import weigh

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.options import RobotName, RrdFile, View, log_file
+from stadera.cli.options import LogOptions, RobotName, RrdFile, View
 from stadera.cli.terminal import show
 from stadera.cli.viewing import watching
 
@@ -62,7 +62,8 @@ def live(
     """
     if source != "zenoh" and not source.startswith(_REPLAY):
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {_REPLAY}LOG", param_hint="SOURCE")
-    log = log_file(Path(source.removeprefix(_REPLAY)), joint_topic, imu_topic) if source != "zenoh" else None
+    options = LogOptions.of(joint_topic, imu_topic)
+    log = options.log(Path(source.removeprefix(_REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs
     from stadera.cli.weigh import robot_with_legs
@@ -70,14 +71,13 @@ def live(
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
     from stadera.live.run import Source, run
-    from stadera.logs.topics import Topics
     from stadera.report.live.terminal import live_summary
 
-    model, topics = robot_with_legs(robot, legs), Topics(joint_topic, imu_topic)
+    model = robot_with_legs(robot, legs)
     check_outputs((record, rrd), [] if log is None else [log.path])
-    where = Source(Endpoints(tuple(connect or ()), tuple(listen or ()), config), topics, log, rate)
+    where = Source(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
-        session = LiveSession(model, topics, imu_frame, watch=watch)
+        session = LiveSession(model, options.topics, imu_frame, watch=watch)
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))

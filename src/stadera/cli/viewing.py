@@ -21,6 +21,8 @@ def watching(robot: Robot, view: bool, save: Path | None) -> Iterator[Watch | No
     from stadera.files import written_together
     from stadera.live.view import Viewer
 
-    with written_together([] if save is None else [save]) as drafts:
-        with Viewer(robot, spawn=view, save=drafts[0] if drafts else None) as viewer:
-            yield viewer.watch
+    with (
+        written_together([] if save is None else [save]) as drafts,
+        Viewer(robot, spawn=view, save=drafts[0] if drafts else None) as viewer,
+    ):
+        yield viewer.watch

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.live.clock import StreamClock
 from stadera.live.settings import LiveSettings
-from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, choose
+from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, chosen
 from stadera.logs.bags.beginning import beginning_of
+from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.decode import IMU, Decoder, Sample, decoder
 from stadera.logs.bags.merging import Merging
@@ -42,7 +44,7 @@ class Intake:
         settings: see `LiveSettings`.
 
     Attributes:
-        topics: names of joints' and IMU's topics; None before they are known.
+        topics: that are read; None before they are known.
         seen: by name, every topic of which a message came.
         announced: by name, types of topics that are known to be there.
         fresh: whether the next samples do not follow on those before, and may have another rate.
@@ -53,7 +55,7 @@ class Intake:
 
     def __init__(self, robot: Robot, topics: Topics | None = None, settings: LiveSettings | None = None) -> None:
         self._robot, self._asked, self._settings = robot, _slashed(topics or Topics()), settings or LiveSettings()
-        self.topics: Topics | None = None
+        self.topics: Choice | None = None
         self.seen: dict[str, SeenTopic] = {}
         self.announced: Mapping[str, str] = {}
         self.fresh = True
@@ -62,7 +64,7 @@ class Intake:
         self.notes: dict[str, None] = {}
         self._decoders: dict[str, Decoder] = {}
         self._publishers = PublisherFilter(self._settings)
-        self._head: list[Sample] = []
+        self._head: list[tuple[Arrival, Sample]] = []
         self._merging: Merging | None = None
         self._layout: Layout | None = None
         self._fault = ""
@@ -84,8 +86,8 @@ class Intake:
             self.lost["left out"] += 1
             self.notes[f"a second publisher on {arrival.topic} is left out"] = None
         elif self._merging is None:
-            self._head.append(sample)
-            self._begin(arrival.arrived)
+            self._head.append((arrival, sample))
+            self._begin()
         else:
             self._continue(sample, arrival.arrived)
 
@@ -142,37 +144,35 @@ class Intake:
             self.lost["damaged"] += 1
             return None
 
-    def _begin(self, arrived: float) -> None:
+    def _begin(self) -> None:
         """Decides what is read, once there are enough messages."""
-        kinds = {name: seen.kind for name, seen in self.seen.items()}
-        counts = Counter(sample.topic for sample in self._head)
-        of_joints = [n for name, n in counts.items() if kinds[name] in JOINT_KINDS]
-        has_imu = any(kinds[n] in LOW_STATES or (kinds[n] == IMU and counts[n] > 1) for n in counts)
+        counts = Counter((arrival.topic, arrival.kind) for arrival, _ in self._head)
+        of_joints = [n for (_, kind), n in counts.items() if kind in JOINT_KINDS]
+        has_imu = any(kind in LOW_STATES or (kind == IMU and n > 1) for (_, kind), n in counts.items())
         if max(of_joints, default=0) < self._settings.head or not has_imu:
             del self._head[: -20 * self._settings.head]
             return
         head, self._head = self._head, []
+        joints = self._robot.tree.joints
         try:
-            topics = choose(head, kinds, self._asked, self._robot.tree.joints)
-            assert topics.joint is not None
-            head = [sample for sample in head if sample.topic in (topics.joint, topics.imu)]
-            start = beginning_of(head, topics.joint, topics.imu, self._robot.tree.joints, self._settings.bags)
+            topics = chosen([arrival for arrival, _ in head], self._asked, joints, self._settings)
+            head = [(arrival, sample) for arrival, sample in head if sample.topic in (topics.joint, topics.imu)]
+            start = beginning_of([sample for _, sample in head], topics.joint, topics.imu, joints)
             if start.imu_fault:
                 raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
             names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
-            found = layout(names, _SOURCE, self._robot.tree.joints, require)
-            self._layout = Layout(found.joints, found.channels, found.imu, {}, {}, (), start.imu_frame)
-            merging = Merging(start, topics.joint, topics.imu, self._layout.columns, self._settings.bags)
-            self._check_rate([sample.stamp for sample in head if sample.topic == topics.joint], topics.joint)
+            self._layout = replace(layout(names, _SOURCE, joints, require), imu_frame=start.imu_frame)
+            merging = Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
+            self._check_rate([sample.stamp for _, sample in head if sample.topic == topics.joint], topics.joint)
         except RecordingError as error:
             self._fault = str(error)
             return
         self.topics, self._merging, self._fault = topics, merging, ""
         self.fresh, self._held, self._slower = True, None, 0
-        self._progress = self._known_joints = arrived
         self._period = self._last = np.nan
-        for sample in head:
-            self._merge(sample, arrived, merging)
+        self._progress = self._known_joints = head[-1][0].arrived
+        for arrival, sample in head:
+            self._merge(sample, arrival.arrived, merging)
 
     def _continue(self, sample: Sample, arrived: float) -> None:
         assert self._merging is not None
@@ -185,7 +185,7 @@ class Intake:
                 self._anew()
 
     def _merge(self, sample: Sample, arrived: float, merging: Merging) -> None:
-        stamp = self.clock.at(sample.stamp, arrived)
+        stamp = self.clock.at(sample.topic, sample.stamp, arrived)
         if stamp is None:
             self.lost["left out"] += 1
             self.notes[f"messages of {sample.topic} on another clock are left out"] = None

@@ -19,13 +19,13 @@ class LiveSettings:
         period: between two states that are sent [s]; changes are sent at once.
         head: messages of joints that decide which columns there are and how fast they come.
         silent: time without a message after which a topic counts as silent [s]: fifty samples of the slowest stream.
-        clock_step: difference between a stamp and the stream's clock from which the clock was set, or the message is
-            another publisher's [s]: far above any latency.
+        clock_step: difference between a stamp and its topic's clock from which the clock was set, or the message is
+            another publisher's [s]; clocks are slewed, not set, by less.
         other_publisher: time after the last message of a publisher, or on a clock, from which another one is taken [s].
         rate_change: factor between two rates from which sampling begins anew.
         least_rate: samples a second below which the motion between them is not seen.
-        bags: of decoding and merging. Streams wait for one another half a second at most, and stamps that repeat
-            or run back are left out however many they are.
+        bags: of decoding and merging. Streams wait for one another half a second at most, stamps that repeat or run
+            back are left out however many they are, and delays of two topics may differ by what a network adds.
         trunk: of the estimator.
     """
 
@@ -34,11 +34,11 @@ class LiveSettings:
     period: float = 0.1
     head: int = 50
     silent: float = 1.0
-    clock_step: float = 1.0
+    clock_step: float = 0.1
     other_publisher: float = 0.25
     rate_change: float = 1.5
     least_rate: float = 50.0
-    bags: BagSettings = field(default_factory=lambda: BagSettings(patience=0.5, out_of_order=1.0))
+    bags: BagSettings = field(default_factory=lambda: BagSettings(patience=0.5, out_of_order=1.0, drift=0.05))
     trunk: TrunkSettings = field(default_factory=TrunkSettings)
 
     def __post_init__(self) -> None:

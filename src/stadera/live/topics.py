@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
-from stadera.errors import RecordingError
 from stadera.live.keys import Sent
 from stadera.live.settings import LiveSettings
-from stadera.logs.bags.beginning import chosen_topics, joints_in
-from stadera.logs.bags.container import Topic
-from stadera.logs.bags.decode import IMU, JOINT_STATE, Sample
+from stadera.logs.bags.choice import Choice, choose
+from stadera.logs.bags.container import Bag, Message, Topic
+from stadera.logs.bags.decode import IMU, JOINT_STATE
+from stadera.logs.bags.mcap import McapFile
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.topics import Topics
 
 JOINT_KINDS = (JOINT_STATE, *LOW_STATES)
 KINDS = (*JOINT_KINDS, IMU)
 """Types that are read."""
-
-_MORE_OFTEN = 2.0  # times as many messages: the topic is meant, and the other one a slower copy
 
 
 class Arrival(NamedTuple):
@@ -97,34 +96,23 @@ class PublisherFilter:
         return True
 
 
-def choose(head: Sequence[Sample], kinds: Mapping[str, str], asked: Topics, joints: Sequence[str]) -> Topics:
-    """The topic of joints, and the IMU's, None where the joints' messages have one or there is none.
-
-    Of several topics of joints, the one that names most of the robot's; of equal ones a LowState, which has an IMU;
-    then the one with twice as many messages.
+def chosen(head: Sequence[Arrival], asked: Topics, joints: Sequence[str], settings: LiveSettings) -> Choice:
+    """The topic of joints, and the IMU's, None where the joints' messages have one or there is none: as of a bag.
 
     Raises:
         RecordingError: several that are alike and none asked for; one asked for that is not there or of another type.
     """
-    found = {sample.topic: Topic(kinds[sample.topic]) for sample in head}
-    joint = asked.joint or _best(head, found, joints)
-    left = {name: topic for name, topic in found.items() if topic.kind == IMU or joint in (None, name)}
-    return Topics(*chosen_topics(left, Topics(joint, asked.imu), "live"))
+    found = {arrival.topic: Topic(arrival.kind) for arrival in head}
+    return choose(_Heard(head), found, asked, joints, settings.bags)
 
 
-def _best(head: Sequence[Sample], found: Mapping[str, Topic], joints: Sequence[str]) -> str | None:
-    """The topic of joints that is meant; None of several that are alike, and of none."""
-    ranks: dict[str, tuple[int, bool, int]] = {}
-    for name, topic in found.items():
-        if topic.kind in JOINT_KINDS:
-            samples = [sample for sample in head if sample.topic == name]
-            named = {joint for columns in {s.columns for s in samples} for joint in joints_in(columns)}
-            ranks[name] = len(named.intersection(joints)), topic.kind in LOW_STATES, len(samples)
-    if not ranks:
-        return None
-    first, *others = sorted(ranks, key=lambda name: ranks[name], reverse=True)
-    rivals = [name for name in others if ranks[name][:2] == ranks[first][:2]]
-    if any(_MORE_OFTEN * ranks[name][2] > ranks[first][2] for name in rivals):
-        listed = ", ".join(sorted([first, *rivals]))
-        raise RecordingError(f"several topics of {found[first].kind}: {listed}; choose one with --joint-topic")
-    return first
+class _Heard(Bag):
+    """The first messages, as those of a bag."""
+
+    def __init__(self, head: Sequence[Arrival]) -> None:
+        super().__init__(Path("live"), McapFile(), ())
+        self._messages = [Message(arrival.topic, arrival.received, arrival.data) for arrival in head]
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Those of the topics."""
+        return (message for message in self._messages if message.topic in topics)
