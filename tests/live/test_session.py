@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from on_zenoh import arrivals
+from on_zenoh import LOADED_AT, arrivals
 
 import bags
 from bags import Sent
-from conftest import LOADED_AT
 from logs_to_play import LOAD
 from stadera.live import LiveSession, LiveState
 from stadera.live.keys import Sent as Attached

@@ -7,6 +7,7 @@ read it. Once a message of rmw_zenoh has come, also by rmw_zenoh's keys in its d
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -65,7 +66,9 @@ class Endpoints:
         try:
             return zenoh.open(self._configured())
         except zenoh.ZError as error:
-            raise StaderaError(f"Zenoh cannot be started: {' '.join(str(error).split())}") from None
+            reason = re.sub(r" at /\S+\.rs:\d+\.?", "", " ".join(str(error).split()))  # where in its source
+            given = ", ".join(map(str, (*self.connect, *self.listen, *([self.config] if self.config else []))))
+            raise StaderaError(f"Zenoh cannot be started with {given or 'its defaults'}: {reason}") from None
 
     def _configured(self) -> zenoh.Config:
         import zenoh

@@ -55,14 +55,14 @@ class Postures:
     def __init__(self, robot: Robot) -> None:
         self._robot, self._forces = robot, ContactForceEstimator(robot)
         self._world: Rotation | None = None  # of the trunk
-        self._last, self._due = -np.inf, -np.inf
+        self._last, self._due, self._age = -np.inf, -np.inf, 0.0
 
     def of(self, samples: Samples, mount: ImuMount) -> Iterator[Posture]:
         """The postures that fall due among these samples, IMU values in trunk axes."""
         for k in range(len(samples)):
             time = float(samples.time[k])
             if time < self._last:  # begun anew
-                self._world, self._due = None, -np.inf
+                self._world, self._due, self._age = None, -np.inf, 0.0
             if time >= self._due:
                 since = int(np.searchsorted(samples.time, self._last))
                 self._turn(samples[slice(min(since, k), k + 1)])
@@ -81,7 +81,9 @@ class Postures:
         else:
             turned = self._world * Rotation.from_rotvec(samples.angular_velocity.mean(axis=0) * elapsed)
             up = turned.apply(force / np.linalg.norm(force))
-            self._world = Rotation.from_rotvec(elapsed / _SETTLING * np.cross(up, [0.0, 0.0, 1.0])) * turned
+            self._age = min(self._age + elapsed, _SETTLING)  # at first the mean of all forces so far
+            share = elapsed / self._age if self._age > 0.0 else 0.0
+            self._world = Rotation.from_rotvec(share * np.cross(up, [0.0, 0.0, 1.0])) * turned
         self._last = float(samples.time[-1])
 
     def _posture(self, samples: Samples, k: int, mount: ImuMount) -> Posture:

@@ -32,7 +32,7 @@ _EPOCH = 1e8  # s: stamps beyond this are dates
 _AXES = ("x", "y", "z")
 _AXIS_COLOURS = ([194, 65, 12], [77, 124, 15], [11, 108, 196])
 _TRUST_COLOURS = {"good": [46, 160, 67], "doubtful": [227, 160, 8], "bad": [207, 34, 46]}
-_LINK, _FORCE, _SUPPORT = [150, 160, 175], [224, 142, 69], [110, 118, 130]
+_LINK, _TRUNK, _FORCE, _SUPPORT = [150, 160, 175], [150, 160, 175, 90], [224, 142, 69], [110, 118, 130]
 
 
 class Viewer:
@@ -56,8 +56,8 @@ class Viewer:
         self._rr, self._robot = rerun, robot
         self._postures, self._shapes = Postures(robot), _Shapes(robot)
         self._wide = TrunkBounds.of(robot).spread[1:]
-        longest = float(np.linalg.norm(robot.tree.translations, axis=1).max())
-        self._force_scale = longest / (robot.mass * GRAVITY)
+        self._longest = float(np.linalg.norm(robot.tree.translations, axis=1).max())
+        self._force_scale = 2.0 * self._longest / (robot.mass * GRAVITY)
         self._rec = rerun.RecordingStream(f"stadera {robot.name}")
         self._open(spawn, save)
         self._due, self._changes, self._verdict = -np.inf, 0, ""
@@ -99,7 +99,7 @@ class Viewer:
             sinks.append(rr.GrpcSink())
         if save is not None:
             sinks.append(rr.FileSink(str(save)))
-        self._rec.set_sinks(*sinks, default_blueprint=_blueprint())
+        self._rec.set_sinks(*sinks, default_blueprint=_blueprint(self._longest))
 
     def _at(self, time: float) -> None:
         self._rec.set_time("time", **({"timestamp": time} if time > _EPOCH else {"duration": time}))
@@ -185,24 +185,25 @@ class _Shapes:
             own = [shape for shape in shapes if shape.kind == kind]
             if own:
                 links = [robot.tree.links.index(shape.link) for shape in own]
+                colours = [_LINK if link else _TRUNK for link in links]  # what is in the trunk shows through
                 rotations, places = np.array([s.rotation for s in own]), np.array([s.translation for s in own])
-                self._kinds[kind] = (links, rotations, places, np.array([shape.size for shape in own]))
+                self._kinds[kind] = (links, rotations, places, np.array([shape.size for shape in own]), colours)
 
     def drawn(self, rr: Any, posture: Posture) -> list[tuple[str, Any]]:
         """By kind, all of them where they are now."""
         out = []
-        for kind, (links, rotations, places, sizes) in self._kinds.items():
+        for kind, (links, rotations, places, sizes, colours) in self._kinds.items():
             R = posture.rotations[links] @ rotations
             at = np.einsum("nij,nj->ni", posture.rotations[links], places) + posture.origins[links]
             turned = Rotation.from_matrix(R).as_quat()
             if kind == "capsule":  # Rerun's begin at their first end
                 at = at - 0.5 * sizes[:, 1:] * R[:, :, 2]
-            out.append((kind, _archetype(rr, kind, at, turned, sizes)))
+            out.append((kind, _archetype(rr, kind, at, turned, sizes, colours)))
         return out
 
 
-def _archetype(rr: Any, kind: str, at: Array, turned: Array, sizes: Array) -> Any:
-    look = {"colors": _LINK, "fill_mode": "solid"}
+def _archetype(rr: Any, kind: str, at: Array, turned: Array, sizes: Array, colours: list[list[int]]) -> Any:
+    look = {"colors": colours, "fill_mode": "solid"}
     if kind == "box":
         return rr.Boxes3D(centers=at, half_sizes=0.5 * sizes, quaternions=turned, **look)
     if kind == "sphere":
@@ -234,19 +235,27 @@ def _level(verdict: str) -> str:
     return {"good": "INFO", "doubtful": "WARN", "bad": "ERROR"}[verdict]
 
 
-def _blueprint() -> rerun.blueprint.Blueprint:
+def _blueprint(size: float) -> rerun.blueprint.Blueprint:
+    """The robot, of links up to so long [m], above what happened, and what is known over time."""
     import rerun.blueprint as rrb
 
+    names = {"mass": "mass [kg] ± 2σ", "com": "centre of mass [m] ± 2σ: x red, y green, z blue"}
     plots = [
-        rrb.TimeSeriesView(origin="plots/payload/mass", name="payload, mass"),
-        rrb.TimeSeriesView(origin="plots/payload/com", name="payload, centre of mass"),
-        rrb.TimeSeriesView(origin="plots/trunk/mass", name="trunk, mass"),
-        rrb.TimeSeriesView(origin="plots/trunk/com", name="trunk, centre of mass"),
+        rrb.TimeSeriesView(
+            origin=f"plots/{what}/{kind}", name=f"{what}, {name}", plot_legend=rrb.PlotLegend(visible=False)
+        )
+        for what in ("payload", "trunk")
+        for kind, name in names.items()
     ]
     events = rrb.Horizontal(
-        rrb.StateTimelineView(origin="trust", name="trust"), rrb.TextLogView(origin="events", name="events")
+        rrb.StateTimelineView(origin="trust", name="trust"),
+        rrb.TextLogView(origin="events", name="events"),
+        column_shares=[1, 2],
     )
-    scene = rrb.Spatial3DView(origin="world", name="robot")
+    eye = rrb.EyeControls3D(position=(2.6 * size, 3.2 * size, 2.4 * size), look_target=(0.0, 0.0, size))
+    scene = rrb.Spatial3DView(
+        origin="world", name="robot, forces of its feet, centre of mass, payload", eye_controls=eye
+    )
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(scene, events, row_shares=[3, 1]), rrb.Grid(*plots, grid_columns=1), column_shares=[3, 2]

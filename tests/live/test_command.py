@@ -1,0 +1,96 @@
+"""`stadera live` of a replayed log, what it shows, and what bad input gets."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from on_zenoh import arrivals
+from rich.console import Console
+
+import bags
+from stadera.live import LiveSession, LiveState
+from stadera.logs import Recording
+from stadera.report.live.terminal import live_lines, live_screen
+from stadera.robot import Robot
+from stadera.trust import Trust
+
+
+@pytest.fixture(scope="module")
+def states(robot: Robot, walk: Recording) -> list[LiveState]:
+    """Before anything, after two seconds and a tare, and at the end with the load on."""
+    messages = arrivals(list(bags.of_recording(walk)))
+    session = LiveSession(robot)
+    found = [session.state(0.0)]
+    session.feed(m for m in messages if m.arrived < 2.0)
+    session.tare()
+    found.append(session.state(2.0))
+    session.feed(m for m in messages if m.arrived >= 2.0)
+    return [*found, session.state(3.4)]
+
+
+def drawn(state: LiveState) -> str:
+    console = Console(file=io.StringIO(), width=100)
+    console.print(live_screen(state))
+    file: Any = console.file
+    return str(file.getvalue())
+
+
+def test_the_screen(states: list[LiveState]) -> None:
+    nothing, tared, loaded = (drawn(state) for state in states)
+    assert "waiting for joint states" in nothing
+    assert nothing.count("not observed") == 4
+    assert "no tare yet" in nothing
+    assert "no tare yet" not in tared
+    assert loaded.count("±") > 5
+    assert " on " in loaded
+    assert "/joint_states" in loaded
+
+
+def test_nothing_bad_is_shown_unmarked(states: list[LiveState]) -> None:
+    bad = replace(states[-1], trust=Trust("bad", 20.0, {}, ("torques of LF have the wrong sign",)))
+    assert "wrong sign" in drawn(bad)
+    assert "not to be trusted" in drawn(bad)
+    assert bad.to_dict()["trunk"]["mass"]["trusted"] is False
+    assert all("not to be trusted" in line for line in live_lines(bad, None) if " kg" in line)
+
+
+def test_a_line_for_everything_that_happens(states: list[LiveState]) -> None:
+    nothing, tared, loaded = states
+    first, then, last = live_lines(nothing, None), live_lines(tared, nothing), live_lines(loaded, tared)
+    assert any("waiting for joint states" in line for line in first)
+    assert {"samples come", "tared"} <= {line.partition(": ")[2] for line in then}
+    assert [line for line in last if "load on at" in line]
+    assert not list(live_lines(loaded, loaded))
+
+
+def test_a_replay(run: Callable[..., Any], walk_file: Path, endpoint: str, tmp_path: Path) -> None:
+    record = tmp_path / "out.mcap"
+    done = run(
+        "live", f"replay:{walk_file}", "--robot", "hyq", "--rate", "inf", "--listen", endpoint, "--record", record
+    )
+    assert done.code == 0, done.err
+    assert "load on at" in done.out
+    assert "trunk " in done.out.splitlines()[-1]
+    assert record.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["nowhere"], 2, "neither zenoh nor replay:LOG"),
+        (["replay:missing.csv"], 1, "missing.csv: no such file"),
+        (["--listen", "nonsense"], 1, "Zenoh cannot be started with nonsense"),
+        (["--config", "missing.json5"], 1, "missing.json5"),
+        (["--imu-frame", "camera"], 1, "unknown IMU frame 'camera'"),
+        (["--record", "no/such/folder.mcap"], 1, "no such folder"),
+    ],
+)
+def test_bad_input(run: Callable[..., Any], arguments: list[str], code: int, said: str) -> None:
+    done = run("live", "--robot", "hyq", *arguments)
+    assert done.code == code
+    assert said in " ".join(done.err.split())
