@@ -75,7 +75,7 @@ def test_a_replay(run: Callable[..., Any], walk_file: Path, endpoint: str, tmp_p
     )
     assert done.code == 0, done.err
     assert "load on at" in done.out
-    assert "trunk " in done.out.splitlines()[-1]
+    assert "\ntrunk " in done.out
     assert record.stat().st_size > 1000
 
 

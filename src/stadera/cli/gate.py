@@ -8,8 +8,11 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-OUTPUTS = frozenset({"json", "report", "export", "out", "model", "latex", "figure", "keep"})
+OUTPUTS = frozenset({"json", "report", "export", "out", "model", "latex", "figure", "keep", "record", "rrd"})
 """Parameters that name what a command writes. Whatever else names a file is an input."""
+
+REPLAY = "replay:"
+"""Before the path of a log that stands for a running robot."""
 
 
 class GatedCommand(TyperCommand):
@@ -39,7 +42,7 @@ def inputs_of(parameters: Mapping[str, Any]) -> Iterator[Path]:
 
 
 def _files(text: str, parameter: str) -> Iterator[Path]:
-    path = _robot(text) if parameter in ("robot", "target") else Path(text)
+    path = _robot(text) if parameter in ("robot", "target") else Path(text.removeprefix(REPLAY))
     yield path
     if path.suffix.lower() in (".xml", ".mjcf", ".urdf") and path.is_file():
         import re

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.cli.gate import REPLAY
 from stadera.cli.options import LogOptions, RobotName, RrdFile, View
 from stadera.cli.terminal import show
 from stadera.cli.viewing import watching
 
 if TYPE_CHECKING:
     from stadera.live import LiveState
-
-_REPLAY = "replay:"
 
 
 def live(
@@ -60,10 +59,10 @@ def live(
     ten times a second: stadera/trunk and stadera/payload (InertiaStamped), stadera/state (JSON), stadera/diagnostics;
     the services stadera/tare and stadera/reset.
     """
-    if source != "zenoh" and not source.startswith(_REPLAY):
-        raise typer.BadParameter(f"{source!r} is neither zenoh nor {_REPLAY}LOG", param_hint="SOURCE")
+    if source != "zenoh" and not source.startswith(REPLAY):
+        raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
     options = LogOptions.of(joint_topic, imu_topic)
-    log = options.log(Path(source.removeprefix(_REPLAY))) if source != "zenoh" else None
+    log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs
     from stadera.cli.weigh import robot_with_legs
@@ -74,7 +73,7 @@ def live(
     from stadera.report.live.terminal import live_summary
 
     model = robot_with_legs(robot, legs)
-    check_outputs((record, rrd), [] if log is None else [log.path])
+    check_outputs((record, rrd))
     where = Source(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
         session = LiveSession(model, options.topics, imu_frame, watch=watch)

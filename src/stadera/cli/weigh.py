@@ -22,7 +22,7 @@ from stadera.cli.options import (
     Units,
     View,
 )
-from stadera.cli.outputs import ResultFiles, check_outputs
+from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 from stadera.cli.viewing import watching
 
