@@ -13,13 +13,16 @@ from stadera.cli.options import (
     Force,
     ImuTopic,
     JointTopic,
+    JsonFile,
     LogOptions,
     PdGains,
+    ReportFile,
     Scheduler,
     Units,
     Workers,
     check_workers,
 )
+from stadera.cli.outputs import check_outputs, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -66,6 +69,8 @@ def fleet(
     force: Force = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
+    json: JsonFile = None,
+    report: ReportFile = None,
     memory: Annotated[
         float, typer.Option(metavar="GB", help="Of a worker on this machine, above which it is ended and tries anew.")
     ] = 2.0,
@@ -93,8 +98,12 @@ def fleet(
         jobs = read_manifest(manifest, robot, options)
     else:
         jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, options)
+    check_outputs((out, json, report))
     table = _run(jobs, out, Pool(workers, scheduler, round(1e9 * memory)))
+    write_outputs((json, json_of(table.to_dict)), (report, text_of(table.to_html)))
     show(*fleet_tables(table), f"table: {out}")
+    if report is not None:
+        show(f"report: {report}")
     _require_any(table)
 
 

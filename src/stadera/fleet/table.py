@@ -16,6 +16,7 @@ from typing import Any
 
 from stadera.errors import MissingExtraError, StaderaError
 from stadera.files import written_together
+from stadera.results import Result
 
 _VALUES = ("trunk_mass", "com_x", "com_y", "com_z", "payload_mass")
 COLUMNS: dict[str, str] = {
@@ -48,7 +49,7 @@ _KEYS = b"stadera.keys"
 
 
 @dataclass(frozen=True)
-class FleetTable:
+class FleetTable(Result):
     """What is known of a fleet's logs.
 
     Attributes:
@@ -77,6 +78,20 @@ class FleetTable:
             parquet.write_table(_arrow(pa, self.rows, COLUMNS).replace_schema_metadata(keys), drafts[0])
             if self.joints:
                 parquet.write_table(_arrow(pa, self.joints, JOINTS), drafts[1])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Rows, joints, and what stands out, the surest first, see `stadera.fleet.departures`."""
+        from stadera.fleet.departures import departures
+        from stadera.fleet.series import series_of
+
+        found = departures(list(series_of(self)))
+        return {"logs": list(self.rows), "joints": list(self.joints), "stands_out": [d.to_dict() for d in found]}
+
+    def to_html(self) -> str:
+        """The report: one page that loads nothing."""
+        from stadera.report.fleet.page import fleet_html
+
+        return fleet_html(self)
 
     def to_dataframe(self) -> Any:
         """The rows as a pandas DataFrame.

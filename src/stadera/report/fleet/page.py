@@ -1,0 +1,155 @@
+"""The page of a fleet: what stands out, each robot over its logs, and every log in a table to sort and to filter."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import Any
+
+from markupsafe import Markup
+
+from stadera.fleet.departures import Departure, departures, looks_at
+from stadera.fleet.series import TRUNK, LogRow, Series, by_robot, series_of, when
+from stadera.fleet.table import FleetTable
+from stadera.report.fleet.figures import figure
+from stadera.report.fleet.tables import change_text, found_table, robots_table, time_text
+from stadera.report.numbers import number, with_std
+from stadera.report.page import render
+from stadera.report.table import Cell, Row, TableData
+from stadera.report.trust import Level
+
+_CHANCE = 0.01
+_TERMS = {
+    "Stands out": "A stretch of a robot's logs whose level differs from its other logs by more than chance. Every "
+    "stretch of every quantity of every robot is one look; all looks together report anything with a probability of at "
+    "most 1 % where nothing happened.",
+    "Error bars": "Two standard deviations in the figures, one in tables. What all logs of a robot have in common (3 % "
+    "of all torques, say) is in every bar, and cancels between its logs: they may agree better than their bars.",
+    "Level": "The line in a figure: the weighted mean of the logs between what stands out.",
+    "Trust": "good: figures and bars hold. doubtful: bars are widened to the fit (hollow points). bad: the log "
+    "contradicts the model, and gives no figure.",
+}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A figure with its title."""
+
+    title: str
+    figure: Markup
+    out: bool
+
+
+@dataclass(frozen=True)
+class RobotPanels:
+    """A robot's figures: the trunk's, then the joints', behind a click where nothing in them stands out."""
+
+    name: str
+    about: str
+    trunk: tuple[Panel, ...]
+    joints: tuple[Panel, ...]
+
+
+def fleet_html(table: FleetTable, chance: float = _CHANCE) -> str:
+    """A whole page that loads nothing.
+
+    Args:
+        chance: that anything is reported to stand out where nothing happened.
+    """
+    fleet = list(series_of(table))
+    found = departures(fleet, chance)
+    failed = [row for row in table.rows if row["status"] == "failed"]
+    level: Level = "warning" if found or failed else "note"
+    robots = by_robot(table.rows)
+    return render(
+        "fleet.html.j2",
+        title=f"Fleet of {len(robots)} robot{'s' if len(robots) > 1 else ''}, {len(table.rows)} logs",
+        level=level,
+        headline=_headline(found, fleet),
+        word="to be looked at" if found or failed else "good",
+        why=f"{looks_at(fleet):,} looks; that they report anything of a fleet in which nothing happens has a "
+        f"probability of at most {number(100.0 * chance, 1)} %",
+        next=_advice(found, failed),
+        robots=robots_table(table),
+        found=found_table(found) if found else None,
+        panels=[_panels(name, rows, fleet, found) for name, rows in robots.items()],
+        logs=_logs_table(table),
+        errors=_errors(failed),
+        terms=_TERMS,
+    )
+
+
+def _headline(found: Sequence[Departure], fleet: Sequence[Series]) -> str:
+    if not fleet:
+        return "No log gave a figure"
+    if not found:
+        return "Nothing stands out"
+    first = found[0]
+    others = len({d.series.robot for d in found}) - 1
+    more = (
+        f", and {others} more robot{'s' if others > 1 else ''} stand{'' if others > 1 else 's'} out" if others else ""
+    )
+    return f"{first.series.robot}: {first.series.title} {change_text(first)} {time_text(first)}{more}"
+
+
+def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
+    steps = []
+    for departure in found[:3]:
+        log = departure.series.rows[departure.first]["log"]
+        steps.append(f"{departure.series.robot}: look at `stadera weigh {log} --report page.html`")
+    if failed:
+        steps.append(f"{len(failed)} failed; see what is wrong with one by `stadera inspect {failed[0]['log']}`")
+    return steps
+
+
+def _panels(name: str, rows: Sequence[LogRow], fleet: Sequence[Series], found: Sequence[Departure]) -> RobotPanels:
+    def panel(series: Series) -> Panel:
+        own = [d for d in found if d.series is series]
+        return Panel(f"{series.title} [{series.unit}]", figure(series, own, series.joint is None), bool(own))
+
+    own = [series for series in fleet if series.robot == name]
+    verdicts = Counter(row["trust"] or "failed" for row in rows)
+    about = ", ".join(f"{verdicts[word]} {word}" for word in ("good", "doubtful", "bad", "failed") if verdicts[word])
+    trunk, joints = ([panel(s) for s in own if (s.joint is None) is of_trunk] for of_trunk in (True, False))
+    return RobotPanels(name, f"{len(rows)} logs: {about}", tuple(trunk), tuple(joints))
+
+
+def _logs_table(table: FleetTable) -> TableData:
+    """Every log; columns that no log has a value in are left out."""
+    shown = [name for name in TRUNK if any(row[name] is not None for row in table.rows)]
+    titles = [f"{TRUNK[name][0]} [{TRUNK[name][1]}]" for name in shown]
+    dated = any(map(when, table.rows))
+    head = ("log", "robot", *(["begins"] if dated else []), "lasts [s]", "trust", *titles, "changes", "misfit")
+    rows = [_log_row(row, shown, dated) for row in table.rows]
+    return TableData.of("All logs", head, rows, sides="ll" + "l" * dated + "rl" + "r" * (len(shown) + 2))
+
+
+def _log_row(row: LogRow, shown: Sequence[str], dated: bool) -> Row:
+    def text(value: Any, digits: int = 3) -> str:
+        return "" if value is None else number(value, digits)
+
+    length = None if row["begin"] is None else row["end"] - row["begin"]
+    verdict = row["trust"] if row["status"] == "ok" else "failed"
+    values = []
+    for name in shown:
+        factor = TRUNK[name][2]
+        value, std = row[name], row[f"{name}_std"]
+        values.append("" if value is None else with_std(factor * value, factor * (nan if std is None else std)))
+    return (
+        str(row["log"]).rpartition("/")[2],
+        row["robot"] or "unknown",
+        *([when(row)] if dated else []),
+        text(length, 4),
+        Cell(verdict, good={"good": None, "doubtful": False}.get(verdict, False)),
+        *values,
+        "" if row["changes"] is None else str(row["changes"]),
+        text(row["misfit"], 2),
+    )
+
+
+def _errors(failed: Sequence[LogRow]) -> list[tuple[str, int]]:
+    """What went wrong, and how often, the paths of the logs apart; the commonest first."""
+    reasons = Counter(str(row["error"]).removeprefix(f"{row['log']}: ") for row in failed)
+    return reasons.most_common()

@@ -1,0 +1,111 @@
+"""The page of a fleet: what stands out first, every log in it, nothing loaded, and light enough to be mailed."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stadera.fleet.series import by_robot, series_of
+from stadera.fleet.table import COLUMNS, FleetTable
+from stadera.report.json import json_text
+
+
+def fleet(robots: int, logs: int, joints: bool = False, since: float = 1.75e9) -> FleetTable:
+    """Made up. unit1 is 0.45 kg heavier in its last third; the fifth log of unit0 failed."""
+    rng, rows, listed = np.random.default_rng(0), [], []
+    for r in range(robots):
+        for k in range(logs):
+            log, begin = f"/fleet/unit{r}/{k}<b>.mcap", since + 86400.0 * k
+            heavier = 0.45 if r == 1 and 3 * k >= 2 * logs else 0.0
+            row: dict[str, Any] = dict.fromkeys(COLUMNS)
+            row |= {"log": log, "robot": f"unit{r}", "status": "ok", "begin": begin, "end": begin + 600.0}
+            row |= {
+                "trunk_mass": 7.2 + heavier + 0.1 * rng.normal(),
+                "trunk_mass_std": 0.3,
+                "changes": 0,
+                "misfit": 1.0,
+            }
+            for axis in "xyz":
+                row |= {f"com_{axis}": 0.002 * rng.normal(), f"com_{axis}_std": 0.002}
+            row["trust"] = "doubtful" if k % 20 == 3 else "good"
+            if (r, k) == (0, 4):
+                row = dict.fromkeys(COLUMNS) | {
+                    "log": log,
+                    "robot": "unit0",
+                    "status": "failed",
+                    "error": f"{log}: cut off",
+                }
+            rows.append(row)
+            for joint in (f"{leg}_{part}" for leg in ("FL", "FR", "RL", "RR") for part in ("hip", "thigh", "calf")):
+                for name in ("armature", "viscous", "coulomb", "offset") if joints else ():
+                    value = {"joint": joint, "parameter": name, "value": 1.0 + 0.05 * rng.normal(), "std": 0.05}
+                    listed.append({"log": log, "robot": f"unit{r}", **value})
+    return FleetTable(tuple(rows), tuple(listed), (None,) * len(rows))
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return fleet(3, 30, joints=True).to_html()
+
+
+def test_what_stands_out_is_the_headline(page: str) -> None:
+    answer = re.search(r'<p class="answer">([^<]*)', page)
+    assert answer
+    assert re.fullmatch(r"unit1: trunk mass \+0\.4\d+ ± 0\.0\d+ kg since 2025-07-\d\d \d\d:\d\d", answer[1])
+    assert "stadera weigh /fleet/unit1/20&lt;b&gt;.mcap --report page.html" in page
+    assert page.count('class="out"') == 1
+
+
+def test_every_log_every_robot_and_why_logs_failed(page: str) -> None:
+    body = page[page.index("All logs") :]
+    assert body.count('<tr class=""><th scope="row">') == 90
+    assert page.count("<svg") == 3 * (4 + 48)
+    assert "<strong>1 ×</strong> cut off" in page
+    assert "unit0: " not in page.split("Why logs failed")[0]
+    assert page.count('class="pt weak"') > 10, "doubtful logs look different"
+
+
+def test_it_loads_nothing_and_no_name_of_a_log_is_markup(page: str) -> None:
+    assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", page)
+    assert "<b>" not in page.split("<script>")[0]
+    assert "url(" not in page
+
+
+def test_a_thousand_logs_weigh_less_than_3_mb() -> None:
+    assert len(fleet(4, 250, joints=True).to_html().encode()) < 3e6
+
+
+def test_where_nothing_stands_out_it_says_so() -> None:
+    page = fleet(1, 4, since=0.0).to_html()
+    assert '<p class="answer">Nothing stands out' in page
+    assert "good</strong>" in page
+    assert "begins" not in page
+
+
+def test_where_nothing_was_found() -> None:
+    row = dict.fromkeys(COLUMNS) | {"log": "a", "status": "failed", "error": "a: empty"}
+    assert "No log gave a figure" in FleetTable((row,)).to_html()
+
+
+def test_json_has_rows_and_what_stands_out() -> None:
+    found = fleet(3, 30).to_dict()
+    assert json_text(found)
+    assert len(found["logs"]) == 90
+    (one,) = found["stands_out"]
+    assert (one["robot"], one["quantity"], one["kind"], one["first_log"]) == (
+        "unit1", "trunk mass", "since", "/fleet/unit1/20<b>.mcap")  # fmt: skip
+
+
+def test_logs_are_in_order_of_their_stamps_if_they_have_the_time_of_day() -> None:
+    table = fleet(1, 6)
+    shuffled = FleetTable(table.rows[::-1])
+    assert [row["log"] for row in by_robot(shuffled.rows)["unit0"]][::4] == [
+        "/fleet/unit0/0<b>.mcap",
+        "/fleet/unit0/5<b>.mcap",
+    ]
+    relative = tuple(row | {"begin": row["begin"] and 0.0} for row in shuffled.rows)
+    assert by_robot(relative)["unit0"] == list(relative)
+    assert len(next(series_of(shuffled)).value) == 5
