@@ -82,6 +82,15 @@ def test_a_second_call_does_nothing(table: Path, jobs: list[LogJob], weighed: li
     assert [path.name for path in table.parent.iterdir()] == ["runs.parquet"]
 
 
+def test_the_table_among_its_logs_is_no_log(jobs: list[LogJob], tmp_path: Path, weighed: list[str]) -> None:
+    log = tmp_path / "a.parquet"
+    log.write_bytes(Path(jobs[0].log).read_bytes())
+    for _ in range(2):
+        found = run_fleet(jobs_of([f"{tmp_path}/*.parquet"], "hyq"), tmp_path / "runs.parquet", HERE)
+    assert [row["log"] for row in found.rows] == [str(log)]
+    assert weighed == ["a.parquet"]
+
+
 def copied(table: Path, folder: Path) -> Path:
     return Path((folder / "runs.parquet").write_bytes(table.read_bytes()) and folder / "runs.parquet")
 

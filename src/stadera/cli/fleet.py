@@ -22,7 +22,7 @@ from stadera.cli.options import (
     Workers,
     check_workers,
 )
-from stadera.cli.outputs import check_outputs, json_of, text_of, write_outputs
+from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -99,11 +99,10 @@ def fleet(
     else:
         jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, options)
     check_outputs((out, json, report))
+    check_report(report)
     table = _run(jobs, out, Pool(workers, scheduler, round(1e9 * memory)))
     write_outputs((json, json_of(table.to_dict)), (report, text_of(table.to_html)))
-    show(*fleet_tables(table), f"table: {out}")
-    if report is not None:
-        show(f"report: {report}")
+    show(*fleet_tables(table))
     _require_any(table)
 
 

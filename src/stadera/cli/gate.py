@@ -27,7 +27,10 @@ class GatedCommand(TyperCommand):
         if gate.written:
             from stadera.cli.terminal import show
 
-            show(*(f"wrote {path}{' in place of the one before' * replaced}" for path, replaced in gate.written))
+            written: dict[Path, bool] = {}
+            for path, replaced in gate.written:  # what is written again and again is named once
+                written.setdefault(path, replaced)
+            show(*(f"wrote {path}{' in place of the one before' * replaced}" for path, replaced in written.items()))
         return value
 
 

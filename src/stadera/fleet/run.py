@@ -19,7 +19,7 @@ from stadera.fleet.journal import journal, read_journal
 from stadera.fleet.pool import Failure, Pool, run_tasks
 from stadera.fleet.row import Done, Row, Task, is_done, lost, process
 from stadera.fleet.source import is_url, size_of
-from stadera.fleet.table import FleetTable, read_fleet, table_path
+from stadera.fleet.table import FleetTable, joints_path, read_fleet, table_path
 
 Watch = Callable[[str, int, int, str], None]
 """Called with what is done, how much of it, of how much, and how many logs in words."""
@@ -33,7 +33,8 @@ def run_fleet(
     """Weighs a fleet's logs, or identifies legs from them, and writes the table.
 
     Args:
-        jobs: one a log. Rows of other logs that the table has stay in it, before these.
+        jobs: one a log; the table itself, which a glob may have matched, is none. Rows of other logs that the table has
+            stay in it, before these.
         out: of the table, .parquet; what it holds already is not done again.
         pool: where logs are weighed; None for one process a core.
         watch: see `Watch`.
@@ -44,6 +45,7 @@ def run_fleet(
         MissingExtraError: Dask is needed and not installed.
     """
     target = require_writable(table_path(out))
+    jobs = [job for job in jobs if Path(job.log) not in (target, joints_path(target))]
     check_models(jobs)
     fleet = _Fleet(target, jobs)
     by_log = {job.log: job for job in jobs}

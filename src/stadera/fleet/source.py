@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from stadera.errors import MissingExtraError, RecordingError
+from stadera.logs.topics import LogFile
 
 _PIECE = 1 << 20  # bytes read at once
 
@@ -26,15 +27,15 @@ def is_url(address: str) -> bool:
 def expanded(pattern: str) -> list[str]:
     """The addresses that a path, a URL or a glob of one names, sorted; paths are absolute.
 
-    A path or URL without wildcards is taken as it is, whether there is something or not. The truth that `simulate`
-    writes beside its logs is no log, and no glob matches it.
+    A path, URL or example's name without wildcards is taken as it is, whether there is something or not. The truth that
+    `simulate` writes beside its logs is no log, and no glob matches it.
 
     Raises:
         RecordingError: a glob that matches nothing, a place that cannot be listed.
         MissingExtraError: a URL, and fsspec or what it needs for that protocol is not installed.
     """
     if not has_magic(pattern):
-        return [pattern if is_url(pattern) else str(Path(pattern).absolute())]
+        return [pattern if is_url(pattern) else str(LogFile.of(pattern).path.absolute())]
     if is_url(pattern):
         system, path = _system(pattern)
         with _named(pattern):
