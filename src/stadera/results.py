@@ -1,12 +1,20 @@
-"""What every result offers: plain values, and files made of them."""
+"""What every result offers: plain values, tables, figures, and files made of them."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from stadera.errors import MissingExtraError, UnknownNameError
 from stadera.files import write_text, written_together
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawn
+
+    from stadera.report.figures import Figure
+    from stadera.report.table import TableData
 
 
 class Result(ABC):
@@ -20,8 +28,47 @@ class Result(ABC):
         """The result as plain values for JSON: SI units, null for what is not known."""
 
     @abstractmethod
+    def to_dataframe(self) -> Any:
+        """The result's main table as a pandas DataFrame.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+
+    @abstractmethod
     def to_html(self) -> str:
         """The report: one page that loads nothing."""
+
+    @abstractmethod
+    def to_tables(self) -> list[TableData]:
+        """The tables of the report that belong in a paper."""
+
+    @abstractmethod
+    def to_figures(self) -> Mapping[str, Figure | TableData]:
+        """The figures of the report by name, the most telling first."""
+
+    def to_latex(self) -> str:
+        """Tables for LaTeX, with the packages booktabs and amsmath."""
+        from stadera.report.latex import latex
+
+        return latex(self.to_tables())
+
+    def plot(self, which: str | None = None) -> Drawn:
+        """One figure, by Matplotlib, to be saved or changed further.
+
+        Args:
+            which: a name of `to_figures`; None for the most telling.
+
+        Raises:
+            UnknownNameError: no figure of that name. MissingExtraError: Matplotlib is not installed.
+        """
+        from stadera.report.figures.paper import draw
+
+        figures = self.to_figures()
+        name = next(iter(figures), "") if which is None else which
+        if name not in figures:
+            raise UnknownNameError("figure", name, tuple(figures))
+        return draw(figures[name])
 
     def save_json(self, path: str | PathLike[str]) -> None:
         """Writes `to_dict` as JSON."""
@@ -32,6 +79,30 @@ class Result(ABC):
     def save_html(self, path: str | PathLike[str]) -> None:
         """Writes the report, to open in a browser."""
         _save(path, self.to_html())
+
+    def save_figure(self, path: str | PathLike[str], which: str | None = None) -> None:
+        """Writes a figure as .pdf, .png or .svg. Errors as `plot`, and StaderaError for another suffix."""
+        from stadera.report.figures.paper import save
+
+        with written_together([path]) as (draft,):
+            save(self.plot(which), draft)
+
+    def save_latex(self, path: str | PathLike[str]) -> None:
+        """Writes `to_latex`."""
+        _save(path, self.to_latex())
+
+
+def data_frame(columns: Mapping[str, Any]) -> Any:
+    """A pandas DataFrame of columns by name.
+
+    Raises:
+        MissingExtraError: pandas is not installed.
+    """
+    try:
+        import pandas as pd  # type: ignore[import-untyped]
+    except ImportError:
+        raise MissingExtraError("pandas", "dataframe", "a data frame") from None
+    return pd.DataFrame(columns)
 
 
 def _save(path: str | PathLike[str], text: str) -> None:

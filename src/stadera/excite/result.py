@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,11 +12,13 @@ import numpy as np
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.worth import LegExperiment
 from stadera.identify.observability import Combination
-from stadera.results import Result
+from stadera.results import Result, data_frame
 from stadera.types import Array
 
 if TYPE_CHECKING:
     from stadera.excite.design import ExciteSettings
+    from stadera.report.figures import Figure
+    from stadera.report.table import TableData
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +89,31 @@ class Excitation(Result):
         from stadera.report.excite.page import excitation_html
 
         return excitation_html(self)
+
+    def to_tables(self) -> list[TableData]:
+        """Extremes of the motion, and its expected information."""
+        from stadera.report.excite.tables import limits_table, worth_table
+
+        return [limits_table(self), worth_table(self)]
+
+    def to_figures(self) -> Mapping[str, Figure]:
+        """information (of each combination of parameters) and motion."""
+        from stadera.report.excite.plots import figures
+
+        return figures(self)
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame, one row an identifiable combination of parameters: combination, std (share of the
+        prior's), and random_std, the median of the random draws, NaN without them.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        random = (
+            np.median([d.std for d in self.draws], axis=0) if self.draws else np.full(len(self.combinations), np.nan)
+        )
+        names = [str(combination) for combination in self.combinations]
+        return data_frame({"combination": names, "std": self.chosen.std, "random_std": random})
 
     def __repr__(self) -> str:
         bounds, settings = self.experiment.bounds, self.settings

@@ -21,7 +21,8 @@ from stadera.trust import Trust
 from stadera.types import Array
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
+    from stadera.report.figures import Figure
+    from stadera.report.table import TableData
 
 MODELS: tuple[str, ...] = ("prior", "prior_friction", "identified")
 """Models that are compared: the robot's own, the same with its joint terms fitted, and the identified one."""
@@ -233,12 +234,17 @@ class Identification(Result):
         with written_together([path]) as (draft,):
             export_model(self.identified_robot(), draft)
 
-    def plot(self) -> go.Figure:
-        """Torque errors of each joint under each model, as a plotly figure."""
-        from stadera.report.identify.plots import rmse_figure
+    def to_tables(self) -> list[TableData]:
+        """Links and joints of each leg, then the torque errors."""
+        from stadera.report.identify.tables import tables
 
-        validated = any("validation" in leg.rmse for leg in self.legs)
-        return rmse_figure(self.legs, "validation" if validated else "training")
+        return tables(self)
+
+    def to_figures(self) -> Mapping[str, Figure | TableData]:
+        """torques, observability, errors, spread (of several legs: torques-LF, ...), and rmse of all joints."""
+        from stadera.report.identify.plots import figures
+
+        return figures(self)
 
     def identified_robot(self) -> Robot:
         """The robot with the identified links and joints put in."""

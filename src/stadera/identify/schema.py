@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from stadera.boundary import foreign, require_input
-from stadera.errors import MissingExtraError, ModelError
+from stadera.errors import ModelError
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
 from stadera.inertia import ORDER, InertialParameters
+from stadera.results import data_frame
 from stadera.robot.model import JointDynamics, Robot
 
 _INERTIA = tuple(name.removeprefix("I") for name in ORDER[4:])
@@ -68,17 +69,13 @@ def identification_frame(result: Identification) -> Any:
     Raises:
         MissingExtraError: pandas is not installed.
     """
-    try:
-        import pandas as pd  # type: ignore[import-untyped]
-    except ImportError:
-        raise MissingExtraError("pandas", "dataframe", "a data frame") from None
     rows = [
         (leg.leg.name, *name.rsplit(".", 1), q.prior, q.value, nan if q.is_held else q.std, str(q.verdict), q.unit)
         for leg in result.legs
         for name, q in leg.parameters.items()
     ]
     names = ["leg", "of", "parameter", "prior", "value", "std", "observability", "unit"]
-    return pd.DataFrame(rows, columns=names)
+    return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
 
 def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
@@ -118,6 +115,8 @@ def _link(leg: LegIdentification, link: str, mark: dict[str, bool]) -> dict[str,
         "mass": _quantity(found[f"{link}.m"]) | mark,
         "com": [_quantity(q) | mark for q in leg.coms[link]],
         "inertia": {name: _quantity(found[f"{link}.I{name}"]) | mark for name in _INERTIA},
+        "frame": link,
+        "inertia_about": "frame origin",
     }
 
 

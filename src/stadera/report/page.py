@@ -6,46 +6,19 @@ templates of their own in a folder `templates`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
 import stadera
+from stadera.report.figures import Bars, Guide, Series, plotly
+from stadera.report.figures.svg import NARROW, svg
 from stadera.report.look import style_variables
 from stadera.report.numbers import number, with_std
 from stadera.report.table import MARKS
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
-
-@dataclass(frozen=True, eq=False)
-class Plot:
-    """A figure on a page.
-
-    Attributes:
-        title: above it, and its label for screen readers.
-        figure: as plotly has it.
-        note: how to read it.
-    """
-
-    title: str
-    figure: go.Figure
-    note: str = ""
-
-    @property
-    def height(self) -> int:
-        """Of the figure [px]."""
-        return int(self.figure.layout.height or 400)
-
-    @property
-    def data(self) -> Markup:
-        """The figure as JSON that cannot end its script element."""
-        return script_data(self.figure.to_json())
 
 
 def render(template: str, package: str = "stadera.report", **values: Any) -> str:
@@ -80,8 +53,11 @@ def _environment(package: str) -> Environment:
         "style_variables": lambda: Markup(style_variables()),
         "asset": lambda name, package=package: _asset(package, name),
         "plot_library": _plot_library,
+        "svg": svg,
+        "narrow": NARROW,
+        "plotly": plotly,
     }
-    environment.filters |= {"number": number, "with_std": with_std, "commands": _commands}
+    environment.filters |= {"number": number, "with_std": with_std, "commands": _commands, "swatch": _swatch}
     return environment
 
 
@@ -99,3 +75,14 @@ def _commands(sentence: str) -> Markup:
     """A sentence with what is between backquotes as code."""
     parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(sentence.split("`")))
     return Markup("").join(parts)
+
+
+def _swatch(mark: Series | Bars | Guide) -> str:
+    """How the legend shows a mark: the class of its swatch."""
+    if isinstance(mark, Guide):
+        return "dots" if mark.end is None else "tint"
+    if isinstance(mark, Bars):
+        return "block"
+    if mark.fill == "self":
+        return "tint"
+    return "strip" if mark.width else mark.marker

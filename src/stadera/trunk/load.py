@@ -26,6 +26,7 @@ class Payload:
         com: (3,) [m]. com_covariance: (3, 3) [m²]. NaN where not observed; all of it where the mass is less than three
             of its standard deviations from zero.
         inertia: (3, 3) [kg·m²], about the payload's centre of mass, trunk axes; None where not observed.
+        inertia_std: (6,) [kg·m²], of its Ixx, Ixy, Ixz, Iyy, Iyz, Izz; None where not observed.
         parameters: the ten, a difference of two trunks that need not be physically possible; None where only mass and
             centre of mass are estimated.
     """
@@ -35,6 +36,7 @@ class Payload:
     com: Array
     com_covariance: Array
     inertia: Array | None = None
+    inertia_std: Array | None = None
     parameters: InertialParameters | None = None
 
     @property
@@ -52,14 +54,9 @@ class Payload:
         """
         found = cls.of_moments(vector[:4], covariance[:4, :4], np.full(3, limit))
         parameters = InertialParameters(vector)
-        return cls(
-            found.mass,
-            found.mass_std,
-            found.com,
-            found.com_covariance,
-            observed_inertia(parameters, covariance) if np.isfinite(found.com).all() else None,
-            parameters,
-        )
+        inertia = observed_inertia(parameters, covariance) if np.isfinite(found.com).all() else None
+        std = None if inertia is None else inertia_com_std(parameters, covariance)
+        return replace(found, inertia=inertia, inertia_std=std, parameters=parameters)
 
     @classmethod
     def of_moments(cls, moments: Array, covariance: Array, limit: Array) -> Payload:
@@ -131,3 +128,22 @@ def observed_inertia(body: InertialParameters, covariance: Array) -> Array | Non
     slope = np.array([by_mass, *by_first, x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z])
     std = np.sqrt(np.einsum("ik,ij,jk->k", slope, covariance, slope))
     return body.inertia_com if (moments > SIGNIFICANT * std).all() and body.is_physical() else None
+
+
+def inertia_com_std(body: InertialParameters, covariance: Array) -> Array:
+    """Standard deviations (6,) [kg·m²] of Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass.
+
+    J = I - m (|c|² 1 - c cᵀ) with c = h / m, so that for the components a, b of J
+
+        ∂J_ab/∂m = |c|² δ_ab - c_a c_b,   ∂J_ab/∂h_k = δ_ak c_b + δ_bk c_a - 2 c_k δ_ab,   ∂J_ab/∂I_ab = 1
+
+    Args:
+        body: its ten parameters. covariance: (10, 10), of these.
+    """
+    c, one = body.com, np.eye(3)
+    slope = np.zeros((6, 10))
+    for row, (a, b) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        slope[row, 0] = c @ c * one[a, b] - c[a] * c[b]
+        slope[row, 1:4] = one[a] * c[b] + one[b] * c[a] - 2.0 * c * one[a, b]
+        slope[row, 4 + row] = 1.0
+    return np.asarray(np.sqrt(np.einsum("ri,ij,rj->r", slope, covariance, slope)))

@@ -84,7 +84,7 @@ class _Reading:
         self._time = np.nan  # of the last sample
         self._shift: float | None = None if before is not None else 0.0
         self._done = 0
-        self._entries: list[tuple[float, Array, Array]] = []
+        self._entries: list[tuple[float, Array, Array, Array]] = []
         self._refused: list[Refusal] = []
 
     @property
@@ -131,7 +131,7 @@ class _Reading:
             raise IdentificationError(
                 f"{log.source.source}: nothing could be learnt: {estimate.reason or 'too few samples'}"
             )
-        time, values, stds = (np.array(column) for column in zip(*self._entries, strict=True))
+        time, values, stds, payloads = (np.array(column) for column in zip(*self._entries, strict=True))
         logs = [log] if self._before is None else [self._before.log, log]
         learnt = estimate.time - (self._shift or 0.0)
         return Weighing(
@@ -144,7 +144,9 @@ class _Reading:
             time=learnt,
             payload=payload,
             changes=self._changes(payload),
-            timeline=Timeline(time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:]),
+            timeline=Timeline(
+                time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:], None if payload is None else payloads
+            ),
             refusals=tuple(sorted((*self._refused, *log.refusals), key=lambda refusal: refusal.begin)),
             begin=log.begin,
             end=log.end,
@@ -196,8 +198,9 @@ class _Reading:
         """An entry of the timeline, once there is an estimate."""
         estimate = self.estimator.estimate()
         if not np.isnan(estimate.time):
-            std = estimate.std
-            self._entries.append((self._time, np.where(np.isnan(std), np.nan, estimate.value), std))
+            std, payload = estimate.std, self.estimator.payload
+            added = np.full(2, np.nan) if payload is None else np.array([payload.mass, payload.mass_std])
+            self._entries.append((self._time, np.where(np.isnan(std), np.nan, estimate.value), std, added))
 
     def _tare_when_due(self) -> None:
         if self._range is None or self.tared or self._time < self._range[1]:

@@ -18,6 +18,9 @@ from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.types import Array, Bools
 from stadera.weigh.result import Weighing
 
+CUBE = 0.1
+"""Edge of the cube whose inertia a payload is given where its own was not observed [m]: a lidar's size."""
+
 
 @dataclass(frozen=True, eq=False)
 class WeighedModel:
@@ -49,13 +52,15 @@ def weighed_model(result: Weighing) -> WeighedModel:
     note = _trunk_note(robot.trunk, [result.mass_std, *result.com_std], bool(trunk.observed[4:].all()))
     body = trunk.inertial
     if link is not None:
-        body = _without(body, link, robot.inertias[robot.trunk])
+        seen = payload is not None and payload.inertia is not None and bool(trunk.observed[4:].all())
+        body = _without(body, link.body, robot.inertias[robot.trunk], seen)
         note = note.replace("with all that was on it", "less the payload; error bars of both together", 1)
     return WeighedModel(robot.with_inertias({robot.trunk: body}), link, note + mark)
 
 
 def payload_link(payload: Payload, trunk_com: Array) -> PayloadLink:
-    """The payload as a link for a model file; a point mass where its inertia was not observed.
+    """The payload as a link for a model file. Where its inertia was not observed it gets a small cube's, and says so:
+    simulators refuse or diverge with a body that has mass and no inertia.
 
     Args:
         payload: as found.
@@ -69,22 +74,27 @@ def payload_link(payload: Payload, trunk_com: Array) -> PayloadLink:
         raise IdentificationError(
             f"no payload to write: {payload.mass:.3f} ± {payload.mass_std:.3f} kg were added since the tare"
         )
-    shape = "inertia as observed." if payload.inertia is not None else "a point mass, for its inertia was not observed."
+    tensor, shape = payload.inertia, "inertia as observed."
+    if tensor is None:
+        tensor = payload.mass * CUBE**2 / 6.0 * np.eye(3)
+        shape = f"inertia NOT observed, and assumed to be that of a cube of {CUBE:g} m with this mass."
     note = f"Mass ± {payload.mass_std:.3g} kg, centre of mass {_known(payload.com_std)}; {shape}"
     if hidden.any():
         note += f" {_hidden(hidden)} was not observed, and is the trunk's own."
     com = np.where(hidden, trunk_com, payload.com)
-    tensor = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
     return PayloadLink(InertialParameters.from_com(payload.mass, com, tensor), note=note)
 
 
-def _without(whole: InertialParameters, link: PayloadLink, prior: InertialParameters) -> InertialParameters:
-    """The trunk without the payload; with the prior's inertia about its centre of mass where the rest is impossible."""
-    rest = whole - link.body
+def _without(
+    whole: InertialParameters, payload: InertialParameters, prior: InertialParameters, observed: bool
+) -> InertialParameters:
+    """The trunk without the payload; with the prior's inertia about its centre of mass where both inertias were not
+    observed, or the rest is impossible.
+    """
+    rest = whole - payload
     if not rest.mass > 0.0:
-        raise IdentificationError(f"no trunk to write: the payload, {link.body.mass:.3g} kg, is heavier than all of it")
-    observed = not np.allclose(whole.inertia_com, prior.inertia_com, rtol=1e-12)
-    if observed and link.tensor.any() and rest.is_physical():
+        raise IdentificationError(f"no trunk to write: the payload, {payload.mass:.3g} kg, is heavier than all of it")
+    if observed and rest.is_physical():
         return rest
     return InertialParameters.from_com(rest.mass, rest.com, prior.inertia_com)
 

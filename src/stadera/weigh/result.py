@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
 from os import PathLike
@@ -18,7 +19,8 @@ from stadera.trust import Trust
 from stadera.types import Array, Bools
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
+    from stadera.report.figures import Figure
+    from stadera.report.table import TableData
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class Timeline:
         time: (entries,) [s]; at rest the middle of each block.
         mass, mass_std: (entries,) [kg]; at rest of the block alone.
         com, com_std: (entries, 3) [m], as known at that time.
+        payload: (entries, 2) [kg], its mass since the tare and the standard deviation, NaN before; None where it is not
+            followed.
         load: (entries, 4) [N], at rest the feet's vertical forces, legs in the robot's order; None in motion.
 
     What was not observed is NaN.
@@ -53,6 +57,7 @@ class Timeline:
     mass_std: Array
     com: Array
     com_std: Array
+    payload: Array | None = None
     load: Array | None = None
 
 
@@ -176,7 +181,8 @@ class Weighing(Result):
         payload, trunk = self.payload, self.trunk
         if payload is not None:
             std, covariance = factor * payload.mass_std, factor**2 * payload.com_covariance
-            payload = replace(payload, mass_std=std, com_covariance=covariance)
+            shape = None if payload.inertia_std is None else factor * payload.inertia_std
+            payload = replace(payload, mass_std=std, com_covariance=covariance, inertia_std=shape)
         return replace(
             self,
             trunk=replace(trunk, covariance=factor**2 * trunk.covariance, inertia_std=factor * trunk.inertia_std),
@@ -240,8 +246,14 @@ class Weighing(Result):
         with written_together([path]) as (draft,):
             export_model(model.robot, draft, model.payload, model.note)
 
-    def plot(self) -> go.Figure:
-        """Mass over time with two standard deviations and the changes of the load."""
-        from stadera.report.weigh.plots import mass_figure
+    def to_tables(self) -> list[TableData]:
+        """Trunk and payload, inertia where it was observed, changes of the load."""
+        from stadera.report.weigh.tables import tables
 
-        return mass_figure(self)
+        return tables(self)
+
+    def to_figures(self) -> Mapping[str, Figure]:
+        """payload (with a tare, in motion), mass, balance (at rest), convergence (of the centre of mass), forces."""
+        from stadera.report.weigh.plots import figures
+
+        return figures(self)

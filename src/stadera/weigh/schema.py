@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stadera.errors import StaderaError
 from stadera.inertia import ORDER
+from stadera.results import data_frame
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.result import TrunkParameters
 from stadera.types import Array
@@ -25,12 +24,13 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
     """A weighing as plain values.
 
     Keys: robot, source, method, status, trust, time, trunk, payload, changes, timeline, torque_lag, vertical, refused,
-    notes, units. The trunk's centre of mass is in the trunk frame, its inertia about that frame's origin in its axes,
-    null at rest. The payload's centre of mass is in the trunk frame ("frame"), its inertia about the centre of mass
-    ("inertia_about") in trunk axes. A result that is not to be trusted has "trusted": false with every mass and centre
+    notes, units. The trunk's centre of mass is in the trunk frame ("frame"), its inertia about that frame's origin
+    ("inertia_about") in its axes, null at rest. The payload's centre of mass is in the trunk frame too, its inertia
+    about that centre in trunk axes. A result that is not to be trusted has "trusted": false with every mass and centre
     of mass of trunk, payload and changes.
     """
     mark = {} if result.is_trusted else {"trusted": False}
+    place = {"frame": result.robot.trunk, "inertia_about": "frame origin"}
     return {
         "robot": result.robot.name,
         "source": result.source,
@@ -38,7 +38,7 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
         "status": result.status,
         "trust": result.trust.to_dict(),
         "time": result.time,
-        "trunk": trunk_dict(result.trunk, mark) | ({"inertia": None} if result.torque_lag is None else {}),
+        "trunk": trunk_dict(result.trunk, mark) | place | ({"inertia": None} if result.torque_lag is None else {}),
         "payload": None if result.payload is None else payload_dict(result.payload, result.robot.trunk, mark),
         "changes": [change_dict(change, mark) for change in result.changes],
         "timeline": timeline_dict(result.timeline),
@@ -69,19 +69,18 @@ def timeline_dict(line: Timeline) -> dict[str, Any]:
         "mass_std": plain(line.mass_std),
         "com": [plain(com) for com in line.com],
         "com_std": [plain(std) for std in line.com_std],
+        "payload": None if line.payload is None else [plain(entry) for entry in line.payload],
     }
 
 
 def timeline_frame(line: Timeline) -> Any:
     """See `Weighing.to_dataframe`."""
-    try:
-        pandas = import_module("pandas")
-    except ImportError:
-        raise StaderaError("a data frame needs the package 'pandas': pip install pandas") from None
     columns = {"time": line.time, "mass": line.mass, "mass_std": line.mass_std}
     for k, axis in enumerate("xyz"):
         columns |= {f"com_{axis}": line.com[:, k], f"com_{axis}_std": line.com_std[:, k]}
-    return pandas.DataFrame(columns)
+    if line.payload is not None:
+        columns |= {"payload": line.payload[:, 0], "payload_std": line.payload[:, 1]}
+    return data_frame(columns)
 
 
 def trunk_dict(trunk: TrunkParameters, mark: dict[str, bool]) -> dict[str, Any]:
@@ -96,13 +95,14 @@ def trunk_dict(trunk: TrunkParameters, mark: dict[str, bool]) -> dict[str, Any]:
 
 def payload_dict(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[str, Any]:
     """A payload as plain values, in the frame of that name."""
-    tensor = payload.inertia
+    tensor, std = payload.inertia, payload.inertia_std
     components = None if tensor is None else [tensor["xyz".index(name[0]), "xyz".index(name[1])] for name in _TENSOR]
     return {
         "mass": quantity(payload.mass, payload.mass_std) | mark,
         "com": {"value": plain(payload.com), "std": plain(payload.com_std)} | mark,
         "com_covariance": [plain(row) for row in payload.com_covariance],
         "inertia": components and dict(zip(_TENSOR, map(float, components), strict=True)),
+        "inertia_std": None if std is None else dict(zip(_TENSOR, std.tolist(), strict=True)),
         "frame": frame,
         "inertia_about": "com",
     }

@@ -12,7 +12,8 @@ from typing import Any
 
 from stadera.errors import StaderaError
 from stadera.fleet.pool import Pool
-from stadera.lab.experiments.result import CaseValues, ExperimentResult, FigureData, Record
+from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record
+from stadera.report.figures import Figure
 from stadera.report.table import TableData
 from stadera.types import Progress
 
@@ -112,7 +113,7 @@ class Paper:
         self,
         records: Iterable[Record],
         tables: Iterable[TableData] = (),
-        figures: Iterable[FigureData] = (),
+        figures: Iterable[Figure] = (),
         facts: Mapping[str, str] | None = None,
         notes: tuple[str, ...] = (),
     ) -> ExperimentResult:

@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from stadera.errors import StaderaError
+from stadera.report.figures import Figure
 from stadera.report.table import Cell, TableData
-from stadera.types import Array
+from stadera.results import Result, data_frame
 
 CaseValues = Mapping[str, str | float]
 """What was run, by name."""
@@ -94,49 +95,8 @@ def _error_cell(record: Record) -> Cell:
     return Cell(f"{record.value:.{digits}f}{paper}", strong=True, good=record.met)
 
 
-@dataclass(frozen=True, eq=False)
-class Line:
-    """One curve of a panel.
-
-    Attributes:
-        name: as in the legend.
-        role: what it stands for, which gives its colour: measured, identified, prior_friction or prior.
-        x, y: (samples,).
-        kind: a line, markers, or bars.
-        std: (samples,), error bars; None for none.
-    """
-
-    name: str
-    role: str
-    x: Array
-    y: Array
-    kind: Literal["line", "markers", "bars"] = "line"
-    std: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """One pair of axes; `labels` of x = 0, 1, 2, ... are empty where x is a quantity."""
-
-    title: str
-    x_title: str
-    y_title: str
-    lines: tuple[Line, ...]
-    log_y: bool = False
-    labels: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class FigureData:
-    """Panels one below the other."""
-
-    title: str
-    panels: tuple[Panel, ...]
-    note: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class ExperimentResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ExperimentResult(Result):
     """What one experiment showed.
 
     Attributes:
@@ -154,7 +114,7 @@ class ExperimentResult:
     lead: str
     records: tuple[Record, ...]
     tables: tuple[TableData, ...] = ()
-    figures: tuple[FigureData, ...] = ()
+    figures: tuple[Figure, ...] = ()
     notes: tuple[str, ...] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
 
@@ -162,6 +122,37 @@ class ExperimentResult:
     def missed(self) -> tuple[Record, ...]:
         """Records whose bound is not kept."""
         return tuple(record for record in self.records if record.met is False)
+
+    def __repr__(self) -> str:
+        bounded = sum(record.met is not None for record in self.records)
+        return f"{self.title}: {len(self.records)} figures, {bounded - len(self.missed)} of {bounded} bounds met"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON: name, title, facts, and the records that `stadera reproduce --json` lists."""
+        records = [record.to_dict() for record in self.records]
+        return {"name": self.name, "title": self.title, "facts": dict(self.facts), "records": records}
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame, one row a record, its case in words. MissingExtraError: pandas is not installed."""
+        rows = [record.to_dict() for record in self.records]
+        for row in rows:
+            row["case"] = ", ".join(f"{name}: {value}" for name, value in row["case"].items())
+        return data_frame({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
+
+    def to_html(self) -> str:
+        """The report: one page that loads nothing."""
+        from stadera.lab.report.experiments.page import experiments_html
+
+        return experiments_html([self])
+
+    def to_tables(self) -> list[TableData]:
+        """The experiment's own, the first the one that it is about."""
+        return list(self.tables)
+
+    def to_figures(self) -> Mapping[str, Figure | TableData]:
+        """figure-1, figure-2, ..., then table-1, ..."""
+        shown = {f"figure-{k}": figure for k, figure in enumerate(self.figures, start=1)}
+        return shown | {f"table-{k}": table for k, table in enumerate(self.tables, start=1)}
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from stadera.excite.result import Excitation
 from stadera.report.excite.plots import SHOWN, motion_figure, std_figure
 from stadera.report.excite.tables import limits_table, verdict, worth_table
 from stadera.report.numbers import number
-from stadera.report.page import Plot, render
+from stadera.report.page import render
 
 _TERMS = {
     "Information gain": "How much less uncertain all parameters together are after the log than before, by the prior "
@@ -32,10 +32,10 @@ def excitation_html(result: Excitation) -> str:
         combinations=len(result.combinations),
         median_std=f"{number(100.0 * float(np.median(result.chosen.std)), 2)}",
         worth=worth_table(result),
-        stds=Plot("Standard deviation of each identifiable combination of parameters", std_figure(result)),
+        stds=std_figure(result),
         limits=limits_table(result),
         seconds=min(SHOWN, settings.duration),
-        motion=Plot("Position, velocity and predicted torque of the three joints over time", motion_figure(result)),
+        motion=motion_figure(result),
         facts=_facts(result),
         notes=bounds.clearance.notes,
         terms=_TERMS,

@@ -12,7 +12,7 @@ from stadera.report.identify.glossary import TERMS
 from stadera.report.identify.quantities import MODEL_NAMES
 from stadera.report.identify.remarks import answer, badge, evaluated_part, headline, overall_rmse, remarks
 from stadera.report.numbers import number, percent
-from stadera.report.page import Plot, render
+from stadera.report.page import render
 from stadera.report.table import Cell, TableData
 from stadera.report.trust import marked, trust_reasons
 from stadera.trust import Trust
@@ -40,7 +40,7 @@ def identification_html(result: Identification) -> str:
         at_a_glance=leg_table(result),
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
         errors=tables.rmse_table(result),
-        error_bars=Plot("Torque RMSE of each joint under each model", plots.rmse_figure(result.legs, part)),
+        error_bars=plots.rmse_figure(result.legs, part),
         legs=[_leg(leg, part, result.trust) for leg in result.legs],
         facts=_facts(result),
         notes=result.notes,
@@ -65,7 +65,7 @@ def leg_table(result: Identification) -> TableData:
             )
         )
     columns = (
-        "directions determined, of those that rich motion would",
+        "directions determined",
         "torque RMSE [N·m]",
         "against CAD + friction",
         "misfit",
@@ -113,19 +113,7 @@ def _cards(overall: dict[str, float]) -> Iterator[dict[str, str]]:
 def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
     """What the template shows of a leg."""
     seen = leg.estimate.observability
-    drawn = (
-        Plot(
-            "Torques",
-            plots.torque_figure(leg),
-            "Measured and predicted; validation is shaded. Drag to zoom, double-click to go back.",
-        ),
-        Plot(
-            "Errors",
-            plots.error_figure(leg),
-            "Measured minus predicted. CAD alone is hidden: click it in the legend.",
-        ),
-        Plot("Spread of the errors", plots.spread_figure(leg, part), f"On {part}."),
-    )
+    drawn = (plots.torque_figure(leg), plots.error_figure(leg), plots.spread_figure(leg, part))
     return {
         "name": leg.leg.name,
         "lead": f"The log determines {seen.rank} of {len(seen.columns)} directions better than CAD does. "
@@ -133,5 +121,5 @@ def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
         "links": [marked(table, trust) for table in tables.link_tables(leg)],
         "joints": [marked(table, trust) for table in tables.joint_tables(leg)],
         "combinations": marked(tables.combination_table(leg), trust) if leg.combinations else None,
-        "plots": [plot for plot in drawn if plot.figure.data],
+        "plots": [figure for figure in drawn if not figure.is_empty],
     }

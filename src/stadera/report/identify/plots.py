@@ -1,4 +1,4 @@
-"""Plots of an identification, as plotly figures: torques, errors, their spread, and their RMSE a joint."""
+"""Figures of an identification: torques, errors, their spread, and their RMSE a joint."""
 
 from __future__ import annotations
 
@@ -6,102 +6,88 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
-from stadera.identify.result import LegIdentification, TorqueTrace
+from stadera.identify.result import Identification, LegIdentification, TorqueTrace
+from stadera.report.figures import Axis, Bars, Figure, Guide, Panel, Series, line, stacked
 from stadera.report.identify.quantities import MODEL_NAMES
-from stadera.report.plots import COLOURS, faint, short, styled, thinned
+from stadera.report.identify.remarks import evaluated_part
+from stadera.report.identify.tables import link_table
+from stadera.report.look import ROLES
+from stadera.report.table import TableData
 from stadera.types import Array
 
-_SHADE = "rgba(11,107,203,0.06)"
-_ROW_PX, _AROUND_PX = 190, 110
+
+def figures(result: Identification) -> dict[str, Figure | TableData]:
+    """What there is to show, by name, the most telling first; those of a leg end in its name."""
+    part, found = evaluated_part(result), dict[str, Figure | TableData]()
+    several = len(result.legs) > 1
+    for leg in result.legs:
+        end = f"-{leg.leg.name}" if several else ""
+        found |= {f"torques{end}": torque_figure(leg), f"observability{end}": link_table(leg)}
+        found |= {f"errors{end}": error_figure(leg), f"spread{end}": spread_figure(leg, part)}
+    found["rmse"] = rmse_figure(result.legs, part)
+    return {name: figure for name, figure in found.items() if isinstance(figure, TableData) or not figure.is_empty}
 
 
-def torque_figure(leg: LegIdentification) -> go.Figure:
+def torque_figure(leg: LegIdentification) -> Figure:
     """Measured torque of each joint over time, and what each model predicts."""
-    traces = plotted_traces(leg.traces)
-    figure = _joint_rows(leg, "torque [N·m]")
-    for k in range(3):
-        for model in ("prior", "prior_friction"):
-            _add_line(figure, traces, k, model, [t.predicted.get(model) for t in traces], width=1.2)
-        _add_line(figure, traces, k, "measured", [t.measured for t in traces], width=2.2)
-        _add_line(figure, traces, k, "identified", [t.predicted.get("identified") for t in traces], width=1.4)
-    return _over_time(figure, traces)
+    traces, panels = plotted_traces(leg.traces), []
+    for k, joint in enumerate(leg.leg.joints):
+        marks = [_line(traces, model, [_column(t.predicted.get(model), k) for t in traces]) for model in _CAD]
+        marks.append(_line(traces, "measured", [t.measured[:, k] for t in traces]))
+        marks.append(_line(traces, "identified", [_column(t.predicted.get("identified"), k) for t in traces]))
+        panels.append(_over_time(joint, "torque [N·m]", marks, traces))
+    note = "Measured and predicted; validation is shaded. Drag to zoom, double-click to go back."
+    return stacked(f"Torques of {leg.leg.name}", panels, note, moves=True)
 
 
-def error_figure(leg: LegIdentification) -> go.Figure:
+def error_figure(leg: LegIdentification) -> Figure:
     """Measured minus predicted torque of each joint over time."""
-    traces = plotted_traces(leg.traces)
-    figure = _joint_rows(leg, "error [N·m]")
-    for k in range(3):
-        for model in ("prior", "prior_friction", "identified"):
-            errors = [t.measured - t.predicted[model] if model in t.predicted else None for t in traces]
+    traces, panels = plotted_traces(leg.traces), []
+    for k, joint in enumerate(leg.leg.joints):
+        marks = []
+        for model in (*_CAD, "identified"):
+            errors = [t.measured[:, k] - t.predicted[model][:, k] if model in t.predicted else None for t in traces]
             hidden = model == "prior" and any("prior_friction" in t.predicted for t in traces)
-            _add_line(figure, traces, k, model, errors, width=1.3, hidden=hidden)
-    return _over_time(figure, traces)
+            marks.append(_line(traces, model, errors, hidden=hidden))
+        panels.append(_over_time(joint, "error [N·m]", marks, traces))
+    note = "Measured minus predicted. CAD alone is hidden: click it in the legend."
+    return stacked(f"Torque errors of {leg.leg.name}", panels, note, moves=True)
 
 
-def spread_figure(leg: LegIdentification, part: str) -> go.Figure:
+def spread_figure(leg: LegIdentification, part: str) -> Figure:
     """Histogram of the errors, joint by joint."""
-    figure = make_subplots(rows=3, cols=1, subplot_titles=leg.leg.joints, vertical_spacing=0.13)
-    for model, errors in _errors(leg, part).items():
-        for k in range(3):
-            figure.add_scatter(
-                **_histogram(errors[:, k], _edges(leg, part)[k]),
-                line={"shape": "hvh", "color": COLOURS[model], "width": 1.6},
-                fill="tozeroy",
-                fillcolor=faint(COLOURS[model]),
-                name=MODEL_NAMES[model],
-                legendgroup=model,
-                showlegend=k == 0,
-                row=k + 1,
-                col=1,
-            )
-    figure.update_yaxes(title_text="samples [%]")
-    figure.update_xaxes(title_text="error, measured − predicted [N·m]", row=3, col=1)
-    return styled(figure, _AROUND_PX + 3 * 150)
-
-
-def _errors(leg: LegIdentification, part: str) -> dict[str, Array]:
-    """By model, measured minus predicted torque of a part, (samples, joints)."""
     chosen = [trace for trace in leg.traces if trace.part == part]
-    return {
+    errors = {
         model: np.concatenate([t.measured - t.predicted[model] for t in chosen if model in t.predicted])
         for model in ("prior_friction", "identified")
         if any(model in t.predicted for t in chosen)
     }
+    rows = []
+    for k, joint in enumerate(leg.leg.joints):
+        edge = max((float(np.quantile(np.abs(e[:, k]), 0.995)) for e in errors.values()), default=0.0) or 1.0
+        marks = tuple(_histogram(values[:, k], edge, model) for model, values in errors.items())
+        rows.append(Panel(Axis("error [N·m]"), Axis("samples [%]", zero=True), marks, title=joint))
+    return Figure(f"Spread of the torque errors of {leg.leg.name}", (tuple(rows),), f"On {part}.", 240.0)
 
 
-def _edges(leg: LegIdentification, part: str) -> list[Array]:
-    """The histogram's bins, by joint: to the largest 99.5 % quantile of the models."""
-    largest = [np.quantile(np.abs(errors), 0.995, axis=0) for errors in _errors(leg, part).values()]
-    return [np.linspace(-(edge or 1.0), edge or 1.0, 61) for edge in np.max(largest, axis=0).tolist()]
-
-
-def _histogram(values: Array, edges: Array) -> dict[str, Array]:
+def _histogram(values: Array, edge: float, model: str) -> Series:
+    edges = np.linspace(-edge, edge, 61)
     share = 100.0 * np.histogram(values, edges)[0] / len(values)
-    return {"x": short(0.5 * (edges[1:] + edges[:-1])), "y": short(share)}
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    return Series(middle, share, MODEL_NAMES[model], ROLES[model], 1.5, stairs="bins", fill="zero")
 
 
-def rmse_figure(legs: Sequence[LegIdentification], part: str) -> go.Figure:
+def rmse_figure(legs: Sequence[LegIdentification], part: str) -> Figure:
     """RMSE of each joint under each model, as bars."""
-    figure = go.Figure()
-    joints = [joint for leg in legs for joint in leg.leg.joints]
+    joints, marks = tuple(joint for leg in legs for joint in leg.leg.joints), []
     for model in ("identified", "prior_friction", "prior"):
         errors = {j: e for leg in legs for j, e in leg.rmse.get(part, {}).get(model, {}).items()}
         if errors:
-            figure.add_bar(
-                y=joints,
-                x=[errors.get(joint) for joint in joints],
-                orientation="h",
-                name=MODEL_NAMES[model],
-                marker={"color": COLOURS[model], "line": {"width": 0}},
-            )
-    figure.update_layout(barmode="group", bargap=0.3, bargroupgap=0.05)
-    figure.update_yaxes(autorange="reversed", automargin=True)
-    figure.update_xaxes(title_text=f"torque RMSE on {part} [N·m]", rangemode="tozero")
-    return styled(figure, _AROUND_PX + 36 * len(joints))
+            values = np.array([errors.get(joint, np.nan) for joint in joints])
+            marks.append(Bars(values, MODEL_NAMES[model], ROLES[model]))
+    panel = Panel(Axis(f"torque RMSE on {part} [N·m]", zero=True), Axis(labels=joints), tuple(marks))
+    return Figure("Torque RMSE of each joint under each model", ((panel,),))
 
 
 def plotted_traces(traces: Sequence[TorqueTrace]) -> list[TorqueTrace]:
@@ -113,46 +99,21 @@ def plotted_traces(traces: Sequence[TorqueTrace]) -> list[TorqueTrace]:
     return filled
 
 
-def _joint_rows(leg: LegIdentification, quantity: str) -> go.Figure:
-    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, subplot_titles=leg.leg.joints, vertical_spacing=0.07)
-    figure.update_yaxes(title_text=quantity)
-    return figure
+_CAD = ("prior", "prior_friction")
+_WIDTHS = {"measured": 2.2, "identified": 1.4}
 
 
-def _add_line(
-    figure: go.Figure,
-    traces: Sequence[TorqueTrace],
-    joint: int,
-    name: str,
-    values: Sequence[Array | None],
-    *,
-    width: float,
-    hidden: bool = False,
-) -> None:
-    drawn = [thinned(t.time, v[:, joint]) for t, v in zip(traces, values, strict=True) if v is not None]
-    if not drawn:
-        return
-    figure.add_scatter(
-        x=short(np.concatenate([x for x, _ in drawn])),
-        y=short(np.concatenate([y for _, y in drawn])),
-        mode="lines",
-        line={"color": COLOURS[name], "width": width},
-        name=MODEL_NAMES.get(name, name),
-        legendgroup=name,
-        showlegend=joint == 0,
-        visible="legendonly" if hidden else True,
-        hovertemplate="%{y:.3g} N·m<extra>" + MODEL_NAMES.get(name, name) + "</extra>",
-        row=joint + 1,
-        col=1,
-    )
+def _column(values: Array | None, k: int) -> Array | None:
+    return None if values is None else values[:, k]
 
 
-def _over_time(figure: go.Figure, traces: Sequence[TorqueTrace]) -> go.Figure:
-    for trace in traces:
-        if trace.part == "validation" and len(traces) > 1:
-            figure.add_vrect(
-                x0=float(trace.time[0]), x1=float(trace.time[-1]), fillcolor=_SHADE, line_width=0, layer="below"
-            )
-    figure.update_xaxes(title_text="time [s]", row=3, col=1)
-    figure.update_layout(hovermode="x unified")
-    return styled(figure, _AROUND_PX + 3 * _ROW_PX)
+def _line(traces: Sequence[TorqueTrace], role: str, values: Sequence[Array | None], hidden: bool = False) -> Series:
+    known = [(t.time, v) for t, v in zip(traces, values, strict=True) if v is not None]
+    time, torque = (np.concatenate([pair[k] for pair in known]) if known else np.zeros(0) for k in (0, 1))
+    return line(time, torque, MODEL_NAMES.get(role, role), ROLES[role], width=_WIDTHS.get(role, 1.2), hidden=hidden)
+
+
+def _over_time(joint: str, quantity: str, marks: list[Series], traces: Sequence[TorqueTrace]) -> Panel:
+    shaded = [t for t in traces if t.part == "validation" and len(traces) > 1]
+    guides = tuple(Guide(float(t.time[0]), float(t.time[-1]), colour="blue") for t in shaded)
+    return Panel(Axis("time [s]"), Axis(quantity), tuple(m for m in marks if len(m.x)), guides, joint)

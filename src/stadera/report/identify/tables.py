@@ -12,6 +12,8 @@ from stadera.report.numbers import number, percent
 from stadera.report.table import Cell, TableData
 
 _COMPARED = MODELS[::-1]  # best first
+LINK_FRAMES = "in each link's own frame and axes, inertia about that frame's origin"
+"""Where centres of mass and inertias of links are given."""
 
 
 def link_table(leg: LegIdentification) -> TableData:
@@ -23,7 +25,7 @@ def link_table(leg: LegIdentification) -> TableData:
         for name, q in by_link[0].items()
     )
     title = f"{leg.leg.name}: rank {rank} of {len(leg.estimate.columns)} parameters"
-    return TableData.of(title, ("parameter", *links), rows, sides="l" * (1 + len(links)))
+    return TableData.of(title, ("parameter", *links), rows, LINK_FRAMES, "l" * (1 + len(links)))
 
 
 def joint_table(leg: LegIdentification) -> TableData:
@@ -35,6 +37,12 @@ def joint_table(leg: LegIdentification) -> TableData:
         for term, unit in units.items()
     )
     return TableData.of(f"{leg.leg.name}: joints", ("parameter", *joints), rows, sides="l" * (1 + len(joints)))
+
+
+def tables(result: Identification) -> list[TableData]:
+    """For a paper: links and joints of each leg, then the torque errors."""
+    found = [table(leg) for leg in result.legs for table in (link_table, joint_table)]
+    return [*(table for table in found if any(rows for _, rows in table.groups)), rmse_table(result)]
 
 
 def rmse_table(result: Identification) -> TableData:

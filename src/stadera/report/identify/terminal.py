@@ -9,7 +9,7 @@ from rich.text import Text
 
 from stadera.identify.result import Identification
 from stadera.report.identify.remarks import level, remarks, verdict
-from stadera.report.identify.tables import joint_table, link_table, rmse_table
+from stadera.report.identify.tables import LINK_FRAMES, joint_table, link_table, rmse_table
 from stadera.report.terminal import legend, rich_table
 from stadera.report.trust import STYLES, marked
 
@@ -25,7 +25,7 @@ def identification_tables(result: Identification) -> Iterator[RenderableType]:
         yield rich_table(marked(link_table(leg), result.trust))
         if any(name.split(".")[0] in leg.leg.joints for name in leg.estimate.columns):
             yield rich_table(marked(joint_table(leg), result.trust))
-    yield legend("(in square brackets: the prior)")
+    yield legend(f"({LINK_FRAMES}; in square brackets: the prior)")
     yield rich_table(rmse_table(result))
     for remark in reversed(remarks(result)):
         yield Text(f"{_WORDS[remark.level]}: {remark.text}", style=STYLES[remark.level])

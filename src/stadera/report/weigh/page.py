@@ -7,7 +7,7 @@ from math import degrees
 from typing import TYPE_CHECKING
 
 from stadera.report.numbers import number
-from stadera.report.page import Plot, render
+from stadera.report.page import render
 from stadera.report.trust import LEVELS, trust_reasons
 from stadera.report.weigh import plots, tables
 from stadera.report.weigh.advice import next_steps
@@ -45,33 +45,14 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
         why=trust_reasons(result.trust),
         next=next_steps(result),
         bodies=tables.bodies_table(result, truth),
-        inertia=tables.inertia_table(result) if in_motion else None,
-        plots=list(_plots(result, truth)),
+        inertia=tables.inertia_table(result),
+        missing=tables.inertia_missing(result),
+        plots=list(plots.figures(result, truth).values()),
         lists=list(_lists(result)),
         facts=_facts(result),
         notes=result.notes,
         terms=_TERMS,
     )
-
-
-def _plots(result: Weighing, truth: Truth | None) -> Iterator[Plot]:
-    if (balance := result.balance) is not None:
-        note = (
-            "Support polygon from above, at the end of the last rest, level; the origin is the trunk's. At rest the "
-            "whole robot's centre of mass is above the centre of pressure; a distance between them shows errors of the "
-            "joint torques."
-        )
-        yield Plot("The balance", plots.balance_figure(result, balance, truth), note)
-    yield Plot("Mass over time", plots.mass_figure(result, truth), "As known at that time; at rest, of a block alone.")
-    if len((figure := plots.com_figure(result, truth)).data):
-        note = (
-            "As known at that time; a gap where it was not. Methods at rest start from the model's value, and anew "
-            "after each change: the bands do not include the settling transient."
-        )
-        yield Plot("Centre of mass over time", figure, note if result.torque_lag is None else note.split(";")[0] + ".")
-    if (load := result.timeline.load) is not None:
-        note = "Vertical, foot by foot, from joint torques."
-        yield Plot("Forces of the ground", plots.force_figure(result, load), note)
 
 
 def _lists(result: Weighing) -> Iterator[tuple[object, int]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stadera.inertia import ORDER
 from stadera.report.numbers import number, with_std
 from stadera.report.table import Cell, TableData
 from stadera.report.trust import UNTRUSTED
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
 
 _HEAD = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
-_TENSOR = (("Ixx", 0, 0), ("Ixy", 0, 1), ("Ixz", 0, 2), ("Iyy", 1, 1), ("Iyz", 1, 2), ("Izz", 2, 2))
+_TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # the order of `stadera.inertia.ORDER`
 
 
 def place(com: Array, std: Array) -> tuple[str, str, str]:
@@ -54,16 +55,39 @@ def bodies_table(result: Weighing, truth: Truth | None = None) -> TableData:
     return TableData.of(f"Weighed by the method {result.method!r}", _HEAD, _bodies(result, truth))
 
 
-def inertia_table(result: Weighing) -> TableData:
-    """The trunk's inertia about its centre of mass, of the model file and as found."""
-    found, prior = result.trunk, result.robot.inertias[result.robot.trunk].inertia_com
-    std = found.inertia_std if found.observed[4:].all() else np.full(6, np.nan)
-    rows = [
-        (name, number(prior[i, j]), _marked(result, with_std(found.inertial.inertia_com[i, j], s)))
-        for (name, i, j), s in zip(_TENSOR, std, strict=True)
-    ]
-    about = "The trunk's inertia about its centre of mass, trunk axes; the error bars are of that about the origin."
-    return TableData.of("", ("component", "CAD [kg·m²]", "found [kg·m²]"), rows, note=about)
+def inertia_table(result: Weighing) -> TableData | None:
+    """Inertia of trunk and payload, each about its own point of reference; None where neither was observed."""
+    found, prior, payload = result.trunk, result.robot.inertias[result.robot.trunk], result.payload
+    rows: dict[str, list[tuple[str | Cell, ...]]] = {}
+    if found.observed[4:].all():
+        about = f"trunk with all on it, frame {result.robot.trunk!r}, about the frame's origin, its axes"
+        rows[about] = [
+            ("CAD", *map(number, prior.vector[4:].tolist())),
+            _tensor_row(result, found.inertial.vector[4:], found.inertia_std),
+        ]
+    if payload is not None and payload.inertia is not None and payload.inertia_std is not None:
+        tensor = np.array([payload.inertia[i, j] for i, j in _TENSOR])
+        about = f"payload, about its own centre of mass, axes of {result.robot.trunk!r}"
+        rows[about] = [_tensor_row(result, tensor, payload.inertia_std)]
+    head = ("inertia [kg·m²]", *ORDER[4:])
+    return TableData.of("Inertia", head, rows) if rows else None
+
+
+def inertia_missing(result: Weighing) -> str:
+    """What of the inertia was not observed, in a sentence; empty if nothing is missing."""
+    missing = [] if result.trunk.observed[4:].all() else ["the trunk's"]
+    if result.payload is not None and result.payload.inertia is None:
+        missing.append("the payload's")
+    if not missing:
+        return ""
+    kept = "; a model file that is written keeps CAD's for the trunk" if "the trunk's" in missing else ""
+    return f"Inertia not observed: {' and '.join(missing)}{kept}. Turning and swaying the trunk shows it."
+
+
+def tables(result: Weighing) -> list[TableData]:
+    """For a paper: trunk and payload, inertia where it was observed, changes of the load."""
+    found = [bodies_table(result), inertia_table(result), changes_table(result) if result.changes else None]
+    return [table for table in found if table is not None]
 
 
 def changes_table(result: Weighing, most: int | None = None) -> TableData:
@@ -94,6 +118,10 @@ def _bodies(result: Weighing, truth: Truth | None) -> Iterator[tuple[str | Cell,
         yield "truth: trunk with all on it", number(moment.mass), *_exact(moment.com)
         if moment.payload_com is not None:
             yield "truth: payload", number(moment.payload_mass), *_exact(moment.payload_com)
+
+
+def _tensor_row(result: Weighing, values: Array, std: Array) -> tuple[str | Cell, ...]:
+    return "found", *(_marked(result, with_std(v, s)) for v, s in zip(values.tolist(), std.tolist(), strict=True))
 
 
 def _marked(result: Weighing, figure: str) -> Cell:

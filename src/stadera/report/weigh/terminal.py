@@ -10,7 +10,14 @@ from rich.text import Text
 
 from stadera.report.terminal import notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, trust_text
-from stadera.report.weigh.tables import bodies_table, changes_table, headline, lag_text
+from stadera.report.weigh.tables import (
+    bodies_table,
+    changes_table,
+    headline,
+    inertia_missing,
+    inertia_table,
+    lag_text,
+)
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
@@ -25,8 +32,12 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
     span = f"estimated from {used:.1f} of {result.end - result.begin:.1f} s, as known at {result.time:.2f} s"
     yield Text(f"{result.robot.name}, {result.source}: {span}; {result.status}", style="bold")
     yield rich_table(bodies_table(result, truth))
+    if (inertia := inertia_table(result)) is not None:
+        yield rich_table(inertia)
     if result.changes:
         yield rich_table(changes_table(result))
+    if missing := inertia_missing(result):
+        yield Text(missing, style="dim")
     if result.torque_lag is not None:
         yield Text(lag_text(result.torque_lag), style="dim")
     yield from notes(result.notes)

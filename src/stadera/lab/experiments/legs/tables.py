@@ -7,7 +7,7 @@ import numpy as np
 from stadera.identify.observability import Identifiability
 from stadera.inertia import ORDER
 from stadera.lab.experiments.legs.recovery import Compared, Recovery
-from stadera.lab.experiments.result import FigureData, Line, Panel
+from stadera.report.figures import Axis, Figure, Panel, Series
 from stadera.report.table import Cell, Row, TableData
 
 _LINKS = ("hip assembly", "upper leg", "lower leg")
@@ -54,7 +54,7 @@ def combination_table(found: Recovery, title: str) -> TableData:
     return TableData.of(title, head, rows, note)
 
 
-def deviation_figure(found: Recovery) -> FigureData:
+def deviation_figure(found: Recovery) -> Figure:
     """Errors of the identifiable combinations, in units of the prior's standard deviation."""
     compared = found.combinations
     position = np.arange(len(compared), dtype=float)
@@ -62,18 +62,14 @@ def deviation_figure(found: Recovery) -> FigureData:
     before = np.array([c.prior - c.truth for c in compared]) / widths
     after = np.array([c.value - c.truth for c in compared]) / widths
     stds = np.array([c.std for c in compared]) / widths
-    panel = Panel(
-        "",
-        "",
-        "off from simulated [prior widths]",
-        (
-            Line("CAD", "prior", position, before, "markers"),
-            Line("identified ± 1 σ", "identified", position, after, "markers", stds),
-        ),
-        labels=tuple(c.name.split(" ")[0] + (" + …" if " " in c.name else "") for c in compared),
+    names = tuple(c.name.split(" ")[0] + (" + …" if " " in c.name else "") for c in compared)
+    marks = (
+        Series(before, position, "CAD", "steel", 0.0, marker="dot"),
+        Series(after, position, "identified ± 1 σ", "blue", 0.0, marker="dot", x_range=(after - stds, after + stds)),
     )
+    panel = Panel(Axis("off from simulated [prior widths]"), Axis(labels=names), marks)
     note = "0 is the simulated value, 1 the prior's standard deviation; bars are the estimate's."
-    return FigureData("With sensor errors: how far off CAD is, and how far what was identified", (panel,), note)
+    return Figure("With sensor errors: how far off CAD is, and how far what was identified", ((panel,),), note)
 
 
 def _rows(compared: list[Compared]) -> list[Row]:

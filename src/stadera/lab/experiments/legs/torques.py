@@ -9,14 +9,16 @@ import numpy as np
 from stadera.errors import IdentificationError
 from stadera.identify.result import MODELS, Identification, LegIdentification, TorqueTrace
 from stadera.lab.experiments.paper import Paper
-from stadera.lab.experiments.result import FigureData, Line, Panel, Record
+from stadera.lab.experiments.result import Record
+from stadera.report.figures import Axis, Figure, Panel, line, stacked
+from stadera.report.look import ROLES
 from stadera.report.table import Cell, TableData
 
 NAMES = {"identified": "identified", "prior_friction": "CAD with friction", "prior": "CAD"}
 PART = "validation"
 
 
-def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[str, ...]) -> FigureData:
+def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[str, ...]) -> Figure:
     """Three panels of torques, then the errors of the first joint, as the paper's Figs. 4 and 5.
 
     Args:
@@ -25,14 +27,14 @@ def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[s
     trace = validation_trace(leg)
     panels = []
     for k, joint in enumerate(leg.leg.joints):
-        lines = [Line("measured", "measured", trace.time, trace.measured[:, k])]
-        lines += [Line(NAMES[m], m, trace.time, trace.predicted[m][:, k]) for m in models]
-        panels.append(Panel(joint, "time [s]", "torque [N·m]", tuple(lines)))
+        lines = [line(trace.time, trace.measured[:, k], "measured", "ink", width=2.4)]
+        lines += [line(trace.time, trace.predicted[m][:, k], NAMES[m], ROLES[m], width=1.3) for m in models]
+        panels.append(Panel(Axis("time [s]"), Axis("torque [N·m]"), tuple(lines), title=joint))
     errors = tuple(
-        Line(f"error, {NAMES[m]}", m, trace.time, (trace.measured - trace.predicted[m])[:, 0]) for m in models
+        line(trace.time, (trace.measured - trace.predicted[m])[:, 0], NAMES[m], ROLES[m], width=1.3) for m in models
     )
-    panels.append(Panel(f"{leg.leg.joints[0]}: errors", "time [s]", "error [N·m]", errors))
-    return FigureData(title, tuple(panels), note)
+    panels.append(Panel(Axis("time [s]"), Axis("error [N·m]"), errors, title=f"{leg.leg.joints[0]}: errors"))
+    return stacked(title, panels, note, moves=True)
 
 
 def validation_trace(leg: LegIdentification) -> TorqueTrace:

@@ -26,9 +26,10 @@ from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
 from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
-from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record
+from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.plant import IDEAL, Plant, Sensors, TrueState
 from stadera.legs.instant import LegDynamics
+from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
@@ -168,20 +169,20 @@ def _table(cycles: list[Cycle]) -> TableData:
     return TableData.of("Inertial forces in the joint torques of one cycle", head, rows)
 
 
-def _figure(cycles: list[Cycle]) -> FigureData:
+def _figure(cycles: list[Cycle]) -> Figure:
     panels = tuple(
         Panel(
-            f"{100 * cycle.speed:.0f} cm/s",
-            "time in the cycle [s]",
-            "norm of the joint torques [N·m]",
+            Axis("time in the cycle [s]"),
+            Axis("norm [N·m]", zero=True),
             (
-                Line("all", "measured", cycle.time, cycle.torque),
-                Line("by inertial forces", "identified", cycle.time, cycle.inertial),
+                line(cycle.time, cycle.torque, "all", "ink"),
+                line(cycle.time, cycle.inertial, "by inertial forces", "blue"),
             ),
+            title=f"{100 * cycle.speed:.0f} cm/s",
         )
         for cycle in cycles
     )
-    return FigureData("Joint torques over one cycle", panels)
+    return Figure("Norm of the joint torques over one cycle", (panels[:2], panels[2:]))
 
 
 def _cycles(crawl: Crawl) -> int:

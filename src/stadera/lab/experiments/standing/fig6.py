@@ -8,9 +8,10 @@ import numpy as np
 
 from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
-from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record
+from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.experiments.standing.case import load_point
 from stadera.lab.plant import IDEAL, Plant, Sensors, VirtualForce
+from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line, stacked
 from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
@@ -110,14 +111,15 @@ def _table(ways: list[Settling]) -> TableData:
     return TableData.of("How fast", head, rows, "The settling time is that after which 5 % of an error is left.")
 
 
-def _figure(way: Settling) -> FigureData:
-    panels = []
+def _figure(way: Settling) -> Figure:
+    panels, since = [], Axis("time since the load [s]")
     for axis, name in enumerate("xy"):
         lines = (
-            Line("estimate", "identified", way.time, way.com[:, axis]),
-            Line("truth", "prior", way.time[[0, -1]], np.full(2, way.true_com[axis])),
+            line(way.time, way.com[:, axis], "estimate", "blue"),
+            Series(way.time[[0, -1]], np.full(2, way.true_com[axis]), "truth", "green", dashed=True),
         )
-        panels.append(Panel(f"trunk's centre of mass, {name}", "time since the load [s]", f"{name} [m]", lines))
-    error = Line("‖δ‖ in x-y", "measured", way.time, np.maximum(1000 * way.error, 1e-3))
-    panels.append(Panel("error", "time since the load [s]", "‖δ‖ [mm]", (error,), log_y=True))
-    return FigureData(f"Settling time of {way.settling:.2f} s", tuple(panels))
+        panels.append(Panel(since, Axis(f"{name} [m]"), lines, title=f"trunk's centre of mass, {name}"))
+    error = line(way.time, np.maximum(1000 * way.error, 1e-3), "‖δ‖ in x-y", "ink")
+    bounds = (Guide(1000 * _ACCURACY, of="y", colour="red", name="2 mm"), Guide(PAPER.bounds["reached"], name="2 s"))
+    panels.append(Panel(since, Axis("‖δ‖ [mm]", log=True), (error,), bounds, "error"))
+    return stacked(f"Settling time of {way.settling:.2f} s", panels)

@@ -11,9 +11,10 @@ from stadera.constants import GRAVITY
 from stadera.errors import MissingExtraError
 from stadera.lab.experiments.grid import run_grid
 from stadera.lab.experiments.paper import Paper, ReproduceSettings
-from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record, crossed
+from stadera.lab.experiments.result import ExperimentResult, Record, crossed
 from stadera.lab.experiments.standing.case import METHOD_NAMES, StandingCase, StandingOutcome, start_range
 from stadera.lab.experiments.standing.run import stand
+from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot
 from stadera.types import Progress
@@ -141,12 +142,13 @@ def _robots_table(others: Sequence[tuple[StandingOutcome, float]]) -> TableData:
     return TableData.of("Other robots", head, groups, note)
 
 
-def _convergence(outcomes: Sequence[StandingOutcome]) -> FigureData:
+def _convergence(outcomes: Sequence[StandingOutcome]) -> Figure:
     """How each method gets there under the largest load."""
     most = max(o.case.load for o in outcomes)
     panels = []
     for o in (o for o in outcomes if o.case.load == most):
         error = 100 * np.linalg.norm((o.trace_com - o.true_com)[:, :2], axis=1)
-        line = Line("‖δ‖", "identified", o.trace_time, np.maximum(error, 1e-4))
-        panels.append(Panel(METHOD_NAMES[o.case.method], "time [s]", "‖δ‖ [cm]", (line,), log_y=True))
-    return FigureData(f"Error in x-y on the way, load {most:g} N", tuple(panels), "At first the mass alone is weighed.")
+        curve = line(o.trace_time, np.maximum(error, 1e-4), "‖δ‖")
+        panels.append(Panel(Axis("time [s]"), Axis("‖δ‖ [cm]", log=True), (curve,), title=METHOD_NAMES[o.case.method]))
+    title = f"Error in x-y on the way, load {most:g} N"
+    return Figure(title, tuple((panel,) for panel in panels), "At first the mass alone is weighed.", 210.0)

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from stadera.lab.experiments.grid import run_grid
 from stadera.lab.experiments.paper import Paper, ReproduceSettings
-from stadera.lab.experiments.result import ExperimentResult, FigureData, Line, Panel, Record, crossed
+from stadera.lab.experiments.result import ExperimentResult, Record, crossed
 from stadera.lab.experiments.standing.case import StandingCase, StandingOutcome, start_range
 from stadera.lab.experiments.standing.run import stand
+from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import TableData
 from stadera.types import Progress
 
@@ -65,11 +66,11 @@ def _table(metric: str, records: list[Record], note: str) -> TableData:
     )
 
 
-def _figure(o: StandingOutcome) -> FigureData:
+def _figure(o: StandingOutcome) -> Figure:
     lines = tuple(
-        Line(f"{name}, estimate − truth", role, o.trace_time, 100 * (o.trace_com - o.true_com)[:, axis])
-        for name, role, axis in (("x", "identified", 0), ("y", "measured", 1))
+        line(o.trace_time, 100 * (o.trace_com - o.true_com)[:, axis], f"{name}, estimate − truth", colour)
+        for name, colour, axis in (("x", "blue", 0), ("y", "orange", 1))
     )
-    panel = Panel("trunk's centre of mass", "time [s]", "error [cm]", lines)
+    panel = Panel(Axis("time [s]"), Axis("error [cm]"), lines, title="trunk's centre of mass")
     title = f"On the way, slope {o.case.slope:g}°, load {o.case.load:g} N"
-    return FigureData(title, (panel,), "At first the mass alone is weighed.")
+    return Figure(title, ((panel,),), "At first the mass alone is weighed.")

@@ -13,8 +13,9 @@ from stadera.lab.demo import DemoResult, DemoRun
 from stadera.lab.demo.schema import KNOWN, known_after, true_load
 from stadera.lab.report.demo.plots import com_figure, force_figure, margin_figure, mass_figure
 from stadera.lab.report.demo.terminal import comparison_table, headline, load_table, log_table, verdict
+from stadera.report.figures import Figure
 from stadera.report.numbers import number, with_std
-from stadera.report.page import Plot, render, script_data
+from stadera.report.page import render, script_data
 from stadera.robot import load_robot
 from stadera.supervise import LoadTestSettings, State
 from stadera.types import Array
@@ -150,18 +151,16 @@ def _rounded(values: Array, digits: int = 3) -> Any:
 
 
 # -- plots and terms ----------------------------------------------------------------------------------------------
-def _plots(result: DemoResult) -> Iterator[Plot]:
-    yield Plot(
-        "Margin of the true centre of mass",
-        margin_figure(result),
+def _plots(result: DemoResult) -> Iterator[Figure]:
+    yield margin_figure(
+        result,
         "Its distance from the nearest edge of the support polygon; below zero the robot tips. "
         f"{_SHADED[result.settings.nonstop]}",
     )
-    yield Plot("Mass", mass_figure(result), _mass_note(result.settings.nonstop))
-    name = result.identified.name.capitalize()
-    yield Plot("Centre of mass of the trunk with its load", com_figure(result), f"{name}, trunk frame.")
+    yield mass_figure(result, _mass_note(result.settings.nonstop))
+    yield com_figure(result, f"{result.identified.name.capitalize()}, trunk frame.")
     for run in result.runs:
-        yield Plot(f"Forces on the feet, {run.name}", force_figure(run, result), "True forces.")
+        yield force_figure(run, result, "True forces.")
 
 
 def _mass_note(nonstop: bool) -> str:

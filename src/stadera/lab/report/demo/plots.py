@@ -1,67 +1,102 @@
-"""Plots of the demo, as plotly figures: margins, mass, centre of mass and forces over time."""
+"""Figures of the demo: margins, mass, centre of mass and forces over time."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from stadera.lab.demo import DemoResult, DemoRun
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
-from stadera.report.plots import add_band, short, styled
+from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, line, stacked
+from stadera.report.look import LEGS
 from stadera.supervise import LoadCheck, State
 
-_BLUE, _ORANGE, _INK, _STEEL, _GREEN, _RED = "#0b6bcb", "#d9822b", "#20262e", "#9aa4b2", "#1a7f43", "#b3261e"
-_LEGS = (("LF", "#0b6bcb"), ("RF", "#d9822b"), ("LH", "#1a7f43"), ("RH", "#8a4fbf"))
 CLOSE = (1.0, 2.5)
 """Before the load and after it [s], that plots of a weighing on the way begin with."""
 
-_LOOKS = (
-    ("true", {"color": _RED, "width": 2, "dash": "dot"}),
-    ("controller and planner", {"color": _BLUE, "width": 2.2}),
-)
-_BAND = {"fillcolor": "rgba(217,130,43,0.30)", "name": "as weighed, ± 2 standard deviations"}
+_TRUE, _CONTROLLER = "true", "controller and planner"
+_BAND = "as weighed, ± 2 standard deviations"
 _SHADES = {
-    State.STOPPING: "rgba(217,130,43,0.14)",
-    State.WEIGHING_MASS: "rgba(11,107,203,0.08)",
-    State.WEIGHING_COM: "rgba(11,107,203,0.15)",
-    State.CONVERGED: "rgba(26,127,67,0.14)",
-    State.WEIGHING: "rgba(217,130,43,0.35)",
+    State.STOPPING: "orange",
+    State.WEIGHING_MASS: "steel",
+    State.WEIGHING_COM: "blue",
+    State.CONVERGED: "green",
+    State.WEIGHING: "orange",
 }
 
 
-def margin_figure(result: DemoResult) -> go.Figure:
+def margin_figure(result: DemoResult, note: str = "") -> Figure:
     """How far the true centre of mass was inside the support polygon, in both runs."""
-    figure = go.Figure()
-    for run, colour in zip(result.runs, (_RED, _BLUE), strict=True):
-        figure.add_scatter(
-            x=short(run.outcome.time),
-            y=short(100.0 * run.outcome.margin),
-            line={"color": colour, "width": 1.6},
-            name=run.name,
-            connectgaps=False,
-        )
-    figure.add_hline(y=0.0, line={"color": _INK, "width": 1, "dash": "dot"})
-    figure.update_yaxes(title_text="margin [cm]")
-    return _over_time(figure, result, 340)
+    marks = tuple(
+        line(run.outcome.time, 100.0 * run.outcome.margin, run.name, colour)
+        for run, colour in zip(result.runs, ("red", "blue"), strict=True)
+    )
+    panel = Panel(Axis(), Axis("margin [cm]"), marks, (Guide(0.0, of="y", colour="ink"),))
+    return _over_time("Margin of the true centre of mass", [panel], result, note)
 
 
-def mass_figure(result: DemoResult) -> go.Figure:
+def mass_figure(result: DemoResult, note: str = "") -> Figure:
     """Mass in controller and planner, true and as weighed on the way, of the run with identification."""
-    figure, film, outcome = go.Figure(), result.identified.film, result.identified.outcome
-    if outcome.checks:
-        _add_thresholds(figure, outcome.checks)
-    else:
-        add_band(figure, film.time, film.mass[:, 2], film.std[:, 0], **_BAND)
-    for which, (name, line) in enumerate(_LOOKS):
-        figure.add_scatter(x=short(film.time), y=short(film.mass[:, which]), line=line, name=name)
-    if outcome.checks:
-        _add_checks(figure, outcome.checks)
+    film, outcome = result.identified.film, result.identified.outcome
+    marks = [_thresholds(outcome.checks)] if outcome.checks else []
+    if not outcome.checks:
+        marks.append(band(film.time, film.mass[:, 2], film.std[:, 0], "orange", _BAND))
+    marks.append(line(film.time, film.mass[:, 0], _TRUE, "red", width=2.0, dashed=True))
+    marks.append(line(film.time, film.mass[:, 1], _CONTROLLER, "blue", width=2.2))
+    marks += _checks(outcome.checks)
     masses = np.concatenate([film.mass[:, 0], [check.mass for check in outcome.checks]])
-    figure.update_yaxes(title_text="trunk with load [kg]", range=[masses.min() - 2.0, masses.max() + 2.0])
-    return _over_time(figure, result, 380, window=_window(result))
+    limits = float(masses.min() - 2.0), float(masses.max() + 2.0)
+    panel = Panel(Axis(), Axis("trunk with load [kg]", limits=limits), tuple(marks))
+    return _over_time("Mass", [panel], result, note, window=_window(result))
+
+
+def com_figure(result: DemoResult, note: str = "") -> Figure:
+    """The trunk's centre of mass: true, in controller and planner, and as weighed, with its band."""
+    film, panels = result.identified.film, []
+    for axis, label in enumerate("xy"):
+        values = 100.0 * film.trunk_com[:, :, axis]
+        marks = [
+            band(film.time, values[:, 2], 100.0 * film.std[:, 1 + axis], "orange", _BAND),
+            line(film.time, values[:, 0], _TRUE, "red", width=2.0, dashed=True),
+            line(film.time, values[:, 1], _CONTROLLER, "blue", width=2.2),
+        ]
+        if not result.settings.nonstop:
+            marks.append(line(film.time, values[:, 2], "weighing", "orange", width=2.2))
+        limits = float(values[:, :2].min() - 1.0), float(values[:, :2].max() + 1.0)
+        panels.append(Panel(Axis(), Axis(f"{label} [cm]", limits=limits), tuple(marks)))
+    return _over_time("Centre of mass of the trunk with its load", panels, result, note, window=_window(result))
+
+
+def force_figure(run: DemoRun, result: DemoResult, note: str = "") -> Figure:
+    """The ground's vertical forces on the feet."""
+    names = ("LF", "RF", "LH", "RH")
+    marks = tuple(
+        line(run.film.time, run.film.force[:, leg], name, LEGS[leg], width=1.4) for leg, name in enumerate(names)
+    )
+    panel = Panel(Axis(), Axis("vertical force [N]"), marks)
+    return _over_time(f"Forces on the feet, {run.name}", [panel], result, note, run)
+
+
+def _thresholds(checks: Sequence[LoadCheck]) -> Series:
+    time = np.array([check.time for check in checks])
+    expected, threshold = (np.array([getattr(c, name) for c in checks]) for name in ("expected", "threshold"))
+    return band(time, expected, np.minimum(threshold, 5.0) / 2.0, "steel", "not a change")
+
+
+def _checks(checks: Sequence[LoadCheck]) -> list[Series]:
+    found = []
+    for changed, marker, colour, name in (
+        (False, "ring", "steel", "check at rest"),
+        (True, "diamond", "orange", "check: the load has changed"),
+    ):
+        chosen = [check for check in checks if check.changed == changed]
+        if chosen:
+            time, mass = np.array([c.time for c in chosen]), np.array([c.mass for c in chosen])
+            size = 12.0 if changed else 7.0
+            found.append(Series(time, mass, name, colour, 0.0, marker=marker, size=size))  # type: ignore[arg-type]
+    return found
 
 
 def _window(result: DemoResult) -> tuple[float, float] | None:
@@ -72,96 +107,22 @@ def _window(result: DemoResult) -> tuple[float, float] | None:
     return max(at - before, 0.0), min(at + after, result.settings.seconds)
 
 
-def _add_thresholds(figure: go.Figure, checks: Sequence[LoadCheck]) -> None:
-    time = np.array([check.time for check in checks])
-    expected, threshold = (np.array([getattr(c, name) for c in checks]) for name in ("expected", "threshold"))
-    wide = np.minimum(threshold, 5.0)
-    figure.add_scatter(
-        x=short(np.concatenate([time, time[::-1]])),
-        y=short(np.concatenate([expected + wide, (expected - wide)[::-1]])),
-        fill="toself",
-        fillcolor="rgba(154,164,178,0.22)",
-        line={"width": 0},
-        name="not a change",
-        hoverinfo="skip",
-    )
-
-
-def _add_checks(figure: go.Figure, checks: Sequence[LoadCheck]) -> None:
-    for changed, symbol, colour, name in (
-        (False, "circle-open", _STEEL, "check at rest"),
-        (True, "diamond", _ORANGE, "check: the load has changed"),
-    ):
-        chosen = [check for check in checks if check.changed == changed]
-        figure.add_scatter(
-            x=short(np.array([check.time for check in chosen])),
-            y=short(np.array([check.mass for check in chosen])),
-            mode="markers",
-            marker={"symbol": symbol, "color": colour, "size": 12 if changed else 7, "line": {"width": 1.5}},
-            name=name,
-        )
-
-
-def com_figure(result: DemoResult) -> go.Figure:
-    """The trunk's centre of mass: true, in controller and planner, and as weighed, with its band."""
-    figure, film = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.07), result.identified.film
-    looks = (*_LOOKS, ("weighing", {"color": _ORANGE, "width": 2.2}))
-    for axis, label in enumerate("xy"):
-        place = {"row": axis + 1, "col": 1}
-        values = 100.0 * film.trunk_com[:, :, axis]
-        add_band(figure, film.time, values[:, 2], 100.0 * film.std[:, 1 + axis], **_BAND, showlegend=axis == 0, **place)
-        for which, (name, line) in enumerate(looks[: 2 if result.settings.nonstop else 3]):
-            figure.add_scatter(
-                x=short(film.time),
-                y=short(values[:, which]),
-                line=line,
-                name=name,
-                legendgroup=name,
-                showlegend=axis == 0,
-                **place,
-            )
-        low, high = values[:, :2].min() - 1.0, values[:, :2].max() + 1.0
-        figure.update_yaxes(title_text=f"{label} [cm]", range=[low, high], row=axis + 1, col=1)
-    return _over_time(figure, result, 460, window=_window(result))
-
-
-def force_figure(run: DemoRun, result: DemoResult) -> go.Figure:
-    """The ground's vertical forces on the feet."""
-    figure = go.Figure()
-    for leg, (name, colour) in enumerate(_LEGS):
-        figure.add_scatter(
-            x=short(run.film.time), y=short(run.film.force[:, leg]), line={"color": colour, "width": 1.4}, name=name
-        )
-    figure.update_yaxes(title_text="vertical force [N]")
-    return _over_time(figure, result, 340, run)
-
-
 def _over_time(
-    figure: go.Figure,
+    title: str,
+    panels: list[Panel],
     result: DemoResult,
-    height: int,
+    note: str,
     run: DemoRun | None = None,
     window: tuple[float, float] | None = None,
-) -> go.Figure:
+) -> Figure:
     """Time axes, all of it or a window [s] to begin with, the load, and what the supervisor did meanwhile."""
     outcome = (run or result.identified).outcome
     longest = max(run.outcome.seconds for run in result.runs)
-    for begin, end, state in _spans(outcome):
-        if state in _SHADES:
-            figure.add_vrect(x0=begin, x1=end, fillcolor=_SHADES[state], line_width=0, layer="below")
-        if state is State.WEIGHING:
-            _mark(figure, begin, " noticed", _GREEN, "left")
-    _mark(figure, result.settings.load_at, "load ", _ORANGE, "right")
-    figure.update_xaxes(range=[0.0, longest] if window is None else window)
-    figure = styled(figure, height)
-    rows = len({trace.xaxis for trace in figure.data if trace.xaxis}) or 1
-    figure.update_xaxes(title_text="time [s]", row=rows if rows > 1 else None, col=1 if rows > 1 else None)
-    return figure
-
-
-def _mark(figure: go.Figure, time: float, name: str, colour: str, side: str) -> None:
-    annotation = {"text": name, "font": {"color": colour}, "yanchor": "bottom", "y": 1.0, "xanchor": side}
-    figure.add_vline(x=time, line={"color": colour, "width": 2}, annotation=annotation)
+    guides = [Guide(a, b, colour=_SHADES[state]) for a, b, state in _spans(outcome) if state in _SHADES]
+    guides += [Guide(a, colour="green", name="noticed") for a, _, state in _spans(outcome) if state is State.WEIGHING]
+    guides.append(Guide(result.settings.load_at, name="load"))
+    time = Axis("time [s]", limits=window or (0.0, longest))
+    return stacked(title, [replace(p, x=time, guides=(*p.guides, *guides)) for p in panels], note, 300.0, moves=True)
 
 
 def _spans(outcome: LoadedWalkOutcome) -> list[tuple[float, float, State]]:

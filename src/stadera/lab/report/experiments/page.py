@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from stadera.lab.experiments.result import ExperimentResult, Skipped
 from stadera.lab.report.experiments.bounds import compared_records, outcome, record_table
-from stadera.lab.report.experiments.plots import panels_figure
-from stadera.report.page import Plot, render
+from stadera.report.page import render
 
 
 def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
@@ -44,6 +43,6 @@ def _experiment(result: ExperimentResult) -> dict[str, object]:
         "facts": result.facts,
         "tables": tables,
         "coloured": next((table for table in tables if table.has_verdicts), None),
-        "plots": [Plot(figure.title, panels_figure(figure), figure.note) for figure in result.figures],
+        "plots": list(result.figures),
         "notes": result.notes,
     }

@@ -1,0 +1,5 @@
+"""Figures as plain values, drawn as SVG (pages), by Plotly (what can be zoomed) and by Matplotlib (papers)."""
+
+from stadera.report.figures.model import Axis, Bars, Figure, Guide, Panel, Series, band, line, stacked
+
+__all__ = ["Axis", "Bars", "Figure", "Guide", "Panel", "Series", "band", "line", "stacked"]

@@ -1,0 +1,249 @@
+"""A figure as plain values: panels of curves, bars and guides. Who draws it is no matter of who makes it.
+
+Colours are names of `stadera.report.look.COLOURS`, so that a page can be dark and a paper white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import StaderaError
+from stadera.report.look import COLOURS
+from stadera.types import Array
+
+_MOST = 1000  # samples of one curve: about one a pixel
+_GAP = 2.5  # a step of more than this many usual ones is drawn as a break
+
+Marker = Literal["", "dot", "ring", "diamond", "plus", "cross"]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A curve, markers, or an area.
+
+    Attributes:
+        x, y: (k,); NaN breaks a line.
+        name: in the legend; empty for none. Series of one name are one entry, and are switched together.
+        colour: of `COLOURS`.
+        width: of the line [px]; 0 for none.
+        dashed: whether the line is.
+        stairs: whether y holds until the next x, or for bins around x ("hold", "bins"); "" for straight lines.
+        fill: "self" fills the outline, "zero" down to the axis.
+        marker, size: of the points; size [px] one, or one a point.
+        labels: a text at each point; empty for none.
+        x_range, y_range: ((k,), (k,)), lower and upper end of error bars; None for none.
+        hidden: whether it is drawn only when asked for.
+
+    Raises:
+        StaderaError: x and y of different length, or a colour that is not there.
+    """
+
+    x: Array
+    y: Array
+    name: str = ""
+    colour: str = "blue"
+    width: float = 1.6
+    dashed: bool = False
+    stairs: Literal["", "hold", "bins"] = ""
+    fill: Literal["", "self", "zero"] = ""
+    marker: Marker = ""
+    size: float | Array = 7.0
+    labels: tuple[str, ...] = ()
+    x_range: tuple[Array, Array] | None = None
+    y_range: tuple[Array, Array] | None = None
+    hidden: bool = False
+
+    def __post_init__(self) -> None:
+        if np.shape(self.x) != np.shape(self.y):
+            raise StaderaError(f"curve {self.name!r}: x of shape {np.shape(self.x)}, y of {np.shape(self.y)}")
+        _check_colour(self.colour)
+
+    def path(self) -> tuple[Array, Array]:
+        """What is drawn as a line, stairs in full, (n,) each."""
+        x, y = np.asarray(self.x, dtype=float), np.asarray(self.y, dtype=float)
+        if self.stairs == "bins" and len(x) > 1:
+            middle = 0.5 * (x[1:] + x[:-1])
+            edges = np.concatenate([[x[0] - (middle[0] - x[0])], middle, [x[-1] + (x[-1] - middle[-1])]])
+            x, y = np.repeat(edges, 2)[1:-1], np.repeat(y, 2)
+        elif self.stairs == "hold":
+            x, y = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
+        return x, y
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """Horizontal bars, one a category of the y axis (k,), NaN for none; several are drawn next to each other."""
+
+    values: Array
+    name: str
+    colour: str = "blue"
+
+    def __post_init__(self) -> None:
+        _check_colour(self.colour)
+
+
+@dataclass(frozen=True)
+class Guide:
+    """A line across the panel at `begin`, or with `end` a shaded range.
+
+    Attributes:
+        begin, end: on the axis; end None for a line.
+        of: the axis that they are on.
+        colour: of `COLOURS`.
+        name: in the legend; empty for none.
+    """
+
+    begin: float
+    end: float | None = None
+    of: Literal["x", "y"] = "x"
+    colour: str = "orange"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _check_colour(self.colour)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a panel.
+
+    Attributes:
+        title: with its unit in square brackets.
+        log: whether it is logarithmic.
+        labels: categories at 0, 1, 2, ...; empty for a quantity.
+        limits: what is shown; None for all that there is.
+        zero: whether it shows zero.
+    """
+
+    title: str = ""
+    log: bool = False
+    labels: tuple[str, ...] = ()
+    limits: tuple[float, float] | None = None
+    zero: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One pair of axes.
+
+    Attributes:
+        x, y: its axes; y runs downwards where it has categories.
+        marks: from the back to the front.
+        guides: behind them.
+        title: above it.
+        equal: whether a unit of x is as long as one of y.
+        share: of the width, beside others.
+    """
+
+    x: Axis
+    y: Axis
+    marks: tuple[Series | Bars, ...]
+    guides: tuple[Guide, ...] = ()
+    title: str = ""
+    equal: bool = False
+    share: float = 1.0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is drawn in it."""
+        return not self.marks
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """Panels in rows.
+
+    Attributes:
+        title: above it, and its label for screen readers.
+        rows: panels beside each other, row by row.
+        note: how to read it.
+        row_height: of a panel [px].
+        moves: whether it can be zoomed and read off on pages; else it stands still.
+        shared: whether all panels of a column have one x axis, with its title below the last.
+    """
+
+    title: str
+    rows: tuple[tuple[Panel, ...], ...]
+    note: str = ""
+    row_height: float = 260.0
+    moves: bool = False
+    shared: bool = field(default=False, kw_only=True)
+
+    @property
+    def panels(self) -> tuple[Panel, ...]:
+        """All, row by row."""
+        return tuple(panel for row in self.rows for panel in row)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to draw."""
+        return all(panel.is_empty for panel in self.panels)
+
+    @property
+    def entries(self) -> dict[str, Series | Bars | Guide]:
+        """The legend: by name, the first that has it."""
+        named: dict[str, Series | Bars | Guide] = {}
+        for panel in self.panels:
+            for mark in (*panel.marks, *panel.guides):
+                if mark.name:
+                    named.setdefault(mark.name, mark)
+        return named
+
+
+def stacked(title: str, panels: Sequence[Panel], note: str = "", height: float = 190.0, moves: bool = False) -> Figure:
+    """Panels one below the other over one x axis, whose title is below the last."""
+    last = len(panels) - 1
+    rows = tuple(
+        (panel if k == last else replace(panel, x=replace(panel.x, title="")),) for k, panel in enumerate(panels)
+    )
+    return Figure(title, rows, note, height, moves, shared=True)
+
+
+def line(x: Array, y: Array, name: str, colour: str = "blue", **look: object) -> Series:
+    """A curve, thinned to what a plot can show, with a break where x jumps."""
+    return Series(*_thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float)), name, colour, **look)  # type: ignore[arg-type]
+
+
+def band(x: Array, value: Array, std: Array, colour: str = "blue", name: str = "± 2 standard deviations") -> Series:
+    """A band of two standard deviations around a value over x (k,), interrupted where either is not known."""
+    every = slice(None, None, max(1, -(-len(x) // _MOST)))
+    x, value, std = (np.asarray(values, dtype=float)[every] for values in (x, value, std))
+    return Series(*_outlines(x, value + 2.0 * std, value - 2.0 * std), name, colour, width=0.0, fill="self")
+
+
+def _thinned(x: Array, y: Array) -> tuple[Array, Array]:
+    every = max(1, -(-len(x) // _MOST))
+    x, y = x[::every], y[::every]
+    jumps = _jumps(x)
+    return np.insert(x, jumps, x[jumps - 1]), np.insert(y, jumps, np.nan)
+
+
+def _jumps(x: Array) -> NDArray[np.intp]:
+    """Where x goes on after a gap."""
+    steps = np.diff(x)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return np.flatnonzero(steps > _GAP * usual) + 1 if usual > 0.0 else np.zeros(0, dtype=np.intp)
+
+
+def _outlines(x: Array, high: Array, low: Array) -> tuple[Array, Array]:
+    """Outlines of a band over x (k,), one for each stretch in which it is known and x does not jump, NaN between."""
+    known, jumps = np.isfinite(high) & np.isfinite(low), np.zeros(len(x) + 1, dtype=bool)
+    jumps[_jumps(x)] = True
+    starts = np.flatnonzero(known & (~np.concatenate([[False], known[:-1]]) | jumps[:-1]))
+    stops = np.flatnonzero(known & (~np.concatenate([known[1:], [False]]) | jumps[1:])) + 1
+    xs: list[Array] = []
+    ys: list[Array] = []
+    for a, b in zip(starts, stops, strict=True):
+        xs += [x[a:b], x[a:b][::-1], np.array([np.nan])]
+        ys += [high[a:b], low[a:b][::-1], np.array([np.nan])]
+    return (np.concatenate(xs), np.concatenate(ys)) if xs else (np.zeros(0), np.zeros(0))
+
+
+def _check_colour(name: str) -> None:
+    if name not in COLOURS:
+        raise StaderaError(f"no colour {name!r}; colours: {', '.join(COLOURS)}")
