@@ -12,7 +12,7 @@ import pytest
 
 import stadera
 
-HEAVY = ("mujoco", "plotly", "pyarrow", "cvxpy", "rosbags", "proxsuite", "jinja2")
+HEAVY = ("mujoco", "matplotlib", "pyarrow", "cvxpy", "rosbags", "proxsuite", "jinja2")
 
 
 def fresh(code: str) -> str:

@@ -1,6 +1,6 @@
 """Names that are imported when first used, and packages that can be called as the function they are named after.
 
-Importing stadera must not import what the caller does not use: MuJoCo, plotly and pyarrow take seconds together.
+Importing stadera must not import what the caller does not use: MuJoCo, cvxpy and pyarrow take seconds together.
 """
 
 from __future__ import annotations

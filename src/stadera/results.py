@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from stadera.errors import MissingExtraError, UnknownNameError
+from stadera.errors import MissingExtraError
 from stadera.files import write_text, written_together
 
 if TYPE_CHECKING:
@@ -62,13 +62,9 @@ class Result(ABC):
         Raises:
             UnknownNameError: no figure of that name. MissingExtraError: Matplotlib is not installed.
         """
-        from stadera.report.figures.paper import draw
+        from stadera.report.figures.paper import drawn
 
-        figures = self.to_figures()
-        name = next(iter(figures), "") if which is None else which
-        if name not in figures:
-            raise UnknownNameError("figure", name, tuple(figures))
-        return draw(figures[name])
+        return drawn(self.to_figures(), which)
 
     def save_json(self, path: str | PathLike[str]) -> None:
         """Writes `to_dict` as JSON."""
@@ -82,8 +78,9 @@ class Result(ABC):
 
     def save_figure(self, path: str | PathLike[str], which: str | None = None) -> None:
         """Writes a figure as .pdf, .png or .svg. Errors as `plot`, and StaderaError for another suffix."""
-        from stadera.report.figures.paper import save
+        from stadera.report.figures.paper import check_figure, save
 
+        check_figure(path)
         with written_together([path]) as (draft,):
             save(self.plot(which), draft)
 

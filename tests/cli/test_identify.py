@@ -58,6 +58,7 @@ def test_json_has_the_contracts_keys(everything):
     found = json.loads(everything.json.read_text())
     assert {"robot", "links", "joints", "rank", "parameters", "physical", "rmse"} <= found.keys()
     assert found["robot"] == "hyq"
+    assert found["frames"]["inertia_about"] == "frame origin"
     assert tuple(found["joints"]) == JOINTS
     for link in found["links"].values():
         assert set(link) == {"mass", "com", "inertia"}

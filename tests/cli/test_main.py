@@ -38,7 +38,7 @@ def test_bad_usage_is_exit_2(run, arguments):
 
 @pytest.mark.parametrize("command", ["identify", "weigh", "inspect", "excite", "simulate", "demo", "reproduce"])
 def test_help_loads_nothing_heavy(command):
-    heavy = ("cvxpy", "plotly", "jinja2", "pinocchio", "mujoco", "scipy", "pyarrow", "rich", "numpy")
+    heavy = ("cvxpy", "matplotlib", "jinja2", "pinocchio", "mujoco", "scipy", "pyarrow", "rich", "numpy")
     code = (
         "import sys\n"
         "from stadera.cli import main\n"
@@ -86,7 +86,7 @@ def test_what_a_terminal_shows_needs_neither_plots_nor_pages():
         "import sys\n"
         "import stadera.report.excite.terminal, stadera.report.identify.terminal\n"
         "import stadera.report.inspect, stadera.report.weigh.terminal\n"
-        "print([name for name in ('plotly', 'jinja2') if name in sys.modules])"
+        "print([name for name in ('matplotlib', 'jinja2') if name in sys.modules])"
     )
     finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert finished.stdout.strip() == "[]"

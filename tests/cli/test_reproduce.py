@@ -14,7 +14,7 @@ import pytest
 from stadera.identify.observability import Identifiability
 from stadera.lab.experiments import Experiment, ExperimentResult, Record, registry
 from stadera.lab.experiments.legs.real_logs import MissingDataError
-from stadera.lab.experiments.result import FigureData, Line, Panel
+from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, TableData
 
 KEYS = {"experiment", "case", "metric", "unit", "value", "paper", "bound", "met"}
@@ -26,14 +26,14 @@ def _result(value: float) -> ExperimentResult:
         ("", "mass [kg]"),
         (("upper leg", ((Cell("identified"), Cell("2.63", Identifiability.PARTIAL)),)),),
     )
-    line = Line("measured", "measured", np.linspace(0.0, 1.0, 50), np.linspace(0.0, 2.0, 50))
+    curve = line(np.linspace(0.0, 1.0, 50), np.linspace(0.0, 2.0, 50), "measured")
     return ExperimentResult(
         "mini",
         "A small experiment",
         "What was done.",
         (Record("mini", {"leg": "RH"}, "error", "m", value, paper=2.0, bound=1.0), Record("mini", {}, "rank", "1", 17)),
         (table,),
-        (FigureData("Torques", (Panel("hip", "time [s]", "torque [N·m]", (line,)),)),),
+        (Figure("Torques", ((Panel(Axis("time [s]"), Axis("torque [N·m]"), (curve,), title="hip"),),)),),
     )
 
 
@@ -58,7 +58,7 @@ def test_quick_table_1_from_end_to_end(run: Callable[..., Any], tmp_path: Path) 
     assert {r["experiment"] for r in records} == {"table1"}
     page = (tmp_path / "t.html").read_text()
     assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", page)  # nothing is loaded
-    assert page.count('class="plot"') == 2
+    assert (page.count('class="plot"'), page.count('class="drawn"')) == (1, 1)
 
 
 @pytest.mark.parametrize(("value", "met", "words"), [(0.5, True, "all 1 bounds met"), (1.5, False, "NOT met")])

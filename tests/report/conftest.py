@@ -10,9 +10,14 @@ import pytest
 from stadera.identify.legs import identify
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
+from stadera.inertia import InertialParameters
 from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
+from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.result import TrunkParameters
+from stadera.trust import Trust
+from stadera.weigh.result import Balance, Refusal, Timeline, Vertical, Weighing
 
 NOISE = 0.1  # N·m
 
@@ -44,3 +49,64 @@ def result() -> Identification:
     (leg,) = found.legs
     warned = replace(leg, warnings=("one joint's rotor inertia is poorly told apart",))
     return replace(found, legs=(warned,), warnings=("2 % of the torques are at the joint's limit",))
+
+
+BOX = InertialParameters.from_com(8.0, [-0.2, 0.1, 0.15], [[0.3, 0.04, -0.02], [0.04, 0.5, 0.01], [-0.02, 0.01, 0.6]])
+
+
+def _timeline(time: np.ndarray, robot: Robot, rest: bool) -> Timeline:
+    after = time > 4.0
+    mass = robot.inertias[robot.trunk].mass + 8.0 * after
+    com = np.full((len(time), 3), np.nan)
+    com[:, 0], com[:, 1] = 0.05 - 0.03 * after, 0.02 + 0.01 * after
+    payload = np.column_stack([np.where(time > 3.0, 8.0 * after, np.nan), np.where(time > 3.0, 0.1, np.nan)])
+    load = None if not rest else np.outer(np.ones(len(time)), [200.0, 210.0, 190.0, 180.0])
+    return Timeline(time, mass, np.full(len(time), 0.5), com, np.full((len(time), 3), 0.002), payload, load)
+
+
+@pytest.fixture(scope="session")
+def weighed() -> Weighing:
+    """In motion, with a tare; inertias of trunk and payload observed."""
+    robot = load_robot("hyq")
+    whole = robot.inertias[robot.trunk] + BOX
+    trunk = TrunkParameters(whole, np.diag([0.5, 0.002, 0.002, 0.01]) ** 2, np.full(6, 0.1), np.ones(10, dtype=bool))
+    payload = Payload.of_parameters(BOX.vector, np.diag([0.1, *[0.01] * 3, *[0.02] * 6]) ** 2, 0.1)
+    return Weighing(
+        robot,
+        "walk <1> & co.csv",
+        "walking",
+        "converged",
+        Trust("doubtful", 2.5, {"LF": 2.0}, ("friction of 'lf_kfe_joint' is not in the model",)),
+        trunk,
+        9.9,
+        payload,
+        (LoadChange(4.0, 4.1, 8.0, 0.1, "on"),),
+        _timeline(np.arange(0.1, 10.0, 0.1), robot, rest=False),
+        (Refusal(0.0, 0.1, "too few samples"),),
+        0.0,
+        10.0,
+        (0.004, 0.001),
+        notes=("the IMU is at the trunk's origin",),
+    )
+
+
+@pytest.fixture(scope="session")
+def rested(weighed: Weighing) -> Weighing:
+    """At rest: no inertia, no height."""
+    robot, prior = weighed.robot, weighed.robot.inertias[weighed.robot.trunk]
+    std = np.array([0.5, 0.002, 0.003, np.nan])
+    trunk = TrunkParameters(prior, np.diag(std**2), np.full(6, np.nan), np.array([*[True] * 3, *[False] * 7]))
+    feet = np.array([[0.37, 0.2, -0.6], [0.37, -0.2, -0.6], [-0.37, 0.2, -0.6], [-0.37, -0.2, -0.6]])
+    force, stance = np.array([200.0, 210.0, 190.0, 180.0]), np.ones(4, dtype=bool)
+    balance = Balance(np.eye(3), feet, stance, force, force @ feet[:, :2] / force.sum(), np.array([0.02, 0.01]))
+    return replace(
+        weighed,
+        method="contact",
+        trust=Trust("good", 1.0),
+        trunk=trunk,
+        payload=None,
+        timeline=replace(_timeline(np.arange(0.1, 10.0, 0.25), robot, rest=True), payload=None),
+        torque_lag=None,
+        balance=balance,
+        vertical=Vertical("imu", np.array([0.0, 0.0, 1.0]), np.full(3, 0.003)),
+    )

@@ -56,6 +56,17 @@ def test_observed_from_three_deviations_on() -> None:
     assert found == pytest.approx(TENSOR, abs=1e-12)
 
 
+def test_deviations_of_the_inertia_about_the_centre_of_mass() -> None:
+    found = payload(scale=1e-3)
+    h = 1e-6
+
+    def tensor(vector: np.ndarray) -> np.ndarray:
+        return InertialParameters(vector).inertia_com[np.triu_indices(3)]
+
+    slope = np.array([(tensor(BOX.vector + h * e) - tensor(BOX.vector - h * e)) / (2 * h) for e in np.eye(10)])
+    assert found.inertia_std == pytest.approx(1e-3 * np.linalg.norm(slope.T @ SHAPE, axis=1), rel=1e-5)
+
+
 def test_a_tensor_no_body_has_is_a_point_mass() -> None:
     impossible = InertialParameters.from_com(8.0, COM, np.diag([0.1, 0.1, 0.5]))
     assert payload(impossible, 1e-3).inertia is None
@@ -72,8 +83,9 @@ def test_the_link_says_which_it_is() -> None:
     assert blurred.com_covariance[:2, :2] == pytest.approx(known)
     link = payload_link(blurred, np.array([0.0, 0.0, 0.03]))
     assert link.body.com == pytest.approx([-0.2, 0.1, 0.03])
-    assert (link.tensor == 0.0).all()
-    assert "a point mass" in link.note
+    cube = link.body.mass * 0.1**2 / 6.0
+    assert link.tensor == pytest.approx(np.diag([cube] * 3), abs=1e-12)
+    assert "inertia NOT observed, and assumed to be that of a cube of 0.1 m" in link.note
     assert "z was not observed" in link.note
     with pytest.raises(IdentificationError, match="no payload to write"):
         payload_link(replace(sure, mass=0.0), np.zeros(3))

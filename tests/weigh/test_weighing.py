@@ -264,11 +264,19 @@ def test_outputs(tmp_path: Path) -> None:
     assert "payload: 6." in repr(found) or "payload: 5.9" in repr(found)
     found.save_json(tmp_path / "found.json")
     plain = json.loads((tmp_path / "found.json").read_text())
-    assert set(plain["payload"]) == {"mass", "com", "com_covariance", "inertia", "frame", "inertia_about"}
+    assert set(plain["payload"]) == {
+        "mass",
+        "com",
+        "com_covariance",
+        "inertia",
+        "inertia_std",
+        "frame",
+        "inertia_about",
+    }
     assert plain["payload"]["frame"] == HYQ.trunk
     assert plain["trust"]["verdict"] == found.trust.verdict
     found.save_html(tmp_path / "found.html")
-    assert "Payload since the tare" in (tmp_path / "found.html").read_text()
+    assert "payload since the tare" in (tmp_path / "found.html").read_text()
     found.save_urdf(tmp_path / "found.urdf")
     assert load_robot(tmp_path / "found.urdf").inertias[HYQ.trunk].mass == pytest.approx(found.mass, rel=1e-9)
     pytest.importorskip("pandas")

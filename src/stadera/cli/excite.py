@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from stadera.cli.options import JsonFile, ReportFile, RobotName
-from stadera.cli.outputs import check_outputs, check_report, check_table, json_of, text_of, write_outputs
+from stadera.cli.options import FigureFiles, JsonFile, LatexFile, ReportFile, RobotName
+from stadera.cli.outputs import (
+    check_outputs,
+    check_report,
+    check_table,
+    figure_files,
+    json_of,
+    page_of,
+    text_of,
+    write_outputs,
+)
 from stadera.cli.terminal import progress, show
-
-if TYPE_CHECKING:
-    from stadera.excite.result import Excitation
 
 
 def excite(
@@ -35,44 +41,38 @@ def excite(
     ] = None,
     report: ReportFile = None,
     json: JsonFile = None,
+    figure: FigureFiles = None,
+    latex: LatexFile = None,
 ) -> None:
     """Design the motion of one leg in the air, trunk on a stand, that is most informative about its parameters.
 
     Optimised within the joints' position, velocity and torque limits, clear of trunk, other legs and ground as far
     as the model has shapes; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
     """
-    from stadera.excite.design import ExciteSettings
+    from stadera.excite.design import ExciteSettings, motion_table
     from stadera.excite.design import excite as design
+    from stadera.logs import write_table
     from stadera.report.excite.terminal import excitation_tables
     from stadera.robot import load_robot
 
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
-    check_outputs((out, report, json))
+    figures = figure_files(figure)
+    check_outputs((out, report, json, latex, *(file.path for file in figures)))
     check_report(report)
     if out is not None:
         check_table(out)
     with progress() as watch:
         result = design(load_robot(robot), leg, settings, watch)
-    _write(result, out, report, json, leg_only)
-    show(*excitation_tables(result))
-
-
-def _write(result: Excitation, out: Path | None, report: Path | None, json: Path | None, leg_only: bool) -> None:
-    """All outputs or none."""
-    from stadera.excite.design import motion_table
-    from stadera.logs import write_table
 
     def table(draft: Path) -> None:
-        reference = result.chosen.motion.sample(result.settings.rate)
+        reference = result.chosen.motion.sample(settings.rate)
         write_table(motion_table(result.experiment.bounds.robot, reference, whole=not leg_only), draft)
-
-    def page() -> str:
-        from stadera.report.excite.page import excitation_html
-
-        return excitation_html(result)
 
     write_outputs(
         (out, table),
-        (report, text_of(page)),
+        (report, page_of(result.to_html)),
         (json, json_of(result.to_dict)),
+        (latex, text_of(result.to_latex)),
+        *(file.output(result.to_figures) for file in figures),
     )
+    show(*excitation_tables(result))

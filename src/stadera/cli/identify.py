@@ -11,17 +11,19 @@ import typer
 from stadera.cli import parse
 from stadera.cli.options import (
     Columns,
+    FigureFiles,
     Force,
     ImuTopic,
     JointTopic,
     JsonFile,
+    LatexFile,
     LogOptions,
     PdGains,
     ReportFile,
     RobotName,
     Units,
 )
-from stadera.cli.outputs import ResultFiles
+from stadera.cli.outputs import ResultFiles, figure_files
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -72,6 +74,8 @@ def identify(
     pd: PdGains = None,
     json: JsonFile = None,
     report: ReportFile = None,
+    figure: FigureFiles = None,
+    latex: LatexFile = None,
     export: Annotated[
         Path | None, typer.Option(metavar="F.urdf", help="Write the model file with the identified values.")
     ] = None,
@@ -100,7 +104,7 @@ def identify(
         chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
     )
     model = load_robot(robot)
-    files = ResultFiles(json, report, export)
+    files = ResultFiles(json, report, export, figure_files(figure), latex)
     files.check(model)
     training = [reading.log(path) for path in logs]
     validation = [reading.log(path) for path in validate or ()]

@@ -19,8 +19,18 @@ RobotName = Annotated[
 ]
 JsonFile = Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")]
 ReportFile = Annotated[
-    Path | None, typer.Option("--report", metavar="F.html", help="Write a report to open in a browser.")
+    Path | None,
+    typer.Option("--report", metavar="F.html", help="Write a report to open in a browser; F.pdf by Chromium."),
 ]
+FigureFiles = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--figure",
+        metavar="[NAME=]F.pdf",
+        help="Draw a figure, .pdf, .png or .svg, the most telling or the one of that name; repeatable.",
+    ),
+]
+LatexFile = Annotated[Path | None, typer.Option("--latex", metavar="F.tex", help="Write the tables for LaTeX.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Give a result that is not to be trusted all the same, every figure marked.")
 ]

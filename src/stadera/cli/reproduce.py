@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.options import JsonFile, ReportFile, Scheduler, Workers, check_workers
-from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
+from stadera.cli.options import FigureFiles, JsonFile, LatexFile, ReportFile, Scheduler, Workers, check_workers
+from stadera.cli.outputs import (
+    FigureFile,
+    check_outputs,
+    check_report,
+    figure_files,
+    json_of,
+    page_of,
+    text_of,
+    write_outputs,
+)
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
     from stadera.lab.experiments.result import ExperimentResult, Skipped
+    from stadera.report.figures import Figure
+    from stadera.report.table import TableData
 
 
 def reproduce(
@@ -41,6 +53,8 @@ def reproduce(
     scheduler: Scheduler = None,
     json: JsonFile = None,
     report: ReportFile = None,
+    figure: FigureFiles = None,
+    latex: LatexFile = None,
 ) -> None:
     """Reproduce tables and figures of the paper, and compare them with their bounds.
 
@@ -56,22 +70,42 @@ def reproduce(
     from stadera.lab.report.experiments.terminal import experiment_renderables
 
     experiments = experiments_named(name)
-    check_outputs((json, report))
+    figures = figure_files(figure)
+    check_outputs((json, report, latex, *(file.path for file in figures)))
     check_report(report)
     results = []
     with progress() as watch:
         settings = ReproduceSettings(seed, quick, data, keep, seeds, Pool(workers, scheduler))
         for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
-    _write(results, json, report)
+    _write(results, json, report, latex, figures)
     for result in results:
         show(*experiment_renderables(result))
 
 
-def _write(results: list[ExperimentResult | Skipped], json: Path | None, report: Path | None) -> None:
-    """Both outputs or none."""
+def _write(
+    results: list[ExperimentResult | Skipped],
+    json: Path | None,
+    report: Path | None,
+    latex: Path | None,
+    figures: tuple[FigureFile, ...],
+) -> None:
+    """All outputs or none. Figures of several experiments have the experiment's name in front: fig6-figure-1."""
     from stadera.lab.experiments.result import ExperimentResult
     from stadera.lab.report.experiments.page import experiments_html
+    from stadera.report.latex import latex as latex_of
 
-    records = [r.to_dict() for result in results if isinstance(result, ExperimentResult) for r in result.records]
-    write_outputs((json, json_of(lambda: records)), (report, text_of(lambda: experiments_html(results))))
+    done = [result for result in results if isinstance(result, ExperimentResult)]
+    records = [record.to_dict() for result in done for record in result.records]
+
+    def drawn() -> Mapping[str, Figure | TableData]:
+        if len(done) == 1:
+            return done[0].to_figures()
+        return {f"{result.name}-{name}": shown for result in done for name, shown in result.to_figures().items()}
+
+    write_outputs(
+        (json, json_of(lambda: records)),
+        (report, page_of(lambda: experiments_html(results))),
+        (latex, text_of(lambda: latex_of(table for result in done for table in result.tables))),
+        *(file.output(drawn) for file in figures),
+    )

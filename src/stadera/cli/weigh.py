@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,10 +11,12 @@ import typer
 from stadera.cli import parse
 from stadera.cli.options import (
     Columns,
+    FigureFiles,
     Force,
     ImuTopic,
     JointTopic,
     JsonFile,
+    LatexFile,
     LogOptions,
     PdGains,
     ReportFile,
@@ -22,12 +25,13 @@ from stadera.cli.options import (
     Units,
     View,
 )
-from stadera.cli.outputs import ResultFiles
+from stadera.cli.outputs import ResultFiles, figure_files
 from stadera.cli.terminal import progress, show
 from stadera.cli.viewing import watching
 
 if TYPE_CHECKING:
     from stadera.logs import LogFile
+    from stadera.report.figures import Figure
     from stadera.robot import Robot
     from stadera.weigh.truth import Truth
 
@@ -69,6 +73,8 @@ def weigh(
     ] = None,
     json: JsonFile = None,
     report: ReportFile = None,
+    figure: FigureFiles = None,
+    latex: LatexFile = None,
     export: Annotated[
         Path | None,
         typer.Option(metavar="F.urdf", help="Write the model as weighed (URDF, MJCF), the payload as a link."),
@@ -90,7 +96,8 @@ def weigh(
     from stadera.weigh.weigh import weigh as weigh_log
 
     check_choice(method, springs)
-    model, files = robot_with_legs(robot, legs), ResultFiles(json, report, export)
+    files = ResultFiles(json, report, export, figure_files(figure), latex)
+    model = robot_with_legs(robot, legs)
     files.check(model)
     known = _truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:
@@ -111,9 +118,14 @@ def weigh(
 
         return weighing_html(result, known)
 
+    def figures() -> Mapping[str, Figure]:
+        from stadera.report.weigh.plots import figures as figures_of
+
+        return figures_of(result, known)
+
     from stadera.report.weigh.terminal import weighing_tables
 
-    files.write(result, page)
+    files.write(result, page, figures)
     show(*weighing_tables(result, known))
 
 

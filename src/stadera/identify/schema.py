@@ -59,6 +59,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "notes": list(result.notes),
         "warnings": list(result.warnings),
         "units": dict(_UNITS),
+        "frames": {"links": "each link's own", "inertia_about": "frame origin"},
     }
 
 
@@ -115,8 +116,6 @@ def _link(leg: LegIdentification, link: str, mark: dict[str, bool]) -> dict[str,
         "mass": _quantity(found[f"{link}.m"]) | mark,
         "com": [_quantity(q) | mark for q in leg.coms[link]],
         "inertia": {name: _quantity(found[f"{link}.I{name}"]) | mark for name in _INERTIA},
-        "frame": link,
-        "inertia_about": "frame origin",
     }
 
 

@@ -57,7 +57,7 @@ def _environment(package: str) -> Environment:
         "narrow": NARROW,
         "plotly": plotly,
     }
-    environment.filters |= {"number": number, "with_std": with_std, "commands": _commands, "swatch": _swatch}
+    environment.filters |= {"number": number, "with_std": with_std, "commands": commands, "swatch": _swatch}
     return environment
 
 
@@ -71,7 +71,7 @@ def _plot_library() -> Markup:
     return Markup((resources.files("stadera.report") / "vendor" / "plotly-basic.min.js").read_text(encoding="utf-8"))
 
 
-def _commands(sentence: str) -> Markup:
+def commands(sentence: str) -> Markup:
     """A sentence with what is between backquotes as code."""
     parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(sentence.split("`")))
     return Markup("").join(parts)

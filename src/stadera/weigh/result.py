@@ -217,7 +217,8 @@ class Weighing(Result):
         return weighing_dict(self)
 
     def to_dataframe(self) -> Any:
-        """The timeline as a pandas DataFrame: time [s], mass, mass_std [kg], com_x, com_x_std, ... [m].
+        """The timeline as a pandas DataFrame: time [s], mass, mass_std [kg], com_x, com_x_std, ... [m], and
+        where it was followed payload_mass, payload_mass_std [kg].
 
         Raises:
             StaderaError: pandas is not installed.

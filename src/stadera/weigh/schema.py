@@ -63,13 +63,15 @@ def quantity(value: float, std: float) -> dict[str, float | None]:
 
 def timeline_dict(line: Timeline) -> dict[str, Any]:
     """The timeline as plain values."""
+    payload = np.full((len(line.time), 2), np.nan) if line.payload is None else line.payload
     return {
         "time": plain(line.time),
         "mass": plain(line.mass),
         "mass_std": plain(line.mass_std),
         "com": [plain(com) for com in line.com],
         "com_std": [plain(std) for std in line.com_std],
-        "payload": None if line.payload is None else [plain(entry) for entry in line.payload],
+        "payload_mass": plain(payload[:, 0]),
+        "payload_mass_std": plain(payload[:, 1]),
     }
 
 
@@ -79,7 +81,7 @@ def timeline_frame(line: Timeline) -> Any:
     for k, axis in enumerate("xyz"):
         columns |= {f"com_{axis}": line.com[:, k], f"com_{axis}_std": line.com_std[:, k]}
     if line.payload is not None:
-        columns |= {"payload": line.payload[:, 0], "payload_std": line.payload[:, 1]}
+        columns |= {"payload_mass": line.payload[:, 0], "payload_mass_std": line.payload[:, 1]}
     return data_frame(columns)
 
 

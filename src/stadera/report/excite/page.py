@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from stadera.excite.result import Excitation
@@ -27,10 +29,12 @@ def excitation_html(result: Excitation) -> str:
     return render(
         "excite.html.j2",
         title=f"Excitation: {bounds.robot.name} {bounds.leg}",
-        verdict=verdict(result),
-        best=result.chosen,
-        combinations=len(result.combinations),
-        median_std=f"{number(100.0 * float(np.median(result.chosen.std)), 2)}",
+        headline=_answer(result),
+        level="note",
+        word="Within the limits",
+        why=verdict(result),
+        next=_next_steps(result),
+        cards=list(_cards(result)),
         worth=worth_table(result),
         stds=std_figure(result),
         limits=limits_table(result),
@@ -40,6 +44,34 @@ def excitation_html(result: Excitation) -> str:
         notes=bounds.clearance.notes,
         terms=_TERMS,
     )
+
+
+def _answer(result: Excitation) -> str:
+    best, known = result.chosen, len(result.combinations)
+    leg = result.experiment.bounds.leg
+    return (
+        f"{number(result.settings.duration)} s of this motion of {leg} determine {best.rank} of {known} combinations "
+        f"of its parameters better than CAD does."
+    )
+
+
+def _next_steps(result: Excitation) -> tuple[str, ...]:
+    robot, leg = result.experiment.bounds.robot.name, result.experiment.bounds.leg
+    play = f"`stadera excite --robot {robot} --leg {leg} --out motion.csv`"
+    optimum = ("Leave `--random` out for the optimum of the same length.",) if result.settings.random else ()
+    return (
+        *optimum,
+        f"Write the table that a controller plays, {play}, first slowly, with the trunk on a stand and the leg free.",
+        f"Record joint positions and torques, and identify: `stadera identify LOG --robot {robot} --legs {leg}`.",
+    )
+
+
+def _cards(result: Excitation) -> Iterator[dict[str, object]]:
+    """Arguments of the macro `card`."""
+    best, median = result.chosen, number(100.0 * float(np.median(result.chosen.std)), 2)
+    yield {"label": "Information gain", "figure": f"{best.gain:.1f}", "unit": "nat"}
+    yield {"label": "Combinations known", "figure": best.rank, "unit": f"of {len(result.combinations)}"}
+    yield {"label": "Standard deviation, median", "figure": median, "unit": "% of the prior's"}
 
 
 def _facts(result: Excitation) -> dict[str, str]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stadera.errors import MissingExtraError, StaderaError
+from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
 from stadera.report.figures.model import Bars, Figure, Guide, Panel, Series
 from stadera.report.look import light
 from stadera.report.table import Cell, TableData
+from stadera.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +43,18 @@ def save(drawn: Drawn, path: str | Path) -> None:
     check_figure(path)
     with _matplotlib().rc_context(_FONT):
         drawn.savefig(path, dpi=_DPI)
+
+
+def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) -> Drawn:
+    """The figure of that name, None for the first.
+
+    Raises:
+        UnknownNameError: there is none of that name. MissingExtraError: Matplotlib is not installed.
+    """
+    chosen = next(iter(figures), "") if name is None else name
+    if chosen not in figures:
+        raise UnknownNameError("figure", chosen, tuple(figures))
+    return draw(figures[chosen])
 
 
 def draw(shown: Figure | TableData) -> Drawn:
@@ -121,8 +135,8 @@ def _axes(place: Axes, panel: Panel) -> None:
         place.set_yticks(range(len(panel.y.labels)), panel.y.labels)
         place.set_ylim(len(panel.y.labels) - 0.5, -0.5)
     if panel.equal:
-        place.set_aspect("equal", adjustable="datalim")
-    place.grid(color=light("line"), linewidth=0.5)
+        place.set_aspect("equal", adjustable="box")
+    place.grid(color=light("line"), linewidth=0.5, axis="x" if panel.y.labels else "both")
     place.set_axisbelow(True)
     place.spines[["top", "right"]].set_visible(False)
 
@@ -159,30 +173,52 @@ def _series(place: Axes, series: Series) -> None:
         place.errorbar(series.x, series.y, **errors, fmt="none", ecolor=colour, elinewidth=0.9)
     if series.marker:
         face = "none" if series.marker in ("ring", "diamond") else colour
-        area = (0.55 * np.asarray(series.size)) ** 2
-        looks = {"facecolors": face, "edgecolors": colour} if series.marker not in ("plus", "cross") else {"c": colour}
-        place.scatter(series.x, series.y, s=area, marker=_MARKERS[series.marker], linewidths=1.1, label=name, **looks)  # type: ignore[arg-type]
-    for a, b, text in zip(series.x, series.y, series.labels or (), strict=False):
-        place.annotate(text, (a, b), (0, 9), textcoords="offset points", ha="center", fontsize=7)
+        look: dict[str, Any] = {"marker": _MARKERS[series.marker], "linewidths": 1.1}
+        look |= {"color": colour} if series.marker in ("plus", "cross") else {"facecolors": face, "edgecolors": colour}
+        place.scatter(series.x, series.y, s=_area(series.size), zorder=3, **look)
+        place.scatter([], [], s=_area(7.0), label=name, **look)  # the legend's, of a usual size
+    _labels(place, series)
+
+
+def _area(size: float | Array) -> Array:
+    """Of markers [pt²], from their diameters [px]."""
+    return np.asarray((0.5 * np.asarray(size)) ** 2)
+
+
+def _labels(place: Axes, series: Series) -> None:
+    """Texts outside of their markers, seen from the middle of all."""
+    if not series.labels:
+        return
+    middle, radius = float(np.mean(series.y)), 0.5 * np.sqrt(np.broadcast_to(_area(series.size), np.shape(series.x)))
+    for a, b, r, text in zip(series.x, series.y, radius, series.labels, strict=True):
+        side = 1.0 if b > middle else -1.0
+        at: dict[str, Any] = {"ha": "center", "va": "bottom" if side > 0.0 else "top", "fontsize": 7}
+        place.annotate(text, (a, b), (0.0, side * (r + 2.0)), textcoords="offset points", **at)
 
 
 # -- tables ---------------------------------------------------------------------------------------------------------
 def _table(table: TableData) -> Drawn:
-    rows = [row for _, group in table.groups for row in group]
-    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_WIDTH, 0.19 * (len(rows) + 3)), layout="constrained")
+    """Rows of texts, columns as wide as their longest, in the largest type that fits."""
+    rows = [tuple(map(_text, row)) for _, group in table.groups for row in group]
+    tints = [tuple(map(_tint, row)) for _, group in table.groups for row in group]
+    wide = [max(len(row[k]) for row in [table.head, *rows]) + 2 for k in range(len(table.head))]
+    left = np.concatenate([[0.0], np.cumsum(wide)]) / sum(wide)
+    size = min(8.0, 72.0 * _WIDTH / sum(wide) / 0.56)
+    tall = len(rows) + 1.2
+    drawn: Drawn = _matplotlib().figure.Figure(
+        figsize=(_WIDTH, 1.75 * size / 72.0 * (tall + 1.3)), layout="constrained"
+    )
     place = drawn.add_subplot()
+    place.set(xlim=(0.0, 1.0), ylim=(tall, 0.0))
     place.set_axis_off()
-    texts = [[_text(cell) for cell in row] for row in rows]
-    colours = [[_tint(cell) for cell in row] for row in rows]
-    made = place.table(texts, colours, colLabels=table.head, cellLoc="left", loc="center", edges="horizontal")
-    made.auto_set_font_size(False)
-    made.set_fontsize(7.5)
-    made.auto_set_column_width(list(range(len(table.head))))
-    for (row, _), cell in made.get_celld().items():
-        cell.set_edgecolor(light("steel" if row == 0 else "line"))
-        cell.set_facecolor(colours[row - 1][_] if row else light("paper"))
-        cell.visible_edges = "BT" if row == 0 else "B"
     place.set_title(table.title, loc="left")
+    for k, text in enumerate(table.head):
+        place.text(left[k] + 0.005, 0.6, text, size=size, va="center", weight="bold")
+    place.axhline(1.1, color=light("ink"), lw=0.8)
+    for r, (row, tint) in enumerate(zip(rows, tints, strict=True)):
+        for k, text in enumerate(row):
+            place.axhspan(r + 1.15, r + 2.1, left[k], left[k + 1], color=tint[k], lw=0.0)
+            place.text(left[k] + 0.005, r + 1.65, text, size=size, va="center")
     return drawn
 
 

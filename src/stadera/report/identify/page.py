@@ -71,7 +71,7 @@ def leg_table(result: Identification) -> TableData:
         "misfit",
         "physically possible",
     )
-    return TableData.of("", ("leg", *columns), rows)
+    return TableData.of("Legs at a glance", ("leg", *columns), rows)
 
 
 def _facts(result: Identification) -> dict[str, str]:

@@ -76,7 +76,7 @@ def joint_tables(leg: LegIdentification) -> Iterator[TableData]:
 def combination_table(leg: LegIdentification) -> TableData:
     """The combinations of parameters that this kind of motion can determine."""
     rows = [row(c.text, Quantity(c.prior, c.value, c.std, c.verdict, c.unit), "prior") for c in leg.combinations]
-    return quantity_table("", rows, "prior", "combination")
+    return quantity_table("Identifiable combinations of parameters", rows, "prior", "combination")
 
 
 def quantity_table(title: str, rows: list[tuple[Cell, ...]], prior: str = "CAD", name: str = "parameter") -> TableData:

@@ -1,0 +1,184 @@
+"""Pages: small, offline, the answer first, readable on a phone, in the dark and on paper."""
+
+from __future__ import annotations
+
+import html as markup
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import stadera
+from stadera.errors import StaderaError
+from stadera.excite.design import ExciteSettings
+from stadera.report import pdf
+from stadera.report.page import commands
+
+ROOT = Path(__file__).resolve().parents[2]
+VENDOR = ROOT / "src" / "stadera" / "report" / "vendor"
+CHROMIUM = next((found for name in pdf.BROWSERS if (found := shutil.which(name))), None)
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium or Chrome")
+
+
+@pytest.fixture(scope="module")
+def pages(result, weighed, rested) -> dict[str, str]:
+    drawn = stadera.excite("hyq", "RH", ExciteSettings(duration=10.0, random=True))
+    return {
+        "identify": result.to_html(),
+        "weigh": weighed.to_html(),
+        "rest": rested.to_html(),
+        "excite": drawn.to_html(),
+    }
+
+
+@pytest.mark.parametrize(("name", "most"), [("identify", 3.0), ("weigh", 1.5), ("rest", 1.5), ("excite", 0.5)])
+def test_size(pages, name: str, most: float) -> None:
+    assert len(pages[name].encode()) < most * 1e6
+
+
+def test_nothing_is_loaded(pages) -> None:
+    for page in pages.values():
+        assert not re.search(r"<(script|img|link|iframe|source|object|embed)\b[^>]*\b(src|href|data)\s*=", page)
+        style = re.search(r"<style>(.*?)</style>", page, re.DOTALL)
+        assert style is not None
+        assert not re.search(r"url\(|@import", style.group(1))
+
+
+def test_the_library_is_there_only_where_figures_move(pages) -> None:
+    assert [name for name, page in pages.items() if "plotly.js (basic" in page] == ["identify", "weigh", "rest"]
+    assert all("<noscript>" in pages[name] for name in ("identify", "weigh"))
+
+
+def test_the_bundled_library_is_the_one_that_is_named() -> None:
+    version = re.search(
+        r"plotly\.js \(basic - minified\) v([\d.]+)", (VENDOR / "plotly-basic.min.js").read_text()[:200]
+    )
+    assert version is not None
+    assert f"version {version.group(1)}" in (VENDOR / "README.md").read_text()
+    assert "MIT" in (VENDOR / "plotly-basic.LICENSE").read_text()
+
+
+@pytest.mark.parametrize("name", ["identify", "weigh", "rest", "excite"])
+def test_the_answer_comes_first_then_what_to_do_next(pages, name: str) -> None:
+    page = pages[name]
+    header = page[page.index("<header") : page.index("</header>")]
+    assert header.index('class="answer"') < header.index('class="badge"') < header.index("What to do next")
+    assert re.search(r'class="badge">[✓!✗] ', header)
+    assert "stadera " in header[header.index("What to do next") :]
+
+
+def test_the_weighing_s_sentence(pages) -> None:
+    said = re.search(r'class="answer">([^<]+)<', pages["weigh"])
+    assert said is not None
+    assert markup.unescape(said.group(1)).startswith("Payload 8.00 ± 0.10 kg; centre of mass x −0.2000 ± ")
+    assert "Trust: doubtful" in pages["weigh"]
+    assert "walk <1>" not in pages["weigh"]
+
+
+def test_inertia_has_unit_frame_and_point_of_reference(pages, weighed, rested) -> None:
+    assert "inertia [kg·m²]" in pages["weigh"]
+    assert "about the frame&#39;s origin" in pages["weigh"]
+    assert "payload, about its own centre of mass" in pages["weigh"]
+    assert "Inertia not observed: the trunk&#39;s" in pages["rest"]
+    found = weighed.to_dict()
+    assert (found["trunk"]["frame"], found["trunk"]["inertia_about"]) == ("trunk", "frame origin")
+    assert found["payload"]["inertia"]["xx"] == pytest.approx(0.3)
+    assert found["payload"]["inertia_std"]["xx"] > 0.02  # of Ixx alone, and the centre's besides
+    assert found["units"]["inertia"] == "kg·m²"
+
+
+def test_tables_are_named_for_screen_readers(pages) -> None:
+    for page in pages.values():
+        tables = page.count("<table")
+        assert tables == page.count("<caption") == page.count('role="region" tabindex="0"')
+        assert not re.search(r'<caption class="unseen">\s*</caption>', page)
+        assert len(re.findall(r'<svg viewBox="[^"]*" role="img" aria-label="[^"]+"', page)) == page.count(
+            "<svg viewBox"
+        )
+        assert page.count('class="plot" role="img" aria-label="') == page.count('class="plot"')
+
+
+def test_commands_in_sentences_are_code_and_escaped() -> None:
+    assert commands("run `a <b>` & go") == "run <code>a &lt;b&gt;</code> &amp; go"
+
+
+# -- in a browser -----------------------------------------------------------------------------------------------------
+MEASURE = """
+<script>addEventListener("load", () => setTimeout(() => {
+  const seen = {};
+  for (const frame of document.querySelectorAll("iframe")) {
+    const inside = frame.contentDocument, root = inside.documentElement;
+    const end = (css) => Math.round(inside.querySelector(css).getBoundingClientRect().bottom);
+    const wide = [...inside.querySelectorAll("main *")].filter((e) => !e.closest(".scroll, svg, .plot") &&
+      e.getBoundingClientRect().right > root.clientWidth + 1).map((e) => e.tagName + "." + e.className);
+    seen[frame.id] = {width: root.clientWidth, scroll: root.scrollWidth, answer: end(".answer"), badge: end(".badge"),
+      wide: wide, plots: inside.querySelectorAll(".plot .main-svg").length, ink: getComputedStyle(inside.body).color};
+  }
+  document.querySelector("pre").textContent = JSON.stringify(seen);
+}, 1500));</script>"""
+
+
+@pytest.fixture(scope="module")
+def measured(pages, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
+    """By page and width, what a browser makes of it."""
+    frames = "".join(
+        f'<iframe id="{name}-{width}" style="width:{width}px;height:900px;border:0" '
+        f'srcdoc="{markup.escape(page)}"></iframe>'
+        for name, page in pages.items()
+        for width in (1400, 390)
+    )
+    path = tmp_path_factory.mktemp("pages") / "frames.html"
+    path.write_text(f'<!DOCTYPE html><meta charset="utf-8"><pre></pre>{frames}{MEASURE}', encoding="utf-8")
+    root = ["--no-sandbox", "--disable-gpu", f"--user-data-dir={path.parent}/profile"]
+    done = subprocess.run(
+        [str(CHROMIUM), "--headless", *root, "--dump-dom", "--virtual-time-budget=20000", path.as_uri()],
+        capture_output=True, text=True, check=True, timeout=100,
+    )  # fmt: skip
+    found = re.search(r"<pre>(.*?)</pre>", done.stdout, re.DOTALL)
+    assert found is not None
+    return json.loads(markup.unescape(found.group(1)))
+
+
+@needs_browser
+@pytest.mark.parametrize("name", ["identify", "weigh", "rest", "excite"])
+@pytest.mark.parametrize("width", [1400, 390])
+def test_no_page_scrolls_sideways(measured, name: str, width: int) -> None:
+    seen = measured[f"{name}-{width}"]
+    assert seen["width"] >= width - 20  # a scroll bar's
+    assert seen["scroll"] <= seen["width"]
+    assert seen["wide"] == []
+
+
+@needs_browser
+@pytest.mark.parametrize("name", ["identify", "weigh", "rest", "excite"])
+def test_answer_and_trust_are_on_the_first_screen(measured, name: str) -> None:
+    seen = measured[f"{name}-1400"]
+    assert 0 < seen["answer"] < seen["badge"] < 900
+
+
+@needs_browser
+def test_figures_that_move_are_drawn(measured) -> None:
+    for name in ("identify", "weigh"):
+        assert measured[f"{name}-1400"]["plots"] > 0
+
+
+# -- as PDF -----------------------------------------------------------------------------------------------------------
+@needs_browser
+def test_a_report_is_printed(pages, tmp_path: Path) -> None:
+    pdf.write_pdf(pages["excite"], tmp_path / "r.pdf")
+    assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_without_a_browser_a_pdf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pdf, "BROWSERS", ("no-such-browser",))
+    with pytest.raises(StaderaError, match=r"r\.pdf: a PDF is printed by Chromium or Chrome, and none is installed"):
+        pdf.write_pdf("<p>", tmp_path / "r.pdf")
+
+
+def test_a_browser_that_prints_nothing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pdf, "BROWSERS", ("false",))
+    with pytest.raises(StaderaError, match=r"r\.pdf: .*false did not print the report: nothing was said"):
+        pdf.write_pdf("<p>", tmp_path / "r.pdf")
