@@ -281,5 +281,7 @@ def test_outputs(tmp_path: Path) -> None:
     assert load_robot(tmp_path / "found.urdf").inertias[HYQ.trunk].mass == pytest.approx(found.mass, rel=1e-9)
     pytest.importorskip("pandas")
     frame = found.to_dataframe()
-    assert list(frame.columns) == ["time", "mass", "mass_std", *[f"com_{a}{s}" for a in "xyz" for s in ("", "_std")]]
+    coms = [f"com_{a}{s}" for a in "xyz" for s in ("", "_std")]
+    assert list(frame.columns) == ["time", "mass", "mass_std", *coms, "payload_mass", "payload_mass_std"]
+    assert frame["payload_mass"].iloc[-1] == pytest.approx(found.payload.mass)
     assert len(frame) == len(found.timeline.time)

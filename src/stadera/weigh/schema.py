@@ -62,17 +62,17 @@ def quantity(value: float, std: float) -> dict[str, float | None]:
 
 
 def timeline_dict(line: Timeline) -> dict[str, Any]:
-    """The timeline as plain values."""
-    payload = np.full((len(line.time), 2), np.nan) if line.payload is None else line.payload
-    return {
+    """The timeline as plain values; the payload's mass where it was followed."""
+    plain_line: dict[str, Any] = {
         "time": plain(line.time),
         "mass": plain(line.mass),
         "mass_std": plain(line.mass_std),
         "com": [plain(com) for com in line.com],
         "com_std": [plain(std) for std in line.com_std],
-        "payload_mass": plain(payload[:, 0]),
-        "payload_mass_std": plain(payload[:, 1]),
     }
+    if line.payload is not None:
+        plain_line |= {"payload_mass": plain(line.payload[:, 0]), "payload_mass_std": plain(line.payload[:, 1])}
+    return plain_line
 
 
 def timeline_frame(line: Timeline) -> Any:

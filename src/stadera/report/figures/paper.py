@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
+from stadera.files import AnyPath
 from stadera.report.figures.model import Bars, Figure, Guide, Panel, Series
 from stadera.report.look import light
 from stadera.report.table import Cell, TableData
@@ -27,7 +28,7 @@ _FONT = {"font.size": 8.0, "axes.titlesize": 8.0, "legend.fontsize": 7.5, "svg.f
 _TINTS = {"observable": "green-tint", "partial": "gray-tint", "unobservable": "red-tint"}
 
 
-def check_figure(path: str | Path) -> None:
+def check_figure(path: AnyPath) -> None:
     """Whether a figure can be written there, before the work.
 
     Raises:
@@ -38,7 +39,7 @@ def check_figure(path: str | Path) -> None:
     _matplotlib()
 
 
-def save(drawn: Drawn, path: str | Path) -> None:
+def save(drawn: Drawn, path: AnyPath) -> None:
     """Writes a figure, in the format of the path's suffix. Errors as `check_figure`."""
     check_figure(path)
     with _matplotlib().rc_context(_FONT):
