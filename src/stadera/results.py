@@ -39,13 +39,13 @@ class Result(ABC):
     def to_html(self) -> str:
         """The report: one page that loads nothing."""
 
-    @abstractmethod
     def to_tables(self) -> list[TableData]:
-        """The tables of the report that belong in a paper."""
+        """The tables of the report that belong in a paper; none unless a result has some."""
+        return []
 
-    @abstractmethod
     def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """The figures of the report by name, the most telling first."""
+        """The figures of the report by name, the most telling first; none unless a result has some."""
+        return {}
 
     def to_latex(self) -> str:
         """Tables for LaTeX, with the packages booktabs and amsmath."""
@@ -60,7 +60,7 @@ class Result(ABC):
             which: a name of `to_figures`; None for the most telling.
 
         Raises:
-            UnknownNameError: no figure of that name. MissingExtraError: Matplotlib is not installed.
+            StaderaError: no figure, or none of that name. MissingExtraError: Matplotlib is not installed.
         """
         from stadera.report.figures.paper import drawn
 

@@ -50,9 +50,11 @@ def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) ->
     """The figure of that name, None for the first.
 
     Raises:
-        UnknownNameError: there is none of that name. MissingExtraError: Matplotlib is not installed.
+        StaderaError: there are none, or none of that name. MissingExtraError: Matplotlib is not installed.
     """
-    chosen = next(iter(figures), "") if name is None else name
+    if not figures:
+        raise StaderaError("this result has no figures")
+    chosen = next(iter(figures)) if name is None else name
     if chosen not in figures:
         raise UnknownNameError("figure", chosen, tuple(figures))
     return draw(figures[chosen])
