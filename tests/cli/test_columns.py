@@ -44,7 +44,7 @@ def test_a_template_is_a_map(run, log: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "message"),
     [
-        (("--columns", "nosuch"), 1, "nosuch: neither a file nor a preset for columns; presets: cheetah,"),
+        (("--columns", "nosuch"), 1, "neither a preset for columns (cheetah, isaac"),
         (("--units", "furlong"), 1, "unknown unit 'furlong'; valid: s, ms"),
         (("--pd", "20"), 1, "'20' is not a pair of gains kp,kd"),
         (("--pd", "20,1"), 1, "leave out --pd, which is for logs without"),

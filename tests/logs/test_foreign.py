@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -221,6 +222,8 @@ def test_a_map_may_build_on_a_preset(tmp_path: Path) -> None:
     joints = '["b", "a"]'
     (tmp_path / "map.toml").write_text(f'base = "plotjuggler"\njoints = {joints}')
     path = table(tmp_path, "__time", "/joint_states/position[0]", "/joint_states/position[1]")
+    with pytest.raises(RecordingError, match=r'MAP\.toml, in which base = "plotjuggler" and joints = \["\.\.\."\] say'):
+        read(path)
     assert read_as(path, columns=str(tmp_path / "map.toml")).joints == ("b", "a")
 
 
@@ -263,6 +266,7 @@ def test_the_template_reads_the_log_that_it_was_made_of(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_as(path, columns=str(tmp_path / "map.toml")).position, read(path).position)
     numbered = table(tmp_path, "time", *(f"q_{k}" for k in range(12)), name="numbered.csv")
     assert '"FL_hip_joint.position" = "q_' in template(numbered, Reading())
+    assert "check that this is their order" in template(numbered, Reading())
     strange = table(tmp_path, "x", "y", name="strange.csv")
     assert "Nothing was recognised" in template(strange, Reading())
 
@@ -275,3 +279,17 @@ def test_units_are_named() -> None:
         Units.parse("speed=deg/s")
     with pytest.raises(RecordingError, match="above 0 Hz"):
         Units.parse("0Hz")
+
+
+def test_a_packed_table_that_is_cut_off_is_named(tmp_path: Path) -> None:
+    whole = gzip.compress(table(tmp_path, "time", "a.position").read_bytes() + b"1,1\n" * 99999)
+    (tmp_path / "cut.csv.gz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(RecordingError, match=r"cut\.csv\.gz: "):
+        read(tmp_path / "cut.csv.gz")
+
+
+def test_a_log_without_torques_says_what_would_do(tmp_path: Path) -> None:
+    with pytest.raises(
+        RecordingError, match=r"no torque is recorded: record it, or <joint>\.position_desired for --pd"
+    ):
+        read(table(tmp_path, "time", "a.position"), require=("effort",))

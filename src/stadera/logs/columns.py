@@ -9,6 +9,7 @@ from difflib import get_close_matches
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.joint_words import matched
+from stadera.logs.foreign.guess import hint
 from stadera.logs.foreign.translate import translated
 from stadera.logs.pd_law import DESIRED, PdGains
 from stadera.logs.reading import AS_RECORDED, Reading
@@ -102,13 +103,14 @@ def layout(
     table = translated(names, source, reading, topics or Topics(), joints or ())
     if topics is not None and not table.topics:
         topics.refuse(source, kind)
+    help_ = "" if table.recognised else hint(names, reading)
     if TIME not in table.sources and table.rate_hz is None:
-        raise _missing(TIME, names, source, "not a flat table", table.hint)
+        raise _missing(TIME, names, source, "not a flat table", help_)
     renamed = _by_leg_and_part(table.sources, joints or ())
     sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
     known = dict.fromkeys(sources)
-    wanted = tuple(joints) if joints is not None else _joints_in(known, source, table.hint)
-    channels, notes = _channels(known, source, wanted, require, reading.pd, table.hint)
+    wanted = tuple(joints) if joints is not None else _joints_in(known, source, help_)
+    channels, notes = _channels(known, source, wanted, require, reading.pd, help_)
     imu, imu_notes = _imu(known, source, "imu" in require)
     force = _forces(known)
     contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
@@ -189,7 +191,7 @@ def _channels(
         absent = [column for column in columns if column not in names]
         partial = 0 < len(absent) < len(columns)
         if absent and (channel in needed or (channel == "effort" and partial)):
-            raise _missing(absent[0], names, source, help_=help_ or _pd_hint(channel, names))
+            raise _missing(absent[0], names, source, help_=help_ or _no_effort(channel, names))
         if not absent:
             channels[channel] = columns
         elif partial:
@@ -197,9 +199,13 @@ def _channels(
     return channels, notes
 
 
-def _pd_hint(channel: str, names: Collection[str]) -> str:
-    commanded = channel == "effort" and any(name.endswith(f".{DESIRED[0]}") for name in names)
-    return "; --pd KP,KD makes efforts of the desired positions that are recorded" if commanded else ""
+def _no_effort(channel: str, names: Collection[str]) -> str:
+    """What to do about a log without any torques."""
+    if channel != "effort" or any(name.endswith(".effort") for name in names):
+        return ""
+    if any(name.endswith(f".{DESIRED[0]}") for name in names):
+        return "; --pd KP,KD makes efforts of the desired positions that are recorded"
+    return f"; no torque is recorded: record it, or <joint>.{DESIRED[0]} for --pd KP,KD"
 
 
 def _imu(names: Collection[str], source: str, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
@@ -225,11 +231,11 @@ def _forces(names: Collection[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _missing(column: str, names: Collection[str], source: str, what: str = "", help_: str = "") -> RecordingError:
-    close = get_close_matches(column, names, n=3, cutoff=0.75)
+    close = get_close_matches(column, [name for name in names if not _is_joint_column(name)], n=3, cutoff=0.75)
     joints = _prefixes(names, ".position")
-    hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+    meant = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
     there = f"joints with a position: {_listed(joints)}" if joints else f"columns: {_listed(tuple(names))}"
-    return RecordingError(f"{source}: {what + ': ' if what else ''}no column {column!r}{hint} ({there}){help_}")
+    return RecordingError(f"{source}: {what + ': ' if what else ''}no column {column!r}{meant} ({there}){help_}")
 
 
 def _prefixes(names: Iterable[str], suffix: str) -> tuple[str, ...]:

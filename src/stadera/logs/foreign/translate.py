@@ -31,7 +31,7 @@ class Translation:
         stamped: whether the unit of time was said.
         rate_hz: of a log without time, its rows a second.
         notes: what was recognised and converted, one sentence each.
-        hint: what to do about columns that are not recognised, for an error.
+        recognised: whether the names say what is in the columns.
         topics: whether the names have topics to choose from.
     """
 
@@ -40,7 +40,7 @@ class Translation:
     stamped: bool = False
     rate_hz: float | None = None
     notes: tuple[str, ...] = ()
-    hint: str = ""
+    recognised: bool = True
     topics: bool = False
 
 
@@ -86,23 +86,9 @@ def translated(
         found = _mapped(preset(name), plain, source, topics, joints)
         if _is_log(found, reading.units):
             return _in_units(found, preset(name), labels, reading.units, given=False)
-    unknown = _as_is(names, plain, labels, reading.units, _hint(plain, reading.units))
+    unknown = replace(_as_is(names, plain, labels, reading.units), recognised=False)
     timed = _mapped(preset(_GENERAL), plain, source, topics, joints).get("time")
     return replace(unknown, sources={**unknown.sources, "time": timed.column}) if timed else unknown
-
-
-def guessed(names: Sequence[str], reading: Reading) -> Translation:
-    """What the columns of a log may be, also by presets that count only where they are asked for."""
-    found = translated(names, "", reading, Topics())
-    if any(flat.endswith(".position") for flat in found.sources):
-        return found
-    labels = labelled(names)
-    plain = {name: labels[name][0] if name in labels else name for name in names}
-    for name in preset_names():
-        mapped = _mapped_quietly(preset(name).asked(), plain)
-        if any(flat.endswith(".position") for flat in mapped):
-            return _in_units(mapped, preset(name).asked(), labels, reading.units, given=False)
-    return Translation({"time": own} if (own := found.sources.get("time")) else {})
 
 
 def _is_flat(names: Collection[str]) -> bool:
@@ -118,7 +104,6 @@ def _as_is(
     plain: Mapping[str, str],
     labels: Mapping[str, tuple[str, str]],
     units: Units,
-    hint: str = "",
 ) -> Translation:
     """Columns that are already called as in the flat table, or that nothing is known about."""
     count = Counter(plain.values())
@@ -126,7 +111,7 @@ def _as_is(
     known = {flat: _Found(flat, name, Source(name), "", 0) for flat, name in sources.items()}
     factors, notes = _factors(known, Units(), labels, units)
     stamped = "time" in units.of or sources.get("time") in labels
-    return Translation(sources, factors, stamped, units.rate_hz, notes, hint)
+    return Translation(sources, factors, stamped, units.rate_hz, notes)
 
 
 def _in_units(
@@ -245,28 +230,3 @@ def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[
         raise RecordingError(
             f"{source}: no column is a joint's position by {chosen.name}{order}; columns: {listed}; {TEMPLATE_HINT}"
         )
-
-
-def _hint(plain: Mapping[str, str], units: Units) -> str:
-    """What may help with a log that no preset fits without being asked for."""
-    fitting, timed = [], not any(name.endswith(".position") for name in plain.values())
-    for name in preset_names():
-        found = _mapped_quietly(preset(name).asked(), plain)
-        if any(flat.endswith(".position") for flat in found):
-            fitting.append(name)
-            timed = timed and _is_log(found, units)
-    ways = []
-    if asked := [name for name in fitting if preset(name).chosen]:
-        order = " (joints by number: these differ in their order)" if len(asked) > 1 else ""
-        ways.append(f"--columns {' or '.join(asked)}{order}")
-    if not timed:
-        ways.append("--units 200Hz for a steady rate without a column of time")
-    return f"; {', '.join([*ways, f'--columns MAP.toml ({TEMPLATE_HINT})'])}"
-
-
-def _mapped_quietly(chosen: ColumnMap, plain: Mapping[str, str]) -> dict[str, _Found]:
-    """As `_mapped`; nothing where topics would have to be chosen."""
-    try:
-        return _mapped(chosen, plain, "", Topics(), ())
-    except RecordingError:
-        return {}

@@ -18,6 +18,7 @@ from stadera.logs.tables.rows import table_recordings
 from stadera.logs.topics import LogFile
 
 BLOCK_BYTES = 1 << 20
+_PIECE_BYTES = 1 << 12
 _UNREADABLE = "not a readable CSV table"
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\x28\xb5\x2f\xfd": "zstd"}
 _SEPARATORS = (";", "\t", "|")
@@ -80,11 +81,14 @@ def _head(path: Path, size: int) -> bytes:
     if packed is None:
         with path.open("rb") as file:
             return file.read(size)
+    found = bytearray()
     try:
         with pa.input_stream(str(path), compression=packed) as unpacked:
-            return bytes(unpacked.read(size))
-    except (pa.ArrowException, OSError):
-        return b""
+            while len(found) < size and (some := unpacked.read(_PIECE_BYTES)):
+                found += some
+    except (pa.ArrowException, OSError):  # damaged, or cut off: what comes before is the beginning all the same
+        pass
+    return bytes(found[:size])
 
 
 def _packed(head: bytes) -> str | None:
