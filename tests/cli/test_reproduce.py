@@ -14,6 +14,7 @@ import pytest
 from stadera.identify.observability import Identifiability
 from stadera.lab.experiments import Experiment, ExperimentResult, Record, registry
 from stadera.lab.experiments.legs.real_logs import MissingDataError
+from stadera.lab.experiments.paper import Paper
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, TableData
 
@@ -123,3 +124,36 @@ def test_a_number_of_seeds_is_for_studies_that_repeat_their_grid(run: Callable[.
     assert done.code == 1
     only = "a number of seeds can be set for these experiments only: walking, alarms, reality"
     assert done.err == f"stadera: error: {only}\n"
+
+
+def test_every_page_of_the_paper_says_what_differs_and_where_the_paper_is() -> None:
+    for name in ("table1", "fig4", "fig5", "table2", "fig6", "table3", "table4", "table5", "inertial_share"):
+        entry = Paper.of(name)
+        assert entry.differs, name
+        page = entry.result([]).to_html()
+        assert "What differs from the paper, and why" in page
+        assert "https://hal.science/hal-01575033" in page
+        assert not re.search(r"(?<!the paper&#39;s )\beq\. \d", page), "an equation's number alone explains nothing"
+
+
+def test_figures_and_latex_are_written_and_a_wrong_suffix_is_known_before_the_work(
+    run: Callable[..., Any], small: Callable[..., None], tmp_path: Path
+) -> None:
+    small(Experiment("mini", "A small one", lambda *_: _result(0.5)))
+    wanted = (
+        "--figure",
+        tmp_path / "f.png",
+        "--figure",
+        f"table-1={tmp_path / 't.svg'}",
+        "--latex",
+        tmp_path / "t.tex",
+    )
+    assert run("reproduce", "mini", *wanted).code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"f.png", "t.svg", "t.tex"}
+    for option, file, said in (("--figure", "f.bmp", ".pdf, .png, .svg"), ("--report", "r.txt", ".html or .pdf")):
+        done = run("reproduce", "mini", option, tmp_path / file)
+        assert (done.code, said in done.err, len(done.err.splitlines())) == (1, True, 1)
+    done = run("reproduce", "mini", "--figure", f"nosuch={tmp_path / 'n.png'}")
+    assert done.code == 1
+    assert "unknown figure 'nosuch'; valid: figure-1, table-1" in done.err
+    assert not (tmp_path / "n.png").exists()

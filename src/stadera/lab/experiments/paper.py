@@ -72,7 +72,7 @@ class Paper:
 
     Attributes:
         name: of the experiment.
-        title, lead, notes, study, seeded: see `ExperimentResult` and `Experiment`.
+        title, lead, differs, notes, study, seeded: see `ExperimentResult` and `Experiment`.
         values: what the paper prints.
         bounds: what records are held against, by name.
     """
@@ -80,6 +80,7 @@ class Paper:
     name: str
     title: str
     lead: str
+    differs: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     study: bool = False
     seeded: bool = False
@@ -90,8 +91,8 @@ class Paper:
     def of(cls, name: str) -> Paper:
         """The entry of that name."""
         entry = dict(_entries()[name])
-        values, notes = entry.pop("paper", {}), tuple(entry.pop("notes", ()))
-        return cls(name, values=values, notes=notes, **entry)
+        values, (differs, notes) = entry.pop("paper", {}), (tuple(entry.pop(key, ())) for key in ("differs", "notes"))
+        return cls(name, values=values, differs=differs, notes=notes, **entry)
 
     def experiment(self, run: Callable[[ReproduceSettings, Progress], ExperimentResult]) -> Experiment:
         """With what runs it."""
@@ -119,7 +120,8 @@ class Paper:
     ) -> ExperimentResult:
         """A result with the text of this entry; `notes` come after its own."""
         whole = tuple(records), tuple(tables), tuple(figures)
-        return ExperimentResult(self.name, self.title, self.lead, *whole, (*self.notes, *notes), facts or {})
+        notes = (*self.notes, *notes)
+        return ExperimentResult(self.name, self.title, self.lead, *whole, notes, facts or {}, self.differs)
 
 
 @cache

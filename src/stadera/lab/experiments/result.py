@@ -107,6 +107,7 @@ class ExperimentResult(Result):
         figures: for the page.
         notes: how to read it.
         facts: what was run, by name.
+        differs: from the paper, and why; empty for a study of our own.
     """
 
     name: str
@@ -117,6 +118,7 @@ class ExperimentResult(Result):
     figures: tuple[Figure, ...] = ()
     notes: tuple[str, ...] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
+    differs: tuple[str, ...] = ()
 
     @property
     def missed(self) -> tuple[Record, ...]:

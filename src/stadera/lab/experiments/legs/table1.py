@@ -9,7 +9,13 @@ from __future__ import annotations
 
 from stadera.lab.experiments.legs.recovery import Recovery
 from stadera.lab.experiments.legs.runs import LEG, LegRuns
-from stadera.lab.experiments.legs.tables import combination_table, deviation_figure, first_moment_table, inertia_table
+from stadera.lab.experiments.legs.tables import (
+    combination_table,
+    deviation_figure,
+    first_moment_table,
+    inertia_table,
+    paper_table,
+)
 from stadera.lab.experiments.legs.torques import torque_figure
 from stadera.lab.experiments.legs.worth import motion_worth, worth_records, worth_table
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
@@ -42,6 +48,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         (
             first_moment_table(exact),
             inertia_table(exact),
+            paper_table(PAPER.values["links"]),
             combination_table(noisy, "With sensor errors: what the leg's torques depend on"),
             worth_table(worth),
         ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from stadera.identify.observability import Identifiability
@@ -52,6 +54,16 @@ def combination_table(found: Recovery, title: str) -> TableData:
         "by less than 1 σ, nineteen in twenty by less than 2 σ."
     )
     return TableData.of(title, head, rows, note)
+
+
+def paper_table(links: Mapping[str, Sequence[Sequence[float]]]) -> TableData:
+    """The paper's own Table I: by link, what it simulated and what it identified."""
+    rows = {
+        link: [(name, *map(_figure, values)) for name, values in zip(("simulated", "identified"), both, strict=True)]
+        for link, both in links.items()
+    }
+    head = ("", "mass [kg]", "CoM x [m]", "CoM y [m]", "CoM z [m]", *(f"{name} [kg·m²]" for name in ORDER[4:]))
+    return TableData.of("The paper's Table I", head, rows, "Another draw of the perturbation than ours.")
 
 
 def deviation_figure(found: Recovery) -> Figure:

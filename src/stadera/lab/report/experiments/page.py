@@ -8,19 +8,40 @@ from stadera.lab.experiments.result import ExperimentResult, Skipped
 from stadera.lab.report.experiments.bounds import compared_records, outcome, record_table
 from stadera.report.page import render
 
+PAPER_CITED = (
+    "G. Tournois, M. Focchi, A. Del Prete, R. Orsolino, D. G. Caldwell, C. Semini: Online Payload Identification for "
+    "Quadruped Robots. IEEE/RSJ International Conference on Intelligent Robots and Systems, Vancouver 2017",
+    "https://hal.science/hal-01575033",
+)
+"""The paper, and its open copy."""
+
 
 def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
     """A whole page. Loads nothing from anywhere."""
     done = [result for result in results if isinstance(result, ExperimentResult)]
-    missed = any(result.missed for result in done)
+    missed = sum(len(result.missed) for result in done)
+    bounded = sum(record.met is not None for result in done for record in result.records)
+    said = f"{bounded - missed} of {bounded} bounds are met" if bounded else "No bound is set; values alone"
     return render(
         "experiments.html.j2",
         package="stadera.lab.report",
         title=done[0].title if len(done) == 1 else "Reproduced tables and figures",
-        level="bad" if missed else "note",
-        headline="Not every bound is met" if missed else "Every bound is met",
+        level="warning" if missed else "note",
+        headline=f"{said}.",
+        word=f"{missed} missed" if missed else "All met" if bounded else "Measured",
+        why="A bound that is missed is a measurement, not an error; why is said below." if missed else "",
+        next=_next_steps(done),
+        paper=PAPER_CITED if any(result.differs for result in done) else None,
         outcomes=[_outcome(result) for result in results],
         experiments=[_experiment(result) for result in done],
+    )
+
+
+def _next_steps(done: Sequence[ExperimentResult]) -> tuple[str, ...]:
+    name = done[0].name if len(done) == 1 else "table1"
+    return (
+        f"Draw everything anew: `stadera reproduce {name} --seed 1`.",
+        f"Take the figures and tables along: `stadera reproduce {name} --figure F.pdf --latex F.tex --json F.json`.",
     )
 
 
@@ -28,7 +49,7 @@ def _outcome(result: ExperimentResult | Skipped) -> tuple[str, str, str]:
     """Level, word and sentence."""
     if isinstance(result, Skipped):
         return "warning", "Skipped", f"{result.name}: {result.reason}"
-    level, word = ("bad", "Missed") if result.missed else ("note", "Met")
+    level, word = ("warning", "Missed") if result.missed else ("note", "Met")
     return level, word, f"{result.title}: {outcome(result)}."
 
 
@@ -45,4 +66,5 @@ def _experiment(result: ExperimentResult) -> dict[str, object]:
         "coloured": next((table for table in tables if table.has_verdicts), None),
         "plots": list(result.figures),
         "notes": result.notes,
+        "differs": result.differs,
     }
