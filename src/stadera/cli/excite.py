@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stadera.cli.options import FigureFiles, JsonFile, LatexFile, ReportFile, RobotName
+from stadera.cli.options import FigureFiles, JsonFile, LatexFile, LimitValues, ReportFile, RobotName, limits_of
 from stadera.cli.outputs import (
     check_outputs,
     check_report,
@@ -43,6 +43,7 @@ def excite(
     json: JsonFile = None,
     figure: FigureFiles = None,
     latex: LatexFile = None,
+    limit: LimitValues = None,
 ) -> None:
     """Design the motion of one leg in the air, trunk on a stand, that is most informative about its parameters.
 
@@ -62,7 +63,7 @@ def excite(
     if out is not None:
         check_table(out)
     with progress() as watch:
-        result = design(load_robot(robot), leg, settings, watch)
+        result = design(load_robot(robot, limits_of(limit)), leg, settings, watch)
 
     def table(draft: Path) -> None:
         reference = result.chosen.motion.sample(settings.rate)

@@ -14,6 +14,7 @@ from stadera.cli.options import (
     ImuTopic,
     JointTopic,
     JsonFile,
+    LimitValues,
     LogOptions,
     PdGains,
     ReportFile,
@@ -66,6 +67,7 @@ def fleet(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    limit: LimitValues = None,
     force: Force = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -92,7 +94,7 @@ def fleet(
     from stadera.fleet.pool import Pool
     from stadera.report.fleet.terminal import fleet_tables
 
-    logged = LogOptions.of(joint_topic, imu_topic, columns, units, pd)
+    logged = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit)
     options = FleetOptions(identify, method, springs, imu_frame, logged.topics, logged.reading, force)
     if manifest is not None:
         jobs = read_manifest(manifest, robot, options)

@@ -17,6 +17,7 @@ from stadera.cli.options import (
     JointTopic,
     JsonFile,
     LatexFile,
+    LimitValues,
     LogOptions,
     PdGains,
     ReportFile,
@@ -72,6 +73,7 @@ def identify(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    limit: LimitValues = None,
     json: JsonFile = None,
     report: ReportFile = None,
     figure: FigureFiles = None,
@@ -91,7 +93,7 @@ def identify(
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
     chosen_legs, chosen_terms = parse.names(legs), parse.terms(friction)
     cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
-    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd)
+    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit)
     share = 1.0 if validate else parse.split(split or "0.5")
 
     from stadera.identify.legs import identify as identify_legs
@@ -103,7 +105,7 @@ def identify(
     settings = IdentifySettings(
         chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
     )
-    model = load_robot(robot)
+    model = load_robot(robot, reading.reading.limits)
     files = ResultFiles(json, report, export, figure_files(figure), latex)
     files.check(model)
     training = [reading.log(path) for path in logs]

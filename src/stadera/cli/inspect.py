@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from stadera.cli.options import TEMPLATE, Columns, ImuTopic, JointTopic, LogOptions, PdGains, Units
+from stadera.cli.options import (
+    TEMPLATE,
+    Columns,
+    ImuTopic,
+    JointTopic,
+    LimitValues,
+    LogOptions,
+    PdGains,
+    Units,
+    limits_of,
+)
 from stadera.cli.terminal import progress, show
 
 
@@ -21,6 +31,7 @@ def inspect(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    limit: LimitValues = None,
 ) -> None:
     """Show what is in a log or a robot model.
 
@@ -31,19 +42,19 @@ def inspect(
     if columns == TEMPLATE:
         from stadera.logs.foreign.template import template
 
-        print(template(Path(target), LogOptions.of(units=units).reading), end="")
+        print(template(Path(target), LogOptions.of(units=units, limit=limit).reading), end="")
         return
     if _is_robot(target):
         from stadera.report.inspect import robot_contents
         from stadera.robot import load_robot
 
-        show(*robot_contents(load_robot(target)))
+        show(*robot_contents(load_robot(target, limits_of(limit))))
         return
     from stadera.logs.reader import stream
     from stadera.logs.summary import summarize
     from stadera.report.inspect import log_contents
 
-    log = LogOptions.of(joint_topic, imu_topic, columns, units, pd).log(Path(target))
+    log = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit).log(Path(target))
     if robot is None:
         summary = summarize(stream(log))
         show(*log_contents(summary, _fitting(summary.joints)))
@@ -51,7 +62,7 @@ def inspect(
     from stadera.robot import load_robot
     from stadera.weigh.checks import diagnose
 
-    model = load_robot(robot)
+    model = load_robot(robot, limits_of(limit))
     summary = summarize(stream(log))
     found = dict.fromkeys(finding for chunk in stream(log) for finding in diagnose(chunk, model))
     show(*log_contents(summary, [model.name], tuple(found)))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli.gate import REPLAY
-from stadera.cli.options import LogOptions, RobotName, RrdFile, View
+from stadera.cli.options import LimitValues, LogOptions, RobotName, RrdFile, View
 from stadera.cli.terminal import show
 from stadera.cli.viewing import watching
 
@@ -52,6 +52,7 @@ def live(
     ] = None,
     view: View = False,
     rrd: RrdFile = None,
+    limit: LimitValues = None,
 ) -> None:
     """Weigh a robot while it runs: its joint states and IMU in, its trunk and payload out, until Ctrl-C.
 
@@ -61,7 +62,7 @@ def live(
     """
     if source != "zenoh" and not source.startswith(REPLAY):
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
-    options = LogOptions.of(joint_topic, imu_topic)
+    options = LogOptions.of(joint_topic, imu_topic, limit=limit)
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs
@@ -72,7 +73,7 @@ def live(
     from stadera.live.run import Source, run
     from stadera.report.live.terminal import live_summary
 
-    model = robot_with_legs(robot, legs)
+    model = robot_with_legs(robot, legs, options.reading.limits)
     check_outputs((record, rrd))
     where = Source(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +12,7 @@ import typer
 from stadera.cli.gate import GatedCommand
 
 if TYPE_CHECKING:
+    from stadera.limits import Limits
     from stadera.logs.reading import Reading
     from stadera.logs.topics import LogFile, Topics
 
@@ -59,6 +61,14 @@ PdGains = Annotated[
     str | None,
     typer.Option("--pd", metavar="KP,KD", help="Make torques of desired positions; hip, thigh, calf: KP,KD/KP,KD/..."),
 ]
+LimitValues = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--limit",
+        metavar="NAME=VALUE",
+        help="Raise a limit of reading files, as an error names it: unpacked, seconds, columns ...; repeatable.",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option("--workers", metavar="N", min=0, help="Processes on this machine; 0: this one [default: one a core]."),
@@ -90,6 +100,13 @@ class ColumnsMayStandAlone(GatedCommand):
         return super().parse_args(ctx, given)
 
 
+def limits_of(given: Sequence[str] | None) -> Limits:
+    """Of all `--limit`. Errors as `Limits.parse`."""
+    from stadera.limits import Limits
+
+    return Limits.parse(given or ())
+
+
 @dataclass(frozen=True)
 class LogOptions:
     """How logs are read, as asked for: parsed once, held for every log of the command."""
@@ -105,12 +122,13 @@ class LogOptions:
         columns: str | None = None,
         units: str | None = None,
         pd: str | None = None,
+        limit: Sequence[str] | None = None,
     ) -> LogOptions:
         """From the options' texts; raises as `Reading.of`."""
         from stadera.logs.reading import Reading
         from stadera.logs.topics import Topics
 
-        return cls(Topics(joint_topic, imu_topic), Reading.of(columns, units, pd))
+        return cls(Topics(joint_topic, imu_topic), Reading.of(columns, units, pd, limits_of(limit)))
 
     def log(self, path: Path) -> LogFile:
         """A log, to be read so."""

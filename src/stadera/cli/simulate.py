@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import RobotName
+from stadera.cli.options import LimitValues, RobotName, limits_of
 from stadera.cli.outputs import check_outputs, check_table, json_of, write_outputs
 from stadera.cli.terminal import progress, show
 
@@ -53,6 +53,7 @@ def simulate(
         float | None,
         typer.Option(metavar="HZ", help="Of the log [Hz]: 1000 over a whole number [default: 250, or as drawn]."),
     ] = None,
+    limit: LimitValues = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="The same seed gives the same log.")] = 0,
     model: Annotated[
         Path | None,
@@ -86,7 +87,7 @@ def simulate(
     settings = SimulateSettings(
         errors, loaded, rise, duration, rate, seed, load_time, speed, radians(turn), amplitude, stones
     )
-    truth = load_robot(robot)
+    truth = load_robot(robot, limits_of(limit))
     check_table(out)
     check_outputs((out, model))
     with progress() as watch:

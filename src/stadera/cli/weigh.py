@@ -17,6 +17,7 @@ from stadera.cli.options import (
     JointTopic,
     JsonFile,
     LatexFile,
+    LimitValues,
     LogOptions,
     PdGains,
     ReportFile,
@@ -30,6 +31,7 @@ from stadera.cli.terminal import progress, show
 from stadera.cli.viewing import watching
 
 if TYPE_CHECKING:
+    from stadera.limits import Limits
     from stadera.logs import LogFile
     from stadera.report.figures import Figure
     from stadera.robot import Robot
@@ -68,6 +70,7 @@ def weigh(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    limit: LimitValues = None,
     truth: Annotated[
         Path | None, typer.Option(metavar="F.truth.json", help="Of a simulated log, to be shown with the result.")
     ] = None,
@@ -89,7 +92,7 @@ def weigh(
     is refused (exit code 1) unless --force is given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
-    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd)
+    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit)
     chosen_tare = None if tare is None else _tare(tare, reading)
 
     from stadera.weigh.settings import check_choice
@@ -97,7 +100,7 @@ def weigh(
 
     check_choice(method, springs)
     files = ResultFiles(json, report, export, figure_files(figure), latex)
-    model = robot_with_legs(robot, legs)
+    model = robot_with_legs(robot, legs, reading.reading.limits)
     files.check(model)
     known = _truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:
@@ -144,10 +147,10 @@ def _tare(given: str, reading: LogOptions) -> tuple[float, float] | LogFile:
     return reading.log(chosen) if isinstance(chosen, Path) else chosen
 
 
-def robot_with_legs(name: str, legs: Path | None) -> Robot:
+def robot_with_legs(name: str, legs: Path | None, limits: Limits) -> Robot:
     """The robot, with its legs as identified where they are given."""
     from stadera.identify.schema import with_identified_legs
     from stadera.robot import load_robot
 
-    robot = load_robot(name)
+    robot = load_robot(name, limits)
     return robot if legs is None else with_identified_legs(robot, legs)

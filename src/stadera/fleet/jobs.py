@@ -12,6 +12,7 @@ from pathlib import Path
 
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.fleet.source import expanded, is_url
+from stadera.limits import Limits
 from stadera.logs.reading import AS_RECORDED, Reading
 from stadera.logs.topics import Topics
 from stadera.robot import load_robot
@@ -142,17 +143,17 @@ def check_models(jobs: Iterable[LogJob]) -> None:
     Raises:
         ModelError, UnknownNameError: as `load_robot` and `with_identified_legs`.
     """
-    for robot, legs in dict.fromkeys((job.robot, job.legs) for job in jobs):
+    for robot, legs, limits in dict.fromkeys((job.robot, job.legs, job.options.reading.limits) for job in jobs):
         if robot is not None:
-            robot_of(robot, legs)
+            robot_of(robot, legs, limits)
 
 
 @cache
-def robot_of(robot: str, legs: str | None) -> Robot:
+def robot_of(robot: str, legs: str | None, limits: Limits) -> Robot:
     """The model of a job with its legs, loaded once a process."""
     from stadera.identify.schema import with_identified_legs
 
-    model = load_robot(robot)
+    model = load_robot(robot, limits)
     return model if legs is None else with_identified_legs(model, legs)
 
 

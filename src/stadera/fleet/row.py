@@ -125,7 +125,11 @@ class _Source:
         given = None if job.tare is None else tare_of(job.tare)
         tare = stack.enter_context(fetched(given)) if isinstance(given, str) else given
         robot, sha256 = job.robot or robot_named_in(path), digest(path)
-        files = [robot_of(robot, job.legs).source, job.legs, tare if isinstance(tare, Path) else None]
+        files = [
+            robot_of(robot, job.legs, job.options.reading.limits).source,
+            job.legs,
+            tare if isinstance(tare, Path) else None,
+        ]
         contents = [None if file is None else _digest(Path(file)) for file in files]
         text = repr((sha256, stadera.__version__, job, robot, contents))
         return cls(path, tare, robot, sha256, hashlib.sha256(text.encode()).hexdigest())
@@ -148,7 +152,7 @@ def _weighed(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
     options = job.options
     tare = _log(job, source.tare) if isinstance(source.tare, Path) else source.tare
     result = weigh(
-        robot_of(source.robot, job.legs),
+        robot_of(source.robot, job.legs, job.options.reading.limits),
         _log(job, source.path),
         tare,
         options.method,
@@ -170,7 +174,8 @@ def _identified(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
     from stadera.identify.log import has_effort, time_span
     from stadera.identify.settings import IdentifySettings
 
-    robot, options = robot_of(source.robot, None), job.options
+    options = job.options
+    robot = robot_of(source.robot, None, options.reading.limits)
     log = _log(job, source.path)
     legs = tuple(leg.name for leg in robot.legs if has_effort(log, leg.joints))
     result = identify(robot, log, IdentifySettings(legs=legs or None))

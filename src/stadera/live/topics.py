@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from stadera.limits import Budget
 from stadera.live.keys import Sent
 from stadera.live.settings import LiveSettings
 from stadera.logs.bags.choice import Choice, choose
@@ -110,7 +111,7 @@ class _Heard(Bag):
     """The first messages, as those of a bag."""
 
     def __init__(self, head: Sequence[Arrival]) -> None:
-        super().__init__(Path("live"), McapFile(), ())
+        super().__init__(Path("live"), McapFile(), (), Budget(Path("live")))
         self._messages = [Message(arrival.topic, arrival.received, arrival.data) for arrival in head]
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
+from stadera.limits import Budget
 from stadera.logs.clock import RowClock
 from stadera.logs.columns import Layout
 from stadera.logs.pd_law import DESIRED, PD_DOUBT, PdGains
@@ -17,6 +18,14 @@ from stadera.logs.plausible import largest_of
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.velocity import with_velocity
 from stadera.types import Array, Bools
+
+MOST_ROWS = 65536
+_MOST_VALUES = 1 << 22
+
+
+def rows_at_once(columns: int) -> int:
+    """Rows of a batch: fewer of a wide table."""
+    return max(1, min(MOST_ROWS, _MOST_VALUES // max(columns, 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +78,18 @@ def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int 
     if samples < 2:
         blank = f" without blank cells among {row}" if row > samples else ""
         raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least 2 are needed")
+
+
+def within(batches: Iterable[Batch], budget: Budget, rows: int | None) -> Iterator[Batch]:
+    """The same, as far as the budget allows; with `rows` None they are kept in memory.
+
+    Raises:
+        LimitError: they take more.
+    """
+    for batch in budget.timed(batches):
+        if rows is None:
+            budget.hold(batch.values.nbytes)
+        yield batch
 
 
 def in_si(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stadera.limits import DEFAULTS, Limits
 from stadera.logs.pd_law import PdGains
 from stadera.logs.units import Units
 
@@ -21,11 +22,13 @@ class Reading:
         columns: which of them are what; None to find out by their names.
         units: that they are in, where neither their names nor the map says so.
         pd: gains that make efforts of desired positions; None for the efforts recorded.
+        limits: what reading it may take.
     """
 
     columns: ColumnMap | None = None
     units: Units = field(default_factory=Units)
     pd: PdGains | None = None
+    limits: Limits = DEFAULTS
 
     @classmethod
     def of(
@@ -33,6 +36,7 @@ class Reading:
         columns: str | Path | ColumnMap | None = None,
         units: str | Units | None = None,
         pd: str | PdGains | None = None,
+        limits: Limits = DEFAULTS,
     ) -> Reading:
         """From their texts: a preset's name or a map's path, "deg,ms", "20,0.5".
 
@@ -48,6 +52,7 @@ class Reading:
             columns,
             Units.parse(units) if isinstance(units, str) else units or Units(),
             PdGains.parse(pd) if isinstance(pd, str) else pd,
+            limits,
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
@@ -78,8 +79,9 @@ class Recording:
         """Validated where made: see the class's Raises."""
         if self.time.ndim != 1:
             raise RecordingError(f"{self.source}: time needs shape (samples,), got {self.time.shape}")
-        if twice := next((joint for joint in self.joints if self.joints.count(joint) > 1), None):
-            raise RecordingError(f"{self.source}: joint {twice!r} is named {self.joints.count(twice)} times")
+        joint, times = Counter(self.joints).most_common(1)[0] if self.joints else ("", 0)
+        if times > 1:
+            raise RecordingError(f"{self.source}: joint {joint!r} is named {times} times")
         for name, values in self.arrays().items():
             table = () if name == TIME or name.endswith(".contact") else (len(self.columns(name)),)
             _check_shape(values, (len(self.time), *table), name, self.source)

@@ -17,6 +17,7 @@ import pinocchio as pin
 from stadera.errors import ModelError
 from stadera.files import written_together
 from stadera.inertia import InertialParameters
+from stadera.limits import UNLIMITED
 from stadera.robot.load import load_robot, parse_xml, read_model_file
 from stadera.robot.mjcf import write as mjcf
 from stadera.robot.model import JointDynamics, Robot
@@ -49,7 +50,7 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     """
     target = Path(path)
     source, is_urdf = check_export(robot, target)
-    prior, file = load_robot(source), read_model_file(source)
+    prior, file = load_robot(source, UNLIMITED), read_model_file(source, UNLIMITED)
     inertias = _changed_inertias(robot, prior, file)
     fixed = {link: names for link, names in _fixed_bodies(prior, file).items() if link in inertias}
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
@@ -81,7 +82,7 @@ def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
     """
     if robot.source is None:
         raise ModelError(f"robot {robot.name} was made in memory, there is no model file to write its values into")
-    is_urdf = parse_xml(robot.source).tag == "robot"
+    is_urdf = parse_xml(robot.source, UNLIMITED).tag == "robot"
     valid = (".urdf",) if is_urdf else (".xml", ".mjcf")
     if Path(path).suffix.lower() not in valid:
         kind = "a URDF" if is_urdf else "an MJCF"
@@ -128,7 +129,7 @@ def _fixed_bodies(prior: Robot, file: ModelFile) -> dict[str, list[str]]:
 
 def _check_reads_back(robot: Robot, written: Path, target: Path) -> None:
     try:
-        back = load_robot(written)
+        back = load_robot(written, UNLIMITED)
     except ModelError as error:
         raise ModelError(f"{target}: {str(error).removeprefix(f'{written}: ')}") from error
     for link in robot.tree.links:

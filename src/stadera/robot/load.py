@@ -14,6 +14,7 @@ import pinocchio as pin
 from stadera.boundary import foreign, require_input
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
+from stadera.limits import DEFAULTS, Limits
 from stadera.robot.catalog import resolve
 from stadera.robot.feet import find_foot
 from stadera.robot.legs import Chain, find_legs
@@ -22,11 +23,12 @@ from stadera.robot.modelfile import ModelFile, joint_axis
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import fitted_shapes
 from stadera.robot.xacro import parsed
+from stadera.robot.xmltree import require_depth, require_size
 
 _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit
 
 
-def load_robot(source: Robot | str | PathLike[str]) -> Robot:
+def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -> Robot:
     """The quadruped of that name or file; a robot is returned as it is.
 
     Trunk, legs, feet and joint order are found from the model itself; what had to be assumed is in `Robot.notes`.
@@ -35,29 +37,33 @@ def load_robot(source: Robot | str | PathLike[str]) -> Robot:
 
     Args:
         source: a name of `stadera.robot.catalog`, or a path to a URDF or MJCF file.
+        limits: that a file has to keep to.
 
     Raises:
         UnknownNameError: neither a known name nor a file.
+        LimitError: a file beyond the limits.
         MissingExtraError: the package that brings this named robot, or MuJoCo for an MJCF, is not installed.
         ModelError: the file cannot be read, or is no quadruped with point feet and three revolute joints a leg.
     """
     if isinstance(source, Robot):
         return source
     name, path = resolve(source)
-    file = read_model_file(path)
+    file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):
         robot = _understand(file)
     return replace(robot, name=name) if name else robot
 
 
-def read_model_file(path: Path) -> ModelFile:
+def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
     """Read a URDF or MJCF, distinguished by the root element.
 
     Raises:
+        LimitError: a file beyond the limits.
         ModelError: not a file, not XML, or XML of another kind.
     """
-    root = parse_xml(path)
+    root = parse_xml(path, limits)
     if root.tag == "robot":
+        require_depth(root.findall("joint"), path, limits)
         from stadera.robot.urdf.read import read_urdf
 
         with foreign(path, "not a URDF that can be read", ModelError):
@@ -66,19 +72,21 @@ def read_model_file(path: Path) -> ModelFile:
         from stadera.robot.mjcf.read import read_mjcf
     except ModuleNotFoundError as error:
         raise MissingExtraError("mujoco", "lab", f"reading the MJCF {path}") from error
+    require_size(root, path, limits)
     with foreign(path, "not an MJCF that can be read", ModelError):
         return read_mjcf(path)
 
 
-def parse_xml(path: Path) -> ET.Element:
+def parse_xml(path: Path, limits: Limits = DEFAULTS) -> ET.Element:
     """The root element of a robot file, <robot> or <mujoco>; of a xacro that of its expansion.
 
     Raises:
+        LimitError: more elements, or deeper in each other, than the limits allow.
         ModelError: not a file, not XML, or XML of another kind.
     """
     require_input(path, ModelError)
     with foreign(path, "a robot is a URDF or an MJCF file, and this is not XML", ModelError):
-        root = parsed(path)
+        root = parsed(path, limits)
     if root.tag not in ("robot", "mujoco"):
         raise ModelError(f"{path}: root element <{root.tag}>; a URDF has <robot>, an MJCF <mujoco>")
     return root

@@ -8,6 +8,8 @@ from io import StringIO
 from pathlib import Path
 
 from stadera.errors import MissingExtraError, ModelError
+from stadera.limits import DEFAULTS, Limits
+from stadera.robot.xmltree import tree_of
 
 _NAMESPACES = ("xmlns:xacro=", "ros.org/wiki/xacro", "ros.org/xacro")
 _HEAD = 4096  # bytes in which the root element begins
@@ -45,6 +47,6 @@ def expanded(path: Path) -> str:
         raise ModelError(f"{path}: xacro cannot expand it ({why}); {by_hand}") from error
 
 
-def parsed(path: Path) -> ET.Element:
-    """The root element; errors as `expanded`, and those of the parser."""
-    return ET.fromstring(expanded(path)) if is_xacro(path) else ET.parse(path).getroot()
+def parsed(path: Path, limits: Limits = DEFAULTS) -> ET.Element:
+    """The root element; errors as `expanded` and `stadera.robot.xmltree.tree_of`."""
+    return tree_of(path, expanded(path) if is_xacro(path) else None, limits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -113,7 +114,8 @@ def _grouped(samples: Iterable[Sample]) -> dict[frozenset[str], list[Sample]]:
 def _check_agreement(named: Sequence[Columns], topic: str) -> None:
     """Raises if publishers have a joint in common, or one names a joint twice."""
     for k, names in enumerate(named):
-        if twice := next((joint for joint in names if names.count(joint) > 1), None):
+        if len(set(names)) < len(names):
+            twice, _ = Counter(names).most_common(1)[0]
             raise RecordingError(f"{topic}: a message names joint {twice!r} twice")
         for other in named[:k]:
             if both := sorted(set(names).intersection(other)):

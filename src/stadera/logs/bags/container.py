@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 
 from stadera.errors import RecordingError
+from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 
 Record = TypeVar("Record")
 Part = TypeVar("Part")
@@ -43,7 +44,7 @@ class Container(Protocol):
     magic: bytes
     encoding: str
 
-    def topics(self, path: Path) -> dict[str, Topic]:
+    def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
         """The topics of a file by name, those in `encoding`.
 
         Raises:
@@ -51,7 +52,7 @@ class Container(Protocol):
         """
         ...
 
-    def messages(self, path: Path, topics: Collection[str], damage: list[str]) -> Iterator[Message]:
+    def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
         """Messages of these topics as recorded. What cannot be read is left out and reported in `damage`."""
         ...
 
@@ -64,28 +65,31 @@ class Bag:
         path: of the file or folder.
         container: the format of its files.
         files: its files.
+        budget: what reading it may take.
         damage: what could not be read, one sentence each; grows while messages are read.
     """
 
     path: Path
     container: Container
     files: tuple[Path, ...]
+    budget: Budget
     damage: list[str] = field(default_factory=list)
 
     @classmethod
-    def at(cls, path: Path, container: Container) -> Bag:
+    def at(cls, path: Path, container: Container, limits: Limits = DEFAULTS) -> Bag:
         """The file, or a folder's files in the order of the numbers in their names.
 
         Raises:
             RecordingError: a file of the folder is compressed as a whole.
         """
         if not path.is_dir():
-            return cls(path, container, (path,))
+            return cls(path, container, (path,), Budget(path, limits))
         there, suffix = sorted(path.iterdir(), key=_in_order), container.suffix
         if packed := next((p for p in there if p.name.endswith((f"{suffix}.zstd", f"{suffix}.zst"))), None):
             raise RecordingError(f"{packed}: compressed as a whole; unpack it first: zstd -d {packed.name}")
         files = tuple(p for p in there if p.suffix == suffix and p.is_file())
-        return cls(path, container, files, [missing] if (missing := _missing_parts(files)) else [])
+        missing = _missing_parts(files)
+        return cls(path, container, files, Budget(path, limits), [missing] if missing else [])
 
     def topics(self) -> dict[str, Topic]:
         """The topics of all files.
@@ -97,7 +101,7 @@ class Bag:
         errors: dict[Path, RecordingError] = {}
         for path in self.files:
             try:
-                found |= self.container.topics(path)
+                found |= self.container.topics(path, self.budget)
             except RecordingError as error:
                 errors[path] = error
         if len(errors) == len(self.files):
@@ -109,7 +113,7 @@ class Bag:
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """All messages of these topics, file after file."""
         for path in self.files:
-            yield from self.container.messages(path, topics, self.damage)
+            yield from self.container.messages(path, topics, self.damage, self.budget)
 
 
 def salvaged(
@@ -118,6 +122,7 @@ def salvaged(
     unpack: Callable[[Record], Iterable[Part]],
     read_so_far: Callable[[int], str],
     damage: list[str],
+    budget: Budget,
 ) -> Iterator[Part]:
     """The parts of a file's records, as far as they can be read.
 
@@ -129,12 +134,17 @@ def salvaged(
         unpack: the parts of a record: of a chunk many, of another itself. An error leaves out the record.
         read_so_far: what of the file was read, by the number of records, for the report.
         damage: gets a sentence for whatever could not be read.
+        budget: what reading may take; LimitError where it takes more.
     """
     read, broken, reason = 0, 0, ""
     while True:
+        budget.tick()
         try:
             record = next(records, None)
+        except LimitError:
+            raise
         except Exception as error:
+            budget.check_time()
             damage.append(f"{path}: cut off or damaged after {read_so_far(read)}{_why(error)}; read up to there")
             break
         if record is None:
@@ -142,6 +152,8 @@ def salvaged(
         read += 1
         try:
             inner = unpack(record)
+        except LimitError:
+            raise
         except Exception as error:
             broken, reason = broken + 1, _why(error)
             continue

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from stadera.errors import RecordingError
+from stadera.limits import DEFAULTS
 from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
@@ -22,6 +23,8 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
 IMU_NAMES = tuple(name for names in IMU_COLUMNS.values() for name in names)
 
+_LARGEST_MESSAGE = 1 << 24
+"""Bytes of a message that does not state its size."""
 _ZSTD = b"\x28\xb5\x2f\xfd"
 """How a message begins that was compressed on its own."""
 
@@ -86,12 +89,20 @@ def has_states(topic: Topic, encoding: str) -> bool:
 
 
 def uncompressed(data: bytes) -> bytes:
-    """A message's bytes, unpacked if it was compressed on its own."""
+    """A message's bytes, unpacked if it was compressed on its own.
+
+    Raises:
+        LimitError: it unpacks to more than any message has.
+    """
     if data[:4] != _ZSTD:
         return data
     import zstandard
 
-    return zstandard.decompress(data)
+    size = zstandard.frame_content_size(data)
+    DEFAULTS.require("unpacked", size, "a message", "bytes that it unpacks to")
+    if size < 0:  # not stated
+        return zstandard.ZstdDecompressor().stream_reader(data).read(_LARGEST_MESSAGE)
+    return zstandard.ZstdDecompressor().decompress(data)
 
 
 @cache

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from stadera.boundary import foreign
 from stadera.errors import RecordingError
+from stadera.limits import LimitError
 from stadera.logs.bags.beginning import Beginning, beginning_of, first_samples
 from stadera.logs.bags.choice import choose
 from stadera.logs.bags.container import Bag, Container
@@ -21,7 +22,7 @@ from stadera.logs.bags.decode import Decoder, Sample, decoder
 from stadera.logs.bags.merging import Merging
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.bags.unitree import LowStates
-from stadera.logs.batches import Batch, recordings
+from stadera.logs.batches import Batch, recordings, within
 from stadera.logs.columns import TIME, layout
 from stadera.logs.reading import Reading
 from stadera.logs.recording import Recording
@@ -65,7 +66,7 @@ class BagLog:
         path = log.path
         if log.reading.columns is not None:
             raise RecordingError(f"{path}: a {self.name} has no columns: leave out --columns, which is for tables")
-        bag = Bag.at(path, self.container)
+        bag = Bag.at(path, self.container, log.reading.limits)
         found = bag.topics()
         choice = choose(bag, found, log.topics, joints, self.settings)
         joint_topic, imu_topic = choice.joint, choice.imu
@@ -88,7 +89,7 @@ class BagLog:
         notes = (f"left out the IMU, topic {imu_topic}: {start.imu_fault}",) if start.imu_fault else ()
         table = replace(table, imu_frame=start.imu_frame, notes=(*choice.notes, *notes, *table.notes))
         merging = Merging(start, joint_topic, imu_topic, table.recorded, self.settings)
-        batches = _batches(samples, start, merging, self.settings.batch)
+        batches = within(_batches(samples, start, merging, self.settings.batch), bag.budget, rows)
         notes_of_all = _notes(samples, merging, joint_topic)
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
 
@@ -115,6 +116,9 @@ class _Samples:
         for message in self._messages:
             try:
                 sample = self.decoders[message.topic](message)
+                self.bag.budget.require_columns(sample.columns)
+            except LimitError:
+                raise
             except Exception:  # the libraries meet damaged bytes with errors of many kinds
                 self.damaged[message.topic] += 1
                 continue

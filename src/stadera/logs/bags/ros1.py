@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from stadera.errors import RecordingError
+from stadera.limits import Budget
 from stadera.logs.bags.container import Message, Topic, salvaged
+from stadera.logs.bags.unpack import unpacked
 
 if TYPE_CHECKING:
     from rosbags.rosbag1.reader import Header
@@ -39,7 +42,7 @@ class Ros1File:
 
     name, suffix, magic, encoding = "ROS 1 bag", ".bag", b"#ROSBAG V2.0\n", "ros1"
 
-    def topics(self, path: Path) -> dict[str, Topic]:
+    def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
         """See `Container`."""
         from rosbags.rosbag1 import Reader
         from rosbags.typesys.msg import normalize_msgtype
@@ -48,38 +51,43 @@ class Ros1File:
             with Reader(path) as reader:
                 return {c.topic: Topic(c.msgtype, c.msgdef.data) for c in reader.connections}
         except Exception:  # of many kinds, at a damaged end; the records themselves are read instead
-            connections = [part for part in _parts(path, []) if part.topic]
+            connections = [part for part in _parts(path, [], budget) if part.topic]
             found = {part.topic: Topic(normalize_msgtype(part.type), part.definition) for part in connections}
         if not found:
             raise RecordingError(f"{path}: no topics that can be read; is the file cut off?")
         return found
 
-    def messages(self, path: Path, topics: Collection[str], damage: list[str]) -> Iterator[Message]:
+    def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
         """See `Container`."""
         wanted: dict[int, str] = {}
-        for part in _parts(path, damage):
+        for part in _parts(path, damage, budget):
             if part.topic in topics:
                 wanted[part.connection] = part.topic
             elif not part.topic and (topic := wanted.get(part.connection)) is not None:
                 yield Message(topic, part.time, part.data)
 
 
-def _parts(path: Path, damage: list[str]) -> Iterator[_Part]:
+def _parts(path: Path, damage: list[str], budget: Budget) -> Iterator[_Part]:
     """Connections and messages in the file's order."""
     size = path.stat().st_size
     with path.open("rb") as file:
         file.readline()
-        records = _records(file, size)
-        yield from salvaged(path, records, _unpacked, lambda _: f"{file.tell()} of {size} bytes", damage)
+        records, unpack = _records(file, size), partial(_unpacked, budget=budget)
+        yield from salvaged(path, records, unpack, lambda _: f"{file.tell()} of {size} bytes", damage, budget)
 
 
-def _unpacked(record: _Record) -> list[_Part]:
-    from rosbags.rosbag1.reader import Header, decompressors
+def _unpacked(record: _Record, budget: Budget) -> list[_Part]:
+    if record.kind != _CHUNK:
+        return _parts_of(record)
+    inner = unpacked(record.data, record.header.get_string("compression"), budget)
+    return [part for record in _records(BytesIO(inner), len(inner)) for part in _parts_of(record)]
+
+
+def _parts_of(record: _Record) -> list[_Part]:
+    """Of a record that is no chunk."""
+    from rosbags.rosbag1.reader import Header
 
     kind, header, data = record
-    if kind == _CHUNK:
-        inner = decompressors[header.get_string("compression")](data)
-        return [part for record in _records(BytesIO(inner), len(inner)) for part in _unpacked(record)]
     if kind == _MESSAGE:
         return [_Part(header.get_uint32("conn"), time=header.get_time("time"), data=data)]
     if kind == _CONNECTION:

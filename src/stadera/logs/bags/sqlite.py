@@ -9,7 +9,11 @@ from pathlib import Path
 
 from stadera.boundary import foreign
 from stadera.errors import RecordingError
+from stadera.limits import Budget
 from stadera.logs.bags.container import Message, Topic, salvaged
+
+_OPERATIONS = 100_000  # of sqlite's virtual machine, between two looks at the time
+_LONGEST = 1_000_000_000  # bytes, that sqlite allows itself
 
 
 class SqliteFile:
@@ -17,19 +21,23 @@ class SqliteFile:
 
     name, suffix, magic, encoding = "sqlite3 bag", ".db3", b"SQLite format 3\0", "cdr"
 
-    def topics(self, path: Path) -> dict[str, Topic]:
+    def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
         """See `Container`."""
         definitions: dict[str, str] = {}
-        with foreign(path, "no bag that can be read"), closing(_open(path)) as database:
-            rows = database.execute("SELECT name, type, serialization_format FROM topics").fetchall()
-            with suppress(sqlite3.Error):  # older bags have no definitions
-                query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
-                definitions = {kind: str(text) for kind, text in database.execute(query) if text}
+        try:
+            with foreign(path, "no bag that can be read"), closing(_open(path, budget)) as database:
+                rows = database.execute("SELECT name, type, serialization_format FROM topics").fetchall()
+                with suppress(sqlite3.Error):  # older bags have no definitions
+                    query = "SELECT topic_type, encoded_message_definition FROM message_definitions"
+                    definitions = {kind: str(text) for kind, text in database.execute(query) if text}
+        except RecordingError:
+            budget.check_time()
+            raise
         return {str(n): Topic(str(kind), definitions.get(kind, "")) for n, kind, form in rows if form == self.encoding}
 
-    def messages(self, path: Path, topics: Collection[str], damage: list[str]) -> Iterator[Message]:
+    def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
         """See `Container`."""
-        return salvaged(path, _rows(path, topics), _message, lambda read: f"{read} messages", damage)
+        return salvaged(path, _rows(path, topics, budget), _message, lambda read: f"{read} messages", damage, budget)
 
 
 def _message(row: tuple[str, object, object]) -> tuple[Message]:
@@ -40,8 +48,8 @@ def _message(row: tuple[str, object, object]) -> tuple[Message]:
     return (Message(topic, received, data),)
 
 
-def _rows(path: Path, topics: Collection[str]) -> Iterator[tuple[str, object, object]]:
-    with closing(_open(path)) as database:
+def _rows(path: Path, topics: Collection[str], budget: Budget) -> Iterator[tuple[str, object, object]]:
+    with closing(_open(path, budget)) as database:
         names = {number: str(name) for number, name in database.execute("SELECT id, name FROM topics")}
         wanted = [number for number, name in names.items() if name in topics]
         # in the order of the rows, which is that of recording: an index might be what is damaged
@@ -53,8 +61,20 @@ def _rows(path: Path, topics: Collection[str]) -> Iterator[tuple[str, object, ob
             yield names[number], received, data
 
 
-def _open(path: Path) -> sqlite3.Connection:
+def _open(path: Path, budget: Budget) -> sqlite3.Connection:
+    """The database, in which no value is longer than the budget allows and no query takes longer.
+
+    Raises:
+        RecordingError: topics or messages are no plain table: a view or a virtual one computes its rows, without end if
+            it was made so.
+    """
     database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(int(budget.limits.unpacked), _LONGEST))
+    database.set_progress_handler(lambda: budget.is_over, _OPERATIONS)
+    database.execute("PRAGMA trusted_schema=OFF")
     # without this, sqlite refuses a file that is shorter than its header says altogether
     database.execute("PRAGMA writable_schema=ON")
+    stored = dict(database.execute("SELECT name, type = 'table' AND rootpage > 0 FROM sqlite_master"))
+    if computed := next((name for name in ("topics", "messages") if not stored.get(name, 1)), None):
+        raise RecordingError(f"{path}: {computed} is no table but computed from others, which no recorder does")
     return database

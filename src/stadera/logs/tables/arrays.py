@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from stadera.boundary import foreign
 from stadera.errors import RecordingError
-from stadera.logs.batches import Batch
+from stadera.limits import Budget
+from stadera.logs.batches import Batch, rows_at_once, within
 from stadera.logs.columns import CHANNELS, layout
 from stadera.logs.pd_law import DESIRED
 from stadera.logs.recording import Recording
@@ -30,12 +31,11 @@ from stadera.logs.tables.rows import table_recordings
 from stadera.logs.topics import LogFile
 from stadera.types import Array
 
-BATCH_ROWS = 16384
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
 _JOINTS = "joints"
 _NUMBERS = "fiub"
-MAT_BYTES, MAT_SECONDS = 2 << 30, 60
-"""That unpacking a MATLAB file may take."""
+_ROWS = 16384  # of an archive read at a time
+_MAT_COPIES = 4  # of a MATLAB file's arrays that unpacking it holds
 _DAMAGED_NPZ = "damaged NumPy file"
 
 
@@ -47,11 +47,14 @@ class Column:
     index: int | None = None
 
 
-def columns_of_arrays(shapes: Mapping[str, tuple[int, ...]], joints: Sequence[str]) -> dict[str, Column]:
+def columns_of_arrays(
+    shapes: Mapping[str, tuple[int, ...]], joints: Sequence[str], budget: Budget
+) -> dict[str, Column]:
     """The columns that arrays of these shapes are, by name. Samples are along the longer side."""
     found: dict[str, Column] = {}
     for name, shape in shapes.items():
         sizes = [size for size in shape if size != 1]
+        budget.require_columns(range(min(sizes) if len(sizes) == 2 else 1))
         if len(sizes) == 1:
             found[name] = Column(name)
         elif len(sizes) == 2:
@@ -81,19 +84,17 @@ class NpzTable:
 
     def header(self, path: Path) -> tuple[str, ...]:
         """Names of the columns."""
-        with zipfile.ZipFile(path) as archive:
-            return tuple(_npz_columns(archive, path))
+        return tuple(_npz_columns(Budget(path)))
 
     def stream(
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
-        path = str(log.path)
-        with zipfile.ZipFile(log.path) as archive:
-            columns = _npz_columns(archive, log.path)
+        path, budget = str(log.path), Budget(log.path, log.reading.limits)
+        columns = _npz_columns(budget)
         found = layout(tuple(columns), path, joints, require, log.reading, log.topics, self.name)
-        batches = _npz_batches(log.path, [columns[name] for name in found.recorded])
-        return table_recordings(batches, found, path, rows)
+        batches = _npz_batches([columns[name] for name in found.recorded], budget)
+        return table_recordings(within(batches, budget, rows), found, path, rows)
 
 
 class MatTable:
@@ -111,14 +112,16 @@ class MatTable:
 
     def header(self, path: Path) -> tuple[str, ...]:
         """Names of the columns."""
-        return tuple(_mat_columns(_mat_arrays(path)))
+        budget = Budget(path)
+        return tuple(_mat_columns(_mat_arrays(budget), budget))
 
     def stream(
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
-        path, arrays = str(log.path), _mat_arrays(log.path)
-        columns = _mat_columns(arrays)
+        path, budget = str(log.path), Budget(log.path, log.reading.limits)
+        arrays = _mat_arrays(budget)
+        columns = _mat_columns(arrays, budget)
         found = layout(tuple(columns), path, joints, require, log.reading, log.topics, self.name)
         values = [_column(arrays[columns[name].array], columns[name].index) for name in found.recorded]
         _check_lengths({name: len(value) for name, value in zip(found.recorded, values, strict=True)}, path)
@@ -158,10 +161,11 @@ def _read_header(file: IO[bytes]) -> _Header:
     return _Header(*read(file))  # type: ignore[no-untyped-call]
 
 
-def _npz_columns(archive: zipfile.ZipFile, path: Path) -> dict[str, Column]:
+def _npz_columns(budget: Budget) -> dict[str, Column]:
     shapes: dict[str, tuple[int, ...]] = {}
     joints: list[str] = []
-    with foreign(path, _DAMAGED_NPZ):
+    path = budget.path
+    with foreign(path, _DAMAGED_NPZ), zipfile.ZipFile(path) as archive:
         for member in archive.namelist():
             name = member.removesuffix(".npy")
             with archive.open(member) as file:
@@ -172,24 +176,26 @@ def _npz_columns(archive: zipfile.ZipFile, path: Path) -> dict[str, Column]:
                     f"as numbers or as names: import numpy; numpy.savez(..., {name}=list_of_them)"
                 )
             if name == _JOINTS and header.dtype.kind == "U":
+                budget.require_unpacked(archive.getinfo(member).file_size, "an array")
                 with archive.open(member) as file:
                     joints = [str(joint) for joint in np.lib.format.read_array(file, allow_pickle=False)]  # type: ignore[no-untyped-call]
             elif header.dtype.kind in _NUMBERS:
                 shapes[name] = header.shape
-    return columns_of_arrays(shapes, joints)
+    return columns_of_arrays(shapes, joints, budget)
 
 
 class _Member:
     """One array of an archive, read from its beginning on."""
 
-    def __init__(self, archive: zipfile.ZipFile, name: str, stack: ExitStack) -> None:
+    def __init__(self, archive: zipfile.ZipFile, name: str, stack: ExitStack, budget: Budget) -> None:
         self._file = stack.enter_context(archive.open(f"{name}.npy"))
         self._header = header = _read_header(self._file)
         sizes = [size for size in header.shape if size != 1] or [1]
         self.samples = max(sizes)
-        self._width = min(sizes) if len(sizes) == 2 else 1
+        self.width = min(sizes) if len(sizes) == 2 else 1
         self._whole: NDArray[Any] | None = None
         if len(sizes) == 2 and (header.fortran or sizes[0] < sizes[1]):  # samples do not follow each other
+            budget.require_unpacked(archive.getinfo(f"{name}.npy").file_size, "an array")
             flat = np.frombuffer(self._file.read(), header.dtype)
             array = flat.reshape(sizes[::-1]).T if header.fortran else flat.reshape(sizes)
             self._whole = array if sizes[0] >= sizes[1] else array.T
@@ -199,27 +205,30 @@ class _Member:
         if self._whole is not None:
             return self._whole[first : first + count]
         count = min(count, self.samples - first)
-        size = count * self._width * self._header.dtype.itemsize
-        return np.frombuffer(self._file.read(size), self._header.dtype).reshape(count, self._width)
+        size = count * self.width * self._header.dtype.itemsize
+        return np.frombuffer(self._file.read(size), self._header.dtype).reshape(count, self.width)
 
 
-def _npz_batches(path: Path, columns: Sequence[Column]) -> Iterator[Batch]:
+def _npz_batches(columns: Sequence[Column], budget: Budget) -> Iterator[Batch]:
+    path = budget.path
     with foreign(path, _DAMAGED_NPZ), ExitStack() as stack:
         archive = stack.enter_context(zipfile.ZipFile(path))
-        members = {name: _Member(archive, name, stack) for name in dict.fromkeys(c.array for c in columns)}
+        members = {name: _Member(archive, name, stack, budget) for name in dict.fromkeys(c.array for c in columns)}
         _check_lengths({name: member.samples for name, member in members.items()}, str(path))
-        for first in range(0, members[columns[0].array].samples, BATCH_ROWS):
-            rows = {name: member.rows(first, BATCH_ROWS) for name, member in members.items()}
+        count = min(_ROWS, rows_at_once(sum(member.width for member in members.values())))
+        for first in range(0, members[columns[0].array].samples, count):
+            rows = {name: member.rows(first, count) for name, member in members.items()}
             yield _batch(np.array([rows[c.array][:, c.index or 0] for c in columns], dtype=np.float64))
 
 
 # -- MATLAB -----------------------------------------------------------------------------------------------------------
-def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
+def _mat_arrays(budget: Budget) -> dict[str, NDArray[Any]]:
     """Unpacked by another process, which a damaged file may end (see `unpack_mat`)."""
+    path = budget.path
     script = Path(__file__).with_name("unpack_mat.py")
     with foreign(path, "damaged MATLAB file"), TemporaryDirectory() as folder:
         archive = Path(folder) / "arrays.npz"
-        limits = (str(MAT_BYTES), str(MAT_SECONDS))
+        limits = (str(_MAT_COPIES * budget.most_bytes), str(max(1, budget.most_seconds)))
         done = subprocess.run(
             [sys.executable, "-P", str(script), str(path), str(archive), *limits],
             capture_output=True,
@@ -233,8 +242,8 @@ def _mat_arrays(path: Path) -> dict[str, NDArray[Any]]:
             return dict(arrays)
 
 
-def _mat_columns(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Column]:
+def _mat_columns(arrays: Mapping[str, NDArray[Any]], budget: Budget) -> dict[str, Column]:
     """A char matrix or a cell array `joints` names the joints."""
     joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
-    return columns_of_arrays(shapes, joints)
+    return columns_of_arrays(shapes, joints, budget)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from stadera.boundary import foreign
 from stadera.errors import RecordingError
-from stadera.logs.batches import Batch
+from stadera.limits import Budget
+from stadera.logs.batches import Batch, within
 from stadera.logs.columns import layout
 from stadera.logs.recording import Recording
 from stadera.logs.tables.arrow import batch_of
@@ -66,10 +67,12 @@ class CsvTable:
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
-        path = log.path
+        path, budget = log.path, Budget(log.path, log.reading.limits)
         dialect = _dialect(path)
+        budget.require_columns(dialect.header)
         found = layout(dialect.header, str(path), joints, require, log.reading, log.topics, self.name)
-        return table_recordings(_batches(path, dialect, found.recorded), found, str(path), rows)
+        batches = within(_batches(path, dialect, found.recorded), budget, rows)
+        return table_recordings(batches, found, str(path), rows)
 
 
 def _head(path: Path, size: int) -> bytes:

@@ -7,16 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from stadera.boundary import foreign
-from stadera.logs.batches import Batch
+from stadera.limits import Budget
+from stadera.logs.batches import MOST_ROWS, Batch, rows_at_once, within
 from stadera.logs.columns import IMU_FRAME, layout
 from stadera.logs.recording import Recording
 from stadera.logs.tables.arrow import batch_of
+from stadera.logs.tables.pages import check_pages
 from stadera.logs.tables.rows import table_recordings
 from stadera.logs.topics import LogFile
 
 MAGIC = b"PAR1"
 BUFFER_BYTES = 1 << 18
-BATCH_ROWS = 65536
 _DAMAGED = "damaged Parquet file"
 
 
@@ -41,11 +42,13 @@ class ParquetTable:
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
         """See `stadera.logs.stream`."""
-        path = log.path
+        path, budget = log.path, Budget(log.path, log.reading.limits)
         names, frame = _schema(path)
+        budget.require_columns(names)
         found = layout(names, str(path), joints, require, log.reading, log.topics, self.name)
         found = replace(found, imu_frame=frame)
-        return table_recordings(_batches(path, found.recorded, rows or BATCH_ROWS), found, str(path), rows)
+        batches = within(_batches(path, found.recorded, rows or MOST_ROWS, budget), budget, rows)
+        return table_recordings(batches, found, str(path), rows)
 
 
 def _schema(path: Path) -> tuple[tuple[str, ...], str | None]:
@@ -58,9 +61,10 @@ def _schema(path: Path) -> tuple[tuple[str, ...], str | None]:
         return tuple(schema.names), frame or None
 
 
-def _batches(path: Path, columns: tuple[str, ...], rows: int) -> Iterator[Batch]:
+def _batches(path: Path, columns: tuple[str, ...], rows: int, budget: Budget) -> Iterator[Batch]:
     from pyarrow import parquet
 
     with foreign(path, _DAMAGED), parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
-        for batch in file.iter_batches(min(rows, BATCH_ROWS), columns=list(columns), use_threads=False):
+        check_pages(path, file.metadata, columns, budget)
+        for batch in file.iter_batches(min(rows, rows_at_once(len(columns))), columns=list(columns), use_threads=False):
             yield batch_of(batch, columns, str(path))

@@ -172,9 +172,8 @@ class _Builder:
         inertia = pin.Inertia(float(mj.body_mass[body]), np.array(mj.body_ipos[body]), 0.5 * (tensor + tensor.T))
         self.model.appendBodyToJoint(joint, inertia, pose)
         self.model.addFrame(pin.Frame(self.body_name(body), joint, pose, pin.FrameType.BODY), False)
-        for site in range(mj.nsite):
-            name = mj.site(site).name
-            if mj.site_bodyid[site] == body and name:
+        for site in np.flatnonzero(mj.site_bodyid == body).tolist():
+            if name := mj.site(site).name:
                 placement = pose * _pose(mj.site_quat[site], mj.site_pos[site])
                 self.model.addFrame(pin.Frame(name, joint, placement, pin.FrameType.OP_FRAME), False)
 

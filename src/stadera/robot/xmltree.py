@@ -1,0 +1,121 @@
+"""XML of robot models, read within limits: elements, depth, and no entities, which can multiply without end."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from stadera.errors import ModelError
+from stadera.limits import DEFAULTS, Limits
+
+_PIECE = 1 << 16  # bytes
+_SIZED = {"size", "numeric", "hfield"}
+"""Elements of MJCF whose numbers are sizes of arrays."""
+_LARGEST_ARRAY = 1_000_000
+_FILES = {"include", "model"}
+"""Elements of MJCF that bring in another model's elements."""
+
+
+class _Counted(ET.TreeBuilder):
+    """Builds a tree, and counts."""
+
+    def __init__(self, path: Path, limits: Limits) -> None:
+        super().__init__()
+        self._path, self._limits = path, limits
+        self._elements = self._depth = 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:  # type: ignore[override]
+        self._elements, self._depth = self._elements + 1, self._depth + 1
+        self._limits.require("elements", self._elements, self._path, "elements")
+        self._limits.require("depth", self._depth, self._path, "elements in each other")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, *_: object) -> None:
+        raise ModelError(f"{self._path}: a DOCTYPE, whose entities are not read; no robot's model needs one")
+
+
+def tree_of(path: Path, text: str | None = None, limits: Limits = DEFAULTS) -> ET.Element:
+    """The root element of a file, or of a text that stands for it.
+
+    Raises:
+        LimitError: more elements, or deeper in each other, than the limits allow.
+        ModelError: it has a DOCTYPE.
+        ElementTree.ParseError, LookupError: not XML, an unknown encoding.
+    """
+    parser = ET.XMLParser(target=_Counted(path, limits))
+    for piece in _pieces(path) if text is None else [text]:
+        parser.feed(piece)
+    root: ET.Element = parser.close()
+    return root
+
+
+def _pieces(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while piece := file.read(_PIECE):
+            yield piece
+
+
+def require_depth(joints: Iterable[ET.Element], path: Path, limits: Limits) -> None:
+    """Checks how many joints of a URDF are one behind the other.
+
+    Raises:
+        LimitError: too many.
+    """
+    links = ((joint.find("parent"), joint.find("child")) for joint in joints)
+    above = {c.get("link"): p.get("link") for p, c in links if p is not None and c is not None}
+    depth: dict[str | None, int] = {}
+    for link in above:
+        chain: list[str | None] = []
+        while link in above and link not in depth and len(chain) <= limits.depth:
+            chain.append(link)
+            link = above[link]
+        for k, one in enumerate(reversed(chain), start=1 + depth.get(link, 0)):
+            depth[one] = k
+            limits.require("depth", k, path, "joints one behind the other")
+
+
+def require_size(root: ET.Element, path: Path, limits: Limits) -> None:
+    """Checks what an MJCF asks a compiler to make: included files, copies, arrays.
+
+    Raises:
+        LimitError: too many elements, or an array that is too large.
+    """
+    total = _elements(root, path, limits, {path.resolve()})
+    limits.require("elements", total, path, "elements, with all copies and included files")
+
+
+def _elements(element: ET.Element, path: Path, limits: Limits, seen: set[Path]) -> float:
+    """Elements below and with this one, each as often as it is to be copied."""
+    own = 1.0 + sum(_elements(child, path, limits, seen) for child in element)
+    if element.tag in _SIZED:
+        largest = max((_number(value) for name, value in element.items() if name != "memory"), default=0.0)
+        limits.require("elements", largest / _LARGEST_ARRAY, path, f"million numbers of <{element.tag}>")
+    if element.tag in _FILES and (name := element.get("file")):
+        own += _of_file(path.parent / name, limits, seen)
+    for word in (element.get("count") or "").split():
+        own *= max(_number(word), 1.0)
+    return own
+
+
+def _of_file(path: Path, limits: Limits, seen: set[Path]) -> float:
+    """Of a further file; nothing where it is not there or no XML, which the compiler says better."""
+    if path.resolve() in seen or not path.is_file():
+        return 0.0
+    seen.add(path.resolve())
+    try:
+        root = tree_of(path, limits=limits)
+    except (ET.ParseError, LookupError, ValueError):
+        return 0.0
+    return _elements(root, path, limits, seen)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
