@@ -9,7 +9,9 @@ import subprocess
 import sys
 from functools import cache
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -139,3 +141,29 @@ def blocks(page: Path) -> str:
 def test_python_runs(page: Path, folder: Path) -> None:
     done = subprocess.run([sys.executable, "-c", blocks(page)], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+# -- the published experiments ----------------------------------------------------------------------------------------
+def experiment_tables() -> ModuleType:
+    spec = spec_from_file_location("experiment_tables", ROOT / "docs" / "experiment_tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_tables_of_the_experiments_are_those_of_the_runs() -> None:
+    made = experiment_tables()
+    page = (ROOT / "docs" / "experiments.md").read_text()
+    assert made.renewed(page) == page, "python docs/experiment_tables.py writes them"
+    commands_listed = [line.split("`")[1] for line in page.splitlines() if line.startswith("| `stadera reproduce")]
+    assert len(commands_listed) == len(set(commands_listed)), "a row a command"
+    kept = {path.stem for path in made.RESULTS.glob("*.json")}
+    assert {"table1", "fig4", "fig5", "fig6"} <= kept <= set(made.TIMES)
+    assert sum(path.stat().st_size for path in made.RESULTS.iterdir()) < 300_000
+
+
+def test_a_missed_bound_is_marked() -> None:
+    record = {"case": {}, "unit": "s", "metric": "time", "value": 2.152, "paper": 2.0, "bound": 2.0, "met": False}
+    assert experiment_tables().cell(record) == "2.15 (2) ✗"

@@ -1,0 +1,136 @@
+"""Writes the tables of docs/experiments.md from the JSON of the runs: python docs/experiment_tables.py
+
+A run's JSON is docs/results/NAME.json, as `stadera reproduce NAME --json docs/results/NAME.json` writes it. Each table
+stands between `<!-- begin NAME -->` and `<!-- end NAME -->`; what is around stays as it is.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from stadera.report.numbers import number
+
+FOLDER = Path(__file__).parent
+PAGE, RESULTS = FOLDER / "experiments.md", FOLDER / "results"
+Record = dict[str, Any]
+Naming = Callable[[Record], str]
+
+TIMES = {
+    "table1": "26 to 33 s",
+    "fig4": "24 s",
+    "fig5": "8 s",
+    "table2": "2.5 min of processor time",
+    "table3": "2 min of processor time",
+    "fig6": "20 s of processor time",
+    "table5": "5 min of processor time",
+    "table4": "20 min of processor time",
+    "inertial_share": "25 s of processor time",
+}
+"""Of a run, in the order of the page."""
+
+
+def overview() -> str:
+    """One row a command: how many of its bounds were met."""
+    lines = ["| command | bounds met | time on two shared cores |", "|---|---|---|"]
+    for name, time in TIMES.items():
+        bounded = [record["met"] for record in read(name) or () if record["met"] is not None]
+        none = "no run kept" if read(name) is None else "no bounds"
+        met = f"{sum(bounded)} of {len(bounded)}" if bounded else none
+        lines.append(f"| `stadera reproduce {name}` | {met} | {time} |")
+    return "\n".join(lines)
+
+
+def crossed(records: Iterable[Record], row: Naming, column: Naming, corner: str) -> str:
+    """A table of values, the paper's in brackets, ✗ for a bound that is missed."""
+    cells: dict[str, dict[str, str]] = {}
+    for record in records:
+        cells.setdefault(row(record), {})[column(record)] = cell(record)
+    columns = list(dict.fromkeys(name for found in cells.values() for name in found))
+    lines = [f"| {corner} | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
+    lines += [f"| {name} | {' | '.join(found.get(c, '') for c in columns)} |" for name, found in cells.items()]
+    return "\n".join(lines)
+
+
+def cell(record: Record) -> str:
+    """Value, unit where it is one, the paper's value, and whether a bound is missed."""
+    paper = "" if record["paper"] is None else f" ({figure(record['paper'])})"
+    return f"{figure(record['value'])}{paper}{' ✗' if record['met'] is False else ''}"
+
+
+def figure(value: float) -> str:
+    """Three digits, whole numbers as they are."""
+    return f"{value:g}" if float(value).is_integer() and abs(value) < 1e6 else number(value, 3)
+
+
+def case(*names: str) -> Naming:
+    """The values of a case by name, and of "metric" the metric with its unit."""
+
+    def said(record: Record) -> str:
+        unit = "" if record["unit"] == "1" else f" [{record['unit']}]"
+        known = record["case"] | {"metric": f"{record['metric']}{unit}"}
+        return ", ".join(f"{known[name]:g}" if isinstance(known[name], float) else known[name] for name in names)
+
+    return said
+
+
+def all_of_the_case(record: Record) -> str:
+    """Every value of the case, then metric and unit."""
+    return case(*record["case"], "metric")(record)
+
+
+def tables(name: str, records: list[Record]) -> Iterator[str]:
+    """The tables of one experiment."""
+    compared = [r for r in records if r["paper"] is not None or r["bound"] is not None]
+    if name == "table1":
+        yield crossed(compared, all_of_the_case, lambda _: "here (paper)", "perturbation, sensor errors, method")
+    elif name == "fig4":
+        yield crossed(records, case("sensor errors", "metric"), case("joint"), "sensor errors")
+    elif name == "fig5":
+        yield crossed([r for r in records if "joint" in r["case"]], case("robot", "joint"), case("metric"), "joint")
+    elif name == "fig6":
+        yield crossed(records, case("settling time asked for [s]"), case("metric"), "settling time [s]")
+    elif name == "table2":
+        yield crossed(compared, case("method", "metric"), case("load [N]"), "load [N]")
+        others = [r for r in records if r["case"]["robot"] != "hyq" and "in x-y" in r["metric"]]
+        yield crossed(others, case("robot", "metric"), case("load, share of the weight"), "load, share of the weight")
+    elif name == "table3":
+        yield crossed(compared, case("slope [deg]", "metric"), case("load [N]"), "slope [°]; load [N]")
+    elif name == "table4":
+        for error in dict.fromkeys(r["case"]["error"] for r in compared):
+            chosen = [r for r in compared if r["case"]["error"] == error]
+            μ, σ = (next(key for key in chosen[0]["case"] if key.startswith(letter)) for letter in "μσ")
+            yield crossed(chosen, case("reading", "method"), case(μ, σ), f"{error}: ‖δ‖ in x-y [cm]; {μ}, {σ}")
+    else:
+        (key,) = records[0]["case"]
+        yield crossed(records, case("metric"), case(key), key)
+
+
+def read(name: str) -> list[Record] | None:
+    """The records of a run; None where none is kept."""
+    path = RESULTS / f"{name}.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+
+
+def renewed(page: str) -> str:
+    """The page with its tables written anew; one whose run is not kept stays."""
+
+    def table(found: re.Match[str]) -> str:
+        name = found.group(1)
+        records = read(name)
+        if name == "overview":
+            body = overview()
+        elif records is not None:
+            body = "\n\n".join(tables(name, records))
+        else:
+            return found.group()
+        return f"<!-- begin {name} -->\n{body}\n<!-- end {name} -->"
+
+    return re.sub(r"<!-- begin (\w+) -->\n.*?<!-- end \1 -->", table, page, flags=re.DOTALL)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
