@@ -16,11 +16,11 @@ from stadera.identify.gather import Gathered, gather, with_noise_of
 from stadera.identify.job import Job, LegTask, parts_of, prepare
 from stadera.identify.log import Part
 from stadera.identify.observability import Combination, Observability, observability
-from stadera.identify.pooling import pooled_prior
 from stadera.identify.residuals import LegModels, LegScore, scored
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, unit_of
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
+from stadera.identify.solutions import Estimate
+from stadera.identify.solving import solve_legs
 from stadera.identify.trust import trust_in
 from stadera.identify.warnings import leg_warnings, log_warnings
 from stadera.information import Information
@@ -31,8 +31,6 @@ from stadera.robot.model import Robot
 from stadera.types import Progress
 
 __all__ = ["IdentifySettings", "identify"]
-
-_SOLVERS = {"consistent": consistent_solution, "null-space": null_space_solution}
 
 
 def identify(
@@ -108,19 +106,9 @@ def _scored_legs(
 
 
 def _solve(job: Job, gathered: Sequence[Gathered]) -> list[tuple[Estimate, Estimate]]:
-    """For each leg the solution asked for and the null-space one, the drives pooled over the legs."""
-    solver, spread = _SOLVERS[job.settings.method], job.settings.spread
-    whitened = [g.whitened(task.fixed) for g, task in zip(gathered, job.tasks, strict=True)]
-    priors = [task.prior for task in job.tasks]
-    if spread is not None and len(job.tasks) > 1:
-        alone = [consistent_solution(w, prior) for w, prior in zip(whitened, priors, strict=True)]
-        others = [[(t.leg, e) for t, e in zip(job.tasks, alone, strict=True) if t is not task] for task in job.tasks]
-        priors = [pooled_prior(t.leg, t.prior, o, spread) for t, o in zip(job.tasks, others, strict=True)]
-    out = []
-    for done, (information, prior) in enumerate(zip(whitened, priors, strict=True)):
-        out.append((solver(information, prior), null_space_solution(information, prior)))
-        job.progress("solving", done + 1, len(priors))
-    return out
+    """For each leg the solution asked for and the null-space one."""
+    legs = [(t.leg, g.whitened(t.fixed), t.prior) for t, g in zip(job.tasks, gathered, strict=True)]
+    return solve_legs(legs, job.settings.method, job.settings.spread, job.progress)
 
 
 def _pooling_note(job: Job) -> tuple[str, ...]:
@@ -159,6 +147,7 @@ def _leg_result(
         correlation=data.correlation,
         rmse={part: score.rmse for part, score in scores.items() if score.samples},
         traces=tuple(score.trace(part) for part, score in scores.items()),
+        information=data.whitened(task.fixed),
     )
     return leg_warnings(result, scores)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -14,6 +14,7 @@ from stadera.files import written_together
 from stadera.identify.observability import Identifiability
 from stadera.identify.solutions import Estimate
 from stadera.inertia import ORDER, UNITS, InertialParameters
+from stadera.information import Information
 from stadera.legs import FRICTION_UNITS
 from stadera.results import Result
 from stadera.robot.model import JointDynamics, Leg, Robot
@@ -96,6 +97,7 @@ class LegIdentification:
         correlation: by joint, how many samples one independent sample is worth.
         rmse: by part, model and joint [N·m].
         traces: for plots.
+        information: of the rows that it was identified from, in units of their noise; None where that is not kept.
         warnings: what a reader should know, one sentence each.
     """
 
@@ -111,6 +113,7 @@ class LegIdentification:
     rmse: Mapping[str, Mapping[str, Mapping[str, float]]]
     traces: tuple[TorqueTrace, ...] = ()
     warnings: tuple[str, ...] = ()
+    information: Information | None = None
 
     @cached_property
     def parameters(self) -> Mapping[str, Quantity]:
@@ -248,16 +251,19 @@ class Identification(Result):
 
     def identified_robot(self) -> Robot:
         """The robot with the identified links and joints put in."""
-        inertias, dynamics = dict(self.robot.inertias), dict(self.robot.dynamics)
-        for leg in self.legs:
-            found = leg.estimate.by_name()
-            inertias |= {link: leg.estimate.inertia(link) for link in leg.leg.links}
-            for joint in leg.leg.joints:
-                terms = {
-                    t: found[f"{joint}.{t}"] for t in JointDynamics.__dataclass_fields__ if f"{joint}.{t}" in found
-                }
-                dynamics[joint] = replace(dynamics[joint], **terms)
-        return replace(self.robot, inertias=inertias, dynamics=dynamics)
+        return robot_with_legs(self.robot, self.legs)
+
+
+def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:
+    """A robot with identified links and joints put in."""
+    inertias, dynamics = dict(robot.inertias), dict(robot.dynamics)
+    for leg in legs:
+        found = leg.estimate.by_name()
+        inertias |= {link: leg.estimate.inertia(link) for link in leg.leg.links}
+        for joint in leg.leg.joints:
+            terms = {t: found[f"{joint}.{t}"] for t in JointDynamics.__dataclass_fields__ if f"{joint}.{t}" in found}
+            dynamics[joint] = replace(dynamics[joint], **terms)
+    return replace(robot, inertias=inertias, dynamics=dynamics)
 
 
 _UNITS = dict(zip(ORDER, UNITS, strict=True)) | FRICTION_UNITS

@@ -8,6 +8,7 @@ measured (on this leg or the others) moved it along.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite, nan
 from os import PathLike
@@ -26,7 +27,7 @@ from stadera.robot.model import JointDynamics, Robot
 
 _INERTIA = tuple(name.removeprefix("I") for name in ORDER[4:])
 _READ = ("armature", "viscous", "coulomb")
-_UNITS = {
+UNITS = {
     "mass": "kg",
     "com": "m",
     "inertia": "kg·m²",
@@ -47,8 +48,8 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "source": result.source,
         "method": result.method,
         "trust": result.trust.to_dict(),
-        "links": {link: _link(leg, link, mark) for leg in result.legs for link in leg.leg.links},
-        "joints": {joint: _joint(leg, joint, mark) for leg in result.legs for joint in leg.leg.joints},
+        "links": links_dict(result.legs, mark),
+        "joints": joints_dict(result.legs, mark),
         "rank": result.rank,
         "parameters": result.parameters,
         "physical": result.is_physical,
@@ -58,7 +59,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "validated_on": result.validated_on,
         "notes": list(result.notes),
         "warnings": list(result.warnings),
-        "units": dict(_UNITS),
+        "units": dict(UNITS),
         "frames": {"links": "each link's own", "inertia_about": "frame origin"},
     }
 
@@ -108,6 +109,16 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
 
 
 # -- writing ----------------------------------------------------------------------------------------------------------
+
+
+def links_dict(legs: Sequence[LegIdentification], mark: dict[str, bool]) -> dict[str, Any]:
+    """By link its mass, centre of mass and inertia; `mark` goes with every figure."""
+    return {link: _link(leg, link, mark) for leg in legs for link in leg.leg.links}
+
+
+def joints_dict(legs: Sequence[LegIdentification], mark: dict[str, bool]) -> dict[str, Any]:
+    """By joint its terms; `mark` goes with every figure."""
+    return {joint: _joint(leg, joint, mark) for leg in legs for joint in leg.leg.joints}
 
 
 def _link(leg: LegIdentification, link: str, mark: dict[str, bool]) -> dict[str, Any]:

@@ -1,0 +1,177 @@
+"""Legs of one robot from several logs: each log's information, summed up wherever it lay, merged and solved once.
+
+Links, rotor inertias and friction are the robot's; torque offsets belong to the day's sensors, so each log's are taken
+out of its information first, by projection (`Information.marginal`). What is left is merged (`Information.merge`): the
+triangle of
+
+    [R_1 z_1; R_2 z_2; ...]
+
+which is what one pass over the rows of all logs together would have come to, with offsets of its own for each log.
+Nothing is read twice, and a log weighs by its own noise.
+
+Logs that do not agree show in the merged fit. With x̂ the least-squares solution, the cost that merging adds,
+
+    Δ = Σ_k (|R_k x̂ - z_k|² - min_x |R_k x - z_k|²),      expected: the ranks of all logs less the rank of all together
+
+is worth that many degrees of freedom if one robot explains all logs. Where Δ is larger than that, the noise is
+multiplied by its square root, so that the error bars say how much the logs differ; by far larger, the legs are
+doubtful.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.files import write_text, written_together
+from stadera.identify.job import LegTask
+from stadera.identify.prior import robot_prior
+from stadera.identify.result import LegIdentification, robot_with_legs
+from stadera.identify.schema import UNITS, joints_dict, links_dict
+from stadera.identify.settings import IdentifySettings
+from stadera.identify.solving import solve_legs
+from stadera.information import Information
+from stadera.robot.model import Robot
+from stadera.trust import Trust
+
+LegInformation = Mapping[str, Information]
+"""By leg, what a log says of it: rows in units of their noise (`LegIdentification.information`)."""
+
+_DAILY = "offset"
+
+
+@dataclass(frozen=True, eq=False)
+class MergedLegs:
+    """The legs of one robot by all of its logs.
+
+    Attributes:
+        robot: the prior model.
+        logs: names, in order.
+        legs: one entry each; without offsets, residuals and traces, which are of a single log.
+        trust: misfit is Δ over its expectation, 1 where one robot explains all logs.
+    """
+
+    robot: Robot
+    logs: tuple[str, ...]
+    legs: tuple[LegIdentification, ...]
+    trust: Trust
+
+    def identified_robot(self) -> Robot:
+        """The robot with the merged links and joints put in."""
+        return robot_with_legs(self.robot, self.legs)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values as of `identify`, for `weigh --legs`: robot, source, logs, method, trust, links, joints."""
+        mark = {"trusted": False} if self.trust.verdict == "bad" else {}
+        return {
+            "robot": self.robot.name,
+            "source": f"{len(self.logs)} logs",
+            "logs": list(self.logs),
+            "method": self.legs[0].estimate.method,
+            "trust": self.trust.to_dict(),
+            "links": links_dict(self.legs, mark),
+            "joints": joints_dict(self.legs, mark),
+            "units": dict(UNITS),
+        }
+
+    def save_json(self, path: str | PathLike[str]) -> None:
+        """Writes `to_dict` as JSON.
+
+        Raises:
+            StaderaError: a path that cannot be written.
+        """
+        from stadera.report.json import json_text
+
+        with written_together([path]) as (draft,):
+            write_text(draft, json_text(self.to_dict()))
+
+
+def merge_legs(
+    robot: Robot, logs: Mapping[str, LegInformation], settings: IdentifySettings | None = None
+) -> MergedLegs:
+    """The legs by what several logs say of them.
+
+    Args:
+        robot: the prior model, the same that each log was identified with.
+        logs: by name, what each says.
+        settings: of the prior, the pooling of drives, and from which misfit on legs are doubtful.
+
+    Raises:
+        IdentificationError: no logs, or no leg in any of them.
+        UnknownNameError: a log of another robot.
+    """
+    settings = settings or IdentifySettings()
+    tasks = [LegTask.of(robot, leg, settings) for leg in robot.legs if any(leg.name in log for log in logs.values())]
+    if not tasks:
+        raise IdentificationError("no leg was identified from any log, so there is nothing to merge")
+    fits = [
+        _Fit.of(robot, task, [log[task.leg.name] for log in logs.values() if task.leg.name in log]) for task in tasks
+    ]
+    priors = [robot_prior(robot, fit.columns, settings.width) for fit in fits]
+    asked = [(task.leg, fit.widened(), prior) for task, fit, prior in zip(tasks, fits, priors, strict=True)]
+    estimates = solve_legs(asked, settings.method, settings.spread, lambda *_: None)
+    legs = tuple(
+        LegIdentification(
+            leg=task.leg,
+            model=task.nominal,
+            estimate=estimate,
+            null_space=null_space,
+            friction_only={},
+            combinations=(),
+            structural_rank=estimate.observability.rank,
+            noise={},
+            correlation={},
+            rmse={},
+            information=fit.total,
+        )
+        for task, fit, (estimate, null_space) in zip(tasks, fits, estimates, strict=True)
+    )
+    return MergedLegs(robot, tuple(logs), legs, _trust(tasks, fits, settings))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """One leg's logs merged: the sum, and how well they agree (1 where they do)."""
+
+    total: Information
+    misfit: float
+
+    @classmethod
+    def of(cls, robot: Robot, task: LegTask, logs: Sequence[Information]) -> _Fit:
+        columns = tuple(name for name in task.prior.columns if name.rpartition(".")[2] != _DAILY)
+        alone = [log.marginal(columns) for log in logs]
+        total = Information.empty(columns)
+        for log in alone:
+            total = total.merge(log)
+        added = _least_cost(total) - sum(map(_least_cost, alone))
+        freedom = sum(log.rank() for log in alone) - total.rank()
+        return cls(total, added / freedom if freedom > 0 else 1.0)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return self.total.names
+
+    def widened(self) -> Information:
+        return self.total.scaled_noise(max(1.0, float(np.sqrt(self.misfit))))
+
+
+def _least_cost(information: Information) -> float:
+    """min |R x - z|² + ρ², also where R is singular."""
+    solution = np.array(list(information.least_squares().values()))
+    return information.residual_squared(solution)
+
+
+def _trust(tasks: Sequence[LegTask], fits: Sequence[_Fit], settings: IdentifySettings) -> Trust:
+    by_leg = {task.leg.name: fit.misfit for task, fit in zip(tasks, fits, strict=True)}
+    reasons = tuple(
+        f"leg {name}: the logs differ {np.sqrt(misfit):.2g} times as much as their noise allows: another robot's log, "
+        f"a part that was changed, or wear"
+        for name, misfit in by_leg.items()
+        if misfit > settings.trust.doubtful
+    )
+    return Trust("doubtful" if reasons else "good", float(np.mean(list(by_leg.values()))), by_leg, reasons)

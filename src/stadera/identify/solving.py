@@ -1,0 +1,38 @@
+"""The legs of a robot solved for together: each by its own information, the drives leaning on the other legs'."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from stadera.identify.pooling import Spread, pooled_prior
+from stadera.identify.prior import Prior
+from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
+from stadera.information import Information
+from stadera.robot.model import Leg
+from stadera.types import Progress
+
+_SOLVERS = {"consistent": consistent_solution, "null-space": null_space_solution}
+
+
+def solve_legs(
+    legs: Sequence[tuple[Leg, Information, Prior]], method: str, spread: Spread | None, progress: Progress
+) -> list[tuple[Estimate, Estimate]]:
+    """For each leg the solution asked for and the null-space one.
+
+    Args:
+        legs: each with its rows in units of their noise, and the prior of what is to be found.
+        method: "consistent" or "null-space".
+        spread: how alike the drives of the legs are; None to solve for each leg by itself.
+        progress: called with how many legs are done.
+    """
+    priors = [prior for _, _, prior in legs]
+    if spread is not None and len(legs) > 1:
+        alone = [consistent_solution(information, prior) for _, information, prior in legs]
+        drives = [(leg, estimate) for (leg, _, _), estimate in zip(legs, alone, strict=True)]
+        others = [[drive for drive in drives if drive[0] is not leg] for leg, _, _ in legs]
+        priors = [pooled_prior(leg, prior, o, spread) for (leg, _, prior), o in zip(legs, others, strict=True)]
+    out = []
+    for done, ((_, information, _), prior) in enumerate(zip(legs, priors, strict=True)):
+        out.append((_SOLVERS[method](information, prior), null_space_solution(information, prior)))
+        progress("solving", done + 1, len(legs))
+    return out
