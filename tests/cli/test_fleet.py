@@ -11,6 +11,7 @@ import pytest
 from stadera.cli.terminal import remaining
 from stadera.fleet import read_fleet
 from stadera.fleet import run as runs
+from stadera.identify.schema import with_identified_legs
 from stadera.lab.plant import STANDARD
 from stadera.logs import write_table
 from stadera.robot import load_robot
@@ -34,6 +35,18 @@ def test_a_table_of_all_logs_with_those_that_failed(run: Callable[..., Any], wal
     good, bad = read_fleet(tmp_path / "r.parquet").rows
     assert good["payload_mass_std"] > 0
     assert bad["status"] == "failed"
+
+
+def test_merged_legs_are_written_again_in_place_of_the_ones_before(
+    run: Callable[..., Any], log: Path, tmp_path: Path
+) -> None:
+    arguments = ("fleet", log, "--robot", "hyq", "--identify", "--merge", tmp_path / "legs.json", "--workers", "0")
+    for _ in range(2):
+        done = run(*arguments, "--out", tmp_path / "r.parquet")
+        assert done.code == 0, done.err
+        assert "hyq: legs by 1 logs, good" in done.out
+    assert "in place of the one before" in done.out
+    assert with_identified_legs(load_robot("hyq"), tmp_path / "legs.json").dynamics != load_robot("hyq").dynamics
 
 
 def test_where_all_fail_the_call_is_wrong(run: Callable[..., Any], tmp_path: Path) -> None:
@@ -64,6 +77,7 @@ def test_ctrl_c_keeps_what_is_done(
         (("--manifest", "m.csv", "--tare", "0:1"), 2, "is of the manifest's lines"),
         (("a.csv", "--scheduler", "tcp://x:1", "--workers", "2"), 2, "has its own workers"),
         (("a.csv", "--workers", "-1"), 2, "workers"),
+        (("a.csv", "--merge", "legs.json"), 2, "needs --identify"),
         (("a.csv", "--tare", "3:1", "--robot", "hyq"), 1, "'3:1' is not a range of time"),
         (("a.csv", "--method", "wlking", "--robot", "hyq"), 1, "unknown method 'wlking'"),
         (("a.csv", "--robot", "hqy"), 1, "unknown robot 'hqy'"),

@@ -8,7 +8,7 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-OUTPUTS = frozenset({"json", "report", "export", "out", "model", "latex", "figure", "keep", "record", "rrd"})
+OUTPUTS = frozenset({"json", "report", "export", "out", "model", "latex", "figure", "keep", "merge", "record", "rrd"})
 """Parameters that name what a command writes. Whatever else names a file is an input."""
 
 REPLAY = "replay:"
