@@ -128,7 +128,7 @@ def _flat(state: dict) -> np.ndarray:
 
 
 def update_times(robot: Robot, log: Recording) -> dict[str, float]:
-    """Single calls of `TrunkEstimator.update`: by the clock, and of processor time, which other programs add less to."""
+    """Single calls of `TrunkEstimator.update`: by the clock, and in processor time, which others disturb less."""
     estimator, spent = TrunkEstimator(robot), []
     for measurement in measurements_of(log, robot):
         begun = time.perf_counter(), time.thread_time()
