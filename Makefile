@@ -45,10 +45,14 @@ lock:
 
 # renews the scripts that pages carry inside; needs npm
 VENDOR := src/stadera/report/vendor
+THREE := src/stadera/lab/report/vendor
 vendor:
 	mkdir -p out && cd out && npm pack --silent plotly.js-basic-dist-min && tar xzf plotly.js-basic-dist-min-*.tgz
 	cp out/package/plotly-basic.min.js $(VENDOR)/ && cp out/package/LICENSE $(VENDOR)/plotly-basic.LICENSE
 	@head -c 60 $(VENDOR)/plotly-basic.min.js; echo " (write the version into $(VENDOR)/README.md)"
+	cp $(THREE)/three_parts.js out/ && cd out && npm install --silent --no-save three@0.187.0 esbuild@0.28.2
+	out/node_modules/.bin/esbuild out/three_parts.js --bundle --minify --format=iife --global-name=THREE --outfile=$(THREE)/three.min.js
+	cp out/node_modules/three/LICENSE $(THREE)/three.LICENSE
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -24,8 +24,6 @@ TESTED = {
     "export_to_controller",
     "own_regressor",
     "own_estimator",
-    "live_client",  # in tests/live
-    "live_rclpy_node",  # in tests/live
 }
 
 

@@ -59,7 +59,7 @@ def test_it_goes_where_it_is_told_and_carries_on_with_a_load(name: str, forwards
     bed.plant.apply_payload(corner_load(trot.robot, 0.25, forwards, left))
     bed.run(1.5, watch)
     assert max(tilts) < np.deg2rad(15.0)
-    assert not bed.plant.trunk_on_ground
+    assert not bed.plant.on_ground
     low = bed.plant.state.position[2]
     assert trot.update_trunk(TrunkModel.of(bed.plant.truth()))
     bed.run(0.7)

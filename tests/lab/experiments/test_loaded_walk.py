@@ -19,6 +19,7 @@ from stadera.lab.experiments.moving.loaded_walk import (
     corner_of,
     weight_at,
 )
+from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.lab.experiments.moving.survival import SurvivalCase
 from stadera.lab.experiments.moving.table5 import Table5Case
 from stadera.lab.experiments.result import ExperimentResult
@@ -52,14 +53,24 @@ def test_loads_lie_on_their_corner(corner: str):
     assert weight.com == pytest.approx([x, y, z + 0.05])
 
 
-def test_a_run_is_judged_from_a_step_after_the_load():
+def test_margins_are_evaluated_from_a_step_after_the_load():
     payload, nothing = weight_at(HYQ, "LH", 50.0), Supervision.NONE
     walk = LoadedWalk(LoadedWalkCase(payload=payload, load_at=0.3, seconds=1.6, supervision=nothing))
     outcome = walk.run()
-    assert outcome.loaded_at == pytest.approx(0.3)
+    assert outcome.trace.loaded_at == pytest.approx(0.3)
     assert outcome.evaluated_from == pytest.approx(0.3 + walk.crawl.settings.timing(walk.crawl.command).step, abs=0.01)
     assert outcome.truth.mass - outcome.bare.mass == pytest.approx(50.0 / 9.81)
-    assert outcome.survived
+    assert outcome.trace.fall is None
+    assert (outcome.trace.height > 0.5).all()
+
+
+def test_a_controller_that_gives_up_leaves_the_drives_braking_until_the_robot_lies():
+    walk = LoadedWalk(LoadedWalkCase(seconds=3.0, supervision=Supervision.NONE))
+    walk.give_up("no plan")
+    outcome = walk.run()
+    assert outcome.verdict.outcome is WalkOutcome.FELL
+    assert outcome.verdict.reasons[-1] == "no plan"
+    assert 0.1 < outcome.trace.time[-1] < 3.0
 
 
 def test_table5_holds_c_against_the_truth(monkeypatch: pytest.MonkeyPatch):
@@ -90,8 +101,8 @@ def test_table5_holds_c_against_the_truth(monkeypatch: pytest.MonkeyPatch):
     assert papers == [0.45, 0.20, 0.32]
 
 
-def test_survival_counts(monkeypatch: pytest.MonkeyPatch):
-    """Made up: without identification loads of 75 N and more are failed with; seed 3 fell with it."""
+def test_survival_holds_both_ways_to_the_same_outcome(monkeypatch: pytest.MonkeyPatch):
+    """Made up: without identification robots are stuck from 200 N on; seed 3 fell with it."""
 
     def runs(name: str, run: Any, cases: Sequence[SurvivalCase], *_: Any) -> list[Mapping[str, Any]]:
         assert run is survival.survive
@@ -100,28 +111,35 @@ def test_survival_counts(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(survival, "run_grid", runs)
     result = survival.run(ReproduceSettings(), silent)
-    assert value(result, "falls with identification, of 20") == 1
-    assert value(result, "did not survive with identification, of 20") == 1
-    assert value(result, "fell or left the support polygon without, of 20") == 20
+    for metric, known, unknown in (
+        ("fell", 1, 0),
+        ("stuck or fell", 1, 0),
+        ("fell or left the support polygon", 1, 20),
+    ):
+        assert value(result, f"{metric} with identification, of 20") == known
+        assert value(result, f"{metric} without identification, of 20") == unknown
     assert value(result, "false alarms in 2000 checks") == 20
     assert value(result, "changes not noticed within a cycle") > 0
     by_load = dict(zip(survival.FULL.loads, (row[1:] for row in result.tables[0].groups[0][1]), strict=True))
-    assert all(cell.good is (load < 75.0) for load, cells in by_load.items() for cell in cells)
+    for load, cells in by_load.items():
+        assert all(cell.good is (load < 200.0) for cell in cells)
+        assert all(("2 walked" if load < 200.0 else "2 stuck") in cell.text for cell in cells)
 
 
 def _made_up(case: SurvivalCase) -> Mapping[str, Any]:
-    fell = "it fell" if case.identify and case.seed == 3 and case.load == 100.0 else None
-    alive = fell is None and (case.identify or case.load < 75.0)
+    outcome = "walked" if case.identify or case.load < 200.0 else "stuck"
+    if case.identify and case.seed == 3 and case.load == 100.0:
+        outcome = "fell"
     return {
-        "survived": alive,
-        "fell": fell,
-        "least_margin": 0.01 if alive else -0.01,
+        "outcome": outcome,
+        "reasons": [] if outcome == "walked" else ["made up"],
+        "least_margin": 0.01 if case.identify or case.load < 75.0 else -0.01,
         "least_margin_ever": -0.02,
         "noticed": [0.5, None] if case.identify else [None, None],
         "alarms": 1,
         "checks": 100,
         "state": "walking",
         "said": "",
-        "way": 1.0,
+        "distance": 1.0,
         "walked": 30.0,
     }

@@ -58,7 +58,7 @@ def test_plant_rests_on_stones_and_feels_its_weight(degrees: float) -> None:
     touching = state.contact_point[state.foot_contact]
     assert np.abs(np.linalg.norm(touching - state.foot_position[state.foot_contact], axis=1) - 0.02175).max() < 2e-3
     assert (terrain.clearance(state.foot_position) > 0.02).all()
-    assert not plant.trunk_on_ground
+    assert not plant.on_ground
 
 
 def test_soft_ground_gives_way() -> None:

@@ -1,7 +1,8 @@
 """The demo: the same walk twice, at the same time, once without identification and once with.
 
-HyQ crawls; a box lands on the left-hind corner of its back. Both runs have the same sensors, the same errors, the same
-box; in one of them a supervisor watches, and either stops to weigh or has it weighed on the way.
+HyQ crawls; a heavy box lands on a corner of its back. Both runs have the same controller, planner, sensors, errors and
+box. In one of them a supervisor has the load weighed, and gives controller and planner the trunk as estimated: on the
+way, or, as in the paper, at rest.
 """
 
 from __future__ import annotations
@@ -14,17 +15,17 @@ from dataclasses import dataclass
 from queue import Queue
 from typing import Any
 
-import numpy as np
-
-from stadera.errors import StaderaError
+from stadera.errors import StaderaError, require_known, require_positive
 from stadera.lab.demo.film import Camera, Film
 from stadera.lab.experiments.moving.loaded_walk import (
+    CORNERS,
     LoadedWalk,
     LoadedWalkCase,
     LoadedWalkOutcome,
     Supervision,
     box_at,
 )
+from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.robot import load_robot
 
 Progress = Callable[[str, float, str], None]
@@ -32,8 +33,6 @@ Progress = Callable[[str, float, str], None]
 
 Message = tuple[str, float, str]
 
-_CORNER = "LH"
-_BOX = (0.1, 0.1, 0.13)  # m: of steel, that is 10 kg
 _TELL_EVERY = 100  # periods
 _POLL = 0.1  # s
 
@@ -45,35 +44,47 @@ class DemoSettings:
     Attributes:
         robot: its name.
         mass: of the box [kg].
-        load_at: when it is let go [s].
-        seconds: of each run.
+        corner: of the back, on which it lands.
+        size: of the box [m].
+        height: above the back, from which it is let go [m].
+        load_at: when [s]; by default while the right-hind leg swings.
+        seconds: of each run; None for 10, and 14 if it stops on the way.
+        after_fall: for how long a robot that has fallen is watched, its drives braking [s].
         speed: [m/s].
         seed: of the sensors' errors.
-        nonstop: weigh on the way, instead of at rest.
+        classic: stop, weigh at rest and walk on, as the paper does, instead of weighing on the way.
 
     Raises:
-        StaderaError: a box that is let go after the end, a value that is not positive.
+        StaderaError: an unknown corner, a box that is let go after the end, a value that is not positive.
     """
 
     robot: str = "hyq"
-    mass: float = 10.0
-    load_at: float = 5.5
-    seconds: float = 18.0
-    speed: float = 0.1
+    mass: float = 30.0
+    corner: str = "LF"
+    size: tuple[float, float, float] = (0.14, 0.14, 0.2)
+    height: float = 0.02
+    load_at: float = 3.5
+    seconds: float | None = None
+    after_fall: float = 1.5
+    speed: float = 0.12
     seed: int = 0
-    nonstop: bool = False
+    classic: bool = False
 
     @property
     def supervisions(self) -> tuple[Supervision, Supervision]:
         """Of the two runs, in their order."""
-        return Supervision.NONE, Supervision.NONSTOP if self.nonstop else Supervision.STOPPING
+        return Supervision.NONE, Supervision.STOPPING if self.classic else Supervision.NONSTOP
+
+    @property
+    def duration(self) -> float:
+        """Of each run [s]."""
+        return self.seconds or (14.0 if self.classic else 10.0)
 
     def __post_init__(self) -> None:
-        for name in ("mass", "load_at", "seconds", "speed"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise StaderaError(f"the demo's {name} must be positive, got {getattr(self, name)}")
-        if not self.load_at < self.seconds:
-            raise StaderaError(f"the box is let go at {self.load_at} s, and the demo ends at {self.seconds} s")
+        require_positive("the demo's", self, ("mass", "load_at", "duration", "speed", "height", "after_fall"))
+        require_known("corner", (self.corner,), CORNERS)
+        if not self.load_at < self.duration:
+            raise StaderaError(f"the box is let go at {self.load_at} s, and the demo ends at {self.duration} s")
         if self.seed < 0:
             raise StaderaError(f"a seed needs to be at least 0, got {self.seed}")
 
@@ -139,17 +150,17 @@ def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress
         StaderaError: it could not be made.
     """
     robot = load_robot(settings.robot)
-    box = box_at(robot, _CORNER, settings.mass, _BOX)
+    box = box_at(robot, settings.corner, settings.mass, settings.size, settings.height)
     case = LoadedWalkCase(
         robot=settings.robot,
         payload=box,
         load_at=settings.load_at,
         supervision=supervision,
-        seconds=settings.seconds,
+        seconds=settings.duration,
         speed=settings.speed,
         seed=settings.seed,
     )
-    walk, camera, name = LoadedWalk(case), Camera(robot), str(supervision)
+    walk, camera, name = LoadedWalk(case), Camera(), str(supervision)
     periods = 0
 
     def watch(walk: LoadedWalk) -> None:
@@ -157,13 +168,23 @@ def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress
         camera.look(walk)
         if progress and periods % _TELL_EVERY == 0:
             doing = str(walk.crawl.phase if walk.supervisor is None else walk.supervisor.state)
-            progress(name, walk.bed.plant.time / settings.seconds, doing)
+            progress(name, walk.bed.plant.time / settings.duration, doing)
         periods += 1
 
     outcome = walk.run(watch)
+    if outcome.verdict.outcome is WalkOutcome.FELL:
+        _lie_down(walk, camera, settings.after_fall)
     if progress:
-        progress(name, 1.0, "fallen" if outcome.fall else "done")
+        progress(name, 1.0, str(outcome.verdict.outcome))
     return DemoRun(outcome, camera.film())
+
+
+def _lie_down(walk: LoadedWalk, camera: Camera, seconds: float) -> None:
+    """What is seen after a fall, when the outcome is known: the drives brake."""
+    walk.give_up("it has fallen")
+    for _ in range(round(seconds / walk.bed.plant.timestep)):
+        walk.step()
+        camera.look(walk)
 
 
 def _run(settings: DemoSettings, way: Supervision, messages: Queue[Message]) -> DemoRun | str:

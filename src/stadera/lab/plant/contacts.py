@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from stadera.lab.plant.world import GROUND, TRAY, box_body, foot_geom
+from stadera.lab.plant.world import FRAME, GROUND, TRAY, box_body, foot_geom
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
@@ -22,16 +22,25 @@ class Contacts:
 
     def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
         self._model = model
-        self._ground = frozenset(g for g in range(model.ngeom) if model.geom(g).name.startswith(GROUND))
+        names: dict[int, str] = {g: model.geom(g).name for g in range(model.ngeom)}
+        self._ground = frozenset(g for g, name in names.items() if name.startswith(GROUND))
         self._tray = model.geom(TRAY).id
+        self._frame = {self._tray: "trunk"} | {
+            g: name.removeprefix(f"{FRAME} ").rstrip(" 0123456789")
+            for g, name in names.items()
+            if name.startswith(FRAME)
+        }
         self.feet = np.array([model.geom(foot_geom(leg)).id for leg in robot.legs])
         """(4,) the geoms that are feet, legs in the robot's order."""
         self._leg_of_geom = {int(geom): k for k, geom in enumerate(self.feet)}
 
-    def tray_on_ground(self, data: mujoco.MjData) -> bool:
-        """Whether the trunk's back touches the ground."""
-        pairs = data.contact.geom.tolist()
-        return any(self._tray in pair and not self._ground.isdisjoint(pair) for pair in pairs)
+    def on_ground(self, data: mujoco.MjData) -> str:
+        """What touches the ground though it should not: "trunk", "LF knee", "RH hip", ...; empty for nothing."""
+        for pair in data.contact.geom.tolist():
+            touching = [self._frame[geom] for geom in pair if geom in self._frame]
+            if touching and not self._ground.isdisjoint(pair):
+                return touching[0]
+        return ""
 
     def box_on_tray(self, data: mujoco.MjData, index: int) -> bool:
         """Whether the box of that number touches the tray."""

@@ -180,15 +180,16 @@ class Plant:
         return quat
 
     @property
-    def trunk_on_ground(self) -> bool:
-        """Whether the trunk's back, the tray, touches the ground: the robot lies."""
-        return self._contacts.tray_on_ground(self._data)
+    def on_ground(self) -> str:
+        """What touches the ground though it should not, such as "trunk" or "LF knee"; empty for nothing."""
+        return self._contacts.on_ground(self._data)
 
     @property
-    def boxes(self) -> tuple[tuple[Array, Array], ...]:
-        """Where every dropped box is now: rotation (3, 3) and translation (3,) [m] of its frame in the trunk's."""
-        count = sum(isinstance(payload, DroppedBox) for payload in self._payloads)
-        return tuple(self._box_pose(index) for index in range(count))
+    def box_poses(self) -> tuple[Array, ...]:
+        """Where every dropped box is now: (7,) position of its centre [m] and quaternion xyzw, in the world."""
+        data, count = self._data, sum(isinstance(payload, DroppedBox) for payload in self._payloads)
+        bodies = [self._model.body(box_body(index)).id for index in range(count)]
+        return tuple(np.concatenate([data.xpos[body], data.xquat[body][_XYZW]]) for body in bodies)
 
     @property
     def state(self) -> TrueState:

@@ -1,4 +1,7 @@
-"""A robot in its world: floating trunk, feet as spheres, ground to stand on, a tray for boxes, an IMU."""
+"""A robot in its world: floating trunk, feet as spheres, ground to stand on, a tray for boxes, an IMU.
+
+Where the robot must not touch the ground it can: trunk, hips and knees. A robot that falls lies on them.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
-GROUND, TRAY, IMU = "ground", "tray", "imu_site"
-"""Names in the compiled model; every geom of the ground begins with the first."""
+GROUND, TRAY, IMU, FRAME = "ground", "tray", "imu_site", "frame"
+"""Names in the compiled model; every geom of the ground begins with the first, what is to stay off it with the last."""
 
 _POINT_FOOT_RADIUS = 1e-3  # m, of a foot whose radius the model does not know: a point at its frame
 _GROUND_EXTENT = 50.0  # m, drawn size; the plane itself is endless
@@ -93,6 +96,7 @@ def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence
     trunk = spec.body(robot.trunk)
     for leg in robot.legs:
         _add_foot(spec, leg, terrain)
+    _add_frame(spec, robot, terrain)
     tray = Tray.of(robot)
     trunk.add_geom(
         name=TRAY,
@@ -156,11 +160,38 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
 
 
 def _add_foot(spec: mujoco.MjSpec, leg: Leg, terrain: Terrain) -> None:
-    spec.body(leg.links[2]).add_geom(
-        name=foot_geom(leg),
+    _add_sphere(spec, leg.links[2], foot_geom(leg), leg.foot_position, foot_radius(leg), terrain)
+
+
+def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
+    """Knees and hips as spheres as large as the feet, and the trunk's boxes; they touch the ground alone."""
+    for leg in robot.legs:
+        for link, part in zip(leg.links[1:], ("hip", "knee"), strict=True):
+            _add_sphere(spec, link, f"{FRAME} {leg.name} {part}", (0.0, 0.0, 0.0), foot_radius(leg), terrain)
+    boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
+    for index, box in enumerate(boxes):
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(box.rotation).ravel())
+        spec.body(robot.trunk).add_geom(
+            name=f"{FRAME} trunk {index}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=box.translation,
+            quat=quat,
+            size=0.5 * np.asarray(box.size),
+            contype=0,
+            conaffinity=_FOOT_BIT,
+            **_contact(spec.option.timestep, terrain.friction, terrain.softness),
+        )
+
+
+def _add_sphere(
+    spec: mujoco.MjSpec, link: str, name: str, centre: tuple[float, ...], radius: float, terrain: Terrain
+) -> None:
+    spec.body(link).add_geom(
+        name=name,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        pos=leg.foot_position,
-        size=(foot_radius(leg), 0.0, 0.0),
+        pos=centre,
+        size=(radius, 0.0, 0.0),
         contype=0,
         conaffinity=_FOOT_BIT,
         **_contact(spec.option.timestep, terrain.friction, terrain.softness),

@@ -1,4 +1,4 @@
-"""Whether a walking robot has fallen, and the margin of its centre of mass in its support, by the plant's truth."""
+"""Whether a walking robot has fallen, how high its trunk is, and the margin of its centre of mass, by the truth."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.legs.instant import LegDynamics
 from stadera.types import Array, Bools
 
+_AT_LIMIT = 1e-9  # share of a joint's torque limit, within which its torque is the limit
+
 
 @dataclass(frozen=True)
 class FallLimits:
@@ -21,12 +23,16 @@ class FallLimits:
 
     Attributes:
         tilt: of the trunk, above which the robot has toppled [rad].
-        lowest: of the trunk's height over the ground at the start, below which the robot lies.
+        lowest: of the trunk's height over the ground at the start, below which the robot lies, as it does if its trunk
+            or a hip touches the ground.
+        kneeling: tilt up to which knees may touch the ground, for a robot that sits; tilted more, it fell on them
+            [rad].
         carries: share of the weight that a foot of the support polygon carries at least.
     """
 
     tilt: float = float(np.deg2rad(45.0))
     lowest: float = 0.3
+    kneeling: float = float(np.deg2rad(20.0))
     carries: float = 0.01
 
 
@@ -54,7 +60,8 @@ class WalkMonitor:
         self.plant, self.every, self.limits = plant, every, limits or FallLimits()
         self.fall: Fall | None = None
         self._legs = LegDynamics(plant.robot)
-        self._rows: list[tuple[float, float, float, Array]] = []
+        self._rows: list[tuple[float, float, float, Array, float, Bools]] = []
+        self._effort = np.array([plant.robot.limits[joint].effort for joint in plant.robot.tree.joints])
         self._height = self._clearance()
         self._periods = 0
 
@@ -78,6 +85,16 @@ class WalkMonitor:
         """[m], of the trunk's origin, world."""
         return np.array([row[3] for row in self._rows]).reshape(-1, 3)
 
+    @property
+    def heights(self) -> Array:
+        """[m], of the trunk's origin over the ground."""
+        return np.array([row[4] for row in self._rows])
+
+    @property
+    def limited(self) -> Bools:
+        """(k, n) bool, joints whose torque is at its limit."""
+        return np.array([row[5] for row in self._rows], dtype=bool).reshape(-1, len(self._effort))
+
     def look(self) -> None:
         """Looks at the plant, if it is time to."""
         self._periods += 1
@@ -85,17 +102,26 @@ class WalkMonitor:
             return
         state = self.plant.state
         tilt = float(np.arccos(np.clip(state.rotation[:, 2] @ self.plant.terrain.normal, -1.0, 1.0)))
-        self._rows.append((state.time, self.margin(), tilt, state.position))
-        if self.plant.trunk_on_ground or self._clearance() < self.limits.lowest * self._height:
-            self.fall = self.fall or Fall(state.time, "the trunk touched the ground")
-        elif tilt > self.limits.tilt:
-            self.fall = self.fall or Fall(
-                state.time, f"the trunk tilted by more than {np.rad2deg(self.limits.tilt):.0f}°"
-            )
+        height = self._clearance()
+        self._rows.append((state.time, self.margin(), tilt, state.position, height, self.at_limit()))
+        if how := self._fallen(height, tilt):
+            self.fall = self.fall or Fall(state.time, how)
+
+    def _fallen(self, height: float, tilt: float) -> str:
+        touching, limits = self.plant.on_ground, self.limits
+        if touching and not (touching.endswith("knee") and tilt <= limits.kneeling):
+            return f"the {touching} touched the ground"
+        if height < limits.lowest * self._height:
+            return "the trunk is on the ground"
+        return f"the trunk tilted by more than {np.rad2deg(limits.tilt):.0f}°" if tilt > limits.tilt else ""
 
     def _clearance(self) -> float:
         """Of the trunk's origin over the ground [m]."""
         return float(self.plant.terrain.clearance(self.plant.state.position))
+
+    def at_limit(self) -> Bools:
+        """(n,) bool, joints whose torque is at its limit now."""
+        return np.asarray(np.abs(self.plant.effort) >= (1.0 - _AT_LIMIT) * self._effort)
 
     def com(self) -> Array:
         """The whole robot's true centre of mass with its load, (3,) [m], world."""

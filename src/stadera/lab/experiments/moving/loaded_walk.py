@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from stadera.lab.control.crawl.settings import CrawlCommand
 from stadera.lab.control.crawl.walker import CrawlWalker
 from stadera.lab.control.planner.support import PlanError
 from stadera.lab.control.trunk import ControlError
+from stadera.lab.experiments.moving.outcome import Verdict, WalkTrace, verdict
 from stadera.lab.plant import (
     STANDARD,
     DroppedBox,
@@ -47,6 +49,9 @@ STAND = 1.0
 
 CORNERS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}
 """Signs of x and y of the trunk's corners."""
+
+
+_BRAKED = 10.0  # rad/s, at which drives that brake do so with all their torque
 
 
 class Supervision(StrEnum):
@@ -87,6 +92,11 @@ class LoadedWalkCase:
     terrain: Terrain | None = None
     settings: SuperviseSettings | None = None
 
+    @property
+    def load(self) -> InertialParameters:
+        """What is put on, in a frame of its own; zero for nothing."""
+        return InertialParameters.zero() if self.payload is None else self.payload.parameters
+
 
 @dataclass(frozen=True, eq=False)
 class LoadedWalkOutcome:
@@ -94,95 +104,64 @@ class LoadedWalkOutcome:
 
     Attributes:
         case: what was run.
-        seconds: simulated [s].
-        fall: how it fell; None if it did not.
-        time, margin, position: (k,) [s], (k,) [m], (k, 3) [m], by the truth: of the centre of mass inside the support
-            polygon (negative outside, NaN on fewer than three feet), and of the trunk.
-        loaded_at: when the load came on [s]; NaN if none did.
+        trace: true states, and what was commanded.
+        margin: (k,) [m], of the true centre of mass inside the support polygon at the trace's times: negative outside,
+            NaN on fewer than three feet.
         evaluated_from: the first time with four feet in stance that is a step's time and more after the load [s], since
             no supervisor can act on the step taken before; NaN if it never came.
         transitions, checks, state: of the supervisor; empty, and WALKING, without one. One that does not stop makes no
             checks.
         noticed: when changes of the load were noticed [s].
-        steps: when legs were lifted [s].
-        step_time: from one to the next, as commanded [s].
         model: the trunk as controller and planner have it at the end.
         truth, bare: the trunk with its load at the end, and without.
         payload: as the supervisor weighed it; None if it weighed nothing.
     """
 
     case: LoadedWalkCase
-    seconds: float
-    fall: Fall | None
-    time: Array
+    trace: WalkTrace
     margin: Array
-    position: Array
-    loaded_at: float
     evaluated_from: float
     transitions: tuple[Transition, ...]
     checks: tuple[LoadCheck, ...]
     state: State
     noticed: tuple[float, ...]
-    steps: tuple[float, ...]
-    step_time: float
     model: TrunkModel
     truth: InertialParameters
     bare: InertialParameters
     payload: FoundPayload | None
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """How it ended, and why it counts as that."""
+        return verdict(self.trace)
+
     @property
     def least_margin(self) -> float:
         """[m], while evaluated; NaN if it was never seen."""
-        since = self.margin[self.time >= self._evaluated]
-        return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
+        return _least(self.margin[self.trace.time >= self._evaluated])
 
     @property
     def least_margin_ever(self) -> float:
         """[m], since the load came on, the steps that no supervisor can act on included."""
-        since = self.margin[self.time >= self._from]
-        return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
-
-    @property
-    def way(self) -> float:
-        """How far the trunk got since the load came on, seen from above [m]."""
-        first = min(int(np.searchsorted(self.time, self._from)), len(self.time) - 1)
-        return float(np.linalg.norm((self.position[-1] - self.position[first])[:2]))
+        return _least(self.margin[self.trace.since :])
 
     @property
     def outside(self) -> float:
         """For how long the centre of mass was outside the support polygon, while evaluated [s]."""
-        since = self.margin[self.time >= self._evaluated]
-        return float((since < 0.0).sum()) * float(np.median(np.diff(self.time)))
-
-    @property
-    def survived(self) -> bool:
-        """Neither a fall, nor the centre of mass outside the support polygon, while evaluated."""
-        return self.fall is None and not self.least_margin < 0.0
+        since = self.margin[self.trace.time >= self._evaluated]
+        return float((since < 0.0).sum()) * float(np.median(np.diff(self.trace.time)))
 
     @property
     def noticed_after(self) -> float:
         """Time from the load to the first change noticed [s]; NaN if none was."""
         times = [time for time in self.noticed if time >= self._from]
-        return times[0] - self.loaded_at if times else float("nan")
+        return times[0] - self._from if times else float("nan")
 
     @property
     def updated_after(self) -> float | None:
         """Time from the load until the robot walked by a new trunk [s]; None if it never did."""
         after = [t.time for t in self.transitions if t.after is State.WALKING and t.time >= self._from]
-        return after[0] - self.loaded_at if after else None
-
-    @property
-    def steps_lost(self) -> int:
-        """Steps for which there was time, as commanded, while none was taken: in pauses and at the end, from the last
-        step before the load on, or else from the load; 0 without one. In a pause a step counts from half its time on.
-        """
-        before = [time for time in self.steps if time < self._from]
-        since = before[-1] if before else self.loaded_at
-        if np.isnan(since):
-            return 0
-        lifted = np.array([since, *self.steps[len(before) :]])
-        pauses = np.round(np.diff(lifted) / self.step_time) - 1.0
-        return int(np.maximum(pauses, 0.0).sum()) + int((self.seconds - lifted[-1]) / self.step_time)
+        return after[0] - self._from if after else None
 
     @property
     def _evaluated(self) -> float:
@@ -190,7 +169,11 @@ class LoadedWalkOutcome:
 
     @property
     def _from(self) -> float:
-        return -np.inf if np.isnan(self.loaded_at) else self.loaded_at
+        return -np.inf if np.isnan(self.trace.loaded_at) else self.trace.loaded_at
+
+
+def _least(margin: Array) -> float:
+    return float(np.nanmin(margin)) if np.isfinite(margin).any() else float("nan")
 
 
 def corner_of(robot: Robot, corner: str) -> Array:
@@ -199,10 +182,12 @@ def corner_of(robot: Robot, corner: str) -> Array:
     return np.array([*(tray.centre[:2] + np.array(CORNERS[corner]) * tray.half_size[:2]), tray.top])
 
 
-def box_at(robot: Robot, corner: str, mass: float, size: tuple[float, float, float]) -> DroppedBox:
-    """A box of a mass [kg] and edges [m] let fall on the back, flush with a corner."""
+def box_at(
+    robot: Robot, corner: str, mass: float, size: tuple[float, float, float], height: float = 0.05
+) -> DroppedBox:
+    """A box of a mass [kg] and edges [m] let fall from a height [m] on the back, flush with a corner."""
     (x, y), (sx, sy) = corner_of(robot, corner)[:2], CORNERS[corner]
-    return DroppedBox(mass, size, (float(x - 0.5 * sx * size[0]), float(y - 0.5 * sy * size[1])), height=0.05)
+    return DroppedBox(mass, size, (float(x - 0.5 * sx * size[0]), float(y - 0.5 * sy * size[1])), height=height)
 
 
 def weight_at(robot: Robot, corner: str, force: float) -> RigidMass:
@@ -222,6 +207,7 @@ class LoadedWalk:
 
     Attributes:
         bed, crawl, monitor, supervisor: its parts; no supervisor without identification.
+        fault: why the controller gave up, so that the drives only brake; empty while it has not.
         loaded_at, evaluated_from: as in the outcome; NaN before.
 
     Raises:
@@ -238,8 +224,10 @@ class LoadedWalk:
         self.crawl = Crawl(controller, command=CrawlCommand(case.speed))
         self.bed = TestBed(plant, Sensors(case.errors, case.seed, robot), self.crawl)
         self.monitor = WalkMonitor(plant)
-        self.loaded_at = self.evaluated_from = np.nan
+        self.loaded_at, self.evaluated_from, self.fault = np.nan, np.nan, ""
         self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
+        effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
+        self._brake = np.where(np.isfinite(effort), effort / _BRAKED, 0.0)
         events = [(STAND, self._begin), (case.load_at, self._load), (case.unload_at, self._unload)]
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: Supervisor | NonstopSupervisor | None = None
@@ -260,19 +248,31 @@ class LoadedWalk:
         return self.outcome()
 
     def step(self) -> None:
-        """One period. A controller or a simulation that breaks down counts as a fall."""
+        """One period. After a controller has given up the drives only brake."""
         while self._events and self._events[0][0] <= self.bed.plant.time + 1e-9:
             self._events.pop(0)[1]()
         try:
-            self.bed.step()
-            if self.supervisor is not None and self.bed.measurement is not None:
-                self.supervisor.update(self.bed.measurement)
-        except (ControlError, PlanError, SimulationError) as error:
+            self._control()
+        except (ControlError, PlanError) as error:
+            self.give_up(str(error))
+        except SimulationError as error:
             self.monitor.fall = self.monitor.fall or Fall(self.bed.plant.time, str(error))
         self.monitor.look()
         time = self.bed.plant.time
         if np.isnan(self.evaluated_from) and time > self.loaded_at + self._step_time and self.crawl.stance.all():
             self.evaluated_from = time
+
+    def give_up(self, reason: str) -> None:
+        """From now on the drives only brake."""
+        self.fault = self.fault or reason
+
+    def _control(self) -> None:
+        if self.fault:
+            self.bed.plant.step(-self._brake * self.bed.plant.joint_velocity)
+            return
+        self.bed.step()
+        if self.supervisor is not None and self.bed.measurement is not None:
+            self.supervisor.update(self.bed.measurement)
 
     def _begin(self) -> None:
         if self.supervisor is None or self.supervisor.state in (State.WALKING, State.WEIGHING):
@@ -291,23 +291,33 @@ class LoadedWalk:
         monitor, supervisor, plant = self.monitor, self.supervisor, self.bed.plant
         return LoadedWalkOutcome(
             case=self.case,
-            seconds=plant.time,
-            fall=monitor.fall,
-            time=monitor.times,
+            trace=self._trace(),
             margin=monitor.margins,
-            position=monitor.positions,
-            loaded_at=self.loaded_at,
             evaluated_from=self.evaluated_from,
             transitions=() if supervisor is None else supervisor.transitions,
             checks=supervisor.checks if isinstance(supervisor, Supervisor) else (),
             state=State.WALKING if supervisor is None else supervisor.state,
             noticed=() if supervisor is None else supervisor.noticed,
-            steps=tuple(event.time for event in self.crawl.events if event.phase is CrawlPhase.SWING),
-            step_time=self._step_time,
             model=self.crawl.controller.trunk.model,
             truth=plant.truth(),
             bare=self._bare,
             payload=None if supervisor is None else supervisor.payload,
+        )
+
+    def _trace(self) -> WalkTrace:
+        monitor = self.monitor
+        return WalkTrace(
+            time=monitor.times,
+            position=monitor.positions,
+            height=monitor.heights,
+            limited=monitor.limited,
+            joints=monitor.plant.robot.tree.joints,
+            steps=tuple(event.time for event in self.crawl.events if event.phase is CrawlPhase.SWING),
+            speed=self.case.speed,
+            step_time=self._step_time,
+            loaded_at=self.loaded_at,
+            fall=monitor.fall,
+            fault=self.fault,
         )
 
 

@@ -1,11 +1,13 @@
-"""Who survives a load on the way: walks with and without identification, over loads, corners and seeds.
+"""Who walks on with a load: walks with and without identification, over loads, corners and seeds.
 
-Besides: whether changes of 3 kg are noticed, on and off, whenever in the gait they happen, and whether any is noticed
-where there is none.
+Both are held to the same outcome (`outcome.py`): walked, stuck or fell. How often the true centre of mass left the
+support polygon is counted besides, of both. Also: whether changes of 3 kg are noticed, on and off, whenever in the gait
+they happen, and whether any is noticed where there is none.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, isnan
@@ -22,16 +24,17 @@ from stadera.lab.experiments.moving.loaded_walk import (
     loaded_walk,
     weight_at,
 )
+from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
-from stadera.supervise import State
 from stadera.types import Progress
 
 PAPER = Paper.of("survival")
 
 _ROBOT, _SPEED = "hyq", 0.1
+WALKED, FELL = str(WalkOutcome.WALKED), str(WalkOutcome.FELL)
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class SurvivalSettings:
 
     Attributes:
         loads, corners, seeds: of the grid, loads in [N].
-        worst, worst_corner, worst_seeds: the paper's load, over many seeds.
+        paper, paper_corner, paper_seeds: the paper's load, over many seeds.
         small, small_seeds: the least change that has to be noticed [N].
         quiet_walks: without any load.
         load_at: [s], and up to a cycle later. seconds: of a walk [s], with identification and without: at least a cycle
@@ -49,12 +52,12 @@ class SurvivalSettings:
         quiet: how long walks without a load are [s], of which all but the stand is walking.
     """
 
-    loads: tuple[float, ...] = (25.0, 50.0, 75.0, 100.0, 125.0, 150.0)
+    loads: tuple[float, ...] = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0)
     corners: tuple[str, ...] = tuple(CORNERS)
     seeds: int = 2
-    worst: float = 100.0
-    worst_corner: str = "LH"
-    worst_seeds: int = 20
+    paper: float = 100.0
+    paper_corner: str = "LH"
+    paper_seeds: int = 20
     small: float = 3.0 * GRAVITY
     small_seeds: int = 12
     quiet_walks: int = 20
@@ -67,7 +70,7 @@ class SurvivalSettings:
 
 
 FULL = SurvivalSettings()
-_QUICK = SurvivalSettings((50.0, 150.0), ("LH", "RF"), 1, worst_seeds=1, small_seeds=1, quiet_walks=1)
+_QUICK = SurvivalSettings((100.0, 300.0), ("LH", "RF"), 1, paper_seeds=1, small_seeds=1, quiet_walks=1)
 
 
 @dataclass(frozen=True)
@@ -111,8 +114,8 @@ def survive(case: SurvivalCase) -> Outcome:
         )
     )
     return {
-        "survived": outcome.survived and outcome.state not in (State.STANDING, State.SITTING),
-        "fell": None if outcome.fall is None else outcome.fall.how,
+        "outcome": str(outcome.verdict.outcome),
+        "reasons": list(outcome.verdict.reasons),
         "least_margin": _or_none(outcome.least_margin),
         "least_margin_ever": _or_none(outcome.least_margin_ever),
         "noticed": [_noticed(outcome, time) for time in (case.load_at, case.unload_at)],
@@ -120,8 +123,8 @@ def survive(case: SurvivalCase) -> Outcome:
         "checks": len(outcome.checks),
         "state": str(outcome.state),
         "said": outcome.transitions[-1].reason if outcome.transitions else "",
-        "way": outcome.way,
-        "walked": outcome.seconds - STAND,
+        "distance": outcome.trace.distance,
+        "walked": float(outcome.trace.time[-1]) - STAND,
     }
 
 
@@ -141,7 +144,7 @@ class _Walks:
     """The cases: the grid, the paper's load, small changes, and walks without a load."""
 
     grid: Sequence[SurvivalCase]
-    worst: Sequence[SurvivalCase]
+    paper: Sequence[SurvivalCase]
     small: Sequence[SurvivalCase]
     quiet: Sequence[SurvivalCase]
 
@@ -167,13 +170,13 @@ class _Walks:
                 for identify in (False, True)
             ],
             [
-                walk(study.worst, study.worst_corner, identify, k, k / study.worst_seeds)
-                for k in range(study.worst_seeds)
+                walk(study.paper, study.paper_corner, identify, k, k / study.paper_seeds)
+                for k in range(study.paper_seeds)
                 for identify in (False, True)
             ],
             [small(k) for k in range(study.small_seeds)],
             [
-                SurvivalCase(0.0, study.worst_corner, True, first + k, 0.0, 0.0, study.quiet)
+                SurvivalCase(0.0, study.paper_corner, True, first + k, 0.0, 0.0, study.quiet)
                 for k in range(study.quiet_walks)
             ],
         )
@@ -183,12 +186,12 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """The grid of loads and corners, the paper's load over many seeds, small changes, and walks without a load."""
     study = _QUICK if settings.quick else FULL
     walks = _Walks.of(study, settings.seed)
-    cases = list(dict.fromkeys((*walks.grid, *walks.worst, *walks.small, *walks.quiet)))
+    cases = list(dict.fromkeys((*walks.grid, *walks.paper, *walks.small, *walks.quiet)))
     found = dict(zip(cases, run_grid(PAPER.name, survive, cases, progress, settings.keep, settings.pool), strict=True))
-    watched = [c for c in dict.fromkeys((*walks.grid, *walks.worst, *walks.small)) if c.load >= study.small - 1e-9]
+    watched = [c for c in dict.fromkeys((*walks.grid, *walks.paper, *walks.small)) if c.load >= study.small - 1e-9]
     return PAPER.result(
         (
-            *_worst_records(study, walks.worst, found),
+            *_paper_records(study, walks.paper, found),
             *_noticing_records(study, [c for c in watched if c.identify], found),
             _alarm_record([found[c] for c in walks.quiet]),
         ),
@@ -210,31 +213,32 @@ def _cycle() -> float:
 _Found = Mapping[SurvivalCase, Outcome]
 
 
-def _worst_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
-    case: dict[str, str | float] = {"load [N]": study.worst, "corner": study.worst_corner}
-    known, unknown = ([found[c] for c in cases if c.identify is way] for way in (True, False))
-    count = float(len(known))
-    died, lost = (float(sum(not o["survived"] for o in outcomes)) for outcomes in (known, unknown))
-    yield PAPER.record(case, f"falls with identification, of {count:.0f}", "1", _falls(known), bound=0.0)
-    yield PAPER.record(case, f"did not survive with identification, of {count:.0f}", "1", died, bound=0.0)
-    metric = f"fell or left the support polygon without, of {count:.0f}"
-    yield Record(PAPER.name, case, metric, "1", lost, None, count, "at least")
-    yield PAPER.record(case, f"falls without identification, of {count:.0f}", "1", _falls(unknown))
-    least, ever = (
-        100.0 * min((o[name] for o in known if o[name] is not None), default=0.0)
-        for name in ("least_margin", "least_margin_ever")
-    )
-    metric = "least margin with identification"
-    yield PAPER.record(case, metric, "cm", least)
-    yield PAPER.record(case, f"{metric}, steps before it can be noticed included", "cm", ever)
+def _paper_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
+    """The same counts of both ways; bounds are the paper's: with identification it walks, without the walk fails."""
+    case: dict[str, str | float] = {"load [N]": study.paper, "corner": study.paper_corner}
+    for identify, way in ((True, "with identification"), (False, "without identification")):
+        walks = [found[c] for c in cases if c.identify is identify]
+        count, none = float(len(walks)), 0.0 if identify else None
+        failed = [o for o in walks if o["outcome"] != WALKED]
+        fell = _number(o["outcome"] == FELL for o in walks)
+        yield PAPER.record(case, f"fell {way}, of {count:.0f}", "1", fell, bound=none)
+        yield PAPER.record(case, f"stuck or fell {way}, of {count:.0f}", "1", float(len(failed)), bound=none)
+        out = _number(o["outcome"] == FELL or (o["least_margin"] or 0.0) < 0.0 for o in walks)
+        metric = f"fell or left the support polygon {way}, of {count:.0f}"
+        yield Record(
+            PAPER.name, case, metric, "1", out, None, 0.0 if identify else count, "at most" if identify else "at least"
+        )
+        for key, name in (("least_margin", ""), ("least_margin_ever", ", steps before it can be noticed included")):
+            least = 100.0 * min((o[key] for o in walks if o[key] is not None), default=0.0)
+            yield PAPER.record(case, f"least margin {way}{name}", "cm", least)
 
 
-def _falls(outcomes: Iterable[Outcome]) -> float:
-    return float(sum(o["fell"] is not None for o in outcomes))
+def _number(true: Iterable[bool]) -> float:
+    return float(sum(true))
 
 
 def _noticing_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
-    stood = [c for c in cases if found[c]["fell"] is None]
+    stood = [c for c in cases if found[c]["outcome"] != FELL]
     times = [
         after for c in stood for at, after in zip((c.load_at, c.unload_at), found[c]["noticed"], strict=True) if at
     ]
@@ -252,29 +256,30 @@ def _alarm_record(quiet: Sequence[Outcome]) -> Record:
 
 
 def _table(cases: Sequence[SurvivalCase], found: _Found) -> TableData:
-    """Survivors by load and corner, with and without identification."""
+    """Outcomes by load and corner, with and without identification."""
     corners = tuple(dict.fromkeys(c.corner for c in cases))
     groups: dict[str, list[Row]] = {}
     for way, heading in ((False, "without identification"), (True, "with identification")):
         for load in dict.fromkeys(c.load for c in cases):
             walks = [[found[c] for c in cases if (c.load, c.corner, c.identify) == (load, k, way)] for k in corners]
-            groups.setdefault(heading, []).append((f"{load:.0f} N", *map(_survivors, walks)))
-    note = "How many walks survived, and the least margin of the true centre of mass to the support polygon's edge."
-    return TableData.of("Survival", ("load", *(f"on {corner}" for corner in corners)), groups, note)
+            groups.setdefault(heading, []).append((f"{load:.0f} N", *map(_outcomes, walks)))
+    note = "How the walks ended, and the least margin of the true centre of mass to the support polygon's edge."
+    return TableData.of("Outcomes", ("load", *(f"on {corner}" for corner in corners)), groups, note)
 
 
-def _survivors(walks: Sequence[Outcome]) -> Cell:
-    alive = sum(bool(o["survived"]) for o in walks)
+def _outcomes(walks: Sequence[Outcome]) -> Cell:
+    count = Counter(o["outcome"] for o in walks)
     least = [o["least_margin"] for o in walks if o["least_margin"] is not None]
     margin = f"{100.0 * min(least):.1f} cm" if least else "none"
-    return Cell(f"{alive} of {len(walks)}, {margin}", strong=True, good=alive == len(walks))
+    ended = ", ".join(f"{count[str(outcome)]} {outcome}" for outcome in WalkOutcome if count[str(outcome)])
+    return Cell(f"{ended}; {margin}", strong=True, good=count[WALKED] == len(walks))
 
 
 def _failures(cases: Sequence[SurvivalCase], found: _Found) -> TableData:
-    """Walks with identification that did not survive, and why."""
+    """Walks with identification that were stuck or fell, and why."""
     rows = [
-        (f"{c.load:.0f} N on {c.corner}, seed {c.seed}", o["fell"] or f"{o['state']}: {o['said']}")
+        (f"{c.load:.0f} N on {c.corner}, seed {c.seed}", o["outcome"], "; ".join([*o["reasons"], o["said"]]))
         for c in cases
-        if c.identify and not (o := found[c])["survived"]
+        if c.identify and (o := found[c])["outcome"] != WALKED
     ]
-    return TableData.of("With identification, not survived", ("walk", "because"), rows or [("none", "")])
+    return TableData.of("With identification, not walked", ("walk", "outcome", "because"), rows or [("none", "", "")])

@@ -1,4 +1,4 @@
-"""Figures of the demo: margins, mass, centre of mass and forces over time."""
+"""Figures of the demo: margins, mass and centre of mass over time."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from stadera.lab.demo import DemoResult, DemoRun
+from stadera.lab.demo import DemoResult
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
+from stadera.lab.report.demo.terminal import NAMES
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, line, stacked
-from stadera.report.look import LEGS
 from stadera.supervise import LoadCheck, State
 
 CLOSE = (1.0, 2.5)
@@ -30,8 +30,8 @@ _SHADES = {
 def margin_figure(result: DemoResult, note: str = "") -> Figure:
     """How far the true centre of mass was inside the support polygon, in both runs."""
     marks = tuple(
-        line(run.outcome.time, 100.0 * run.outcome.margin, run.name, colour)
-        for run, colour in zip(result.runs, ("red", "blue"), strict=True)
+        line(run.outcome.trace.time, 100.0 * run.outcome.margin, name, colour)
+        for name, run, colour in zip(NAMES, result.runs, ("red", "blue"), strict=True)
     )
     panel = Panel(Axis(), Axis("margin [cm]"), marks, (Guide(0.0, of="y", colour="ink"),))
     return _over_time("Margin of the true centre of mass", [panel], result, note)
@@ -62,21 +62,11 @@ def com_figure(result: DemoResult, note: str = "") -> Figure:
             line(film.time, values[:, 0], _TRUE, "red", width=2.0, dashed=True),
             line(film.time, values[:, 1], _CONTROLLER, "blue", width=2.2),
         ]
-        if not result.settings.nonstop:
+        if result.settings.classic:
             marks.append(line(film.time, values[:, 2], "weighing", "orange", width=2.2))
         limits = float(values[:, :2].min() - 1.0), float(values[:, :2].max() + 1.0)
         panels.append(Panel(Axis(), Axis(f"{label} [cm]", limits=limits), tuple(marks)))
     return _over_time("Centre of mass of the trunk with its load", panels, result, note, window=_window(result))
-
-
-def force_figure(run: DemoRun, result: DemoResult, note: str = "") -> Figure:
-    """The ground's vertical forces on the feet."""
-    names = ("LF", "RF", "LH", "RH")
-    marks = tuple(
-        line(run.film.time, run.film.force[:, leg], name, LEGS[leg], width=1.4) for leg, name in enumerate(names)
-    )
-    panel = Panel(Axis(), Axis("vertical force [N]"), marks)
-    return _over_time(f"Forces on the feet, {run.name}", [panel], result, note, run)
 
 
 def _thresholds(checks: Sequence[LoadCheck]) -> Series:
@@ -101,10 +91,10 @@ def _checks(checks: Sequence[LoadCheck]) -> list[Series]:
 
 def _window(result: DemoResult) -> tuple[float, float] | None:
     """What is weighed on the way is known so soon that it is looked at closely."""
-    if not result.settings.nonstop:
+    if result.settings.classic:
         return None
     at, (before, after) = result.settings.load_at, CLOSE
-    return max(at - before, 0.0), min(at + after, result.settings.seconds)
+    return max(at - before, 0.0), min(at + after, result.settings.duration)
 
 
 def _over_time(
@@ -112,20 +102,19 @@ def _over_time(
     panels: list[Panel],
     result: DemoResult,
     note: str,
-    run: DemoRun | None = None,
     window: tuple[float, float] | None = None,
 ) -> Figure:
     """Time axes, all of it or a window [s] to begin with, the load, and what the supervisor did meanwhile."""
-    outcome = (run or result.identified).outcome
-    longest = max(run.outcome.seconds for run in result.runs)
+    outcome = result.identified.outcome
+    longest = float(outcome.trace.time[-1])
     guides = [Guide(a, b, colour=_SHADES[state]) for a, b, state in _spans(outcome) if state in _SHADES]
     guides += [Guide(a, colour="green", name="noticed") for a, _, state in _spans(outcome) if state is State.WEIGHING]
     guides.append(Guide(result.settings.load_at, name="load"))
     time = Axis("time [s]", limits=window or (0.0, longest))
-    return stacked(title, [replace(p, x=time, guides=(*p.guides, *guides)) for p in panels], note, 300.0, moves=True)
+    return stacked(title, [replace(p, x=time, guides=(*p.guides, *guides)) for p in panels], note, 240.0)
 
 
 def _spans(outcome: LoadedWalkOutcome) -> list[tuple[float, float, State]]:
     """Begin, end and state of the supervisor's states."""
-    times = [t.time for t in outcome.transitions] + [outcome.seconds]
+    times = [t.time for t in outcome.transitions] + [float(outcome.trace.time[-1])]
     return [(t.time, end, t.after) for t, end in zip(outcome.transitions, times[1:], strict=True)]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from rich.console import RenderableType
@@ -12,18 +11,22 @@ from rich.text import Text
 from stadera.lab.demo import DemoResult
 from stadera.lab.demo.schema import true_load
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
+from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.report.numbers import number, with_std
-from stadera.report.table import TableData
+from stadera.report.table import Cell, Row, TableData
 from stadera.report.terminal import rich_table
 from stadera.report.weigh.tables import place
-from stadera.supervise import State
+
+NAMES = ("without identification", "with identification")
+"""Of the two runs."""
 
 _CM = 100.0
 
 
 def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
     """How both runs went, what was weighed, and what the supervisor did."""
-    yield Text(headline(result), style="bold")
+    worked = result.identified.outcome.verdict.outcome is WalkOutcome.WALKED
+    yield Text(headline(result), style="bold" if worked else "bold red")
     yield rich_table(comparison_table(result))
     identified = result.identified.outcome
     if identified.payload is not None:
@@ -33,36 +36,37 @@ def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
 
 
 def headline(result: DemoResult) -> str:
-    """What happened, in one sentence."""
-    failed, went = verdict(result.without.outcome), verdict(result.identified.outcome)
-    how = "Weighed on the way" if result.settings.nonstop else "With it"
-    return f"Without identification {failed}. {how}, {went}."
+    """What happened, in two sentences."""
+    without, identified = result.without.outcome, result.identified.outcome
+    payload = identified.payload
+    weighed = "" if payload is None else f", having weighed {with_std(payload.mass, payload.mass_std)} kg"
+    return f"Without identification it {_ended(without)}. With it, it {_ended(identified)}{weighed}."
 
 
-def verdict(outcome: LoadedWalkOutcome) -> str:
-    """How a run went, in half a sentence."""
-    if outcome.fall is not None:
-        return f"the robot fell after {outcome.fall.time - outcome.loaded_at:.1f} s ({outcome.fall.how})"
-    if outcome.state in (State.STANDING, State.SITTING):
-        return f"the robot is left {outcome.state}: {outcome.transitions[-1].reason}"
-    if outcome.least_margin < 0.0:
-        return (
-            f"the robot's centre of mass left the support polygon by {-_CM * outcome.least_margin:.1f} cm, for "
-            f"{outcome.outside:.1f} s in all"
-        )
-    return f"its centre of mass stayed {_CM * outcome.least_margin:.1f} cm and more inside the support polygon"
+def _ended(outcome: LoadedWalkOutcome) -> str:
+    """How a run ended, as the rest of a sentence."""
+    trace = outcome.trace
+    match outcome.verdict.outcome:
+        case WalkOutcome.FELL:
+            return f"falls after {trace.time[-1] - trace.loaded_at:.1f} s"
+        case WalkOutcome.STUCK:
+            return f"gets stuck after {trace.distance:.2f} m: {outcome.verdict.reasons[0]}"
+        case WalkOutcome.WALKED if trace.steps_lost:
+            return f"walks on after {outcome.updated_after or np.nan:.1f} s, {trace.steps_lost} steps lost"
+        case WalkOutcome.WALKED:
+            return "walks on without a stop"
 
 
 def comparison_table(result: DemoResult) -> TableData:
     """What was seen in both runs."""
-    head = ("since the load came on", *(run.name for run in result.runs))
+    head = ("since the box was let go", *NAMES)
     return TableData.of("The same walk twice", head, _comparison(result))
 
 
 def load_table(outcome: LoadedWalkOutcome) -> TableData:
     """Mass and centre of mass of the payload as weighed, and the truth."""
     head = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
-    return TableData.of("The load", head, _weighed(outcome))
+    return TableData.of("The box", head, _weighed(outcome))
 
 
 def log_table(outcome: LoadedWalkOutcome) -> TableData:
@@ -71,17 +75,24 @@ def log_table(outcome: LoadedWalkOutcome) -> TableData:
     return TableData.of("What the supervisor did", ("time [s]", "state", "because"), rows, sides="lww")
 
 
-def _comparison(result: DemoResult) -> Iterator[tuple[str, str, str]]:
-    """A name, then a text for each run."""
+def _comparison(result: DemoResult) -> Iterator[Row]:
+    """A name, then a cell for each run."""
 
-    def each(name: str, shown: Any) -> tuple[str, str, str]:
+    def each(name: str, shown: Callable[[LoadedWalkOutcome], str | Cell]) -> Row:
         return name, shown(result.without.outcome), shown(result.identified.outcome)
 
-    yield each("fell", lambda o: "no" if o.fall is None else f"at {o.fall.time:.1f} s")
-    yield each("least margin of the true centre of mass [cm]", lambda o: f"{_CM * o.least_margin:.1f}")
-    yield each("time outside the support polygon [s]", lambda o: f"{o.outside:.2f}")
-    yield each("way walked since the load [m]", lambda o: f"{o.way:.2f}")
-    yield each("steps lost", lambda o: "–" if o.fall else str(o.steps_lost))
+    def ended(outcome: LoadedWalkOutcome) -> Cell:
+        verdict = outcome.verdict
+        return Cell(str(verdict.outcome), strong=True, good=verdict.outcome is WalkOutcome.WALKED)
+
+    def lost(outcome: LoadedWalkOutcome) -> str:
+        return "–" if outcome.trace.fall else str(outcome.trace.steps_lost)
+
+    yield each("outcome", ended)
+    yield each("because", lambda o: "; ".join(o.verdict.reasons) or "–")
+    yield each("got ahead, of what was commanded [m]", lambda o: f"{o.trace.distance:.2f} of {o.trace.commanded:.2f}")
+    yield each("steps lost", lost)
+    yield each("least margin of the true centre of mass [cm]", lambda o: f"{_CM * o.least_margin_ever:.1f}")
     yield each("error of the trunk's mass in the controller [kg]", lambda o: f"{o.model.mass - o.truth.mass:+.2f}")
     yield each(
         "error of its centre of mass in x-y, the same [cm]",
@@ -93,5 +104,5 @@ def _weighed(outcome: LoadedWalkOutcome) -> Iterator[tuple[str, ...]]:
     payload, load = outcome.payload, true_load(outcome)
     if payload is not None:
         mass = with_std(payload.mass, payload.mass_std)
-        yield "payload as weighed", mass, *place(payload.com, payload.com_std)
+        yield "as weighed", mass, *place(payload.com, payload.com_std)
     yield "truth", number(load.mass), *(number(round(c, 5)) for c in load.com.tolist())

@@ -1,0 +1,171 @@
+"""What the demo's 3D scene is drawn from: the robot as rounded parts, and both films, packed.
+
+A film's columns are kept as 16-bit integers between each column's least and largest value, in base64: a value is off by
+at most half of its range / 65534, 10 µm of a metre. -32768 stands for what is not there.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.lab.demo import DemoResult, DemoRun
+from stadera.lab.experiments.moving.outcome import WalkOutcome
+from stadera.lab.plant.payload import Tray
+from stadera.lab.report.demo.terminal import NAMES
+from stadera.report.numbers import with_std
+from stadera.robot import load_robot
+from stadera.robot.model import Leg, Robot
+from stadera.supervise import State
+from stadera.types import Array
+
+BEFORE = 2.0
+"""The scene begins so long before the box is let go [s]."""
+
+_TIPS = np.deg2rad(10.0)
+_MOST, _NONE = 32767, -32768
+_LIMBS = ((0.13, 0.13, 0.17), (0.13, 0.09, 0.17), (0.085, 0.05, 0.12))
+"""Radii of hip, thigh and shank at both ends, and of their drives, as shares of the thigh's length."""
+
+_COLUMNS = ("trunk", "joints", "box", "feet", "force", "down", "limited", "com", "model", "margin")
+
+
+def scene(result: DemoResult) -> dict[str, Any]:
+    """Plain values for `walk_view.js`: metres, seconds, quaternions xyzw; links are numbered as in the robot's tree."""
+    settings, robot = result.settings, load_robot(result.settings.robot)
+    return {
+        "load": settings.load_at,
+        "box": list(settings.size),
+        "weight": robot.mass * 9.81,
+        "robot": {"joints": list(_joints(robot)), "parts": list(_parts(robot))},
+        "runs": [_run(run, name, settings.load_at - BEFORE) for name, run in zip(NAMES, result.runs, strict=True)],
+    }
+
+
+def _run(run: DemoRun, name: str, begin: float) -> dict[str, Any]:
+    film, verdict = run.film, run.outcome.verdict
+    shown = film.time >= begin - 1e-6
+    columns = {name: getattr(film, name)[shown].reshape(int(shown.sum()), -1) for name in _COLUMNS}
+    return {
+        "name": name,
+        "good": verdict.outcome is WalkOutcome.WALKED,
+        "begin": float(film.time[shown][0]),
+        "every": float(np.median(np.diff(film.time))),
+        "frames": int(shown.sum()),
+        "widths": {name: values.shape[1] for name, values in columns.items()},
+        "events": list(_events(run)),
+        **packed(np.concatenate([_smooth(name, values) for name, values in columns.items()], axis=1)),
+    }
+
+
+def _smooth(name: str, values: Array) -> Array:
+    """Quaternions with the sign that is nearest to the frame before: so that one can go between two."""
+    if name not in ("trunk", "box"):
+        return values.astype(float)
+    found = np.array(values)
+    turns = found[:, 3:]
+    flips = np.nancumprod(np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
+    turns[1:] *= flips[:, None]
+    return found
+
+
+def packed(values: Array) -> dict[str, Any]:
+    """Columns (k, c) as {low, step: c numbers each, data: base64 of int16 little-endian, row by row}."""
+    seen = np.isfinite(values)
+    low, high = np.where(seen, values, np.inf).min(axis=0), np.where(seen, values, -np.inf).max(axis=0)
+    low, high = np.where(seen.any(axis=0), low, 0.0), np.where(seen.any(axis=0), high, 0.0)
+    step = (high - low) / (2 * _MOST)
+    scaled = np.where(seen, (values - low) / np.where(step > 0.0, step, 1.0) - _MOST, _NONE)
+    return {
+        "low": [float(f"{v:.7g}") for v in low],
+        "step": [float(f"{v:.7g}") for v in step],
+        "data": b64encode(np.rint(scaled).astype("<i2").tobytes()).decode(),
+    }
+
+
+def _events(run: DemoRun) -> Iterator[dict[str, Any]]:
+    """What is said of a robot from a time on, in the order of time; `mark` names a moment worth a look."""
+    outcome = run.outcome
+    trace, payload = outcome.trace, outcome.payload
+    yield {"time": 0.0, "text": "walking", "level": ""}
+    lands = float(trace.time[trace.since])
+    yield {"time": lands, "text": f"{outcome.case.load.mass:.0f} kg land", "level": "", "mark": "box lands"}
+    if (trace.fall is not None) and (tips := _tips(run)) is not None:
+        yield {"time": tips, "text": "tips over", "level": "bad", "mark": "tips over"}
+    for transition in outcome.transitions:
+        text, mark = str(transition.after), str(transition.after)
+        if transition.after is State.WEIGHING:
+            text = mark = "load noticed"
+        elif transition.after is State.WALKING and payload is not None:
+            text, mark = f"weighed {with_std(payload.mass, payload.mass_std)} kg, walking on", "weighed"
+        yield {"time": transition.time, "text": text, "level": "good", "mark": mark}
+    if trace.fall is not None:
+        text = f"fell after {trace.fall.time - trace.loaded_at:.1f} s"
+        yield {"time": trace.fall.time, "text": text, "level": "bad", "mark": "falls"}
+    elif outcome.verdict.outcome is WalkOutcome.STUCK:
+        yield {"time": trace.loaded_at + 1.0, "text": "stuck", "level": "bad"}
+
+
+def _tips(run: DemoRun) -> float | None:
+    """When the trunk is first tilted by more than `_TIPS` with the load."""
+    film = run.film
+    upright = 1.0 - 2.0 * (film.trunk[:, 3] ** 2 + film.trunk[:, 4] ** 2)
+    tilted = np.flatnonzero((upright < np.cos(_TIPS)) & (film.time > run.outcome.trace.loaded_at))
+    return float(film.time[tilted[0]]) if len(tilted) else None
+
+
+# -- the robot ----------------------------------------------------------------------------------------------------
+def _joints(robot: Robot) -> Iterator[dict[str, Any]]:
+    tree = robot.tree
+    turns = Rotation.from_matrix(tree.rotations).as_quat()
+    for k, parent in enumerate(tree.parents):
+        yield {
+            "parent": parent,
+            "at": _short(tree.translations[k]),
+            "turn": _short(turns[k]),
+            "axis": _short(tree.axes[k]),
+        }
+
+
+def _parts(robot: Robot) -> Iterator[dict[str, Any]]:
+    """Rounded parts: a trunk, the plate that boxes land on, and legs from joint to joint."""
+    tray = Tray.of(robot)
+    boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
+    largest = max(boxes, key=lambda shape: float(np.prod(shape.size)), default=None)
+    if largest is not None:  # lower by the plate's thickness, which is on top of it
+        under = np.array([0.0, 0.0, 2.0 * tray.half_size[2]])
+        turn = _short(Rotation.from_matrix(largest.rotation).as_quat())
+        yield {
+            "link": 0,
+            "kind": "body",
+            "size": _short(largest.size),
+            "at": _short(largest.translation - under),
+            "turn": turn,
+        }
+    plate = {"size": _short(2.0 * tray.half_size), "at": _short(tray.centre), "turn": [0, 0, 0, 1]}
+    yield {"link": 0, "kind": "plate", **plate}
+    for leg in robot.legs:
+        yield from _leg_parts(robot, leg)
+
+
+def _leg_parts(robot: Robot, leg: Leg) -> Iterator[dict[str, Any]]:
+    """Of each link a limb to the next joint or foot, thinner downwards, and a drive about each joint's axis."""
+    tree = robot.tree
+    joints = [tree.joints.index(name) for name in leg.joints]
+    ends = [*(tree.translations[j] for j in joints[1:]), np.array(leg.foot_position)]
+    length = float(np.linalg.norm(ends[1])) or 0.3
+    for k, (joint, end) in enumerate(zip(joints, ends, strict=True)):
+        thick, thin, drive = (length * share for share in _LIMBS[k])
+        yield {"link": joint + 1, "kind": "limb", "to": _short(end), "radii": _short([thick, thin])}
+        axis = _short(tree.axes[joint])
+        drum = {"radius": drive, "width": 1.7 * drive}
+        yield {"link": joint + 1, "kind": "drive", "joint": joint, "axis": axis, **drum}
+    yield {"link": joints[2] + 1, "kind": "foot", "at": _short(ends[2]), "radius": max(leg.foot_radius, 0.06 * length)}
+
+
+def _short(values: Any) -> list[float]:
+    return [float(f"{value:.6g}") for value in values]
