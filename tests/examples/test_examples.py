@@ -24,6 +24,8 @@ TESTED = {
     "export_to_controller",
     "own_regressor",
     "own_estimator",
+    "live_client",  # in tests/live
+    "live_rclpy_node",  # in tests/live
 }
 
 

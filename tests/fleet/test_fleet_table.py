@@ -7,16 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.fleet import FleetOptions, FleetTable, LogJob, Pool, jobs_of, read_fleet, read_manifest, run_fleet
 from stadera.fleet import row as rows
 from stadera.fleet import run as runs
+from stadera.fleet.merge import merge_fleet
 from stadera.fleet.row import Done, process
 from stadera.fleet.table import COLUMNS
 from stadera.identify.legs import identify
+from stadera.identify.merge import merge_legs
 from stadera.identify.settings import IdentifySettings
+from stadera.robot import load_robot
 from stadera.weigh.weigh import weigh
 
 HERE = Pool(0)
@@ -141,7 +145,7 @@ def test_killed_while_it_wrote(table: Path, jobs: list[LogJob], tmp_path: Path, 
     """The table not written yet, the journal's last line incomplete."""
     done = read_fleet(table)
     lines = [
-        json.dumps({"version": "0.1.0", "key": key, "row": row, "joints": []})
+        json.dumps({"version": "0.1.0", "key": key, "row": row, "joints": [], "legs": []})
         for key, row in zip(done.keys, done.rows, strict=True)
     ]
     (tmp_path / ".runs.journal.jsonl").write_text("\n".join(lines)[:-30])
@@ -261,3 +265,19 @@ def test_legs_of_a_fleet(tmp_path: Path, swing_on_stand: Path) -> None:
     name = f"{leg.leg.joints[2]}.viscous"
     (value,) = [j for j in joints if f"{j['joint']}.{j['parameter']}" == name]
     assert value["value"] == leg.parameters[name].value
+
+
+def test_a_robots_legs_by_all_its_logs_as_the_python_api_merges_them(tmp_path: Path, swing_on_stand: Path) -> None:
+    again = tmp_path / "again.parquet"
+    again.write_bytes(swing_on_stand.read_bytes())
+    jobs = jobs_of([swing_on_stand, again], "hyq", options=FleetOptions(identify=True))
+    run_fleet(jobs, tmp_path / "r.parquet", HERE)
+    merged = merge_fleet(read_fleet(tmp_path / "r.parquet"), jobs)["hyq"]
+    leg = identify("hyq", swing_on_stand, IdentifySettings(legs=("RH",))).legs[0]
+    assert leg.information is not None
+    direct = merge_legs(load_robot("hyq"), {"a": {"RH": leg.information}, "b": {"RH": leg.information}})
+    np.testing.assert_allclose(merged.legs[0].estimate.values, direct.legs[0].estimate.values, rtol=1e-12)
+    with pytest.raises(StaderaError, match="nothing to merge"):
+        merge_fleet(FleetTable(()), jobs)
+    with pytest.raises(StaderaError, match="logs of several models"):
+        merge_fleet(read_fleet(tmp_path / "r.parquet"), [jobs[0], replace(jobs[1], robot="go2")])

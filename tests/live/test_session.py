@@ -115,6 +115,13 @@ def test_nothing_yet_names_what_is_seen(robot: Robot) -> None:
     assert "/chatter (std_msgs/msg/String)" in lacking
 
 
+def test_messages_that_are_none(robot: Robot, unloaded: list[Arrival]) -> None:
+    rubbish = [m._replace(data=b"\0\1\0\0rubbish") if m.topic == "/joint_states" else m for m in unloaded]
+    state = fed(LiveSession(robot), rubbish)
+    assert state.waiting_for == ("messages of /joint_states that are a sensor_msgs/msg/JointState",)
+    assert state.lost["damaged"] == 500
+
+
 def test_an_imu_alone(robot: Robot, unloaded: list[Arrival]) -> None:
     session = LiveSession(robot)
     state = fed(session, [m for m in unloaded if m.topic == "/imu/data"])

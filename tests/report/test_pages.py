@@ -115,6 +115,7 @@ MEASURE = """
     const wide = [...inside.querySelectorAll("main *")].filter((e) => !e.closest(".scroll, svg, .plot") &&
       e.getBoundingClientRect().right > root.clientWidth + 1).map((e) => e.tagName + "." + e.className);
     seen[frame.id] = {width: root.clientWidth, scroll: root.scrollWidth, answer: end(".answer"), badge: end(".badge"),
+      boxes: [...inside.querySelectorAll(".scroll")].filter((e) => e.scrollWidth > e.clientWidth + 1).length,
       wide: wide, plots: inside.querySelectorAll(".plot .main-svg").length, ink: getComputedStyle(inside.body).color};
   }
   document.querySelector("pre").textContent = JSON.stringify(seen);
@@ -150,6 +151,7 @@ def test_no_page_scrolls_sideways(measured, name: str, width: int) -> None:
     assert seen["width"] >= width - 20  # a scroll bar's
     assert seen["scroll"] <= seen["width"]
     assert seen["wide"] == []
+    assert seen["boxes"] == 0, "no table scrolls inside of its box either"
 
 
 @needs_browser

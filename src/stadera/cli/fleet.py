@@ -51,6 +51,13 @@ def fleet(
     identify: Annotated[
         bool, typer.Option("--identify", help="Identify legs, from logs of robots on a stand, instead of weighing.")
     ] = False,
+    merge: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LEGS.json",
+            help="With --identify: each robot's legs by all its logs, for `weigh --legs`; LEGS-NAME.",
+        ),
+    ] = None,
     tare: Annotated[
         str | None, typer.Option(metavar="T0:T1|LOG", help="Time [s] in each log, or another log, without the payload.")
     ] = None,
@@ -88,6 +95,8 @@ def fleet(
         if manifest is not None and given is not None:
             raise typer.BadParameter("is of the manifest's lines", param_hint=option)
     check_workers(workers, scheduler)
+    if merge is not None and not identify:
+        raise typer.BadParameter("needs --identify", param_hint="--merge")
     springs = None if stiffness is None else parse.point(stiffness)
 
     from stadera.fleet.jobs import FleetOptions, jobs_of, read_manifest
@@ -100,10 +109,12 @@ def fleet(
         jobs = read_manifest(manifest, robot, options)
     else:
         jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, options)
-    check_outputs((out, json, report))
+    check_outputs((out, json, report, merge))
     check_report(report)
     table = _run(jobs, out, Pool(workers, scheduler, round(1e9 * memory)))
     write_outputs((json, json_of(table.to_dict)), (report, text_of(table.to_html)))
+    if merge is not None:
+        _merge(table, jobs, merge)
     show(*fleet_tables(table))
     _require_any(table)
 
@@ -118,6 +129,17 @@ def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
             return run_fleet(jobs, out, pool, watch)
     except KeyboardInterrupt:
         raise StaderaError(f"broken off; what is done is in {out}, and the same command goes on from there") from None
+
+
+def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:
+    """A file a robot; of a single one by the path itself, else with the robot's name in it."""
+    from stadera.fleet.merge import merge_fleet
+
+    merged = merge_fleet(table, jobs)
+    paths = {name: path if len(merged) == 1 else path.with_stem(f"{path.stem}-{Path(name).stem}") for name in merged}
+    write_outputs(*((paths[name], json_of(legs.to_dict)) for name, legs in merged.items()))
+    for name, legs in merged.items():
+        show(f"{name}: legs by {len(legs.logs)} logs, {legs.trust.verdict}, misfit {legs.trust.misfit:.2g}")
 
 
 def _require_any(table: FleetTable) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
@@ -17,7 +17,7 @@ from stadera.errors import StaderaError, UntrustedError
 from stadera.fleet.jobs import LogJob, robot_of
 from stadera.fleet.metadata import robot_named_in
 from stadera.fleet.source import digest, fetched, is_url
-from stadera.fleet.table import COLUMNS
+from stadera.fleet.table import COLUMNS, SIDES
 from stadera.logs.topics import LogFile
 from stadera.weigh.settings import tare_of
 
@@ -50,12 +50,12 @@ class Done:
         key: of its content, the package's version and everything that the row depends on; None where the log could not
             be read to its end, so that another try may succeed.
         row: None if the log is done already under this key.
-        joints: a row for each parameter of a joint that was identified.
+        sides: by name (see `stadera.fleet.table.SIDES`), rows of identified joints and legs.
     """
 
     key: str | None
     row: Row | None
-    joints: tuple[Row, ...] = ()
+    sides: Mapping[str, tuple[Row, ...]] = field(default_factory=lambda: dict.fromkeys(SIDES, ()))
 
 
 def process(task: Task) -> Done:
@@ -64,7 +64,7 @@ def process(task: Task) -> Done:
     row: Row = dict.fromkeys(COLUMNS)
     row |= {"log": job.log, "robot": job.name or job.robot, "status": "ok", "version": stadera.__version__}
     source, path = None, Path(job.log)
-    joints: tuple[Row, ...] = ()
+    sides: Mapping[str, Iterable[Row]] = dict.fromkeys(SIDES, ())
     with ExitStack() as stack:
         try:
             path = stack.enter_context(fetched(job.log))
@@ -72,7 +72,7 @@ def process(task: Task) -> Done:
             if source.key == task.known:
                 return Done(source.key, None)
             row |= {"sha256": source.sha256, "robot": job.name or source.robot}
-            found, joints = _identified(job, source) if job.options.identify else _weighed(job, source)
+            found, sides = _identified(job, source) if job.options.identify else (_weighed(job, source), sides)
             row |= found
         except Exception as error:  # whatever it is, the other logs go on
             row |= _failed(error, str(path), job.log)
@@ -80,7 +80,8 @@ def process(task: Task) -> Done:
                 source = None
     row["seconds"] = perf_counter() - begun
     named = {"log": job.log, "robot": row["robot"]}
-    return Done(None if source is None else source.key, row, tuple(named | joint for joint in joints))
+    own = {name: tuple(named | side for side in rows) for name, rows in sides.items()}
+    return Done(None if source is None else source.key, row, own)
 
 
 def is_done(task: Task) -> bool:
@@ -146,7 +147,7 @@ def _digest_at(path: Path, size: int, modified: int) -> str:
     return digest(path)
 
 
-def _weighed(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
+def _weighed(job: LogJob, source: _Source) -> Row:
     from stadera.weigh.weigh import weigh
 
     options = job.options
@@ -166,10 +167,10 @@ def _weighed(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
         row |= _pair(f"com_{axis}", value, std)
     if result.payload is not None:
         row |= _pair("payload_mass", result.payload.mass, result.payload.mass_std)
-    return row | _trust(result.trust), ()
+    return row | _trust(result.trust)
 
 
-def _identified(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
+def _identified(job: LogJob, source: _Source) -> tuple[Row, Mapping[str, Iterable[Row]]]:
     from stadera.identify.legs import identify
     from stadera.identify.log import has_effort, time_span
     from stadera.identify.settings import IdentifySettings
@@ -182,7 +183,7 @@ def _identified(job: LogJob, source: _Source) -> tuple[Row, tuple[Row, ...]]:
     if result.trust.verdict == "bad" and not options.force:
         raise UntrustedError(f"{log.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     begin, end = time_span(log, result.legs[0].leg.joints)
-    return {"begin": begin, "end": end} | _trust(result.trust), tuple(_joints(result))
+    return {"begin": begin, "end": end} | _trust(result.trust), {"joints": _joints(result), "legs": _legs(result)}
 
 
 def _log(job: LogJob, path: Path) -> LogFile:
@@ -197,6 +198,15 @@ def _joints(result: Identification) -> Iterator[Row]:
             if joint in leg.leg.joints:
                 std = None if quantity.is_held else quantity.std
                 yield {"joint": joint, "parameter": parameter, "value": quantity.value, "std": std}
+
+
+def _legs(result: Identification) -> Iterator[Row]:
+    """What the log says of each leg, to be merged with what others say."""
+    for leg in result.legs:
+        known = leg.information
+        if known is not None:
+            row = {"leg": leg.leg.name, "columns": list(known.names), "R": known.R.ravel().tolist()}
+            yield row | {"z": known.z.tolist(), "cost": known.cost, "count": known.count}
 
 
 def _pair(name: str, value: float, std: float) -> Row:

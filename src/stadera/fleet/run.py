@@ -19,7 +19,7 @@ from stadera.fleet.journal import journal, read_journal
 from stadera.fleet.pool import Failure, Pool, run_tasks
 from stadera.fleet.row import Done, Row, Task, is_done, lost, process
 from stadera.fleet.source import is_url, size_of
-from stadera.fleet.table import FleetTable, joints_path, read_fleet, table_path
+from stadera.fleet.table import SIDES, FleetTable, beside, read_fleet, table_path
 
 Watch = Callable[[str, int, int, str], None]
 """Called with what is done, how much of it, of how much, and how many logs in words."""
@@ -45,7 +45,8 @@ def run_fleet(
         MissingExtraError: Dask is needed and not installed.
     """
     target = require_writable(table_path(out))
-    jobs = [job for job in jobs if Path(job.log) not in (target, joints_path(target))]
+    tables = (target, *(beside(target, name) for name in SIDES))
+    jobs = [job for job in jobs if Path(job.log) not in tables]
     check_models(jobs)
     fleet = _Fleet(target, jobs)
     by_log = {job.log: job for job in jobs}
@@ -57,7 +58,7 @@ def run_fleet(
             for log, outcome in outcomes:
                 done = lost(by_log[log], outcome.reason) if isinstance(outcome, Failure) else outcome
                 if done.row is not None:
-                    append({"key": done.key, "row": done.row, "joints": done.joints})
+                    append({"key": done.key, "row": done.row, **done.sides})
                     fleet.add(log, done)
                 progress.finished(log)
     finally:
@@ -77,7 +78,8 @@ class _Fleet:
             self._read(read_fleet(target))
         self._changed, self._saved = False, monotonic()
         for entry in read_journal(self.journal):
-            self._done[entry["row"]["log"]] = Done(entry["key"], entry["row"], tuple(entry["joints"]))
+            sides = {name: tuple(entry[name]) for name in SIDES}
+            self._done[entry["row"]["log"]] = Done(entry["key"], entry["row"], sides)
             self._changed = True
 
     def key(self, log: str) -> str | None:
@@ -101,15 +103,17 @@ class _Fleet:
         now = dict.fromkeys(job.log for job in self._jobs)
         order = [*(log for log in self._done if log not in now), *(log for log in now if log in self._done)]
         done = [self._done[log] for log in order]
-        joints = tuple(joint for one in done for joint in one.joints)
-        return FleetTable(tuple(one.row or {} for one in done), joints, tuple(one.key for one in done))
+        sides = {name: tuple(row for one in done for row in one.sides.get(name, ())) for name in SIDES}
+        return FleetTable(tuple(one.row or {} for one in done), keys=tuple(one.key for one in done), **sides)
 
     def _read(self, table: FleetTable) -> None:
-        joints: dict[str, list[Row]] = {}
-        for joint in table.joints:
-            joints.setdefault(joint["log"], []).append(joint)
+        sides: dict[str, dict[str, list[Row]]] = {row["log"]: {name: [] for name in SIDES} for row in table.rows}
+        for name in SIDES:
+            for row in getattr(table, name):
+                sides[row["log"]][name].append(row)
         for row, key in zip(table.rows, table.keys, strict=True):
-            self._done[row["log"]] = Done(key, row, tuple(joints.get(row["log"], ())))
+            own = {name: tuple(rows) for name, rows in sides[row["log"]].items()}
+            self._done[row["log"]] = Done(key, row, own)
 
 
 class _Progress:

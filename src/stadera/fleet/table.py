@@ -45,6 +45,19 @@ JOINTS: dict[str, str] = {
 }
 """Of the table of joints: armature [kg·m²], viscous [N·m·s/rad], coulomb and offset [N·m]; `std` is null where the data
 do not measure the value."""
+LEGS: dict[str, str] = {
+    "log": "string",
+    "robot": "string",
+    "leg": "string",
+    "columns": "list<string>",
+    "R": "list<double>",
+    "z": "list<double>",
+    "cost": "double",
+    "count": "double",
+}
+"""Of the table of what each log says of each leg: a `stadera.information.Information`, R row by row."""
+SIDES: dict[str, dict[str, str]] = {"joints": JOINTS, "legs": LEGS}
+"""Tables beside the table, by the attribute of `FleetTable` that holds them."""
 _KEYS = b"stadera.keys"
 
 
@@ -54,16 +67,17 @@ class FleetTable(Result):
 
     Attributes:
         rows: by column, see `COLUMNS`.
-        joints: by column, see `JOINTS`; none where trunks were weighed.
+        joints, legs: by column, see `JOINTS` and `LEGS`; none where trunks were weighed.
         keys: of each row, None for one that is to be tried again.
     """
 
     rows: tuple[dict[str, Any], ...]
     joints: tuple[dict[str, Any], ...] = ()
+    legs: tuple[dict[str, Any], ...] = ()
     keys: tuple[str | None, ...] = ()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Writes the table, and that of the joints if there are any; both whole or not at all.
+        """Writes the table, and those of joints and legs if there are any; whole or not at all.
 
         Raises:
             StaderaError: a path that cannot be written or is not called .parquet.
@@ -72,12 +86,12 @@ class FleetTable(Result):
         from pyarrow import parquet
 
         target = table_path(path)
-        paths = [target, joints_path(target)] if self.joints else [target]
+        sides = {name: columns for name, columns in SIDES.items() if getattr(self, name)}
         keys = {_KEYS: json.dumps(self.keys)}
-        with written_together(paths) as drafts:
-            parquet.write_table(_arrow(pa, self.rows, COLUMNS).replace_schema_metadata(keys), drafts[0])
-            if self.joints:
-                parquet.write_table(_arrow(pa, self.joints, JOINTS), drafts[1])
+        with written_together([target, *(beside(target, name) for name in sides)]) as (first, *others):
+            parquet.write_table(_arrow(pa, self.rows, COLUMNS).replace_schema_metadata(keys), first)
+            for draft, (name, columns) in zip(others, sides.items(), strict=True):
+                parquet.write_table(_arrow(pa, getattr(self, name), columns), draft)
 
     def to_dict(self) -> dict[str, Any]:
         """Rows, joints, and what stands out, the surest first, see `stadera.fleet.departures`."""
@@ -114,9 +128,10 @@ def read_fleet(path: str | PathLike[str]) -> FleetTable:
     """
     target = table_path(path)
     rows, keys = _read(target, COLUMNS)
-    joints = joints_path(target)
     listed = tuple(json.loads(keys)) if keys else (None,) * len(rows)
-    return FleetTable(rows, _read(joints, JOINTS)[0] if joints.exists() else (), listed)
+    paths = {name: beside(target, name) for name in SIDES}
+    sides = {name: _read(path, SIDES[name])[0] for name, path in paths.items() if path.exists()}
+    return FleetTable(rows, keys=listed, **sides)
 
 
 def table_path(path: str | PathLike[str]) -> Path:
@@ -131,13 +146,17 @@ def table_path(path: str | PathLike[str]) -> Path:
     return target
 
 
-def joints_path(table: Path) -> Path:
-    """Of the table of joints beside a table."""
-    return table.with_suffix(".joints.parquet")
+def beside(table: Path, name: str) -> Path:
+    """The path of one of `SIDES`."""
+    return table.with_suffix(f".{name}.parquet")
 
 
 def _arrow(pa: Any, rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> Any:
-    schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in columns.items()])
+    def type_of(kind: str) -> Any:
+        inner = kind.removeprefix("list<").removesuffix(">")
+        return pa.type_for_alias(kind) if inner == kind else pa.list_(pa.type_for_alias(inner))
+
+    schema = pa.schema([(name, type_of(kind)) for name, kind in columns.items()])
     return pa.Table.from_pylist(list(rows), schema=schema)
 
 

@@ -141,7 +141,7 @@ class Intake:
         try:
             return self._decoders[name](Message(name, arrival.received, arrival.data))
         except Exception:  # the libraries meet damaged bytes with errors of many kinds
-            self.lost["damaged"] += 1
+            self.seen[name].damaged += 1
             return None
 
     def _begin(self) -> None:
@@ -255,7 +255,10 @@ class Intake:
         if not came.intersection((IMU, *LOW_STATES)):
             asked = f" on {self._asked.imu}" if self._asked.imu else ""
             return f"an IMU{asked}: no messages of {IMU} yet; topics seen: {listed}"
-        return "enough messages to begin with"
+        broken = next(
+            (name for name, seen in self.seen.items() if seen.kind in KINDS and seen.damaged == seen.count), ""
+        )
+        return f"messages of {broken} that are a {there[broken]}" if broken else "enough messages to begin with"
 
 
 def _slashed(topics: Topics) -> Topics:

@@ -131,7 +131,12 @@ class LiveSession:
         after = () if payload is None else since_tare(changes[tared:], payload)
         stamp = 0 if np.isnan(self._time) else round(1e9 * self._time) - intake.clock.shift
         behind = time.time() - 1e-9 * stamp
-        lost = {"network": intake.lost["network"] + sum(seen.lost for seen in intake.seen.values())}
+        seen = intake.seen.values()
+        lost = {
+            "network": intake.lost["network"] + sum(topic.lost for topic in seen),
+            "damaged": sum(topic.damaged for topic in seen),
+            "left out": intake.lost["left out"],
+        }
         return LiveState(
             robot=self.robot.name,
             link=self.robot.trunk,
@@ -142,8 +147,8 @@ class LiveSession:
             payload=payload,
             changes=(*changes[:tared], *after)[-_MOST_CHANGES:] if payload is not None else changes[-_MOST_CHANGES:],
             trust=trust_now(estimator),
-            rates={name: seen.look(now) for name, seen in sorted(intake.seen.items())},
-            lost=lost | {where: intake.lost[where] for where in ("damaged", "left out")},
+            rates={name: topic.look(now) for name, topic in sorted(intake.seen.items())},
+            lost=lost,
             lag=Lag(now - self._arrived, behind if abs(behind) < _DAY else np.nan),
             waiting_for=self._lacking(now if until is None else until),
             notes=tuple(intake.notes),

@@ -46,12 +46,14 @@ class SeenTopic:
     """What was seen of a topic.
 
     Attributes:
-        kind: ROS type. count: messages. lost: messages that were sent and did not arrive, by their numbers.
+        kind: ROS type. count: messages. damaged: those that cannot be read. lost: those that were sent and did not
+            arrive, by their numbers.
         last: arrival of the newest [s]. rate: messages a second, over the last second. numbered: whether they are.
     """
 
     kind: str
     count: int = 0
+    damaged: int = 0
     lost: int = 0
     last: float = 0.0
     rate: float = 0.0

@@ -124,8 +124,9 @@ class _Place:
             turn = f' transform="rotate(-30 {v:.1f} {high + 16:.1f})" text-anchor="end"' if turned else ""
             yield f'<text x="{v:.1f}" y="{high + 16:.1f}" class="x"{turn}>{escape(text)}</text>'
         if panel.y.labels:
-            for k, text in enumerate(panel.y.labels):
-                v = float(y(float(k)))
+            for k, name in enumerate(panel.y.labels):
+                v, room = float(y(float(k))), int(wide / _CHAR) if self.above else len(name)
+                text = name if len(name) <= room else f"{name[: room - 1]}…"
                 place = f'x="0" y="{v - 8:.1f}" class="a"' if self.above else f'x="-8" y="{v + 4:.1f}" class="y"'
                 yield f"<text {place}>{escape(text)}</text>"
         else:

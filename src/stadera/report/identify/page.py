@@ -19,7 +19,7 @@ from stadera.trust import Trust
 
 _METHODS = {
     "consistent": "physically consistent (maximum a posteriori, CAD as prior)",
-    "null-space": "least squares, CAD in the null space (eq. 5)",
+    "null-space": "least squares, CAD where the data say nothing (null-space projection)",
 }
 
 

@@ -1,0 +1,55 @@
+"""The legs of each robot of a fleet by all of its logs, from what the table holds: no log is read again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.fleet.jobs import LogJob, robot_of
+from stadera.fleet.table import FleetTable
+from stadera.identify.merge import MergedLegs, merge_legs
+from stadera.information import Information, Unknowns
+from stadera.robot.model import Robot
+
+
+def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLegs]:
+    """Each robot's legs, robots by name as the table calls them.
+
+    Args:
+        table: of logs from which legs were identified.
+        jobs: which logs, and of which model each robot is.
+
+    Raises:
+        StaderaError: no log of a robot that could be used; a robot whose logs are of several models.
+    """
+    of_log = {row["log"]: row["robot"] for row in table.rows if row["status"] == "ok"}
+    first: dict[str, LogJob] = {}
+    logs: dict[str, dict[str, dict[str, Information]]] = {}
+    for job in jobs:
+        if job.log not in of_log:
+            continue
+        robot = of_log[job.log]
+        models = {first.setdefault(robot, job).robot or robot, job.robot or robot}
+        if len(models) > 1:
+            raise StaderaError(f"{robot}: logs of several models cannot be merged: {', '.join(sorted(models))}")
+        logs.setdefault(robot, {})[job.log] = {}
+    for row in table.legs:
+        if row["log"] in logs.get(row["robot"], {}):
+            logs[row["robot"]][row["log"]][row["leg"]] = _information(row)
+    if not logs:
+        raise StaderaError("no log from which legs were identified, so there is nothing to merge")
+    return {robot: merge_legs(_model(robot, first[robot]), own) for robot, own in logs.items()}
+
+
+def _model(robot: str, job: LogJob) -> Robot:
+    return robot_of(job.robot or robot, None, job.options.reading.limits)
+
+
+def _information(row: dict[str, Any]) -> Information:
+    """As `LEGS` holds it."""
+    R, z = np.array(row["R"], dtype=float), np.array(row["z"], dtype=float)
+    unknowns, n = Unknowns.scalars(row["columns"]), len(z)
+    return Information(unknowns, R.reshape(n, n), z, np.zeros((n, 0)), row["cost"], row["count"])
