@@ -35,6 +35,7 @@ from stadera.trunk.fit import Fit
 from stadera.trunk.ground import GroundNormal
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
 from stadera.trunk.measurement import Measurement
+from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
@@ -231,6 +232,12 @@ class TrunkEstimator:
         """By how much torques are found to arrive late, and its standard deviation [s]."""
         at = PLACES["torque_lag"].start
         return float(self._errors.mean[at]), float(self._errors.std[at])
+
+    @property
+    def evidence(self) -> TrunkEvidence:
+        """What the rows since the last change of the load say of the trunk, to be merged with other logs'."""
+        known = self._current.known.scaled_noise(float(np.sqrt(self._scatter)))
+        return TrunkEvidence(known, self._errors.mean, self._errors.covariance, self._length)
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:

@@ -152,6 +152,7 @@ class _Reading:
             end=log.end,
             torque_lag=estimator.torque_lag,
             notes=tuple(dict.fromkeys(note for read in logs for note in read.notes)),
+            evidence=estimator.evidence,
         )
 
     # -- inside -----------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from stadera.files import written_together
 from stadera.results import Result
 from stadera.robot.model import Robot
 from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Array, Bools
@@ -126,6 +127,7 @@ class Weighing(Result):
         torque_lag: delay of the torques and its standard deviation [s]; None at rest.
         balance, vertical: at the end of the last rest; None in motion.
         notes: one sentence each.
+        evidence: what the log says of the trunk, for `stadera.trunk.merge`; None at rest.
     """
 
     robot: Robot
@@ -145,6 +147,7 @@ class Weighing(Result):
     balance: Balance | None = None
     vertical: Vertical | None = None
     notes: tuple[str, ...] = ()
+    evidence: TrunkEvidence | None = None
 
     @property
     def mass(self) -> float:

@@ -1,0 +1,119 @@
+"""Trunks of one robot from several logs: one for each log, under errors of the model that all its logs share.
+
+Each log has summed up its rows to ``R θ_k + G p = z`` (`stadera.trunk.segment`), p the errors of the model. Those of
+the robot, the scale of its torques, its encoders' zeros, where its feet and its IMU are, are the same in all of its
+logs; what is learnt or drawn anew each day (joints in the air, sticking joints, biases) is each log's own. Merged,
+
+    [R_1        ] [θ_1]   [G_1 S  G_1 O_1        ]         [z_1 - G_1 p̂_1]
+    [      R_2  ] [θ_2] + [G_2 S          G_2 O_2] e   =   [z_2 - G_2 p̂_2],      e of unit covariance
+
+S and O_k square roots of the covariances of shared and own errors. Each trunk is found as by its log alone. What
+merging gives is how their errors go together: a common error of all torques moves all trunks alike and cancels in the
+difference between two logs, which is known much better than by their error bars taken as independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.errors import IdentificationError
+from stadera.information import Information, Unknowns
+from stadera.trunk.error_model import ERRORS, PLACES
+from stadera.trunk.load import Payload
+from stadera.trunk.result import ObservedLimits
+from stadera.types import Array
+
+SHARED = (
+    "gain",
+    "encoder",
+    "contact",
+    "link_mass",
+    "link_com",
+    "imu_lever",
+    "imu_rotation",
+    "velocity_lag",
+    "common_gain",
+)
+"""Errors that are the robot's, by their names in `stadera.trunk.error_model.PLACES`; all others are each log's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkEvidence:
+    """What one log says of its trunk.
+
+    Attributes:
+        known: of `theta`, the ten parameters, with the model's errors considered; rows in units of their scatter.
+        mean: (ERRORS,), p̂. covariance: (ERRORS, ERRORS), of p.
+        length: of the robot's legs [m].
+    """
+
+    known: Information
+    mean: Array
+    covariance: Array
+    length: float
+
+
+@dataclass(frozen=True, eq=False)
+class MergedTrunks:
+    """The trunks of all logs.
+
+    Attributes:
+        known: blocks of ten parameters by log's name, under considered errors of unit covariance.
+        length: of the robot's legs [m].
+    """
+
+    known: Information
+    length: float
+
+    def trunk(self, log: str) -> tuple[Array, Array]:
+        """Ten parameters (10,) of a log's trunk and their covariance (10, 10).
+
+        Raises:
+            UnknownNameError: no such log.
+        """
+        return self.known.mean[self.known[log]], self.known.covariance(log)
+
+    def difference(self, log: str, since: str) -> Payload:
+        """What a log's trunk has more than another's: mass, centre of mass and how well they are known.
+
+        Raises:
+            UnknownNameError: no such log.
+        """
+        a, b = self.known[log], self.known[since]
+        root = self.known.root[a] - self.known.root[b]
+        step = self.known.mean[a] - self.known.mean[b]
+        return Payload.of_parameters(step, root @ root.T, ObservedLimits().com * self.length)
+
+
+def merge_trunks(logs: Mapping[str, TrunkEvidence]) -> MergedTrunks:
+    """The trunks of one robot by its logs, by name.
+
+    Raises:
+        IdentificationError: no logs.
+    """
+    if not logs:
+        raise IdentificationError("no log was weighed in motion, so there is nothing to merge")
+    shared = np.zeros(ERRORS, dtype=bool)
+    for name in SHARED:
+        shared[PLACES[name]] = True
+    common = np.mean([log.covariance[np.ix_(shared, shared)] for log in logs.values()], axis=0)
+    root, own = _root(common), int((~shared).sum())
+    considered = int(shared.sum()) + own * len(logs)
+    total = Information.empty(Unknowns(tuple(logs), (10,) * len(logs)), considered)
+    for k, (name, log) in enumerate(logs.items()):
+        G = np.zeros((10, considered))
+        G[:, : int(shared.sum())] = log.known.G[:, shared] @ root
+        start = int(shared.sum()) + own * k
+        G[:, start : start + own] = log.known.G[:, ~shared] @ _root(log.covariance[np.ix_(~shared, ~shared)])
+        z = log.known.z - log.known.G @ log.mean
+        total = total.merge(Information(Unknowns((name,), (10,)), log.known.R, z, G, log.known.cost, log.known.count))
+    return MergedTrunks(total, next(iter(logs.values())).length)
+
+
+def _root(covariance: Array) -> Array:
+    """A square root, also of a covariance that is singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
