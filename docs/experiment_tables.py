@@ -69,12 +69,13 @@ def figure(value: float) -> str:
 def case(*names: str) -> Naming:
     """The values of a case by name, and of "metric" the metric with its unit."""
 
-    def said(record: Record) -> str:
+    def named(record: Record) -> str:
         unit = "" if record["unit"] == "1" else f" [{record['unit']}]"
         known = record["case"] | {"metric": f"{record['metric']}{unit}"}
-        return ", ".join(f"{known[name]:g}" if isinstance(known[name], float) else known[name] for name in names)
+        said = ", ".join(f"{known[name]:g}" if isinstance(known[name], float) else known[name] for name in names)
+        return said.replace("|", "\\|")  # which would end the cell
 
-    return said
+    return named
 
 
 def all_of_the_case(record: Record) -> str:
