@@ -234,7 +234,7 @@
   };
   const tick = (time) => {
     if (!playing) return;
-    const dt = Math.min((time - last) / 1000, 0.1);
+    const dt = Math.min(Math.max((time - last) / 1000, 0), 0.1);  // a first frame may be stamped before `last`
     last = time;
     if (now >= end && (rest += dt) > 1.8) { now = begin; rest = 0; }
     else now = Math.min(now + dt * Number(speed.value), end);
