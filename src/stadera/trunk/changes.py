@@ -1,30 +1,38 @@
 """Finds changes of the load: averages over the last blocks against all that was known before.
 
-Over the last n blocks, mass and first moment differ from what was known before by δ = N⁻¹ Σ Aᵀ W (b - A θ̂ - C p̂). How
-much δ varies while nothing changes is taken from the log: its mean square over the past, for each n, scaled by how
-much more the model's errors move an average over these blocks than they usually did (the robot sets out, turns,
-stops). A change is reported when δ exceeds both the least change asked for and so many standard deviations, block after
-block for a while. A push that lasts is a change too: nothing tells it from a load until it ends.
+A block's residual r = b - A θ̂ - C p̂ against what was known before, seen along the specific force a, is the block's own
+difference of mass and of first moment across a, for r_force = δm a and r_moment = δh x a::
+
+    δm = a · r_force / a²,      δh = a x r_moment / a²
+
+(The first moment along a, a height, shows in fast motions alone: no change is looked for in it.) Blocks of a foot that
+touches down deviate for an instant by more than a load, so an average over n blocks is a Huber mean: what lies further
+from their median than a few times the usual scatter of single blocks counts as that far.
+
+How much averages vary while nothing changes is taken from the log: the mean square over the past, for each n, and what
+errors of the model add to it when the robot does what it did not do before (it sets out, turns, stops). A change is
+reported when it exceeds both the least change asked for and so many standard deviations, block after block for a while.
+A push that lasts is a change too: nothing tells it from a load until it ends.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from stadera.trunk.considered import Errors
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
 
 _PHASES = 2.0  # times the mean variance by errors of the model that some phases of a step have
-_NOTHING = 0.002**2  # variance of an average by errors of the model, up to which they count as none
 _PRIOR_BLOCKS = 10.0  # that the prior of an average's spread is worth
 _LEARNT = 40  # averages seen before they can report a change
+_BLOCKS = 6  # of the median that single blocks are compared with
+_HALF = 0.5  # of the change: a block nearer to it than to nothing was after it
 
 
 @dataclass(frozen=True)
@@ -32,7 +40,7 @@ class Jump:
     """A change that was found.
 
     Attributes:
-        blocks: how many blocks ago it happened.
+        blocks: how many blocks ago it happened, the likeliest.
         reported: whether it exceeds the least change; a smaller one only makes the estimate begin anew.
     """
 
@@ -55,12 +63,13 @@ class Deviation(NamedTuple):
 
 
 class _Largest(NamedTuple):
-    """The largest deviation: of how many blocks, how many standard deviations, whether to be reported, and δ."""
+    """The largest deviation: of how many blocks, how many standard deviations each, whether to be reported, and δ."""
 
     blocks: int
     ratio: float
     reported: bool
     size: Array
+    variance: Array
 
 
 class _Spread:
@@ -68,7 +77,6 @@ class _Spread:
 
     def __init__(self, prior: float, blocks: float) -> None:
         self._square, self._usual, self._weight = np.full(4, prior**2), np.zeros(4), blocks
-        self._least = blocks
         self.seen = 0.0
 
     def learn(self, deviation: Array, expected: Array, memory: float) -> None:
@@ -79,9 +87,28 @@ class _Spread:
         self._usual = self._usual + (expected - self._usual) / min(self.seen, memory)
 
     def variance(self, expected: Array) -> Array:
-        if self.seen == 0.0:
-            return self._square
-        return self._square * np.maximum((expected + _NOTHING) / (_PHASES * self._usual + _NOTHING), 1.0)
+        """With what errors of the model cause now beyond what they usually did."""
+        return np.asarray(self._square + np.maximum(expected - _PHASES * self._usual, 0.0))
+
+
+class _Recent:
+    """The last blocks' projected rows, in one array without a copy each time."""
+
+    def __init__(self, most: int) -> None:
+        self._most, self._rows, self._end, self.count = most, np.empty((4 * most, 4, PROJECTED)), 0, 0
+
+    def push(self, projected: Array) -> None:
+        if self._end == len(self._rows):
+            kept = min(self.count, self._most)
+            self._rows[:kept] = self.last(kept)
+            self._end = kept
+        self._rows[self._end] = projected
+        self._end += 1
+        self.count = min(self.count + 1, self._most)
+
+    def last(self, n: int) -> Array:
+        """(n, 4, columns)."""
+        return self._rows[self._end - n : self._end]
 
 
 class ChangeDetector:
@@ -102,18 +129,22 @@ class ChangeDetector:
         self._short = tuple(n for n in settings.windows if n <= settings.pending)
         self._long = tuple(n for n in settings.windows if n > settings.pending)
         self._spreads = {n: _Spread(settings.prior, _PRIOR_BLOCKS) for n in settings.windows}
+        self._scatter = np.full(4, settings.prior)  # of single blocks about the median of a few
+        self._compared = _PRIOR_BLOCKS
+        self._recent = _Recent(max(*settings.windows, 2 * settings.pending))
         self._waiting: deque[dict[int, Deviation]] = deque()
         self._persists = self._paused = 0
         self.suspected = np.zeros(4)
 
-    def restart(self) -> None:
-        """The load has changed: what was seen since belongs to both loads."""
+    def restart(self, kept: int) -> None:
+        """The load has changed: what was seen before the last `kept` blocks belongs to another one."""
         self._waiting.clear()
         self._persists = 0
+        self._recent.count = kept
 
     def look(
         self,
-        recent: deque[WeightedRows],
+        rows: WeightedRows,
         before: Segment,
         long_before: Segment,
         current: Segment,
@@ -124,42 +155,54 @@ class ChangeDetector:
         """A jump, once the last block makes it certain.
 
         Args:
-            recent: the last blocks, not yet in `before`.
+            rows: the last block.
             before, long_before: what was known before the last `pending` of them, and before twice as many.
             current: what is known with all of them.
             errors: mean and standard deviations of the model's errors.
             scatter: κ, of sums of rows.
             held: report nothing, for the model does not fit.
         """
-        deviations = self._since(before, recent, errors, self._short)
-        deviations |= self._since(long_before, recent, errors, self._long)
+        self._recent.push(rows.projected)
+        deviations = self._since(before, errors, self._short)
+        deviations |= self._since(long_before, errors, self._long)
         best = self._largest(deviations, scatter)
         likely = best.ratio > self.settings.suspected
         self.suspected = best.size * self._scale * likely
         self._paused = (self._paused + 1) * likely
         if self._paused == 0 or self._paused > 2 * self.settings.pending:
-            self._learn(self._deviations(recent, current, errors, self.settings.windows))
+            self._compare(current, errors)
+            self._learn(self._deviations(current, errors, self.settings.windows))
         self._persists = (self._persists + 1) * (best.ratio > self.settings.deviations and not held)
-        return Jump(best.blocks, best.reported) if self._persists >= self.settings.confirmed else None
+        if self._persists < self.settings.confirmed:
+            return None
+        return Jump(self._placed(best, before if best.blocks in self._short else long_before, errors), best.reported)
 
     def _largest(self, deviations: dict[int, Deviation], scatter: float) -> _Largest:
         """The deviation of most standard deviations, of averages whose spread is known."""
-        largest = _Largest(0, 0.0, False, np.zeros(4))
+        largest = _Largest(0, 0.0, False, np.zeros(4), np.ones(4))
         for n, deviation in deviations.items():
             if self._spreads[n].seen >= _LEARNT:
-                ratio, reported = self._ratio(n, deviation, scatter)
+                spread = np.maximum(self._spreads[n].variance(deviation.by_errors), scatter * deviation.own)
+                variance = spread + scatter * deviation.before
+                ratio, reported = self._ratio(n, np.abs(deviation.size), np.sqrt(variance))
                 if ratio > largest.ratio:
-                    largest = _Largest(n, ratio, reported, deviation.size)
+                    largest = _Largest(n, ratio, reported, deviation.size, variance)
         return largest
 
-    def _since(
-        self, segment: Segment, recent: deque[WeightedRows], errors: Errors, windows: tuple[int, ...]
-    ) -> dict[int, Deviation]:
+    def _ratio(self, n: int, size: Array, std: Array) -> tuple[float, bool]:
+        """How many standard deviations, 0 where the change is too small; and whether it is to be reported."""
+        large = size > self.settings.least_change
+        if large.any():
+            return float((size / std)[large].max()), True
+        # a smaller one, over long averages alone, is adopted without a report
+        return (float((size / std).max()), False) if n > self.settings.pending // 2 else (0.0, False)
+
+    def _since(self, segment: Segment, errors: Errors, windows: tuple[int, ...]) -> dict[int, Deviation]:
         """Deviations from a segment, with its own variance; none while it is too short."""
         if segment.blocks * self._block < self.settings.history:
             return {}
         known = np.diag(segment.inverse @ segment.inverse.T)[:4] / self._scale**2
-        found = self._deviations(recent, segment, errors, windows)
+        found = self._deviations(segment, errors, windows)
         return {n: deviation._replace(before=known) for n, deviation in found.items()}
 
     def _learn(self, deviations: dict[int, Deviation]) -> None:
@@ -169,35 +212,54 @@ class ChangeDetector:
             for n, old in self._waiting.popleft().items():
                 self._spreads[n].learn(old.size, old.by_errors, self.settings.memory / self._block)
 
-    def _deviations(
-        self, recent: deque[WeightedRows], before: Segment, errors: Errors, windows: tuple[int, ...]
-    ) -> dict[int, Deviation]:
+    def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array, Array]:
+        """Of the last n blocks (n, 4): what each says alone, in units of `scale`, and its weight; and their rows."""
+        rows = self._recent.last(n)
+        left = np.concatenate([-before.mean(errors.mean), [1.0], -errors.mean, [0.0]])
+        weight = rows[:, :, -1]
+        return (rows @ left) / np.maximum(weight, 1e-12) / self._scale, weight, rows
+
+    def _deviations(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> dict[int, Deviation]:
         """For each window that is full."""
-        out, mean, K = {}, before.mean(errors.mean), before.sensitivity
-        longest = [n for n in windows if n <= len(recent)]
-        if not longest:
+        windows = tuple(n for n in windows if n <= self._recent.count)
+        if not windows:
             return {}
-        moments = [rows.moments for rows in islice(reversed(recent), max(longest))]
-        total, count = np.zeros_like(moments[0]), 0
-        for n in longest:
-            for one in moments[count:n]:
-                total = total + one
+        singles, weights, rows = self._singles(max(windows), before, errors)
+        out, K, total, count = {}, before.sensitivity, np.zeros(rows.shape[1:]), 0
+        for n in windows:
+            total = total + rows[len(rows) - n : len(rows) - count].sum(axis=0)
             count = n
-            # what these blocks do not show at all is taken to be unchanged, to about the robot's own mass
-            inverse = np.linalg.inv(total[:, :4] + np.diag(1.0 / self._scale**2))
-            right = total[:, 10] - total[:, :10] @ mean - total[:, 11:] @ errors.mean
-            by_errors = inverse @ (total[:, 11:] - total[:, :10] @ K)
-            deviation = inverse @ right / self._scale
-            expected = ((by_errors * errors.std) ** 2).sum(axis=1) / self._scale**2
-            out[n] = Deviation(deviation, expected, np.diag(inverse) / self._scale**2, np.zeros(4))
+            weight = np.maximum(total[:, -1], 1e-12)
+            by_errors = (total[:, 11:-1] - total[:, :10] @ K) / (weight * self._scale)[:, None]
+            size = _huber(singles[-n:], weights[-n:], self.settings.outlier * self._scatter)
+            expected = ((by_errors * errors.std) ** 2).sum(axis=1)
+            out[n] = Deviation(size, expected, 1.0 / (weight * self._scale**2), np.zeros(4))
         return out
 
-    def _ratio(self, n: int, found: Deviation, scatter: float) -> tuple[float, bool]:
-        """How many standard deviations, 0 where the change is too small; and whether it is to be reported."""
-        spread = np.maximum(self._spreads[n].variance(found.by_errors), scatter * found.own)
-        size = np.abs(found.size) / np.sqrt(spread + scatter * found.before)
-        large = np.abs(found.size) > self.settings.least_change
-        if large.any():
-            return float(size[large].max()), True
-        # a smaller one, over long averages alone, is adopted without a report
-        return (float(size.max()), False) if n > self.settings.pending // 2 else (0.0, False)
+    def _compare(self, before: Segment, errors: Errors) -> None:
+        """Learns how far single blocks usually lie from the median of a few; of a Gaussian that is 0.8 of its std."""
+        if self._recent.count < _BLOCKS:
+            return
+        singles, _, _ = self._singles(_BLOCKS, before, errors)
+        away = np.abs(singles[-1] - np.median(singles, axis=0)) / 0.8
+        self._compared = min(self._compared + 1.0, self.settings.memory / self._block)
+        self._scatter += (np.minimum(away, 3.0 * self._scatter) - self._scatter) / self._compared
+
+    def _placed(self, best: _Largest, before: Segment, errors: Errors) -> int:
+        """How many blocks ago the change most likely happened.
+
+        Seen along the change, in standard deviations, blocks before it lie about 0 and those after it about 1, with
+        equal scatter: the likelihood of a change at k is largest where Σ_{i≥k} (x_i - 1/2) is.
+        """
+        n = min(self._recent.count, best.blocks + self.settings.pending)
+        singles, _, _ = self._singles(n, before, errors)
+        along = best.size / best.variance
+        x = np.clip(singles @ along / (best.size @ along), -1.0, 2.0) - _HALF
+        return int(np.argmax(np.cumsum(x[::-1]))) + 1
+
+
+def _huber(singles: Array, weights: Array, limit: Array) -> Array:
+    """Weighted mean (4,) of (n, 4), of which none counts as further from the median than `limit` (4,)."""
+    middle = np.median(singles, axis=0)
+    near = np.clip(singles, middle - limit, middle + limit)
+    return np.asarray((near * weights).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-12))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from stadera.constants import GRAVITY
@@ -12,6 +15,8 @@ from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
+_SHOWN = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in ("rotor", "viscous", "coulomb", "torque_lag")])
+_QUIETEST = 1.0  # residuals below 1 % of the weight are not taken for more knowledge
 _UNIT = 0.01  # of weight, and weight times leg length: what rows are measured in
 
 
@@ -27,27 +32,71 @@ def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRow
     return WeightedRows(rows.time, rows.matrix / unit[:, None], errors, rows.target / unit, white)
 
 
+@dataclass(frozen=True, eq=False)
+class RowSums:
+    """What the trunk's own rows say of rotor inertia, friction and lag of the joints, whatever the trunk.
+
+    With θ taken out, rows leave M (p - p̂) = v, M = Cᵀ Q C. Of p only the part k is updated; the rest, offsets, gains and
+    geometry, which could pass for weight, is considered. With gain G = (P_kk⁻¹ + M_kk / s)⁻¹ M_k / s,
+
+        e_k' = e_k - G e + n,      Σ' = F Σ Fᵀ + Cov n,      F = 1 - [G; 0]
+
+    What errs in one row errs alike in the rows of half a step, so s is the residual's variance times `repeated`.
+
+    Attributes:
+        remainder: see `Segment.remainder`, summed over segments. blocks: how many.
+        repeated: how many successive rows repeat one error [1].
+    """
+
+    remainder: Array
+    blocks: int
+    repeated: float
+
+    @classmethod
+    def of(cls, segments: Sequence[Segment], repeated: float) -> RowSums:
+        """Of segments that saw the same robot."""
+        remainder = np.sum([segment.remainder for segment in segments], axis=0)
+        return cls(remainder, sum(segment.blocks for segment in segments), repeated)
+
+    def update(self, mean: Array, covariance: Array) -> None:
+        """Updates p̂ (ERRORS,) and Σ (ERRORS, ERRORS) in place."""
+        if not self.blocks:
+            return
+        along = self.remainder[1:, 0] - self.remainder[1:, 1:] @ mean
+        square = float(self.remainder[0, 0] - (self.remainder[1:, 0] + along) @ mean)
+        loud = self.repeated * max(square / (6.0 * self.blocks), _QUIETEST)
+        normal, k = self.remainder[1 + _SHOWN, 1:] / loud, _SHOWN
+        found = np.linalg.inv(np.linalg.inv(covariance[np.ix_(k, k)]) + normal[:, k])
+        gain = found @ normal
+        mean[k] += found @ along[k] / loud
+        moved = covariance[k] - gain @ covariance
+        own = moved[:, k] - moved @ gain.T + found @ normal[:, k] @ found
+        covariance[k], covariance[:, k] = moved, moved.T
+        covariance[np.ix_(k, k)] = 0.5 * (own + own.T)
+
+
 class Errors:
-    """Mean p̂ and covariance Σ of the model's errors, by their prior, by legs in the air, and by the fit's scale.
+    """Mean p̂ and covariance Σ of the model's errors, by their prior, legs in the air, rows under load, and the fit's scale.
 
     Attributes:
         mean: (ERRORS,). covariance: (ERRORS, ERRORS). std: (ERRORS,).
-        root: (ERRORS, ERRORS), a square root of the covariance.
     """
 
-    def __init__(self, model: ErrorModel, swing: SwingJoints, scale: float) -> None:
-        joints, learned = swing.posterior(scale)
+    def __init__(self, model: ErrorModel, swing: SwingJoints, scale: float, rows: RowSums | None = None) -> None:
+        # what nothing was seen of keeps its prior size: at rest no residual shows what friction holds
+        joints, learned = swing.posterior(scale if swing.rows else 1.0)
         self.mean = np.zeros(ERRORS)
         self.mean[JOINTS] = joints
         factor = np.where(model.visible, scale, 1.0)
         self.covariance = model.covariance * np.outer(factor, factor)
         self.covariance[JOINTS, JOINTS] = learned
+        if rows is not None:
+            rows.update(self.mean, self.covariance)
         place, coulomb = PLACES["stiction"], PLACES["coulomb"]
-        known = self.covariance if swing.rows else model.covariance  # at rest no residual shows what friction holds
-        dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(known)[coulomb])
-        prior = np.sqrt(np.diag(model.covariance)[place])
-        ratio = HELD * dry / np.maximum(prior, 1e-300)
-        self.covariance[place, place] = model.covariance[place, place] * np.outer(ratio, ratio)
+        dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(self.covariance)[coulomb])
+        ratio = HELD * dry / np.maximum(np.sqrt(np.diag(self.covariance)[place]), 1e-300)
+        self.covariance[place] *= ratio[:, None]
+        self.covariance[:, place] *= ratio
         self.std: Array = np.sqrt(np.diag(self.covariance))
 
     def trunk_covariance(self, segment: Segment, scatter: float) -> Array:

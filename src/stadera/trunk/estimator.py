@@ -29,7 +29,7 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.trunk.changes import ChangeDetector, Jump
-from stadera.trunk.considered import Errors, robot_weight, weighted
+from stadera.trunk.considered import Errors, RowSums, robot_weight, weighted
 from stadera.trunk.error_model import PLACES, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.ground import GroundNormal
@@ -311,7 +311,6 @@ class TrunkEstimator:
         swing = made.swing
         if swing.air.any():
             self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._maker.noise.torque)
-        scale = 1.0 if self._fit is None else min(max(self._fit.scale, 0.05), 3.0)
         rows = self._limited(weighted(made, self._weight, self._length))
         keep = exp(-made.elapsed / self.settings.memory)
         self._count_scatter(rows)
@@ -323,10 +322,10 @@ class TrunkEstimator:
         if len(self._recent) > 2 * pending:
             self._old = self._old.add(self._recent.popleft(), keep)
         if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
-            self._refresh(scale)
+            self._refresh()
         held = self._fit is not None and self._fit.misfit > self.settings.bad
         known = (self._aged, self._old, self._current)
-        jump = self._detector.look(self._recent, *known, self._errors, self._scatter, held)
+        jump = self._detector.look(rows, *known, self._errors, self._scatter, held)
         if jump is not None:
             self._jumped(jump, made.time)
         elif self._blocks % _OFTEN == 0:
@@ -367,28 +366,29 @@ class TrunkEstimator:
             self._scatter += (min(ratio, 9.0 * self._scatter) - self._scatter) / self._clusters
             self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
 
-    def _refresh(self, scale: float) -> None:
+    def _refresh(self) -> None:
         """p̂ and Σ by what legs in the air and residuals have shown so far."""
-        self._errors = Errors(self._model, self._swing, scale)
-        usual = Errors(self._model, self._swing, 1.0)
         # rows that a change may still be found in do not count against the model
         last = self._aged if self._aged.blocks >= _CLUSTER or self._finished else self._current
-        self._fit = Fit.of((*self._finished, last), self._errors.mean, usual.covariance, self.settings)
-        self._errors = Errors(self._model, self._swing, self._fit.scale)
+        segments = (*self._finished, last)
+        rows = RowSums.of(segments, self.settings.swing.repeated)
+        usual = Errors(self._model, self._swing, 1.0, rows)
+        self._fit = Fit.of(segments, usual.mean, usual.covariance, self.settings)
+        self._errors = Errors(self._model, self._swing, self._fit.scale, rows)
         self._trust = None
 
     def _jumped(self, jump: Jump, now: float) -> None:
         """The trunk begins anew with the rows since the jump; what was known before it is kept."""
-        recent = list(self._recent)
+        recent, spoilt = list(self._recent), self.settings.changes.spoilt
+        blocks = min(jump.blocks, len(recent))
         before = self._old
-        # a short average may begin after the jump: blocks of which it is not certain are left out
-        for rows in recent[: -jump.blocks - self.settings.changes.confirmed]:
+        for rows in recent[: max(len(recent) - blocks - spoilt, 0)]:
             before = before.add(rows)
-        begun = recent[-jump.blocks].time - self.settings.block
+        begun = recent[-blocks].time - self.settings.block
         self._finished = (*self._finished[-3:], before)
         self._aged = Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)
         self._current, self._old, self._nested = self._aged, self._aged, False
-        self._recent = deque(recent[-jump.blocks + self.settings.changes.spoilt :])
+        self._recent = deque(recent[len(recent) - blocks + spoilt :])
         pending = self.settings.changes.pending
         for k, rows in enumerate(self._recent):
             self._current = self._current.add(rows)
@@ -396,7 +396,7 @@ class TrunkEstimator:
                 self._aged = self._current
         self._candidate = _Change(begun, now, before) if jump.reported else None
         self._report(now)
-        self._detector.restart()
+        self._detector.restart(len(self._recent))
         self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
         self._since = now
 

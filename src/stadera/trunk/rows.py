@@ -56,6 +56,7 @@ _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint acceleration
 _MIDDLES = 4  # the block's middle sample as it is, and with each joint of all legs moved by a step
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
+_MOVES = 3.0  # standard deviations of an averaged velocity, below which a joint may be at rest
 _SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
@@ -328,6 +329,10 @@ class RowMaker:
             C[:, PLACES[name]] = -total.by_terms[:, :, term]
         # signs so that what holds a joint lifts the trunk: joints that hold a sagging robot do so alike
         C[:, PLACES["stiction"]] *= np.sign(total.signals[:3] @ total.by_terms[:3, :, _TERMS.index("offset")])
+        # noise is not motion: a joint that does not move beyond it shows neither friction nor rotor inertia
+        still = np.abs(total.joint[1]) < _MOVES * np.sqrt(averaged) * noise.velocity
+        for name in ("rotor", "viscous", "coulomb"):
+            C[:, PLACES[name]] *= ~still
         C[:, PLACES["torque_lag"]] = total.by_rate[:, None]
         C[:, PLACES["common_gain"]] = C[:, PLACES["gain"]].sum(axis=1, keepdims=True)
         middle = 0.5 * (first.middle + second.middle)

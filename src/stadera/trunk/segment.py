@@ -15,11 +15,14 @@ from functools import cached_property
 
 import numpy as np
 
+from stadera.inertia import skew
 from stadera.information import Information, Unknowns
 from stadera.trunk.error_model import ERRORS
 from stadera.types import Array
 
 THETA = Unknowns.of(theta=10)
+PROJECTED = 10 + 1 + ERRORS + 1
+"""Columns of `WeightedRows.projected`: of A, b, C, and the weight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,21 @@ class WeightedRows:
     def moments(self) -> Array:
         """(4, 10 + 1 + ERRORS): the columns of mass and first moment against all columns."""
         return np.asarray(self.matrix[:, :4].T @ np.hstack([self.matrix, self.target[:, None], self.errors]))
+
+    @cached_property
+    def projected(self) -> Array:
+        """(4, PROJECTED): the rows seen along the specific force a, for each of the difference of mass and of
+        first moment: a · r_force and a x r_moment of A, b and C, and the square of a that these are multiples of.
+        """
+        columns = np.hstack([self.matrix, self.target[:, None], self.errors])
+        along = self.matrix[:3, 0]
+        across = np.array([self.matrix[4, 3], self.matrix[5, 1], self.matrix[3, 2]])  # of r_moment = -[across]x h
+        out = np.empty((4, columns.shape[1] + 1))
+        out[0, :-1] = along @ columns[:3]
+        out[1:, :-1] = skew(across) @ columns[3:]
+        out[:, -1] = across @ across
+        out[0, -1] = along @ along
+        return out
 
     @cached_property
     def energy(self) -> Array:
