@@ -9,8 +9,8 @@ import pytest
 
 from stadera.robot import load_robot
 from stadera.trunk.changes import ChangeDetector, Jump
-from stadera.trunk.considered import Errors
-from stadera.trunk.error_model import ERRORS, ErrorModel
+from stadera.trunk.considered import Errors, RowSums
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
@@ -41,20 +41,23 @@ def rows(seconds: float, noise: float, load: np.ndarray, at: float, seed: int) -
     return made
 
 
-def looked(made: list[WeightedRows], settings: ChangeSettings, noise: float) -> list[tuple[float, Jump]]:
+def looked(
+    made: list[WeightedRows], settings: ChangeSettings, noise: float, held: bool = False
+) -> list[tuple[float, Jump]]:
     """Every jump that is found, and when; nothing begins anew."""
     detector, known = ChangeDetector(settings, SCALE, BLOCK), errors()
-    before = old = current = Segment.prior(TRUNK, 50.0 * np.ones(10))
+    before = old = Segment.prior(TRUNK, 50.0 * np.ones(10))
     recent: deque[WeightedRows] = deque()
     found = []
-    for r in made:
+    for k, r in enumerate(made):
         recent.append(r)
-        current = current.add(r)
         if len(recent) > settings.pending:
             before = before.add(recent[-settings.pending - 1])
         if len(recent) > 2 * settings.pending:
             old = old.add(recent.popleft())
-        jump = detector.look(recent, before, old, current, known, noise**2, held=False)
+        if k % 10 == 0:
+            detector.learn(before, known)
+        jump = detector.look(r, before, old, known, noise**2, held)
         if jump is not None:
             found.append((r.time, jump))
     return found
@@ -83,11 +86,63 @@ def test_a_change_below_the_least_begins_anew_without_a_report() -> None:
 
 def test_nothing_is_reported_while_the_model_does_not_fit() -> None:
     load = np.array([5.0, 0.0, 0.0, 0.0, *np.zeros(6)])
-    made, settings = rows(6.0, 5.0, load, 4.0, 1), ChangeSettings()
-    detector, known = ChangeDetector(settings, SCALE, BLOCK), errors()
-    before = Segment.prior(TRUNK, 50.0 * np.ones(10))
-    for r in made[:150]:
-        before = before.add(r)
-    recent = deque(made[150:])
-    for _ in range(60):
-        assert detector.look(recent, before, before, before, known, 1.0, held=True) is None
+    assert looked(rows(6.0, 5.0, load, 4.0, 1), ChangeSettings(), 5.0)
+    assert not looked(rows(6.0, 5.0, load, 4.0, 1), ChangeSettings(), 5.0, held=True)
+
+
+def test_a_load_far_smaller_than_the_joints_disturbance_is_found_at_its_time() -> None:
+    """Dry friction that the model lacks moves the vertical force by ten times the load, to and fro with the gait."""
+    place, load, unit = PLACES["coulomb"].start, 1.0, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    model = ErrorModel(ROBOT, ModelErrors(), 0.7)
+    swing, settings = SwingJoints(model, SwingDetection()), ChangeSettings()
+    friction = 1.5 * np.sqrt(model.covariance[place, place])
+    made = []
+    for r in rows(7.0, 1.0, np.array([load, 0.0, 0.0, 0.0, *np.zeros(6)]), 5.0, 4):
+        column = np.sign(np.sin(9.0 * r.time)) * 10.0 * load * 9.81 / friction * unit
+        errors = np.zeros((6, ERRORS))
+        errors[:, place] = column
+        made.append(WeightedRows(r.time, r.matrix, errors, r.target + column * friction, r.white))
+    detector = ChangeDetector(settings, SCALE, BLOCK)
+    before, known, found = Segment.prior(TRUNK, 50.0 * np.ones(10)), Errors(model, swing, 1.0), []
+    for k, r in enumerate(made):
+        if k > settings.pending:
+            before = before.add(made[k - settings.pending - 1])
+        if k % 10 == 0 and before.blocks:
+            known = Errors(model, swing, 1.0, RowSums.of((before,), 5.0))
+            detector.learn(before, known)
+        jump = detector.look(r, before, before, known, 1.0, held=False)
+        if jump is not None:
+            found.append((r.time, jump))
+    assert abs(known.mean[place] / friction - 1.0) < 0.1
+    time, jump = found[0]
+    assert 5.0 < time < 5.5
+    assert abs(time - (jump.blocks - 1) * BLOCK - 5.0) < 1.5 * BLOCK
+    assert jump.reported
+
+
+def test_what_the_rows_show_of_friction_agrees_with_bayes() -> None:
+    """Without other errors: the posterior of a linear Gaussian model, whose noise is as loud as the residual."""
+    model, rng = ErrorModel(ROBOT, ModelErrors(), 0.7), np.random.default_rng(5)
+    swing, shown = SwingJoints(model, SwingDetection()), list(range(36, 48))  # offsets are not updated
+    p = np.zeros(ERRORS)
+    p[:36] = np.sqrt(np.diag(model.covariance)[:36]) * rng.standard_normal(36)
+    segment = Segment.prior(TRUNK, 50.0 * np.ones(10))
+    columns, targets = [], []
+    for r in rows(4.0, 1.0, np.zeros(10), np.inf, 6):
+        errors = np.zeros((6, ERRORS))
+        errors[:, :36] = rng.standard_normal((6, 36)) / np.sqrt(np.diag(model.covariance)[:36])
+        segment = segment.add(WeightedRows(r.time, r.matrix, errors, r.target + errors @ p, r.white))
+        columns.append(np.hstack([r.matrix, errors[:, :36]]))
+        targets.append(r.target + errors @ p)
+    C, b = np.vstack(columns), np.concatenate(targets)
+    found, prior = Errors(model, swing, 1.0, RowSums.of((segment,), 5.0)), Errors(model, swing, 1.0)
+    theta = np.linalg.lstsq(C[:, :10], b, rcond=None)[0]
+    loud = 5.0 * np.mean((b - C[:, :10] @ theta) ** 2)
+    weight = np.zeros((46, 46))
+    weight[10:, 10:] = np.linalg.inv(model.covariance[:36, :36])
+    posterior = np.linalg.inv(C.T @ C / loud + weight)
+    np.testing.assert_allclose(found.mean[:36], (posterior @ C.T @ b / loud)[10:], rtol=0.02, atol=0.01)
+    np.testing.assert_allclose(found.std[:36], np.sqrt(np.diag(posterior)[10:]), rtol=0.02)
+    np.testing.assert_array_equal(found.mean[shown], prior.mean[shown])
+    np.testing.assert_allclose(found.std[shown], prior.std[shown])
+    assert np.linalg.eigvalsh(found.covariance).min() > -1e-12

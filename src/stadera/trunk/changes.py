@@ -9,29 +9,32 @@ difference of mass and of first moment across a, for r_force = δm a and r_momen
 touches down deviate for an instant by more than a load, so an average over n blocks is a Huber mean: what lies further
 from their median than a few times the usual scatter of single blocks counts as that far.
 
-How much averages vary while nothing changes is taken from the log: the mean square over the past, for each n, and what
-errors of the model add to it when the robot does what it did not do before (it sets out, turns, stops). A change is
+How much averages vary while nothing changes is taken from the log: their mean square over the past, for each n, by what is
+known of the joints now, and what errors of the model add to it when the robot does what it did not do before (it sets
+out, turns, stops). Few averages were seen of long ones, so what counts as many standard deviations is Student's. A change is
 reported when it exceeds both the least change asked for and so many standard deviations, block after block for a while.
 A push that lasts is a change too: nothing tells it from a load until it ends.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from stadera.trunk.considered import Errors
 from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
 
-_PHASES = 2.0  # times the mean variance by errors of the model that some phases of a step have
-_PRIOR_BLOCKS = 10.0  # that the prior of an average's spread is worth
-_LEARNT = 40  # averages seen before they can report a change
-_BLOCKS = 6  # of the median that single blocks are compared with
+_MOST = 0.9  # of the phases of a step cause errors up to `Spread.usual`
+_PRIOR_SAMPLES = 1.0  # independent averages that the prior of their spread is worth
+_WILD = 3.0  # standard deviations, as which an average counts at most
+_MEDIAN = 0.455  # of χ² with one degree of freedom
 _HALF = 0.5  # of the change: a block nearer to it than to nothing was after it
 
 
@@ -72,30 +75,28 @@ class _Largest(NamedTuple):
     variance: Array
 
 
-class _Spread:
-    """Mean square of an average's deviation while nothing changes, and of what model errors explain of it."""
+class Spread(NamedTuple):
+    """How averages over some number of blocks vary while nothing changes.
 
-    def __init__(self, prior: float, blocks: float) -> None:
-        self._square, self._usual, self._weight = np.full(4, prior**2), np.zeros(4), blocks
-        self.seen = 0.0
+    Attributes:
+        square: (4,) their mean square. usual: (4,) variance by errors of the model, in nearly all of them at most.
+        samples: independent averages that it was seen in.
+    """
 
-    def learn(self, deviation: Array, expected: Array, memory: float) -> None:
-        limited = np.minimum(deviation**2, 9.0 * self._square)
-        self._weight = min(self._weight + 1.0, memory)
-        self.seen += 1.0
-        self._square = self._square + (limited - self._square) / self._weight
-        self._usual = self._usual + (expected - self._usual) / min(self.seen, memory)
+    square: Array
+    usual: Array
+    samples: float
 
     def variance(self, expected: Array) -> Array:
         """With what errors of the model cause now beyond what they usually did."""
-        return np.asarray(self._square + np.maximum(expected - _PHASES * self._usual, 0.0))
+        return np.asarray(self.square + np.maximum(expected - self.usual, 0.0))
 
 
-class _Recent:
+class _Blocks:
     """The last blocks' projected rows, in one array without a copy each time."""
 
     def __init__(self, most: int) -> None:
-        self._most, self._rows, self._end, self.count = most, np.empty((4 * most, 4, PROJECTED)), 0, 0
+        self._most, self._rows, self._end, self.count = most, np.empty((2 * most, 4, PROJECTED)), 0, 0
 
     def push(self, projected: Array) -> None:
         if self._end == len(self._rows):
@@ -107,7 +108,7 @@ class _Recent:
         self.count = min(self.count + 1, self._most)
 
     def last(self, n: int) -> Array:
-        """(n, 4, columns)."""
+        """(n, 4, PROJECTED)."""
         return self._rows[self._end - n : self._end]
 
 
@@ -120,73 +121,99 @@ class ChangeDetector:
         block: length of a block [s].
 
     Attributes:
-        suspected: (4,) [kg, kg·m], by how much mass and first moment of the last blocks differ where that is likely a
-            change, but not certain yet; else zero.
+        suspected: (4,) [kg, kg·m], by how much mass and first moment of the last blocks differed where that was likely
+            a change, but not certain; it fades, and a change that is certain ends it.
     """
 
     def __init__(self, settings: ChangeSettings, scale: Array, block: float) -> None:
         self.settings, self._scale, self._block = settings, scale, block
         self._short = tuple(n for n in settings.windows if n <= settings.pending)
         self._long = tuple(n for n in settings.windows if n > settings.pending)
-        self._spreads = {n: _Spread(settings.prior, _PRIOR_BLOCKS) for n in settings.windows}
-        self._scatter = np.full(4, settings.prior)  # of single blocks about the median of a few
-        self._compared = _PRIOR_BLOCKS
-        self._recent = _Recent(max(*settings.windows, 2 * settings.pending))
-        self._waiting: deque[dict[int, Deviation]] = deque()
-        self._persists = self._paused = 0
-        self.suspected = np.zeros(4)
+        self._blocks = _Blocks(round(settings.memory / block))
+        nothing = Spread(np.full(4, settings.prior**2), np.zeros(4), 0.0)
+        self._usual = dict.fromkeys(settings.windows, nothing)  # up to the last change of the load
+        self._spreads = self._usual
+        self._scatter = np.full(4, settings.prior)  # of single blocks
+        self._persists = self._likely = 0
+        self.suspected = self._missed = np.zeros(4)
 
     def restart(self, kept: int) -> None:
         """The load has changed: what was seen before the last `kept` blocks belongs to another one."""
-        self._waiting.clear()
-        self._persists = 0
-        self._recent.count = kept
+        self._persists, self._blocks.count, self._usual = 0, kept, self._spreads
+        self.suspected = self._missed = np.zeros(4)
 
     def look(
-        self,
-        rows: WeightedRows,
-        before: Segment,
-        long_before: Segment,
-        current: Segment,
-        errors: Errors,
-        scatter: float,
-        held: bool,
+        self, rows: WeightedRows, before: Segment, long_before: Segment, errors: Errors, scatter: float, held: bool
     ) -> Jump | None:
         """A jump, once the last block makes it certain.
 
         Args:
             rows: the last block.
             before, long_before: what was known before the last `pending` of them, and before twice as many.
-            current: what is known with all of them.
             errors: mean and standard deviations of the model's errors.
             scatter: κ, of sums of rows.
             held: report nothing, for the model does not fit.
         """
-        self._recent.push(rows.projected)
+        self._blocks.push(rows.projected)
         deviations = self._since(before, errors, self._short)
         deviations |= self._since(long_before, errors, self._long)
         best = self._largest(deviations, scatter)
-        likely = best.ratio > self.settings.suspected
-        self.suspected = best.size * self._scale * likely
-        self._paused = (self._paused + 1) * likely
-        if self._paused == 0 or self._paused > 2 * self.settings.pending:
-            self._compare(current, errors)
-            self._learn(self._deviations(current, errors, self.settings.windows))
+        self._suspect(best)
         self._persists = (self._persists + 1) * (best.ratio > self.settings.deviations and not held)
         if self._persists < self.settings.confirmed:
             return None
         return Jump(self._placed(best, before if best.blocks in self._short else long_before, errors), best.reported)
 
+    def learn(self, before: Segment, errors: Errors) -> None:
+        """How averages vary while nothing changes: by all blocks but the last `pending`, in which a change may still be
+        found, with what is known of the model's errors by now. Averages overlap by half, so two are one sample.
+        """
+        n = self._blocks.count - self.settings.pending
+        if n < 2 * min(self.settings.windows):
+            return
+        singles, weights, rows = (x[:n] for x in self._singles(self._blocks.count, before, errors))
+        self._scatter = np.maximum(1.5 * np.median(np.abs(singles), axis=0), 1e-6)
+        sums = np.cumsum(np.concatenate([np.zeros((1, 4, 2)), self._near(singles, weights)]), axis=0)
+        totals = np.cumsum(rows, axis=0)
+        self._spreads = {}
+        for m in self.settings.windows:
+            first = np.arange(0, n - m, max(m // 2, 1))
+            if not len(first):
+                self._spreads[m] = self._usual[m]
+                continue
+            parts = sums[first + m] - sums[first]
+            squares = (parts[..., 0] / np.maximum(parts[..., 1], 1e-12)) ** 2
+            squares = np.minimum(squares, _WILD**2 * np.median(squares, axis=0) / _MEDIAN)
+            expected = self._by_errors(totals[first + m] - totals[first], before, errors)
+            expected = np.quantile(expected, _MOST, axis=0)
+            known, samples = self._usual[m], 0.5 * len(first)
+            worth = _PRIOR_SAMPLES + known.samples
+            square = (squares.mean(axis=0) * samples + known.square * worth) / (samples + worth)
+            usual = (expected * samples + known.usual * known.samples) / (samples + known.samples)
+            self._spreads[m] = Spread(square, usual, samples + known.samples)
+
+    def _suspect(self, best: _Largest) -> None:
+        """What is likely a change is in the error bars as long as it is, and after that if it lasted and was not found:
+        it is in what was learnt since.
+        """
+        self._likely = (self._likely + 1) * (best.ratio > self.settings.suspected)
+        self._missed = self._missed * exp(-self._block / self.settings.memory)
+        now = best.size * self._scale * (self._likely > 0)
+        if self._likely >= self.settings.confirmed:
+            self._missed = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
+        self.suspected = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
+
     def _largest(self, deviations: dict[int, Deviation], scatter: float) -> _Largest:
         """The deviation of most standard deviations, of averages whose spread is known."""
-        largest = _Largest(0, 0.0, False, np.zeros(4), np.ones(4))
+        largest, limit = _Largest(0, 0.0, False, np.zeros(4), np.ones(4)), self.settings.deviations
         for n, deviation in deviations.items():
-            if self._spreads[n].seen >= _LEARNT:
-                spread = np.maximum(self._spreads[n].variance(deviation.by_errors), scatter * deviation.own)
-                variance = spread + scatter * deviation.before
-                ratio, reported = self._ratio(n, np.abs(deviation.size), np.sqrt(variance))
-                if ratio > largest.ratio:
-                    largest = _Largest(n, ratio, reported, deviation.size, variance)
+            spread = self._spreads[n]
+            own = np.maximum(spread.variance(deviation.by_errors), deviation.own)
+            variance = own + scatter * deviation.before
+            ratio, reported = self._ratio(n, np.abs(deviation.size), np.sqrt(variance))
+            ratio *= limit / _student(limit, int(spread.samples + _PRIOR_SAMPLES))
+            if ratio > largest.ratio:
+                largest = _Largest(n, ratio, reported, deviation.size, variance)
         return largest
 
     def _ratio(self, n: int, size: Array, std: Array) -> tuple[float, bool]:
@@ -195,55 +222,41 @@ class ChangeDetector:
         if large.any():
             return float((size / std)[large].max()), True
         # a smaller one, over long averages alone, is adopted without a report
-        return (float((size / std).max()), False) if n > self.settings.pending // 2 else (0.0, False)
+        return (float((size / std).max()), False) if 3 * n > self.settings.pending else (0.0, False)
 
-    def _since(self, segment: Segment, errors: Errors, windows: tuple[int, ...]) -> dict[int, Deviation]:
-        """Deviations from a segment, with its own variance; none while it is too short."""
-        if segment.blocks * self._block < self.settings.history:
+    def _since(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> dict[int, Deviation]:
+        """Deviations from a segment, of each window that is full; none while it is too short."""
+        windows = tuple(n for n in windows if n <= self._blocks.count)
+        if before.blocks * self._block < self.settings.history or not windows:
             return {}
-        known = np.diag(segment.inverse @ segment.inverse.T)[:4] / self._scale**2
-        found = self._deviations(segment, errors, windows)
-        return {n: deviation._replace(before=known) for n, deviation in found.items()}
-
-    def _learn(self, deviations: dict[int, Deviation]) -> None:
-        """What averages do while nothing changes, from deviations that are old enough to be sure of that."""
-        self._waiting.append(deviations)
-        while len(self._waiting) > self.settings.delay:
-            for n, old in self._waiting.popleft().items():
-                self._spreads[n].learn(old.size, old.by_errors, self.settings.memory / self._block)
+        known = np.diag(before.inverse @ before.inverse.T)[:4] / self._scale**2
+        singles, weights, rows = self._singles(max(windows), before, errors)
+        out = {}
+        for n in windows:
+            total = rows[-n:].sum(axis=0)
+            near = self._near(singles[-n:], weights[-n:], _median(singles[-n:])).sum(axis=0)
+            weight = np.maximum(total[:, -1], 1e-12)
+            by_errors = self._by_errors(total[None], before, errors)[0]
+            out[n] = Deviation(near[:, 0] / weight, by_errors, 1.0 / (weight * self._scale**2), known)
+        return out
 
     def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array, Array]:
         """Of the last n blocks (n, 4): what each says alone, in units of `scale`, and its weight; and their rows."""
-        rows = self._recent.last(n)
+        rows = self._blocks.last(n)
         left = np.concatenate([-before.mean(errors.mean), [1.0], -errors.mean, [0.0]])
         weight = rows[:, :, -1]
         return (rows @ left) / np.maximum(weight, 1e-12) / self._scale, weight, rows
 
-    def _deviations(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> dict[int, Deviation]:
-        """For each window that is full."""
-        windows = tuple(n for n in windows if n <= self._recent.count)
-        if not windows:
-            return {}
-        singles, weights, rows = self._singles(max(windows), before, errors)
-        out, K, total, count = {}, before.sensitivity, np.zeros(rows.shape[1:]), 0
-        for n in windows:
-            total = total + rows[len(rows) - n : len(rows) - count].sum(axis=0)
-            count = n
-            weight = np.maximum(total[:, -1], 1e-12)
-            by_errors = (total[:, 11:-1] - total[:, :10] @ K) / (weight * self._scale)[:, None]
-            size = _huber(singles[-n:], weights[-n:], self.settings.outlier * self._scatter)
-            expected = ((by_errors * errors.std) ** 2).sum(axis=1)
-            out[n] = Deviation(size, expected, 1.0 / (weight * self._scale**2), np.zeros(4))
-        return out
+    def _near(self, singles: Array, weights: Array, middle: Array | float = 0.0) -> Array:
+        """(n, 4, 2): weighted blocks (n, 4), none further from the middle than Huber's limit; and their weights."""
+        limit = self.settings.outlier * self._scatter
+        return np.stack([np.clip(singles, middle - limit, middle + limit) * weights, weights], axis=-1)
 
-    def _compare(self, before: Segment, errors: Errors) -> None:
-        """Learns how far single blocks usually lie from the median of a few; of a Gaussian that is 0.8 of its std."""
-        if self._recent.count < _BLOCKS:
-            return
-        singles, _, _ = self._singles(_BLOCKS, before, errors)
-        away = np.abs(singles[-1] - np.median(singles, axis=0)) / 0.8
-        self._compared = min(self._compared + 1.0, self.settings.memory / self._block)
-        self._scatter += (np.minimum(away, 3.0 * self._scatter) - self._scatter) / self._compared
+    def _by_errors(self, totals: Array, before: Segment, errors: Errors) -> Array:
+        """(n, 4) variances of averages by errors of the model, from summed rows (n, 4, PROJECTED)."""
+        share = totals / (np.maximum(totals[..., -1], 1e-12) * self._scale)[..., None]
+        moved = (share[..., 11:-1] - share[..., :10] @ before.sensitivity) * errors.std
+        return np.asarray((moved**2).sum(axis=-1))
 
     def _placed(self, best: _Largest, before: Segment, errors: Errors) -> int:
         """How many blocks ago the change most likely happened.
@@ -251,15 +264,21 @@ class ChangeDetector:
         Seen along the change, in standard deviations, blocks before it lie about 0 and those after it about 1, with
         equal scatter: the likelihood of a change at k is largest where Σ_{i≥k} (x_i - 1/2) is.
         """
-        n = min(self._recent.count, best.blocks + self.settings.pending)
+        n = min(self._blocks.count, best.blocks + self.settings.pending)
         singles, _, _ = self._singles(n, before, errors)
         along = best.size / best.variance
         x = np.clip(singles @ along / (best.size @ along), -1.0, 2.0) - _HALF
         return int(np.argmax(np.cumsum(x[::-1]))) + 1
 
 
-def _huber(singles: Array, weights: Array, limit: Array) -> Array:
-    """Weighted mean (4,) of (n, 4), of which none counts as further from the median than `limit` (4,)."""
-    middle = np.median(singles, axis=0)
-    near = np.clip(singles, middle - limit, middle + limit)
-    return np.asarray((near * weights).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-12))
+def _median(singles: Array) -> Array:
+    """(4,) of (n, 4); of an even number the upper one of the two in the middle."""
+    return np.asarray(np.partition(singles, len(singles) // 2, axis=0)[len(singles) // 2])
+
+
+@lru_cache(maxsize=256)
+def _student(deviations: float, samples: int) -> float:
+    """What a deviation over its spread exceeds as seldom as a Gaussian does so many standard deviations, where the
+    spread is that of so many independent samples: the quantile of Student's t.
+    """
+    return float(stdtrit(samples, ndtr(deviations)))

@@ -324,8 +324,9 @@ class TrunkEstimator:
         if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
             self._refresh()
         held = self._fit is not None and self._fit.misfit > self.settings.bad
-        known = (self._aged, self._old, self._current)
-        jump = self._detector.look(rows, *known, self._errors, self._scatter, held)
+        if self._blocks % _REFRESHED == 0:
+            self._detector.learn(self._aged, self._errors)
+        jump = self._detector.look(rows, self._aged, self._old, self._errors, self._scatter, held)
         if jump is not None:
             self._jumped(jump, made.time)
         elif self._blocks % _OFTEN == 0:

@@ -329,10 +329,11 @@ class RowMaker:
             C[:, PLACES[name]] = -total.by_terms[:, :, term]
         # signs so that what holds a joint lifts the trunk: joints that hold a sagging robot do so alike
         C[:, PLACES["stiction"]] *= np.sign(total.signals[:3] @ total.by_terms[:3, :, _TERMS.index("offset")])
-        # noise is not motion: a joint that does not move beyond it shows neither friction nor rotor inertia
+        # noise is not motion: a joint that moves beyond it does not stick, another shows no friction or rotor inertia
         still = np.abs(total.joint[1]) < _MOVES * np.sqrt(averaged) * noise.velocity
         for name in ("rotor", "viscous", "coulomb"):
             C[:, PLACES[name]] *= ~still
+        C[:, PLACES["stiction"]] *= still
         C[:, PLACES["torque_lag"]] = total.by_rate[:, None]
         C[:, PLACES["common_gain"]] = C[:, PLACES["gain"]].sum(axis=1, keepdims=True)
         middle = 0.5 * (first.middle + second.middle)

@@ -90,10 +90,9 @@ class ChangeSettings:
         windows: lengths of the averages that are compared with what was before [blocks].
         confirmed: blocks for which it must persist.
         history: how much must be known before a change can be reported [s].
-        delay: blocks after which an average is sure to have seen no change that is not reported yet.
         pending: blocks that are not yet part of what was known before, for averages up to so long; twice that for
             longer ones.
-        suspected: standard deviations from which a change that is not certain yet is in the error bars.
+        suspected: standard deviations from which a change that is not certain is in the error bars.
         spoilt: blocks left out after the jump, which saw both loads.
         memory: of the statistics of past averages [s].
         prior: standard deviation of such averages before any was seen, as `least_change` [1].
@@ -102,16 +101,15 @@ class ChangeSettings:
     """
 
     least_change: float = 0.015
-    deviations: float = 4.0
+    deviations: float = 3.5
     windows: tuple[int, ...] = (6, 12, 25, 50, 100)
     confirmed: int = 8
     history: float = 0.8
-    delay: int = 30
     pending: int = 56
-    suspected: float = 3.0
+    suspected: float = 2.5
     spoilt: int = 2
     memory: float = 10.0
-    prior: float = 0.01
+    prior: float = 0.005
     outlier: float = 2.0
 
 
