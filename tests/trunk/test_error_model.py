@@ -191,6 +191,20 @@ def test_an_error_moves_the_rows_as_its_columns_say(name: str) -> None:
     agree(left, said, {"imu_rotation": 0.2, "encoder": 0.08}.get(name, 0.04))
 
 
+def test_late_joint_velocities_move_the_rows_as_their_column_says() -> None:
+    """Velocities of joints and trunk come late, torques and specific force do not: sign and size."""
+    late = 1e-3
+    turned = shifted(motion().velocity, late)
+    m, w = motion(), shifted(motion().angular_velocity, late)
+    r, alpha = ImuMount.of(robot()).translation, shifted(motion().angular_acceleration, late)
+    at_imu = m.specific_force + np.cross(alpha, r) + np.cross(w, np.cross(w, r))
+    data = samples(motion(), velocity=turned, angular_velocity=w, specific_force=at_imu)
+    left = unexplained(rows_of(data, robot(), motion().normal)) - unexplained(clean())
+    said = np.array([rows.errors[:, PLACES["velocity_lag"].start] * late for rows in clean()])
+    agree(left, said, 0.5)
+    assert (left * said).sum() > 0.8 * np.sqrt((left**2).sum() * (said**2).sum())
+
+
 def test_a_contact_point_elsewhere_moves_the_rows_as_its_columns_say() -> None:
     """Against a model whose feet are elsewhere, fixed to the last links."""
     p = 2e-3 * np.random.default_rng(2).uniform(-1.0, 1.0, 12)

@@ -9,11 +9,12 @@ difference of mass and of first moment across a, for r_force = δm a and r_momen
 touches down deviate for an instant by more than a load, so an average over n blocks is a Huber mean: what lies further
 from their median than a few times the usual scatter of single blocks counts as that far.
 
-How much averages vary while nothing changes is taken from the log: their mean square over the past, for each n, by what is
-known of the joints now, and what errors of the model add to it when the robot does what it did not do before (it sets
-out, turns, stops). Few averages were seen of long ones, so what counts as many standard deviations is Student's. A change is
-reported when it exceeds both the least change asked for and so many standard deviations, block after block for a while.
-A push that lasts is a change too: nothing tells it from a load until it ends.
+How much averages vary while nothing changes is taken from the log: their mean square over the past, for each n, by
+what is known of the joints now, and what errors of the model add to it when the robot does what it did not do before
+(it sets out, turns, stops). Few averages were seen of long ones, so what counts as many standard deviations is
+Student's. A change is reported when it exceeds both the least change asked for and so many standard deviations, block
+after block for a while. A push that lasts is a change too: nothing tells it from a load until it
+ends.
 """
 
 from __future__ import annotations

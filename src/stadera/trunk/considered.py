@@ -36,8 +36,8 @@ def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRow
 class RowSums:
     """What the trunk's own rows say of rotor inertia, friction and lag of the joints, whatever the trunk.
 
-    With θ taken out, rows leave M (p - p̂) = v, M = Cᵀ Q C. Of p only the part k is updated; the rest, offsets, gains and
-    geometry, which could pass for weight, is considered. With gain G = (P_kk⁻¹ + M_kk / s)⁻¹ M_k / s,
+    With θ taken out, rows leave M (p - p̂) = v, M = Cᵀ Q C. Of p only the part k is updated; the rest, offsets, gains
+    and geometry, which could pass for weight, is considered. With gain G = (P_kk⁻¹ + M_kk / s)⁻¹ M_k / s,
 
         e_k' = e_k - G e + n,      Σ' = F Σ Fᵀ + Cov n,      F = 1 - [G; 0]
 
@@ -76,15 +76,14 @@ class RowSums:
 
 
 class Errors:
-    """Mean p̂ and covariance Σ of the model's errors, by their prior, legs in the air, rows under load, and the fit's scale.
+    """Mean p̂ and covariance Σ of the model's errors: prior, legs in the air, rows under load, and the fit's scale.
 
     Attributes:
         mean: (ERRORS,). covariance: (ERRORS, ERRORS). std: (ERRORS,).
     """
 
     def __init__(self, model: ErrorModel, swing: SwingJoints, scale: float, rows: RowSums | None = None) -> None:
-        # what nothing was seen of keeps its prior size: at rest no residual shows what friction holds
-        joints, learned = swing.posterior(scale if swing.rows else 1.0)
+        joints, learned = swing.posterior(scale)
         self.mean = np.zeros(ERRORS)
         self.mean[JOINTS] = joints
         factor = np.where(model.visible, scale, 1.0)
@@ -93,7 +92,8 @@ class Errors:
         if rows is not None:
             rows.update(self.mean, self.covariance)
         place, coulomb = PLACES["stiction"], PLACES["coulomb"]
-        dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(self.covariance)[coulomb])
+        seen = 1.0 if swing.rows else scale  # at rest no residual shows what friction holds
+        dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(self.covariance)[coulomb] / seen**2)
         ratio = HELD * dry / np.maximum(np.sqrt(np.diag(self.covariance)[place]), 1e-300)
         self.covariance[place] *= ratio[:, None]
         self.covariance[:, place] *= ratio
