@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
@@ -30,6 +31,7 @@ from stadera.trunk import (
     measurements_of,
 )
 from stadera.trunk.rows import RowMaker
+from stadera.trunk.settings import ChangeSettings
 from walking import Motion, Walk, recorded, walked
 
 RATE = 500.0
@@ -345,6 +347,24 @@ def test_bad_settings_are_named() -> None:
         Samples(s.time, s.position, s.velocity, s.effort[:-1], s.angular_velocity, s.specific_force)
     with pytest.raises(RecordingError, match="no IMU"):
         Samples.of_recording(replace(recording(motion()), imu=None), robot())
+
+
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [
+        (lambda: ChangeSettings(deviations=-1.0), "deviations"),
+        (lambda: ChangeSettings(memory=float("nan")), "memory"),
+        (lambda: ChangeSettings(windows=(12, 6)), "windows"),
+        (lambda: ChangeSettings(windows=()), "windows"),
+        (lambda: ChangeSettings(windows=(6, 200)), "pending"),
+        (lambda: ChangeSettings(suspected=5.0), "suspected"),
+        (lambda: SwingDetection(repeated=0.5), "repeated"),
+        (lambda: SwingDetection(lift=0.0), "lift"),
+    ],
+)
+def test_bad_settings_of_detection_are_named(settings: Callable[[], object], name: str) -> None:
+    with pytest.raises(StaderaError, match=name):
+        settings()
 
 
 def test_measurements_make_the_same_samples() -> None:

@@ -41,6 +41,7 @@ from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.samples import SampleBuffer, Samples
+from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter
@@ -50,11 +51,6 @@ from stadera.trust import Trust
 _LOST_GROUND = 0.2  # s, of a gap, after which ground and gravity are looked for anew
 _OFTEN = 3  # blocks between two looks at a change that is not beyond its error bars yet
 _REFRESHED = 10  # blocks after which p̂, Σ and the fit are worked out anew
-_ODD = 3  # blocks in succession that may count for less
-_LEAST_USUAL = 0.01  # squared, in the rows' unit: residuals below 0.1 % of the weight are no measure of others
-_OUTLIER = 25.0  # times the usual squared residual, from which a block counts for less
-_CLUSTER = 25  # blocks whose sums of residuals are compared with what their weights say
-_PRIOR_CLUSTERS = 4.0  # as many as this, κ counts as one
 _PAYLOAD = 0.3  # of the widest prior: how wide the trunk begins anew after a change
 _SHIFTED = 0.005  # of the robot's mass: a change of less was a shift
 _EVALUATED = 1.0  # s, of rows before the fit is evaluated
@@ -123,8 +119,8 @@ class TrunkEstimator:
         self._tare: Segment | None = None
         self._nested = False
         self._fit: Fit | None = None
-        self._usual, self._scatter, self._clusters, self._odd = np.nan, 1.0, _PRIOR_CLUSTERS, 0
-        self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
+        self._odd = OddBlocks()
+        self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self._blocks, self._learnt, self._since, self._seen_for = 0, np.nan, np.nan, 0.0
         self._status, self._reason = Status.WAITING, ""
@@ -205,7 +201,7 @@ class TrunkEstimator:
             return None
         p = self._errors.mean
         difference = self._current.mean(p) - self._tare.mean(p)
-        covariance = self._errors.difference_covariance(self._tare, self._current, self._scatter, self._nested)
+        covariance = self._errors.difference_covariance(self._tare, self._current, self._scatter.value, self._nested)
         covariance[:4, :4] += np.outer(self._detector.suspected, self._detector.suspected)
         return Payload.of_parameters(difference, covariance, ObservedLimits().com * self._length)
 
@@ -311,9 +307,10 @@ class TrunkEstimator:
         swing = made.swing
         if swing.air.any():
             self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._maker.noise.torque)
-        rows = self._limited(weighted(made, self._weight, self._length))
+        p = self._errors.mean
+        rows = self._odd.limited(weighted(made, self._weight, self._length), self._current, p)
         keep = exp(-made.elapsed / self.settings.memory)
-        self._count_scatter(rows)
+        self._scatter.count(rows, self._aged, p)
         self._recent.append(rows)
         self._current = self._current.add(rows, keep)
         pending = self.settings.changes.pending
@@ -326,51 +323,17 @@ class TrunkEstimator:
         held = self._fit is not None and self._fit.misfit > self.settings.bad
         if self._blocks % _REFRESHED == 0:
             self._detector.learn(self._aged, self._errors)
-        jump = self._detector.look(rows, self._aged, self._old, self._errors, self._scatter, held)
+        jump = self._detector.look(rows, self._aged, self._old, self._errors, self._scatter.value, held)
         if jump is not None:
             self._jumped(jump, made.time)
         elif self._blocks % _OFTEN == 0:
             self._report(made.time)
         self._adopt(made.time)
 
-    def _limited(self, rows: WeightedRows) -> WeightedRows:
-        """A block that fits far worse than usual counts for less, unless it is one of many: a change of the load."""
-        if self._current.blocks < _CLUSTER:
-            return rows
-        p = self._errors.mean
-        residual = rows.target - rows.matrix @ self._current.mean(p) - rows.errors @ p
-        square = float(residual @ residual)
-        if np.isnan(self._usual):
-            self._usual = square
-        limit = _OUTLIER * max(self._usual, _LEAST_USUAL)
-        self._usual += 0.01 * (min(square, 4.0 * self._usual) - self._usual)
-        self._odd = self._odd + 1 if square > limit else 0
-        if not 0 < self._odd <= _ODD:
-            return rows
-        weight = np.sqrt(limit / square)
-        return WeightedRows(
-            rows.time, weight * rows.matrix, weight * rows.errors, weight * rows.target, weight**2 * rows.white
-        )
-
-    def _count_scatter(self, rows: WeightedRows) -> None:
-        """κ: sums of residuals over half a second against what independent rows of unit noise would come to."""
-        if self._aged.blocks < _CLUSTER:
-            return
-        moments, p = rows.moments, self._errors.mean
-        self._sum += moments[:, 10] - moments[:, :10] @ self._aged.mean(p) - moments[:, 11:] @ p
-        self._normal += moments[:, :4]
-        self._summed += 1
-        if self._summed == _CLUSTER:
-            normal = self._normal + np.diag(1.0 / self._wide[:4] ** 2)
-            ratio = float(self._sum @ np.linalg.solve(normal, self._sum)) / 4.0
-            self._clusters = min(self._clusters + 1.0, self.settings.memory / self.settings.block / _CLUSTER)
-            self._scatter += (min(ratio, 9.0 * self._scatter) - self._scatter) / self._clusters
-            self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
-
     def _refresh(self) -> None:
         """p̂ and Σ by what legs in the air and residuals have shown so far."""
         # rows that a change may still be found in do not count against the model
-        last = self._aged if self._aged.blocks >= _CLUSTER or self._finished else self._current
+        last = self._aged if self._aged.blocks >= CLUSTER or self._finished else self._current
         segments = (*self._finished, last)
         rows = RowSums.of(segments, self.settings.swing.repeated)
         usual = Errors(self._model, self._swing, 1.0, rows)
@@ -398,7 +361,7 @@ class TrunkEstimator:
         self._candidate = _Change(begun, now, before) if jump.reported else None
         self._report(now)
         self._detector.restart(len(self._recent))
-        self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
+        self._scatter.restart()
         self._since = now
 
     def _report(self, now: float) -> None:
@@ -418,14 +381,14 @@ class TrunkEstimator:
         p = self._errors.mean
         difference = (self._current.mean(p) - before.mean(p))[:4]
         covariance = self._errors.difference_covariance(
-            before, self._current, self._scatter, nested=False, stiction=False
+            before, self._current, self._scatter.value, nested=False, stiction=False
         )
         return bool((np.abs(difference) > SIGNIFICANT * np.sqrt(np.diag(covariance)[:4])).any())
 
     def _weighed(self, change: _Change, now: Segment) -> LoadChange:
         p = self._errors.mean
         mass = float(now.mean(p)[0] - change.before.mean(p)[0])
-        covariance = self._errors.difference_covariance(change.before, now, self._scatter, nested=False)
+        covariance = self._errors.difference_covariance(change.before, now, self._scatter.value, nested=False)
         std = float(np.sqrt(covariance[0, 0]))
         kind: ChangeKind = "on" if mass > 0 else "off"
         if abs(mass) < max(3.0 * std, _SHIFTED * self.robot.mass):
@@ -434,7 +397,7 @@ class TrunkEstimator:
 
     def _read(self) -> TrunkParameters:
         if self._found is None:
-            covariance = self._errors.trunk_covariance(self._current, self._scatter)
+            covariance = self._errors.trunk_covariance(self._current, self._scatter.value)
             covariance[:4, :4] += np.outer(self._detector.suspected, self._detector.suspected)
             vector = self._current.mean(self._errors.mean)
             self._found = TrunkParameters.of(vector, covariance, self._start, self.robot.mass, self._length)

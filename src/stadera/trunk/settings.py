@@ -7,6 +7,16 @@ from dataclasses import dataclass, field, fields
 from stadera.errors import ModelError, StaderaError
 
 
+def _positive(settings: ChangeSettings | SwingDetection, *or_zero: str) -> None:
+    """Raises StaderaError where a number is not finite and above zero; those named may be zero."""
+    for name, value in vars(settings).items():
+        if isinstance(value, tuple):
+            continue
+        if not (0.0 < value < float("inf") or (value == 0.0 and name in or_zero)):
+            least = "at least" if name in or_zero else "above"
+            raise StaderaError(f"{type(settings).__name__}.{name} must be finite and {least} 0, got {value}")
+
+
 @dataclass(frozen=True)
 class ModelErrors:
     """Prior standard deviations of what a real robot has and its model does not.
@@ -79,6 +89,11 @@ class SwingDetection:
     residual: float = 0.005
     repeated: float = 5.0
 
+    def __post_init__(self) -> None:
+        _positive(self)
+        if self.repeated < 1.0:
+            raise StaderaError(f"SwingDetection.repeated counts rows, at least 1, got {self.repeated}")
+
 
 @dataclass(frozen=True)
 class ChangeSettings:
@@ -111,6 +126,22 @@ class ChangeSettings:
     memory: float = 10.0
     prior: float = 0.005
     outlier: float = 2.0
+
+    def __post_init__(self) -> None:
+        _positive(self, "least_change", "history", "spoilt")
+        if list(self.windows) != sorted(set(self.windows)) or not self.windows or self.windows[0] < 2:
+            raise StaderaError(
+                f"ChangeSettings.windows need lengths of 2 blocks and more that grow, got {self.windows}"
+            )
+        if self.windows[-1] > 2 * self.pending or self.windows[0] > self.pending:
+            raise StaderaError(
+                f"ChangeSettings.windows must fit into twice the {self.pending} pending blocks, the first into these, "
+                f"got {self.windows}"
+            )
+        if self.suspected > self.deviations:
+            raise StaderaError(
+                f"ChangeSettings.suspected ({self.suspected}) must not exceed deviations ({self.deviations})"
+            )
 
 
 @dataclass(frozen=True)
