@@ -16,7 +16,7 @@ from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
 _SHOWN = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in ("rotor", "viscous", "coulomb", "torque_lag")])
-_QUIETEST = 1.0  # residuals below 1 % of the weight are not taken for more knowledge
+_QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight are not taken for more knowledge
 _UNIT = 0.01  # of weight, and weight times leg length: what rows are measured in
 
 
