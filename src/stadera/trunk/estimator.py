@@ -232,7 +232,7 @@ class TrunkEstimator:
     @property
     def evidence(self) -> TrunkEvidence:
         """What the rows since the last change of the load say of the trunk, to be merged with other logs'."""
-        known = self._current.known.scaled_noise(float(np.sqrt(self._scatter)))
+        known = self._current.known.scaled_noise(float(np.sqrt(self._scatter.value)))
         return TrunkEvidence(known, self._errors.mean, self._errors.covariance, self._length)
 
     @property
