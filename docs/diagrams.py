@@ -1,4 +1,4 @@
-"""Draws the diagrams of "The idea" as SVG: python docs/diagrams.py (needs pip install '.[figures]')."""
+"""Draws the diagrams of "The idea" and "Live" as SVG: python docs/diagrams.py (needs pip install '.[figures]')."""
 
 from __future__ import annotations
 
@@ -109,6 +109,39 @@ def information() -> plt.Figure:
     return figure
 
 
+def live() -> plt.Figure:
+    """Three ways in, one estimator, who gets the result."""
+    figure, axes = canvas(9, 3.6)
+
+    def box(x: float, y: float, width: float, text: str, colour: str) -> None:
+        look = {"boxstyle": "round,pad=0.02", "fc": "white", "ec": colour, "lw": 1.5}
+        axes.add_patch(FancyBboxPatch((x, y - 0.16), width, 0.32, **look))
+        axes.text(x + width / 2, y, text, ha="center", va="center", color=colour, fontsize=9)
+
+    ways = (
+        (1.2, "Unitree robot\nrt/lowstate, DDS", "zenoh-bridge-ros2dds\non the laptop"),
+        (0.6, "ROS 2 nodes\n/joint_states, /imu", "rmw_zenoh\nrouter"),
+        (0.0, "control loop\nof your own", "examples/\nlive_client.py"),
+    )
+    for y, robot_, way in ways:
+        box(0.0, y, 0.95, robot_, BODY)
+        box(1.25, y, 0.95, way, BODY)
+        arrow(axes, (0.98, y), (1.22, y), BODY, "", "right")
+        arrow(axes, (2.23, y), (2.72, 0.3 * y + 0.42), FORCE, "", "right")
+    box(2.75, 0.6, 1.0, "stadera live\nestimator in a thread", FORCE)
+    axes.text(2.45, 1.12, "Zenoh, CDR", color=FORCE, ha="left", fontsize=9)
+    out = (
+        (1.2, "stadera/trunk, stadera/payload\nInertiaStamped"),
+        (0.6, "stadera/state, stadera/diagnostics\nstadera/tare, stadera/reset"),
+        (0.0, "terminal, Rerun,\nrecording (MCAP)"),
+    )
+    for y, text in out:
+        box(4.2, y, 1.5, text, WEIGHT)
+        arrow(axes, (3.78, 0.3 * y + 0.42), (4.17, y), WEIGHT, "", "right")
+    axes.set(xlim=(-0.05, 5.78), ylim=(-0.25, 1.45))
+    return figure
+
+
 if __name__ == "__main__":
-    for draw in (lever, frames, information):
+    for draw in (lever, frames, information, live):
         draw().savefig(FOLDER / f"{draw.__name__}.svg", metadata={"Date": None}, facecolor="white")

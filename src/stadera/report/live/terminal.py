@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isfinite
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -96,4 +97,5 @@ def _changes(state: LiveState) -> Table:
 def _health(state: LiveState) -> Text:
     rates = ", ".join(f"{topic} {rate:.0f} Hz" for topic, rate in state.rates.items()) or "no messages"
     lost = ", ".join(f"{count} {where}" for where, count in state.lost.items() if count) or "none"
-    return Text(f"{rates}; lost: {lost}; lag {number(1e3 * state.lag.processing, 2, 'unknown')} ms", style="dim")
+    lag = f"; lag {number(1e3 * state.lag.processing, 2)} ms" if isfinite(state.lag.processing) else ""
+    return Text(f"{rates}; lost: {lost}{lag}", style="dim")
