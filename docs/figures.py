@@ -1,11 +1,15 @@
 """Draws the figures of the documentation: python docs/figures.py [GO2_LOG] (needs pip install 'stadera[docs,models]').
 
 GO2_LOG is a flat table of a Go2 whose legs swing in the air, trunk on a stand; without it that figure stays as it is.
+The demo's scene is photographed by a Chromium that is installed.
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
+import tempfile
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,8 +18,11 @@ import numpy as np
 
 from stadera.identify.legs import identify
 from stadera.identify.result import LegIdentification
+from stadera.lab.demo import run_demo
+from stadera.lab.report.demo.page import demo_html
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.report.pdf import find_browser
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator
 from stadera.weigh.truth import TruthAt
@@ -98,11 +105,43 @@ def draw_payload(rows: np.ndarray, truth: TruthAt, noticed: float, path: Path) -
     plt.close(figure)
 
 
+MOMENTS = (0.2, 1.15, 2.6)
+"""Of the demo's picture [s], from the moment the box is let go: it has landed, one robot tips, it lies."""
+
+SCENE_ALONE = """<style>
+body { overflow: hidden; }
+#stage { position: fixed; inset: 0; height: 100vh; border: 0; border-radius: 0; z-index: 9; }
+#stage .label { font-size: 17px; }
+#stage .label strong { font-size: 15px; }
+</style>"""
+
+
+def demo(path: Path) -> None:
+    """The demo's scene at three moments."""
+    result, width, height = run_demo(), 640, 520
+    root = ["--no-sandbox"] if os.geteuid() == 0 else []
+    software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    figure, axes = plt.subplots(1, len(MOMENTS), figsize=(13.5, 4.0), layout="constrained")
+    with tempfile.TemporaryDirectory() as folder:
+        page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
+        page.write_text(demo_html(result).replace("</body>", f"{SCENE_ALONE}</body>"), encoding="utf-8")
+        for moment, axis in zip(MOMENTS, axes, strict=True):
+            place = f"{page.as_uri()}#t={result.settings.load_at + moment}"
+            how = ["--headless", *root, *software, "--virtual-time-budget=4000", f"--window-size={width},{height}"]
+            subprocess.run([find_browser(path), *how, f"--screenshot={shot}", place], check=True, capture_output=True)
+            axis.imshow(plt.imread(shot))
+            axis.set_title(f"{moment:.1f} s after the box was let go", fontsize=10, loc="left")
+            axis.set_axis_off()
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
 def main() -> None:
     """Identifies, weighs, draws, writes."""
     if len(sys.argv) > 2:
         sys.exit(__doc__)
     FOLDER.mkdir(exist_ok=True)
+    demo(FOLDER / "demo.png")
     payload_at_a_trot(FOLDER / "payload_trot.png")
     if len(sys.argv) == 2:
         np.seterr(all="raise", under="ignore")
