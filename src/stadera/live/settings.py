@@ -15,7 +15,7 @@ class LiveSettings:
 
     Attributes:
         queue: messages that wait at most; of more the oldest are dropped, and counted. 4 s of two topics at 500 Hz.
-        batch: time over which messages are gathered before they are worked on [s]: half a block of the estimator.
+        batch: time over which messages are gathered before they are worked on [s]: a block of the estimator.
         period: between two states that are sent [s]; changes are sent at once.
         head: messages of joints that decide which columns there are and how fast they come.
         silent: time without a message after which a topic counts as silent [s]: fifty samples of the slowest stream.
@@ -30,7 +30,7 @@ class LiveSettings:
     """
 
     queue: int = 4000
-    batch: float = 0.01
+    batch: float = 0.02
     period: float = 0.1
     head: int = 50
     silent: float = 1.0
