@@ -97,7 +97,7 @@ class WalkTrace:
 
     @property
     def commanded(self) -> float:
-        """How far it was to get in that time [m]; after a fall too."""
+        """How far it was to get in that time [m], until it fell if it did."""
         return self.speed * float(self.time[-1] - self.time[self.since])
 
     @property

@@ -47,7 +47,8 @@ def mass_figure(result: DemoResult, note: str = "") -> Figure:
     marks.append(line(film.time, film.mass[:, 1], _CONTROLLER, "blue", width=2.2))
     marks += _checks(outcome.checks)
     masses = np.concatenate([film.mass[:, 0], [check.mass for check in outcome.checks]])
-    limits = float(masses.min() - 2.0), float(masses.max() + 2.0)
+    room = 0.1 * float(masses.max())
+    limits = float(masses.min()) - room, float(masses.max()) + room
     panel = Panel(Axis(), Axis("trunk with load [kg]", limits=limits), tuple(marks))
     return _over_time("Mass", [panel], result, note, window=_window(result))
 

@@ -88,9 +88,13 @@ def _comparison(result: DemoResult) -> Iterator[Row]:
     def lost(outcome: LoadedWalkOutcome) -> str:
         return "–" if outcome.trace.fall else str(outcome.trace.steps_lost)
 
+    def ahead(outcome: LoadedWalkOutcome) -> str:
+        trace = outcome.trace
+        return f"{trace.distance:.2f}" + ("" if trace.fall else f" of {trace.commanded:.2f}")
+
     yield each("outcome", ended)
     yield each("because", lambda o: "; ".join(o.verdict.reasons) or "–")
-    yield each("got ahead, of what was commanded [m]", lambda o: f"{o.trace.distance:.2f} of {o.trace.commanded:.2f}")
+    yield each("got ahead, of what was commanded [m]", ahead)
     yield each("steps lost", lost)
     yield each("least margin of the true centre of mass [cm]", lambda o: f"{_CM * o.least_margin_ever:.1f}")
     yield each("error of the trunk's mass in the controller [kg]", lambda o: f"{o.model.mass - o.truth.mass:+.2f}")
