@@ -7,7 +7,8 @@ logs; what is learnt or drawn anew each day (joints in the air, sticking joints,
     [R_1        ] [θ_1]   [G_1 S  G_1 O_1        ]         [z_1 - G_1 p̂_1]
     [      R_2  ] [θ_2] + [G_2 S          G_2 O_2] e   =   [z_2 - G_2 p̂_2],      e of unit covariance
 
-S and O_k square roots of the covariances of shared and own errors. Each trunk is found as by its log alone. What
+S and O_k square roots of the covariances of the shared errors and of what own ones are besides what shared ones make
+of them in this log (`G_k S` stands for both). Each trunk is found as by its log alone. What
 merging gives is how their errors go together: a common error of all torques moves all trunks alike and cancels in the
 difference between two logs, which is known much better than by their error bars taken as independent.
 """
@@ -105,12 +106,22 @@ def merge_trunks(logs: Mapping[str, TrunkEvidence]) -> MergedTrunks:
     total = Information.empty(Unknowns(tuple(logs), (10,) * len(logs)), considered)
     for k, (name, log) in enumerate(logs.items()):
         G = np.zeros((10, considered))
-        G[:, : int(shared.sum())] = log.known.G[:, shared] @ root
+        by_shared, rest = _given(log.covariance, shared)
+        G[:, : int(shared.sum())] = (log.known.G[:, shared] + log.known.G[:, ~shared] @ by_shared) @ root
         start = int(shared.sum()) + own * k
-        G[:, start : start + own] = log.known.G[:, ~shared] @ _root(log.covariance[np.ix_(~shared, ~shared)])
+        G[:, start : start + own] = log.known.G[:, ~shared] @ _root(rest)
         z = log.known.z - log.known.G @ log.mean
         total = total.merge(Information(Unknowns((name,), (10,)), log.known.R, z, G, log.known.cost, log.known.count))
     return MergedTrunks(total, next(iter(logs.values())).length)
+
+
+def _given(covariance: Array, shared: Array) -> tuple[Array, Array]:
+    """Own errors are B times the shared ones and a rest: B = Σ_os Σ_ss⁻¹ and the rest's covariance Σ_oo - B Σ_so."""
+    across = covariance[np.ix_(~shared, shared)]
+    std = np.sqrt(np.maximum(np.diag(covariance)[shared], 1e-300))
+    inside = covariance[np.ix_(shared, shared)] / np.outer(std, std)
+    by_shared = (across / std) @ np.linalg.pinv(inside, hermitian=True) / std
+    return by_shared, covariance[np.ix_(~shared, ~shared)] - by_shared @ across.T
 
 
 def _root(covariance: Array) -> Array:
