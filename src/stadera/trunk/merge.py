@@ -25,7 +25,7 @@ from stadera.information import Information, Unknowns
 from stadera.trunk.error_model import ERRORS, PLACES
 from stadera.trunk.load import Payload
 from stadera.trunk.result import ObservedLimits
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 SHARED = (
     "gain",
@@ -115,7 +115,7 @@ def merge_trunks(logs: Mapping[str, TrunkEvidence]) -> MergedTrunks:
     return MergedTrunks(total, next(iter(logs.values())).length)
 
 
-def _given(covariance: Array, shared: Array) -> tuple[Array, Array]:
+def _given(covariance: Array, shared: Bools) -> tuple[Array, Array]:
     """Own errors are B times the shared ones and a rest: B = Σ_os Σ_ss⁻¹ and the rest's covariance Σ_oo - B Σ_so."""
     across = covariance[np.ix_(~shared, shared)]
     std = np.sqrt(np.maximum(np.diag(covariance)[shared], 1e-300))
