@@ -19,6 +19,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trust import Verdict
 from stadera.weigh.checks import FATAL, Finding, contradictions, diagnose
+from stadera.weigh.checks.partial import judged, window_faults
 from stadera.weigh.result import Refusal
 from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
 
@@ -27,7 +28,7 @@ WITH_IMU, WITHOUT_IMU = "contact", "poses"
 
 _FIRST = 256  # samples that show what is recorded, and how often
 _SOUND = 4  # consistent windows in a row that are not a coincidence
-_VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "doubtful", "stuck": "doubtful"}
+_VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "bad", "stuck": "doubtful"}
 
 
 def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
@@ -101,6 +102,7 @@ class CheckedLog:
         begin, end: of the log [s]; NaN before it was read.
         before, event: the times before and after the stretch in which the robot is on its feet, which are not weighed,
             and why; None where there are none.
+        left_out: other times that are not weighed, for a fault that shows in them alone.
     """
 
     def __init__(self, request: Request, source: Source, require: tuple[str, ...] = ()) -> None:
@@ -109,13 +111,14 @@ class CheckedLog:
         self.begin, self.end = np.nan, np.nan
         self.before: Refusal | None = None
         self.event: Refusal | None = None
+        self.left_out: list[Refusal] = []
         self._request, self.source, self._require = request, source, require
         self._sound = False
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:
         """The times that are not weighed."""
-        return tuple(refusal for refusal in (self.before, self.event) if refusal is not None)
+        return tuple(refusal for refusal in (self.before, *self.left_out, self.event) if refusal is not None)
 
     def __iter__(self) -> Iterator[Recording]:
         """The chunks.
@@ -128,6 +131,7 @@ class CheckedLog:
         for chunk in stream(self.source, joints=self._request.robot.tree.joints, require=("effort", *self._require)):
             checked = with_velocity(chunk)
             if not known:
+                self._check_windows(chunk)
                 self.begin = float(chunk.time[0]) if np.isnan(self.begin) else self.begin
                 self.end = float(chunk.time[-1])
                 self.notes |= dict.fromkeys(checked.notes)
@@ -137,10 +141,23 @@ class CheckedLog:
             if self.event is not None:
                 self.event = replace(self.event, end=max(self.event.end, self.end))
                 checked = take(checked, checked.time < self.event.begin)
+            for part in self.left_out:
+                checked = take(checked, (checked.time < part.begin) | (checked.time > part.end))
             if self.before is not None:
                 checked = take(checked, checked.time > self.before.end)
             if len(checked):
                 yield checked
+
+    def _check_windows(self, chunk: Recording) -> None:
+        limits, duration = self._request.settings.windows, float(chunk.time[-1] - chunk.time[0])
+        faults = window_faults(chunk, self._request.robot, self._request.imu_frame, limits)
+        for fault, verdict in judged(faults, duration, limits):
+            if verdict is not None:
+                self.doubts[verdict, fault.message] = None
+                continue
+            self.notes[f"left out: {fault.message}"] = None
+            parts = [Refusal(begin, end, f"{fault.what} {fault.evidence}") for begin, end in fault.windows]
+            self.left_out += [part for part in parts if part.begin not in [known.begin for known in self.left_out]]
 
     def _check(self, chunk: Recording) -> None:
         findings = diagnose(chunk, self._request.robot, self._request.imu_frame)

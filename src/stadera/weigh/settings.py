@@ -15,6 +15,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Progress
+from stadera.weigh.checks.limits import WindowLimits
 
 if TYPE_CHECKING:
     from stadera.trunk.estimator import TrunkEstimator
@@ -44,6 +45,7 @@ class WeighSettings:
         stale: time from the last rest to the log's end from which a change of the load may have gone unseen [s].
         doubtful_misfit: variance of the masses of blocks at rest over the stated one from which the result is doubtful
             and its error bars are widened.
+        windows: when signals contradict each other in part of a log, see `WindowLimits`.
         window: over which encoders, torques and IMU are compared where a log contradicts itself only in part [s].
     """
 
@@ -58,10 +60,11 @@ class WeighSettings:
     change_deviations: float = 5.0
     stale: float = 1.0
     doubtful_misfit: float = 3.0
+    windows: WindowLimits = field(default_factory=WindowLimits)
     window: float = 0.5
 
     def __post_init__(self) -> None:
-        require_positive("weighing setting", self, [f.name for f in fields(self) if f.name != "trunk"])
+        require_positive("weighing setting", self, [f.name for f in fields(self) if f.name not in ("trunk", "windows")])
 
 
 @dataclass(frozen=True, eq=False)

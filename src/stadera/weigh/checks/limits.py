@@ -67,3 +67,65 @@ class CheckLimits:
 
     def __post_init__(self) -> None:
         require_positive("check limit", self, [field.name for field in fields(self)])
+
+
+@dataclass(frozen=True)
+class WindowLimits:
+    """Limits of the checks over windows, wide enough for the noise, lags and quantisation of real logs.
+
+    Attributes:
+        length: of a window [s]. fewest: samples that a window needs.
+        step: over which velocity and change of position are compared [s].
+        moving: speed of a joint from which they are [rad/s], and `above` times what noise makes of a joint at rest.
+        still: share of the other's size below which one of the two stands still.
+        correlation: of the two, at least. Velocities that are 20 ms late keep 0.95 at a trot of 2 Hz.
+        gain: of the two, least and largest.
+        spike: times the usual difference of the two, from which a sample is a wild one; few: share of such samples.
+        jump: step of a position beyond the velocity [rad]; undone: samples within which the end of a spike undoes it.
+        kept: share of the step that must still be there then.
+        beyond: share of a drive's limit above which a torque is none; models often state a third of what drives give.
+        weights: torque that no drive gives, in weights of the robot at the length of a leg.
+        own_limit: share within which the largest torque is the drive's own limit, which is no fault.
+        repeats: samples at the largest torque that are no coincidence, and `crowd` times those at the next smaller.
+        lively: share of steps at which a signal changes that is measured anew each time.
+        white, coloured: correlation from sample to sample of a torque that is only noise, and of the other torques.
+        raised: height of a foot above its lowest that a swinging one has, as a share of the leg's length, and its speed
+            against the standing feet [m/s].
+        carries: share of the weight that a raised foot must seem to carry, and of what it carries when it is low.
+        share: of a window that samples of raised and of low feet need each; often: of such windows that show the fault.
+        slip: relative speed of standing feet beyond which they slip [m/s].
+        repeated: samples at 100 Hz that repeat one error. evidence: χ² from which another gyro is the right one.
+        better: share of the feet's relative motion that may be left where they turn less than the gyro says.
+        left_out: share of the log that may be left out for faults in part of it.
+    """
+
+    length: float = 1.0
+    fewest: int = 20
+    step: float = 0.02
+    moving: float = 0.1
+    above: float = 5.0
+    still: float = 0.2
+    correlation: float = 0.7
+    gain: tuple[float, float] = (0.7, 1.4)
+    spike: float = 10.0
+    few: float = 0.05
+    jump: float = 0.03
+    undone: int = 8
+    kept: float = 0.7
+    beyond: float = 4.0
+    weights: float = 3.0
+    own_limit: float = 0.02
+    repeats: int = 5
+    crowd: float = 5.0
+    lively: float = 0.9
+    white: float = 0.2
+    coloured: float = 0.7
+    raised: tuple[float, float] = (0.03, 0.15)
+    carries: tuple[float, float] = (0.15, 1.5)
+    share: float = 0.1
+    often: float = 0.5
+    slip: float = 0.3
+    repeated: float = 10.0
+    evidence: float = 20.0
+    better: float = 0.4
+    left_out: float = 0.3

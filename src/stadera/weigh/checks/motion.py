@@ -1,0 +1,152 @@
+"""Checks of legs, torques and gyro against each other while the robot moves, window by window.
+
+- A foot that is raised and moves against the standing feet carries nothing. The load by the torques, -up · J^-T τ, has
+  to be on the feet that stand: where it is on the raised ones, torques and encoders belong to different legs.
+- Feet that stand do not move against each other: with foot i at p_i moving by u_i = J_i q̇_i in the trunk, and the trunk
+  turning by ω,
+
+      (u_i - u_j) + ω x (p_i - p_j) = 0.
+
+  So the gyro that leaves least of this is the right one: as it is, turned about the vertical, reversed, or none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.legs.model import LegModel
+from stadera.logs.recording import Recording
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.types import Array, Bools
+from stadera.weigh.checks.limits import WindowLimits
+from stadera.weigh.checks.windows import WindowFault, Windows
+
+_RATE = 100.0  # Hz, to which a log is thinned out
+_LEVELLED = 0.5  # s, over which the specific force is averaged to have the vertical
+_GYROS = {
+    "reads the opposite of its rotation": -np.eye(3),
+    "is turned by 90° about the vertical": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "is turned by -90° about the vertical": np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "is turned by 180° about the vertical": np.diag([-1.0, -1.0, 1.0]),
+    "has roll and yaw reversed, as if left and right were swapped": np.diag([-1.0, 1.0, -1.0]),
+}
+
+
+class _Feet:
+    """What the legs say at some samples: (samples, 4, ...), trunk axes."""
+
+    def __init__(self, recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> None:
+        time = recording.time
+        every = max(1, round(1.0 / (_RATE * float(np.median(np.diff(time))))))
+        kept = slice(None, None, every)
+        model, joints = LegModel.of(robot), robot.tree.joints
+        imu = recording.imu
+        assert imu is not None
+        position, velocity, effort = (
+            recording.channel(name, joints)[kept][:, model.columns] for name in ("position", "velocity", "effort")
+        )
+        self.time = time[kept]
+        self.force = mount.in_trunk_axes(imu.linear_acceleration[kept])
+        self.gyro = mount.in_trunk_axes(imu.angular_velocity[kept])
+        pose = model.pose(position)
+        forces, _ = model.forces_at_rest(position, effort, self.force)
+        count = min(len(self.time), max(1, round(_LEVELLED / float(np.median(np.diff(self.time))))))
+        smooth = np.column_stack([np.convolve(x, np.ones(count), "same") for x in self.force.T])
+        up = smooth / np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-9)
+        self.place = pose.feet.transpose(1, 2, 0)
+        jacobians = pose.jacobians(pose.feet)
+        self.motion = np.einsum("inlk,nlk->nli", jacobians, velocity)
+        self.load = np.einsum("nli,ni->nl", forces, up) / (robot.mass * GRAVITY)
+        self.height = np.einsum("nli,ni->nl", self.place, up) / model.length
+        self.windows = Windows.of(self.time, limits.length)
+
+
+def leg_faults(recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> Iterator[WindowFault]:
+    """Faults that legs, torques and gyro show together.
+
+    Args:
+        recording: with the robot's joints, their velocities and torques, and an IMU.
+        robot: its model. mount: of the IMU.
+        limits: see `WindowLimits`.
+    """
+    if len(recording) < limits.fewest or recording.imu is None:
+        return
+    feet = _Feet(recording, robot, mount, limits)
+    raised, low = _swinging(feet, limits)
+    yield from _loads(feet, raised, low, robot, limits)
+    yield from _gyro(feet, ~raised & (feet.load > limits.carries[0]), limits)
+
+
+def _swinging(feet: _Feet, limits: WindowLimits) -> tuple[Bools, Bools]:
+    """Which feet swing, and which are as low as each comes to be in its window, (samples, 4).
+
+    A foot swings that is higher above its own lowest place than two others are above theirs, by some part of the leg's
+    length, and moves against them.
+    """
+    lowest = np.array(
+        [np.percentile(feet.height[feet.windows.of_sample == k], 10, axis=0) for k in range(len(feet.windows))]
+    )
+    above = feet.height - lowest[feet.windows.of_sample]
+    order = np.argsort(above, axis=1)
+    pair = np.take_along_axis(feet.motion + cross_rows(feet.gyro, feet.place), order[:, :2, None], axis=1).mean(axis=1)
+    speed = np.linalg.norm(feet.motion + cross_rows(feet.gyro, feet.place) - pair[:, None], axis=-1)
+    raised = (above > limits.raised[0]) & (speed > limits.raised[1])
+    return raised, above < 0.5 * limits.raised[0]
+
+
+def cross_rows(vector: Array, points: Array) -> Array:
+    """ω x p of vectors (samples, 3) with points (samples, 4, 3)."""
+    return np.cross(vector[:, None], points)
+
+
+def _loads(feet: _Feet, raised: Bools, low: Bools, robot: Robot, limits: WindowLimits) -> Iterator[WindowFault]:
+    windows = feet.windows
+    count = np.maximum(np.bincount(windows.of_sample, minlength=len(windows)), 1)[:, None]
+
+    def mean(which: Bools) -> tuple[Array, Array]:
+        number = windows.sums(which.astype(float))
+        return windows.sums(np.where(which, feet.load, 0.0)) / np.maximum(number, 1.0), number / count
+
+    (up, share_up), (down, share_down) = mean(raised), mean(low)
+    seen = (share_up > limits.share) & (share_down > limits.share)
+    wrong = seen & (up > limits.carries[0]) & (up > limits.carries[1] * down)
+    often = wrong.sum(axis=0) > limits.often * np.maximum(seen.sum(axis=0), 1)
+    often &= (wrong.sum(axis=0) > 1) & (often.sum() > 1)  # what is swapped are two legs, and not for a moment
+    for k, leg in enumerate(robot.legs):
+        if often[k]:
+            chosen = wrong[:, k]
+            text = (
+                f"carries {100 * float(np.median(up[chosen, k])):.0f} % of the weight while its foot is raised, and "
+                f"{100 * float(np.median(down[chosen, k])):.0f} % while it is down: torques are another leg's"
+            )
+            yield WindowFault("legs", f"leg {leg.name}", text, windows.spans(chosen), lasting=True)
+
+
+def _gyro(feet: _Feet, standing: Bools, limits: WindowLimits) -> Iterator[WindowFault]:
+    """Which gyro leaves least relative motion of the feet that stand. Samples repeat each other's errors."""
+    pairs = [(i, j, standing[:, i] & standing[:, j]) for i, j in combinations(range(4), 2)]
+    moved = np.concatenate([(feet.motion[:, i] - feet.motion[:, j])[both] for i, j, both in pairs])
+    apart = np.concatenate([(feet.place[:, i] - feet.place[:, j])[both] for i, j, both in pairs])
+    gyro = np.concatenate([feet.gyro[both] for _, _, both in pairs])
+    if len(moved) < limits.fewest:
+        return
+    slips = limits.slip**2
+
+    def left(turn: Array) -> float:
+        rest = moved + np.cross(gyro @ turn.T, apart)
+        return float(np.minimum((rest**2).sum(axis=1), slips).mean())
+
+    own, none = left(np.eye(3)), left(np.zeros((3, 3)))
+    others = {name: left(turn) for name, turn in _GYROS.items()}
+    best = min(others, key=lambda name: others[name])
+    independent = len(moved) / limits.repeated
+    spans = feet.windows.spans(np.ones(len(feet.windows), dtype=bool))
+    if independent * (own / max(others[best], 1e-12) - 1.0) > limits.evidence and others[best] < none:
+        yield WindowFault("imu", "the gyro", f"{best}, by the feet that stand", spans, lasting=True)
+    elif none < limits.better * own:
+        yield WindowFault("imu", "the gyro", "contradicts the feet that stand, which turn less", spans, lasting=True)

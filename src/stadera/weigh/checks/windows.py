@@ -1,0 +1,220 @@
+"""Checks of a log's signals against each other, window by window, so that a fault has a channel, a joint and a time.
+
+Joint by joint, in windows of a second:
+
+- velocity against change of position. Over steps of T = 20 ms, D = Δq / T and M = ∫ q̇ dt / T are the same but for
+  noise. Their correlation ρ = Σ DM / √(Σ D² Σ M²) and gain g = Σ DM / Σ D² are 1 wherever the joint moves.
+- position that jumps: a single step of q that ∫ q̇ dt does not have, and that is not undone soon after.
+- torque beyond what the drive gives: several times its limit.
+- torque that stands at its largest value: a signal that changes with every sample elsewhere and repeats its maximum
+  bit for bit is clipped.
+- torque that is only noise: without correlation from sample to sample, while the other torques have it.
+
+Checks of the legs together are in `stadera.weigh.checks.motion`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.constants import GRAVITY
+from stadera.legs.model import LegModel
+from stadera.logs.recording import Recording
+from stadera.logs.sampling import GAP_FACTOR
+from stadera.robot.model import Robot
+from stadera.types import Array, Bools
+from stadera.weigh.checks.limits import WindowLimits
+
+_MEDIAN_OF_CHI2 = 0.455
+_MOST = 20  # steps of one joint that are looked at
+_UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
+
+
+@dataclass(frozen=True)
+class WindowFault:
+    """A fault in part of a log.
+
+    Attributes:
+        channel: velocity, position, effort, imu or legs.
+        what: joint, leg or sensor.
+        evidence: what is wrong with it, a clause that goes on after `what`.
+        windows: (k, 2) begin and end of the windows that show it [s], each as a pair, in order.
+        lasting: whether it spoils all that comes after it, and not these windows alone.
+    """
+
+    channel: str
+    what: str
+    evidence: str
+    windows: tuple[tuple[float, float], ...]
+    lasting: bool = False
+
+    @property
+    def message(self) -> str:
+        """One clause with what, where and when."""
+        begin, end, count = self.windows[0][0], self.windows[-1][1], len(self.windows)
+        when = f"from {begin:.2f} to {end:.2f} s" if count > 1 else f"at {begin:.2f} to {end:.2f} s"
+        return f"{self.what} {self.evidence}, {when}"
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Windows of a log.
+
+    Attributes:
+        edges: (windows + 1,) [s]. of_sample: (samples,), number of each sample's window.
+    """
+
+    edges: Array
+    of_sample: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, time: Array, length: float) -> Windows:
+        """As many of about this length [s] as fit."""
+        count = max(1, round(float(time[-1] - time[0]) / length))
+        edges = np.linspace(time[0], time[-1], count + 1)
+        return cls(edges, np.clip(np.searchsorted(edges, time, side="right") - 1, 0, count - 1))
+
+    def __len__(self) -> int:
+        return len(self.edges) - 1
+
+    def sums(self, values: Array, of_sample: NDArray[np.int64] | None = None) -> Array:
+        """Sums over windows of values (samples, k), (windows, k)."""
+        where = self.of_sample if of_sample is None else of_sample
+        return np.column_stack([np.bincount(where, column, len(self)) for column in values.T])
+
+    def spans(self, chosen: Bools) -> tuple[tuple[float, float], ...]:
+        """Begin and end of the chosen windows."""
+        return tuple((float(self.edges[k]), float(self.edges[k + 1])) for k in np.flatnonzero(chosen))
+
+
+def joint_faults(recording: Recording, robot: Robot, limits: WindowLimits) -> Iterator[WindowFault]:
+    """Faults of single joints.
+
+    Args:
+        recording: with the robot's joints; velocities only where they were measured.
+        robot: its model.
+        limits: see `WindowLimits`.
+    """
+    if len(recording) < limits.fewest:
+        return
+    windows = Windows.of(recording.time, limits.length)
+    joints = robot.tree.joints
+    if recording.velocity is not None:
+        yield from _velocity(recording, joints, windows, limits)
+    if recording.effort is not None:
+        effort = recording.channel("effort", joints)
+        yield from _beyond(effort, robot, windows, limits)
+        yield from _clipped(effort, robot, windows, limits)
+        yield from _noise(effort, joints, windows, limits)
+
+
+def _velocity(
+    recording: Recording, joints: tuple[str, ...], windows: Windows, limits: WindowLimits
+) -> Iterator[WindowFault]:
+    time, q = recording.time, recording.channel("position", joints)
+    step = np.diff(time)[:, None]
+    v = recording.channel("velocity", joints)
+    way = np.vstack([np.zeros(len(joints)), np.cumsum(0.5 * (v[1:] + v[:-1]) * step, axis=0)])  # ∫ q̇ dt
+    period = float(np.median(step))
+    m = max(1, round(limits.step / period))
+    span = time[m:] - time[:-m]
+    whole = span < GAP_FACTOR * m * period
+    by_q, by_v = ((x[m:] - x[:-m])[whole] / span[whole, None] for x in (q, way))
+    where = windows.of_sample[m:][whole]
+    apart = np.abs(by_q - by_v)
+    spike = apart > limits.spike * np.median(apart, axis=0)
+    by_q, by_v = (np.where(spike & (spike.mean(axis=0) < limits.few), 0.0, x) for x in (by_q, by_v))
+    dd, mm, dm = (windows.sums(product, where) for product in (by_q**2, by_v**2, by_q * by_v))
+    count = np.maximum(np.bincount(where, minlength=len(windows)), 1)[:, None]
+    noise = np.hypot(np.sqrt(2.0) * _white(q) / limits.step, _white(v) / np.sqrt(m))
+    moving = np.sqrt(np.maximum(dd, mm) / count) > np.maximum(limits.moving, limits.above * noise)
+    correlation = dm / np.maximum(np.sqrt(dd * mm), 1e-12)
+    gain = np.where(dd > 1e-12, dm / np.maximum(dd, 1e-12), 0.0)
+    still = (mm < limits.still**2 * dd) | (dd < limits.still**2 * mm)
+    unlike = still | (correlation < limits.correlation)
+    scaled = ~unlike & ((gain < limits.gain[0]) | (gain > limits.gain[1]))
+    wrong_anywhere = (moving & (unlike | scaled)).sum(axis=0) > 1
+    yield from _jumps(np.where(wrong_anywhere, 0.0, q - way), np.diff(way, axis=0), time, joints, limits)
+    for j, joint in enumerate(joints):
+        for wrong, said in ((unlike, _UNLIKE), (scaled, _SCALED)):
+            chosen = moving[:, j] & wrong[:, j]
+            if chosen.any():
+                text = said.format(float(np.median(gain[chosen, j])))
+                yield WindowFault("velocity", f"the velocity of {joint!r}", text, windows.spans(chosen))
+
+
+def _white(values: Array) -> Array:
+    """Standard deviation of the white noise of each column, by third differences, which smooth motion hardly has."""
+    return np.sqrt(np.median(np.diff(values, 3, axis=0) ** 2, axis=0) / (20.0 * _MEDIAN_OF_CHI2))
+
+
+def _jumps(
+    apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits
+) -> Iterator[WindowFault]:
+    """Steps of the position that the velocity does not have; of a spike, whose end undoes its beginning, none.
+
+    Args:
+        apart: (samples, n), position less ∫ q̇ dt [rad]. way: (samples - 1, n), steps of the latter.
+    """
+    step, gaps = np.diff(apart, axis=0), np.diff(time)
+    usual, period = np.median(np.abs(step), axis=0), np.median(gaps)
+    big = np.abs(step) > np.maximum(limits.jump, 20.0 * usual + np.abs(way))
+    big &= (gaps < GAP_FACTOR * period)[:, None]
+    for j, joint in enumerate(joints):
+        for k in np.flatnonzero(big[:, j])[:_MOST]:
+            before, later = max(k - limits.undone, 0), min(k + 1 + limits.undone, len(apart) - 1)
+            size, rest = float(step[k, j]), float(apart[later, j] - apart[before, j])
+            if limits.kept < rest / size < 1.0 / limits.kept:
+                where, at = f"the position of {joint!r}", float(time[k])
+                yield WindowFault("position", where, f"jumps by {rest:.2g} rad", ((at, at),), lasting=True)
+                break
+
+
+def _beyond(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
+    strongest = limits.weights * robot.mass * GRAVITY * LegModel.of(robot).length
+    for j, joint in enumerate(robot.tree.joints):
+        most = min(limits.beyond * robot.limits[joint].effort, strongest)
+        wild = np.abs(effort[:, j]) > most
+        if wild.any():
+            chosen = np.bincount(windows.of_sample[wild], minlength=len(windows)) > 0
+            peak = float(np.abs(effort[:, j]).max())
+            text = f"is up to {peak:.3g} N·m in {np.count_nonzero(wild)} samples, more than any drive of it gives"
+            yield WindowFault("effort", f"the torque of {joint!r}", text, windows.spans(chosen))
+
+
+def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
+    for j, joint in enumerate(robot.tree.joints):
+        values = effort[:, j]
+        for end in (values.max(), values.min()):
+            at = values == end
+            own = abs(abs(float(end)) / robot.limits[joint].effort - 1.0) < limits.own_limit
+            others = np.diff(values[~at])
+            if at.sum() < limits.repeats or own or not len(others):
+                continue
+            lively = np.count_nonzero(others) >= limits.lively * len(others)
+            next_to_it = values[~at][np.argmin(np.abs(values[~at] - end))]  # of a quantised signal the next level
+            crowded = at.sum() > limits.crowd * np.count_nonzero(values == next_to_it)
+            if lively and crowded and (at[1:] & at[:-1]).any():
+                chosen = np.bincount(windows.of_sample[at], minlength=len(windows)) > 0
+                text = f"stands at its largest value, {float(end):.3g} N·m, in {at.sum()} samples: it is clipped"
+                yield WindowFault("effort", f"the torque of {joint!r}", text, windows.spans(chosen))
+                break
+
+
+def _noise(effort: Array, joints: tuple[str, ...], windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
+    """Correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)²."""
+    count = np.maximum(np.bincount(windows.of_sample, minlength=len(windows)), 1)[:, None]
+    mean = windows.sums(effort) / count
+    away = windows.sums((effort - mean[windows.of_sample]) ** 2)
+    same = windows.of_sample[1:] == windows.of_sample[:-1]
+    steps = windows.sums(np.diff(effort, axis=0)[same] ** 2, windows.of_sample[1:][same])
+    correlation = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
+    for j, joint in enumerate(joints):
+        others = np.median(np.delete(correlation, j, axis=1), axis=1)
+        chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count[:, 0] > limits.fewest)
+        if chosen.any():
+            yield WindowFault("effort", f"the torque of {joint!r}", "is only noise", windows.spans(chosen))

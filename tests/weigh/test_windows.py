@@ -1,0 +1,133 @@
+"""Faults that only part of a log or part of its channels shows: named with channel, joint and time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stadera.errors import UntrustedError
+from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.logs import Recording
+from stadera.robot import Robot, load_robot
+from stadera.weigh.checks.limits import WindowLimits
+from stadera.weigh.checks.partial import judged, window_faults
+from stadera.weigh.weigh import weigh
+
+
+@pytest.fixture(scope="module")
+def hyq() -> Robot:
+    return load_robot("hyq")
+
+
+@pytest.fixture(scope="module")
+def shake(hyq: Robot) -> Recording:
+    return simulate(hyq, "shake", SimulateSettings("standard", duration=2.5, seed=3)).recording
+
+
+@pytest.fixture(scope="module")
+def trot(hyq: Robot) -> Recording:
+    return simulate(hyq, "trot", SimulateSettings("standard", duration=4.0, seed=1)).recording
+
+
+def spoilt(log: Recording, robot: Robot, name: str, seed: int = 0) -> Recording:
+    return SIGNAL_FAULTS[name].spoil(log, robot, np.random.default_rng(seed))
+
+
+def test_nothing_is_found_in_a_clean_log(hyq: Robot, trot: Recording, shake: Recording) -> None:
+    real = simulate(hyq, "trot", SimulateSettings("real", duration=2.5, seed=3)).recording
+    for log in (trot, shake, real):
+        assert window_faults(log, hyq) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "channel", "words"),
+    [
+        ("efforts of left and right legs swapped", "legs", "while its foot is raised"),
+        ("legs' positions and velocities swapped", "legs", "while its foot is raised"),
+        ("velocities' sign", "velocity", "is not the change of its position"),
+        ("velocities x2", "velocity", "times the change of its position"),
+        ("one velocity zero", "velocity", "is not the change"),
+        ("one encoder jumps by 5°", "position", "jumps by"),
+        ("five samples of 1e4 N·m", "effort", "1e+04 N·m in 5 samples"),
+        ("a knee clipped at 80 %", "effort", "it is clipped"),
+        ("a leg's torques only noise", "effort", "is only noise"),
+    ],
+)
+def test_a_fault_has_channel_joint_and_time(hyq: Robot, trot: Recording, name: str, channel: str, words: str) -> None:
+    found = window_faults(spoilt(trot, hyq, name), hyq)
+    first = next(fault for fault in found if fault.channel == channel)
+    assert words in first.message
+    assert first.message.endswith(" s")
+    if channel in ("velocity", "position", "effort"):
+        assert any(joint in first.what for joint in hyq.tree.joints)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("gyro's sign", "the opposite of its rotation"),
+        ("gyro in deg/s", "which turn less"),
+        ("IMU yawed 90°", "by 90° about the vertical"),  # HyQ's is mounted upside down
+        ("IMU yawed 180°", "by 180° about the vertical"),
+        ("whole left and right legs swapped", "as if left and right were swapped"),
+    ],
+)
+def test_a_gyro_is_held_against_the_feet(hyq: Robot, shake: Recording, name: str, words: str) -> None:
+    (fault,) = (fault for fault in window_faults(spoilt(shake, hyq, name), hyq) if fault.channel == "imu")
+    assert words in fault.message
+    assert fault.lasting
+
+
+def test_a_knee_whose_torque_counts_twice_is_not_trusted(hyq: Robot, trot: Recording) -> None:
+    assert trot.effort is not None
+    effort = trot.effort * np.where(np.array(trot.joints) == hyq.legs[1].joints[2], 2.0, 1.0)
+    with pytest.raises(UntrustedError, match="not to be trusted"):
+        weigh(hyq, replace(trot, effort=effort))
+
+
+PINNED = (
+    "efforts of left and right legs swapped",
+    "IMU yawed 90°",
+    "velocities' sign",
+    "a knee clipped at 80 %",
+    "a leg's torques only noise",
+)
+
+
+@pytest.mark.parametrize("name", PINNED)
+def test_no_fault_gives_a_tight_number_without_a_word(hyq: Robot, trot: Recording, name: str) -> None:
+    try:
+        found = weigh(hyq, spoilt(trot, hyq, name))
+    except UntrustedError:
+        return
+    assert found.trust.verdict != "good"
+    assert found.trust.reasons
+
+
+def test_what_a_few_samples_spoil_is_left_out_and_the_rest_is_weighed(hyq: Robot, trot: Recording) -> None:
+    clean, bad = weigh(hyq, trot), weigh(hyq, spoilt(trot, hyq, "five samples of 1e4 N·m"))
+    assert any("1e+04 N·m" in refusal.reason for refusal in bad.refusals)
+    assert any(note.startswith("left out: the torque of") for note in bad.notes)
+    assert bad.mass == pytest.approx(clean.mass, abs=clean.mass_std)
+
+
+def test_a_drive_at_its_own_limit_is_not_clipped(hyq: Robot, trot: Recording) -> None:
+    assert trot.effort is not None
+    joint = trot.joints[2]
+    most = float(0.8 * np.abs(trot.effort[:, 2]).max())
+    log = replace(trot, effort=np.clip(trot.effort, -most, most))
+    weak = replace(hyq, limits={**hyq.limits, joint: replace(hyq.limits[joint], effort=most)})
+    named = [fault.what for fault in window_faults(log, weak) if "clipped" in fault.evidence]
+    assert not any(joint in what for what in named)
+
+
+def test_windows_are_left_out_only_while_they_are_few(hyq: Robot, trot: Recording) -> None:
+    limits = WindowLimits()
+    for name, share in (("five samples of 1e4 N·m", None), ("a leg's torques only noise", "bad")):
+        faults = window_faults(spoilt(trot, hyq, name), hyq)
+        verdicts = {verdict for _, verdict in judged(faults, 4.0, limits)}
+        assert share in verdicts
