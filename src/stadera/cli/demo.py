@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from stadera.cli.options import JsonFile
-from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
+from stadera.cli.outputs import check_outputs, check_report, json_of, page_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 _REPORT = Path("out") / "demo.html"
@@ -47,7 +47,7 @@ def demo(
 
         result = run_demo(DemoSettings(seed=seed, classic=classic and not nonstop), follow)
     write_outputs(
-        (report, text_of(lambda: demo_html(result))),
+        (report, page_of(lambda: demo_html(result))),
         (json, json_of(result.to_dict)),
     )
     show(*demo_tables(result))
