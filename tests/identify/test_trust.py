@@ -142,6 +142,6 @@ def test_pages_models_and_plots(result: Identification, tmp_path) -> None:
     result.save_urdf(tmp_path / "r.urdf")
     assert "<html" in (tmp_path / "r.html").read_text()
     assert stadera.load_robot(tmp_path / "r.urdf").mass == pytest.approx(result.identified_robot().mass)
-    assert result.plot().data
+    assert result.plot().axes
     assert len(repr(result).splitlines()) < 10
     assert "RH: " in repr(result)

@@ -78,7 +78,7 @@ def test_sensor_errors_leave_a_better_model_than_cad_with_offsets(fig4: Experime
 
 def test_fig_4_has_three_torque_panels_and_the_errors_of_the_first_joint(fig4: ExperimentResult) -> None:
     panels = fig4.figures[0].panels
-    assert [p.y_title for p in panels] == ["torque [N·m]"] * 3 + ["error [N·m]"]
+    assert [p.y.title for p in panels] == ["torque [N·m]"] * 3 + ["error [N·m]"]
     measured, cad, identified = panels[0].lines
     assert [line.role for line in (measured, cad, identified)] == ["measured", "prior", "identified"]
     errors = {line.role: line.y for line in panels[3].lines}

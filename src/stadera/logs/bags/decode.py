@@ -11,6 +11,7 @@ import numpy as np
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
 from stadera.logs.bags.container import Message, Topic
+from stadera.logs.bags.repeated import Repeated
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS
@@ -68,7 +69,12 @@ def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings:
     types = _types(topic, encoding)
     deserialize = types.deserialize_ros1 if encoding == "ros1" else types.deserialize_cdr
     read = _imu if topic.kind == IMU else _states(finder(types.fielddefs, topic.kind), topic.kind)
-    return lambda message: read(message, deserialize(uncompressed(message.data), topic.kind))
+
+    def decode(message: Message) -> Sample:
+        return read(message, deserialize(uncompressed(message.data), topic.kind))
+
+    usual = encoding == "cdr" and topic.kind in (JOINT_STATE, IMU)
+    return Repeated(decode, is_imu=topic.kind == IMU) if usual else decode
 
 
 def is_low_state(topic: Topic) -> bool:

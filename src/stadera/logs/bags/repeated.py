@@ -1,0 +1,96 @@
+"""JointState and Imu of ROS 2 by the places of their numbers, as long as messages are laid out like the one before.
+
+In CDR a header is a stamp of 8 bytes and the frame's name. What follows up to the first number (names of joints among
+it) is the same in message after message of a publisher, so the numbers stay in their places: doubles, aligned to 8
+bytes behind the four of the encapsulation. Anything else is left to a decoder that reads every field.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.logs.bags.container import Message
+from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.logs.bags.decode import Sample
+
+_LITTLE = b"\0\1\0\0"
+_STAMP = 12  # where the frame's name begins: behind encapsulation and stamp
+_IMU = 37  # numbers: quaternion, rates, specific force, each with nine of its covariance
+_IMU_ORDER = np.array([13, 14, 15, 25, 26, 27, 0, 1, 2, 3])
+_UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covariances that begin with -1, and of what
+
+
+class Repeated:
+    """A decoder that learns from each message how the next one will be laid out.
+
+    Args:
+        decode: reads every field.
+        is_imu: whether the messages are Imu, and not JointState.
+    """
+
+    def __init__(self, decode: Callable[[Message], Sample], *, is_imu: bool) -> None:
+        self._decode, self._is_imu = decode, is_imu
+        self._like: Sample | None = None
+        self._prefix, self._length, self._first, self._count = b"", 0, 0, 0
+        self._gaps: tuple[slice, ...] = ()
+        self._joints = b""  # their number, as it stands before each array
+        self._order: NDArray[np.intp] = _IMU_ORDER
+
+    def __call__(self, message: Message) -> Sample:
+        data, like = message.data, self._like
+        if like is None or not self._is_laid_out_alike(data):
+            sample = self._decode(message)
+            self._learn(data, sample)
+            return sample
+        numbers = np.frombuffer(data, "<f8", self._count, self._first)
+        values = numbers[self._order]
+        if self._is_imu:
+            _blank_unknown(values, numbers)
+        seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+        stamp = seconds * 1_000_000_000 + nanoseconds
+        return like._replace(topic=message.topic, received=message.received, stamp=stamp, values=values)
+
+    def _is_laid_out_alike(self, data: bytes) -> bool:
+        return (
+            len(data) == self._length
+            and data[:4] == _LITTLE
+            and data[_STAMP : self._first] == self._prefix
+            and all(data[gap] == self._joints for gap in self._gaps)
+        )
+
+    def _learn(self, data: bytes, sample: Sample) -> None:
+        """Where the next message's numbers are, if it is laid out like this one."""
+        self._like = None
+        if data[:4] != _LITTLE:
+            return
+        joints = 0 if self._is_imu else len(sample.columns) // 3
+        count = (
+            _IMU if self._is_imu else 3 * joints + 2
+        )  # before the second and third array stand 8 bytes with its length
+        first = len(data) - 8 * count
+        if (first - 4) % 8 or first <= _STAMP or not (joints or self._is_imu):
+            return  # something follows, or an array is empty
+        self._prefix, self._length, self._first, self._count = data[_STAMP:first], len(data), first, count
+        if not self._is_imu:
+            self._joints = struct.pack("<I", joints)
+            starts = (first - 8, first + 8 * joints, first + 16 * joints + 8)
+            self._gaps = tuple(slice(start, start + 4) for start in starts[1:])
+            self._order = np.delete(np.arange(count), [joints, 2 * joints + 1])
+        if self._is_laid_out_alike(data):
+            self._like = sample
+
+
+def _blank_unknown(values: Array, numbers: NDArray[Any]) -> None:
+    """Values that sensor_msgs/Imu marks as unknown become NaN: by a covariance, or a quaternion of zeros."""
+    for covariance, part in _UNKNOWN:
+        if numbers[covariance] == -1.0:
+            values[part] = np.nan
+    if not values[6:].any():
+        values[6:] = np.nan
