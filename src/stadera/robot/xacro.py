@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from contextlib import redirect_stderr
 from io import StringIO
 from pathlib import Path
+from xml.dom.minidom import Element
 
 from stadera.errors import MissingExtraError, ModelError
 from stadera.limits import DEFAULTS, Limits
@@ -34,10 +35,13 @@ def expanded(path: Path) -> str:
     if not is_xacro(path):
         return path.read_text(encoding="utf-8-sig")
     by_hand = f"expand it where its packages are: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    write = Element.writexml  # which xacro replaces for the whole process by one that drops white space
     try:
         import xacro
     except ModuleNotFoundError as error:
         raise MissingExtraError("xacro", "xacro", f"{path}: a xacro; {by_hand}; reading it as it is") from error
+    finally:
+        Element.writexml = write  # type: ignore[method-assign]
     said = StringIO()
     try:
         with redirect_stderr(said):  # where xacro prints warnings

@@ -79,11 +79,11 @@ def test_sensor_errors_leave_a_better_model_than_cad_with_offsets(fig4: Experime
 def test_fig_4_has_three_torque_panels_and_the_errors_of_the_first_joint(fig4: ExperimentResult) -> None:
     panels = fig4.figures[0].panels
     assert [p.y.title for p in panels] == ["torque [N·m]"] * 3 + ["error [N·m]"]
-    measured, cad, identified = panels[0].lines
-    assert [line.role for line in (measured, cad, identified)] == ["measured", "prior", "identified"]
-    errors = {line.role: line.y for line in panels[3].lines}
-    assert errors["prior"] == pytest.approx(measured.y - cad.y)
-    assert errors["identified"] == pytest.approx(measured.y - identified.y)
+    measured, cad, identified = panels[0].marks
+    assert [line.name for line in (measured, cad, identified)] == [line.name for line in panels[1].marks]
+    off_cad, off_identified = panels[3].marks
+    assert off_cad.y == pytest.approx(measured.y - cad.y)
+    assert off_identified.y == pytest.approx(measured.y - identified.y)
 
 
 def test_real_legs_are_predicted_no_worse_than_by_cad_with_friction(shared_data: Path) -> None:
