@@ -59,8 +59,8 @@ def inspect(
         summary = summarize(stream(log))
         show(*log_contents(summary, _fitting(summary.joints)))
         return
+    from stadera.checks import diagnose
     from stadera.robot import load_robot
-    from stadera.weigh.checks import diagnose
 
     model = load_robot(robot, limits_of(limit))
     summary = summarize(stream(log))

@@ -14,9 +14,9 @@ from stadera.report.table import Cell, TableData
 from stadera.report.terminal import notes, rich_table
 
 if TYPE_CHECKING:
+    from stadera.checks import Finding
     from stadera.logs.summary import LogSummary
     from stadera.robot.model import Robot
-    from stadera.weigh.checks import Finding
 
 _MOST_GAPS = 5
 

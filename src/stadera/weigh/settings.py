@@ -15,7 +15,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Progress
-from stadera.weigh.checks.limits import WindowLimits
+from stadera.checks.limits import WindowLimits
 
 if TYPE_CHECKING:
     from stadera.trunk.estimator import TrunkEstimator

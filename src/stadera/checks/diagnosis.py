@@ -1,47 +1,39 @@
 """Consistency checks on a log, run before estimation. Each finding names the fault and the evidence for it.
 
-Sensors that fall silent, an IMU that does not show gravity or is turned, joints in another order, torques of another
-sign: each gives a robot of some weight, but not its own. So a log is compared with what is impossible for a robot on
-its feet (`consistency`), and the usual mistakes are tried on it (`hypotheses`).
+Units that are not SI, sensors that fall silent, an IMU that does not show gravity or is turned, joints in another
+order, torques of another sign: each gives a robot of some weight, but not its own. So values are compared with what
+they can be (`units`), a log with what is impossible for a robot on its feet (`statics`) and with how a robot moves
+(`motion`), and the usual mistakes are tried on it (`hypotheses`).
 
-What cannot be seen: on a robot that stands symmetrically, left and right or front and hind legs that are swapped, and
-an IMU turned about the vertical, look right until the trunk tilts. Left and right swapped may stay hidden even then,
-where the hips' roll axes point the same way on both sides (Go2).
+What cannot be seen: on a robot that stands still, left and right or front and hind legs that are swapped, and an IMU
+turned about the vertical, look right until the trunk tilts or the load shifts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.constants import GRAVITY
+from stadera.checks.blocks import Blocks
+from stadera.checks.explain import explain, explain_motion
+from stadera.checks.finding import Finding
+from stadera.checks.footing import Footing
+from stadera.checks.limits import CheckLimits
+from stadera.checks.mend import Mend, upwards
+from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
+from stadera.checks.units import (
+    gravity_findings,
+    gyro_findings,
+    position_findings,
+    time_findings,
+    velocity_findings,
+)
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.types import Array
-from stadera.weigh.checks.consistency import Consistency, ConsistencyModel, Sensed, block_means, blocks_of
-from stadera.weigh.checks.hypotheses import explain
-from stadera.weigh.checks.limits import CheckLimits
-
-FATAL = ("no_torque", "imu_gravity", "imu_frame", "torque_signs", "joint_order")
-"""Causes that leave nothing to weigh by."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something wrong with a log.
-
-    Attributes:
-        cause: in one word: dropout, stuck, no_torque, imu_gravity, imu_frame, orientation, torque_signs, joint_order,
-            not_on_feet, contradiction.
-        message: the fault and the evidence for it, one sentence.
-    """
-
-    cause: str
-    message: str
 
 
 def diagnose(
@@ -63,17 +55,31 @@ def diagnose(
         UnknownNameError: no such frame.
     """
     limits = limits or CheckLimits()
-    found = [*_silences(recording), *_stuck(recording, limits)]
-    if not set(robot.tree.joints) <= set(recording.joints) or len(recording) < 2:
-        return tuple(found)
-    gravity = () if recording.imu is None else tuple(_gravity(recording.imu, limits))
-    found += gravity
-    if recording.effort is None or gravity:
+    found = [*_silences(recording), *_stuck(recording, limits), *unit_findings(recording, robot, limits)]
+    whole = set(robot.tree.joints) <= set(recording.joints) and len(recording) > 1
+    if not whole or recording.effort is None or any(finding.cause in _BLINDING for finding in found):
         return tuple(found)
     if recording.imu is not None:
         found += _orientation(recording.imu, recording.time, limits)
-    found += _contradictions(recording, robot, _mount(recording, robot, imu_frame), limits)
+    blocks = Blocks.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
+    found += _contradictions(blocks, ConsistencyModel(robot, limits))
     return tuple(found)
+
+
+_BLINDING = ("time_unit", "position_unit", "imu_gravity")
+"""Causes that make everything else contradict itself as well."""
+
+
+def unit_findings(recording: Recording, robot: Robot, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
+    """Values in another unit than SI's, or of another sign than what they are measured of; whatever the robot does."""
+    limits = limits or CheckLimits()
+    found = [*time_findings(recording, limits), *position_findings(recording, robot, limits)]
+    joints = tuple(joint for joint in robot.tree.joints if joint in recording.joints)
+    if not found and joints and len(recording) > 1:
+        found += velocity_findings(Blocks.of(recording, joints, None, limits), joints, limits)
+    gravity = () if recording.imu is None else tuple(gravity_findings(recording.imu, limits))
+    gyro = () if found or gravity else tuple(gyro_findings(recording, limits))
+    return (*found, *gravity, *gyro)
 
 
 def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = None) -> tuple[str, ...]:
@@ -82,8 +88,8 @@ def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = N
     Arguments and errors as `diagnose`; the recording has all of the robot's joints and their torques.
     """
     limits = CheckLimits()
-    sensed = _sensed(recording, robot, _mount(recording, robot, imu_frame), limits.samples)
-    return tuple(ConsistencyModel(robot, limits).evaluate(sensed).faults())
+    blocks = Blocks.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
+    return tuple(ConsistencyModel(robot, limits).evaluate(Footing(robot, blocks)).faults()) if len(blocks) else ()
 
 
 def _mount(recording: Recording, robot: Robot, imu_frame: str | None) -> ImuMount | None:
@@ -153,21 +159,6 @@ def _longest_repeat(time: Array, values: Array, limits: CheckLimits) -> tuple[fl
 # -- the IMU by itself ----------------------------------------------------------------------------------------------
 
 
-def _gravity(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
-    sizes = np.linalg.norm(imu.linear_acceleration, axis=1)
-    size = float(np.median(sizes))
-    mean = float(np.linalg.norm(imu.linear_acceleration.mean(axis=0)))
-    if min(abs(size - GRAVITY), abs(mean - GRAVITY)) < limits.gravity:
-        return
-    if mean < 0.5:
-        why = "gravity seems to have been taken out; what an accelerometer reads itself is needed"
-    elif abs(size - 1.0) < 0.1:
-        why = "it seems to be in units of g; m/s² are needed"
-    else:
-        why = "its unit or scale is wrong"
-    yield Finding("imu_gravity", f"the specific force is {size:.3g} m/s² where gravity is {GRAVITY:g} m/s²: {why}")
-
-
 def _orientation(imu: Imu, time: Array, limits: CheckLimits) -> Iterator[Finding]:
     """Up by the orientation against up by the accelerometer, on average in IMU axes."""
     if imu.orientation is None:
@@ -177,7 +168,7 @@ def _orientation(imu: Imu, time: Array, limits: CheckLimits) -> Iterator[Finding
     force = block_means(_thin(imu.linear_acceleration, limits.samples), block)
 
     def angle(xyzw: Array) -> float:
-        up = block_means(_up(xyzw), block)
+        up = block_means(upwards(xyzw), block)
         across, along = np.linalg.norm(np.cross(up, force), axis=1), (up * force).sum(axis=1)
         return float(np.median(np.arctan2(across, along)))
 
@@ -185,46 +176,82 @@ def _orientation(imu: Imu, time: Array, limits: CheckLimits) -> Iterator[Finding
     if now <= limits.upright:
         return
     ways = {
-        "the quaternion seems to be in the order w, x, y, z": quaternion[:, [1, 2, 3, 0]],
-        "the quaternion seems to be of the world in the IMU's frame, the inverse": quaternion * [-1, -1, -1, 1],
+        "the quaternion seems to be in the order w, x, y, z": ("wxyz", quaternion[:, [1, 2, 3, 0]]),
+        "the quaternion seems to be of the world in the IMU's frame, the inverse": (
+            "inverse",
+            quaternion * [-1, -1, -1, 1],
+        ),
     }
-    angles = {why: angle(other) for why, other in ways.items()}
+    angles = {why: angle(other) for why, (_, other) in ways.items()}
     why = min(angles, key=lambda w: angles[w])
-    said = f": {why}" if angles[why] < limits.upright else ""
-    yield Finding("orientation", f"the IMU's orientation has up {np.degrees(now):.0f}° off its own accelerometer{said}")
-
-
-def _up(xyzw: Array) -> Array:
-    """The world's z axis in the body's axes, (samples, 3); NaN-free for quaternions that are not zero."""
-    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
-    return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    text = f"the IMU's orientation has up {np.degrees(now):.0f}° off its own accelerometer"
+    if angles[why] < limits.upright:
+        yield Finding("orientation", f"{text}: {why}", mend=Mend(f"{why}, and put right", quaternion=ways[why][0]))
+    else:
+        yield Finding("orientation", text)
 
 
 # -- all sensors together -------------------------------------------------------------------------------------------
 
 
-def _contradictions(
-    recording: Recording, robot: Robot, mount: ImuMount | None, limits: CheckLimits
-) -> Iterator[Finding]:
-    model = ConsistencyModel(robot, limits)
-    now = model.evaluate(_sensed(recording, robot, mount, limits.samples))
+def _contradictions(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding]:
+    if not len(blocks):
+        return
+    now = model.evaluate(Footing(model.robot, blocks))
     faults = list(now.faults())
-    if not faults:
-        return
     if now.hangs:
-        yield Finding(
-            "not_on_feet",
-            f"the feet carry {now.weighs:.2g} kg of {robot.mass:.3g} kg: the robot is not on its feet, or its torques "
-            "are not in N·m",
-        )
-        return
-    if (found := explain(_sensed(recording, robot, mount, limits.trial_samples), model)) is not None:
+        yield _hanging(blocks, now, model)
+    elif not faults:
+        yield from _in_motion(blocks, model)
+    elif (found := explain(blocks, model)) is not None:
         others = "".join(f", or {other.text}" for other in found.others)
         text = f"{found.hypothesis.text}{others}: as recorded, {_listing(faults)}; otherwise {_fit(found.without)}"
-        yield Finding(found.hypothesis.cause, text)
+        mend = None if found.others else found.hypothesis.mend
+        yield Finding(found.hypothesis.cause, text, found.hypothesis.option, mend)
+    else:
+        who = "encoders, torques and IMU" if now.imu else "encoders and torques"
+        yield Finding("contradiction", f"{who} contradict each other: {_listing(faults)}{_outlier(now)}")
+
+
+def _in_motion(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding]:
+    found = explain_motion(blocks, model)
+    if found is None:
         return
-    who = "encoders, torques and IMU" if now.imu else "encoders and torques"
-    yield Finding("contradiction", f"{who} contradict each other: {_listing(faults)}{_outlier(now)}")
+    others = "".join(f", or {other.text}" for other in found.others)
+    text = (
+        f"{found.hypothesis.text}{others}: as recorded, feet that carry slide at {100 * found.slides:.2g} cm/s and the "
+        f"trunk is out of balance; otherwise at {100 * found.would_slide:.2g} cm/s, and in balance "
+        f"({found.gain.deviations:.1f} standard deviations)"
+    )
+    mend = None if found.others else found.hypothesis.mend
+    yield Finding(found.hypothesis.cause, text, found.hypothesis.option, mend)
+
+
+def _hanging(blocks: Blocks, now: Consistency, model: ConsistencyModel) -> Finding:
+    """A robot in the air, or torques so small that it seems to be.
+
+    In the air torques carry the legs alone, on the ground, in whatever unit, they follow what a quarter of the robot's
+    weight on each foot takes.
+    """
+    footing = Footing(model.robot, blocks)
+    columns = footing.legs.columns
+    effort, a = blocks.effort[:, columns], footing.specific_force
+    own = np.einsum("inlk,ni->nlk", footing.legs.weight_torques(footing.pose), a)
+    push = 0.25 * model.robot.mass * a
+    taken = own - np.einsum("inlk,ni->nlk", footing.pose.jacobians(footing.contact.transpose(2, 0, 1)), push)
+    size = float(np.sqrt((effort**2).sum() * (taken**2).sum())) or 1.0
+    factor = float((taken**2).sum() / ((effort * taken).sum() or 1.0))
+    if (effort * taken).sum() / size > model.limits.standing_torques:
+        text = (
+            f"the torques are those of a robot on its feet, but about {factor:.2g} times too small: of motors before "
+            "the gear, or in another unit"
+        )
+        return Finding("torque_unit", text, "--gear RATIO")
+    return Finding(
+        "not_on_feet",
+        f"the feet carry {now.weighs:.2g} kg of {model.robot.mass:.3g} kg: the robot is not on its feet but in the "
+        "air, which is a log for `stadera identify`",
+    )
 
 
 def _outlier(now: Consistency) -> str:
@@ -239,19 +266,6 @@ def _outlier(now: Consistency) -> str:
     if max(now.plane_force_angle, now.plane_angle, now.force_angle) < close and (now.loads > 0).all():
         return "; all directions agree, so that it is the torques' unit or scale, or the model, that seems wrong"
     return "; check the joints' names, the torques' signs and units, and the IMU's frame"
-
-
-def _sensed(recording: Recording, robot: Robot, mount: ImuMount | None, most: int) -> Sensed:
-    joints = robot.tree.joints
-    imu, force = recording.imu, None
-    if imu is not None and mount is not None:
-        force = mount.in_trunk_axes(_thin(imu.linear_acceleration, most))
-    return Sensed(
-        time=_thin(recording.time, most),
-        position=_thin(recording.channel("position", joints), most),
-        effort=_thin(recording.channel("effort", joints), most),
-        specific_force=force,
-    )
 
 
 def _thin(values: Array, most: int) -> Array:

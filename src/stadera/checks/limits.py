@@ -34,9 +34,26 @@ class CheckLimits:
         upright: between orientation and accelerometer on where up is [rad].
         stuck: time for which a value may repeat bit for bit in a signal that elsewhere does not [s].
         lively: share of its steps at which a signal changes that is measured anew each time.
-        samples, trial_samples: to which a log is thinned out, and once more for trying fault hypotheses.
+        samples: to which signals are thinned out, where instants are not needed.
+        instant: over which signals are averaged and differentiated [s]; a trot's steps last five or more.
+        instants, trial_instants: to which a log is thinned out, and once more for trying fault hypotheses on averages.
         much_better: share of the cost that may be left where a hypothesis is confirmed.
         same, similar: differences of cost within which the simpler hypothesis counts, and within which both are named.
+        slide: usual speed of a foot that carries, in lengths of the leg a second: encoder noise, and rolling.
+        carries: share of the weight above which a foot carries for certain, whatever its swing takes.
+        lively_motion: times `slide` above which the robot moves.
+        unbalance: usual wrench that is left over, as a share of the weight.
+        lively_share: of the instants in which the robot moves, above which it is not at rest.
+        gain, gain_at_rest: by which a hypothesis lowers the cost of an instant (see `motion`) to be confirmed. In clean
+            logs of eight robots in motion none gains more than 0.05, and 0.2 at rest, where constant errors count.
+        deviations: of that gain from zero.
+        alike: share of the largest gain from which another hypothesis is named with it.
+        slow: step between samples from which time is not in seconds [s].
+        turns: angle beyond the limits from which a position is in degrees, if it is within them once converted [rad].
+        turning: root mean square of velocities above which they are compared with slopes of positions [rad/s].
+        correlation: of velocities and slopes below which they are not each other's.
+        standing_torques: correlation of torques with those of a robot on its feet, above which it is on its feet.
+        unit_tolerance: of a ratio from that of two units, as a share.
     """
 
     lightest: float = 0.6
@@ -60,10 +77,27 @@ class CheckLimits:
     stuck: float = 0.05
     lively: float = 0.9
     samples: int = 4000
-    trial_samples: int = 200
+    instant: float = 0.04
+    instants: int = 1500
+    trial_instants: int = 200
     much_better: float = 0.25
     same: float = 0.02
     similar: float = 0.3
+    slide: float = 0.03
+    carries: float = 0.15
+    lively_motion: float = 3.0
+    unbalance: float = 0.05
+    lively_share: float = 0.3
+    gain: float = 0.08
+    gain_at_rest: float = 0.3
+    deviations: float = 2.5
+    alike: float = 0.9
+    slow: float = 0.5
+    turns: float = 0.7
+    turning: float = 0.2
+    correlation: float = 0.5
+    standing_torques: float = 0.8
+    unit_tolerance: float = 0.3
 
     def __post_init__(self) -> None:
         require_positive("check limit", self, [field.name for field in fields(self)])

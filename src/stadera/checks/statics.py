@@ -17,30 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.checks.footing import Footing
+from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
-from stadera.legs.model import LegModel, foot_positions
+from stadera.legs.model import foot_positions
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.standing.contact import ground_normal
-from stadera.trunk.standing.vertical import vertical_by_forces
 from stadera.types import Array
-from stadera.weigh.checks.limits import CheckLimits
-
-
-@dataclass(frozen=True, eq=False)
-class Sensed:
-    """Sensor data, evenly thinned out; joints in the tree's order.
-
-    Attributes:
-        time: (samples,) [s].
-        position: (samples, n) [rad]. effort: (samples, n) [N·m].
-        specific_force: (samples, 3) [m/s²], trunk axes; None without an IMU.
-    """
-
-    time: Array
-    position: Array
-    effort: Array
-    specific_force: Array | None
 
 
 @dataclass(frozen=True)
@@ -180,7 +164,7 @@ class Consistency:
 
 
 class ConsistencyModel:
-    """Evaluates sensor data of one robot."""
+    """Evaluates logs of one robot."""
 
     def __init__(self, robot: Robot, limits: CheckLimits) -> None:
         self.robot, self.limits = robot, limits
@@ -190,28 +174,26 @@ class ConsistencyModel:
         feet = foot_positions(robot, standing_configuration(robot)[None])[0]
         self._size = 0.5 * float(np.linalg.norm(np.ptp(feet[:, :2], axis=0)))
         trunk = robot.inertias[robot.trunk]
-        self._legs = LegModel.of(robot)
         self._share = float(trunk.mass / robot.mass)
         self._com = np.asarray(trunk.com)
 
-    def evaluate(self, sensed: Sensed) -> Consistency:
-        """The figures of some sensor data."""
-        a = self._by_forces(sensed) if sensed.specific_force is None else sensed.specific_force
-        force, contact = self._forces(sensed, a)
+    def evaluate(self, footing: Footing) -> Consistency:
+        """The figures of some instants of a log."""
+        blocks, a = footing.blocks, footing.specific_force
         mean_a = a.mean(axis=0)
         up = mean_a / np.linalg.norm(mean_a)
-        legs = force.mean(axis=0)
+        legs = footing.force.mean(axis=0)
         total = legs.sum(axis=0)
         loads = legs @ up
         weight = float(total @ up)
-        moment = np.cross(contact, force).sum(axis=1).mean(axis=0)
+        moment = np.cross(footing.contact, footing.force).sum(axis=1).mean(axis=0)
         # at rest Σ p x f = c x Σ f; what is across the vertical, from the model's trunk in the middle of its legs
         centre = np.cross(up, moment) / (weight if abs(weight) > 1e-6 else 1e-6)
-        middle = contact.mean(axis=(0, 1))
+        middle = footing.contact.mean(axis=(0, 1))
         model = self._share * self._com + (1.0 - self._share) * middle
         off = (centre - model) - up * ((centre - model) @ up)
-        normal = _plane(contact)
-        beyond = np.maximum(np.maximum(sensed.position - self._upper, self._lower - sensed.position), 0.0)
+        normal = _plane(footing.contact)
+        beyond = np.maximum(np.maximum(blocks.position - self._upper, self._lower - blocks.position), 0.0)
         return Consistency(
             robot=self.robot,
             limits=self.limits,
@@ -224,20 +206,10 @@ class ConsistencyModel:
             plane_force_angle=_angle(normal, total),
             off_centre=off,
             outside=beyond.mean(axis=0),
-            tilts=Tilts.of(sensed.time, a, contact, self.limits),
+            tilts=Tilts.of(blocks.time, a, footing.contact, self.limits),
             size=self._size,
-            imu=sensed.specific_force is not None,
+            imu=blocks.specific_force is not None,
         )
-
-    def _by_forces(self, sensed: Sensed) -> Array:
-        """What an accelerometer would have read if the feet's forces were along the vertical, (samples, 3)."""
-        still = np.zeros_like(sensed.position)
-        return GRAVITY * vertical_by_forces(self.robot, sensed.position, still, sensed.effort)[0]
-
-    def _forces(self, sensed: Sensed, a: Array) -> tuple[Array, Array]:
-        """Forces on the feet [N] and contacts [m], trunk frame, (samples, 4, 3), at rest in the specific force a."""
-        columns = self._legs.columns
-        return self._legs.forces_at_rest(sensed.position[:, columns], sensed.effort[:, columns], a)
 
 
 def _angle(a: Array, b: Array) -> float:

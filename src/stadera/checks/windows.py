@@ -10,7 +10,7 @@ Joint by joint, in windows of a second:
   bit for bit is clipped.
 - torque that is only noise: without correlation from sample to sample, while the other torques have it.
 
-Checks of the legs together are in `stadera.weigh.checks.motion`.
+Checks of the legs together are in `stadera.checks.leg_windows`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
-from stadera.weigh.checks.limits import WindowLimits
+from stadera.checks.limits import WindowLimits
 
 _MEDIAN_OF_CHI2 = 0.455
 _MOST = 20  # steps of one joint that are looked at

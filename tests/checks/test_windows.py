@@ -13,8 +13,8 @@ from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
-from stadera.weigh.checks.limits import WindowLimits
-from stadera.weigh.checks.partial import judged, window_faults
+from stadera.checks.limits import WindowLimits
+from stadera.checks.partial import judged, window_faults
 from stadera.weigh.weigh import weigh
 
 

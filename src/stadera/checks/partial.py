@@ -8,9 +8,9 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trust import Verdict
-from stadera.weigh.checks.limits import WindowLimits
-from stadera.weigh.checks.motion import leg_faults
-from stadera.weigh.checks.windows import WindowFault, joint_faults
+from stadera.checks.limits import WindowLimits
+from stadera.checks.leg_windows import leg_faults
+from stadera.checks.windows import WindowFault, joint_faults
 
 _SURVIVED = {"position"}
 """Channels whose lasting faults change geometry alone, which the error bars contain up to a few degrees."""

@@ -11,7 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from stadera.checks.consistency import ConsistencyModel, Sensed
 
+from stadera.checks import CheckLimits
 from stadera.errors import UntrustedError
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
@@ -21,8 +23,6 @@ from stadera.logs.join import take
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.weigh import diagnose
-from stadera.weigh.checks import CheckLimits
-from stadera.weigh.checks.consistency import ConsistencyModel, Sensed
 from stadera.weigh.reading import CheckedLog
 from stadera.weigh.settings import Request
 from standing import GRAVITY, StandingRobot

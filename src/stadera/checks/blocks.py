@@ -1,0 +1,114 @@
+"""A log as the checks look at it: means and slopes over instants of 40 ms, evenly thinned out by the second."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.checks.limits import CheckLimits
+from stadera.logs.recording import Recording
+from stadera.robot.imu import ImuMount
+from stadera.types import Array
+
+_GROUP = 25  # instants in a row, one second: over which nothing is thinned out
+_AT_LEAST = 3  # samples of an instant that has slopes
+_WHOLE = 1.5  # an instant that lasts longer than this many times its share of the log has a gap in it
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Instants of a log, joints in the order asked for.
+
+    Attributes:
+        time: (instants,) [s], their middles.
+        group: (instants,), the stretch of up to a second, without a gap, that each is in.
+        position, effort: (instants, n) [rad, N·m], means.
+        rate: (instants, n) [rad/s], slopes of the positions; NaN where an instant has too few samples.
+        velocity: (instants, n) [rad/s], means of what was recorded; None where nothing was.
+        specific_force, angular_velocity: (instants, 3) [m/s², rad/s], trunk axes, means; None without an IMU.
+    """
+
+    time: Array
+    group: NDArray[np.int64]
+    position: Array
+    rate: Array
+    effort: Array
+    velocity: Array | None = None
+    specific_force: Array | None = None
+    angular_velocity: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @classmethod
+    def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Blocks:
+        """Instants of a recording that has these joints; efforts that it has not are zero."""
+        chosen = [recording.index(joint) for joint in joints]
+        steps = np.diff(recording.time)
+        period = float(np.median(steps)) if len(steps) else limits.instant
+        n = max(round(limits.instant / period), _AT_LEAST) if 2.0 * period <= limits.instant else 1
+        count = len(recording) // n
+        rows = _thinned(count, limits.instants)
+        time = recording.time[: count * n].reshape(count, n)[rows]
+        whole = np.ptp(time, axis=1) < _WHOLE * n * period
+        rows, time = rows[whole], time[whole]
+
+        def cut(values: Array) -> Array:
+            return np.asarray(values[: count * n].reshape(count, n, -1)[rows])
+
+        def mean(values: Array | None) -> Array | None:
+            return None if values is None else cut(values).mean(axis=1)
+
+        position = cut(recording.position[:, chosen])
+        centred = (time - time.mean(axis=1, keepdims=True))[..., None]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rate = (centred * position).sum(axis=1) / (centred**2).sum(axis=1)
+        imu = recording.imu
+        force = omega = None
+        if imu is not None and mount is not None:
+            force = mean(mount.in_trunk_axes(imu.linear_acceleration))
+            omega = mean(mount.in_trunk_axes(imu.angular_velocity))
+        effort = np.zeros_like(recording.position) if recording.effort is None else recording.effort
+        middle = time.mean(axis=1)
+        return cls(
+            time=middle,
+            group=_groups(middle, n * period),
+            position=position.mean(axis=1),
+            rate=rate,
+            effort=cut(effort[:, chosen]).mean(axis=1),
+            velocity=None if recording.velocity is None else mean(recording.velocity[:, chosen]),
+            specific_force=force,
+            angular_velocity=omega,
+        )
+
+    def thinned(self, most: int) -> Blocks:
+        """Evenly thinned out by whole seconds."""
+        rows = _thinned(len(self), most)
+        return self if len(rows) == len(self) else self.at(rows)
+
+    def at(self, rows: NDArray[np.int64]) -> Blocks:
+        """Some of the instants."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})
+
+
+def _thinned(count: int, most: int) -> NDArray[np.int64]:
+    """Indices of at most so many, whole groups evenly over all."""
+    if count <= most:
+        return np.arange(count)
+    kept = max(most // _GROUP, 1)
+    groups = np.unique(np.linspace(0, count // _GROUP - 1, kept).astype(np.int64))
+    return np.asarray((groups[:, None] * _GROUP + np.arange(_GROUP)).ravel())
+
+
+def _groups(time: Array, length: float) -> NDArray[np.int64]:
+    """Stretches without a gap, of up to _GROUP instants of this length [s]."""
+    if not len(time):
+        return np.empty(0, dtype=np.int64)
+    gap = np.concatenate([[0], np.cumsum(np.diff(time) > _WHOLE * length)])
+    start = np.concatenate([[0], np.flatnonzero(np.diff(gap)) + 1])
+    place = np.arange(len(time)) - start[gap]
+    return np.unique(np.column_stack([gap, place // _GROUP]), axis=0, return_inverse=True)[1].ravel().astype(np.int64)

@@ -1,0 +1,102 @@
+"""Which fault hypothesis explains what contradicts: on average over a log, or in how it moves.
+
+A hypothesis is confirmed if, undone, nothing is impossible any more and the cost falls, on average to a small share, in
+motion by more than chance. Of several, the one of least cost counts, and those that fit as well are named with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from stadera.checks.blocks import Blocks
+from stadera.checks.footing import Footing
+from stadera.checks.hypotheses import FaultHypothesis, hypotheses_at_rest, hypotheses_in_motion, torque_scales
+from stadera.checks.limits import CheckLimits
+from stadera.checks.motion import Gain, MotionCosts
+from stadera.checks.statics import Consistency, ConsistencyModel
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The hypothesis that explains the contradictions best.
+
+    Attributes:
+        hypothesis: it.
+        without: the figures once it is undone.
+        others: that explain them about as well, at most two.
+    """
+
+    hypothesis: FaultHypothesis
+    without: Consistency
+    others: tuple[FaultHypothesis, ...]
+
+
+def explain(blocks: Blocks, model: ConsistencyModel) -> Explanation | None:
+    """The hypothesis that explains what is impossible on average; None where none does."""
+    robot, limits = model.robot, model.limits
+    blocks = blocks.thinned(limits.trial_instants)
+    now = model.evaluate(Footing(robot, blocks))
+    scales = torque_scales(robot, now.loads / now.weight, limits.lightest, limits.heaviest)
+    fitting: list[tuple[float, FaultHypothesis, Consistency]] = []
+    for hypothesis in chain(hypotheses_at_rest(robot, imu=now.imu), scales):
+        without = model.evaluate(Footing(robot, hypothesis.undo(blocks)))
+        if without.cost <= limits.much_better * now.cost and not any(without.faults()):
+            fitting.append((without.cost, hypothesis, without))
+    if not fitting:
+        return None
+    least = min(cost for cost, _, _ in fitting)
+    _, best, without = next(entry for entry in fitting if entry[0] <= least + limits.same)
+    near = sorted((cost, k) for k, (cost, other, _) in enumerate(fitting) if other is not best)
+    others = tuple(fitting[k][1] for cost, k in near if cost < least + limits.similar)[:2]
+    return Explanation(best, without, others)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionExplanation:
+    """The hypothesis by which the motion fits together better.
+
+    Attributes:
+        hypothesis: it.
+        gain: of it.
+        slides, would_slide: median speed of feet that carry, as recorded and otherwise [m/s].
+        others: that gain about as much, at most two.
+    """
+
+    hypothesis: FaultHypothesis
+    gain: Gain
+    slides: float
+    would_slide: float
+    others: tuple[FaultHypothesis, ...]
+
+
+def explain_motion(blocks: Blocks, model: ConsistencyModel) -> MotionExplanation | None:
+    """The hypothesis by which a log with an IMU, possible on average, moves more like a robot; None where none does."""
+    robot, limits = model.robot, model.limits
+    if blocks.angular_velocity is None or not np.isfinite(blocks.rate).any():
+        return None
+    now = MotionCosts.of(Footing(robot, blocks), limits)
+    least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest
+    fitting: list[tuple[Gain, FaultHypothesis, MotionCosts]] = []
+    for hypothesis in hypotheses_in_motion(robot):
+        footing = Footing(robot, hypothesis.undo(blocks))
+        costs = MotionCosts.of(footing, limits)
+        gain = Gain.of(now, costs)
+        if gain.mean < least * hypothesis.rarity or gain.deviations < limits.deviations or any(model.evaluate(footing).faults()):
+            continue
+        fitting.append((gain, hypothesis, costs))
+    if not fitting:
+        return None
+    fitting.sort(key=lambda entry: -entry[0].mean)
+    gain, best, costs = fitting[0]
+    others = tuple(other for g, other, _ in fitting[1:3] if g.mean > limits.alike * gain.mean)
+    length = Footing(robot, blocks).legs.length
+    return MotionExplanation(best, gain, _speed(now, length, limits), _speed(costs, length, limits), others)
+
+
+def _speed(costs: MotionCosts, length: float, limits: CheckLimits) -> float:
+    """Median speed at which feet that carry slide [m/s]."""
+    middle = float(np.nanmedian(costs.feet)) if np.isfinite(costs.feet).any() else 0.0
+    return float(np.sqrt(np.expm1(middle))) * limits.slide * length

@@ -1,0 +1,207 @@
+"""Units of a log's values, by what only one unit can be: joints within limits, gravity, slopes of the positions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stadera.checks.blocks import Blocks
+from stadera.checks.finding import Finding
+from stadera.checks.limits import CheckLimits
+from stadera.checks.mend import ACCELEROMETER, GYRO, Mend, upwards
+from stadera.constants import GRAVITY
+from stadera.logs.recording import Imu, Recording
+from stadera.robot.model import Robot
+from stadera.types import Array, Bools
+
+DEGREE = np.pi / 180.0
+_TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_STEPS = (5e-5, 0.2)  # s, between samples of any log of a robot
+_UNLIMITED = 1.2 * np.pi  # rad, of a joint whose model states no limits
+_RATIOS = {"deg/s": 1.0 / DEGREE, "rpm": 30.0 / np.pi, "rad/ms": 1e-3, "mrad/s": 1e3}
+_GRAVITIES = {"g": 9.80665, "mg": 9.80665e-3}
+
+
+def time_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
+    """Time that is not in seconds."""
+    if len(recording) < 2:
+        return
+    step = float(np.median(np.diff(recording.time)))
+    unit = next((u for u, factor in _TIMES.items() if _STEPS[0] <= factor * step <= _STEPS[1]), None)
+    if step >= limits.slow and unit is not None:
+        mend = Mend(f"time taken to be in {unit}", factors={"time": _TIMES[unit]})
+        text = f"samples are {step:.3g} s apart: time seems to be in {unit}, not in s"
+        yield Finding("time_unit", text, f"--units {unit}", mend)
+
+
+def position_findings(recording: Recording, robot: Robot, limits: CheckLimits) -> Iterator[Finding]:
+    """Joint positions in degrees, of all legs or of some: beyond the limits, and within them once converted."""
+    degrees = []
+    legs = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
+    for leg in legs:
+        beyond = [_beyond(recording, robot, joint, 1.0) for joint in leg.joints]
+        converted = [_beyond(recording, robot, joint, DEGREE) for joint in leg.joints]
+        # a hip stays within a few degrees; thigh and knee do not
+        if min(beyond[1:]) > limits.turns and max(converted) < 0.5 * limits.turns:
+            degrees.append(leg)
+    if not degrees:
+        return
+    joints = [joint for leg in degrees for joint in leg.joints]
+    far = max(joints, key=lambda joint: _beyond(recording, robot, joint, 1.0))
+    evidence = f"{far!r} would be {_beyond(recording, robot, far, 1.0):.3g} rad beyond its limits"
+    if len(degrees) == len(legs):
+        mend = Mend("joint positions taken to be in degrees", factors={"position": DEGREE})
+        yield Finding("position_unit", f"joint positions seem to be in degrees: {evidence}", "--units deg", mend)
+        return
+    names = " and ".join(leg.name for leg in degrees)
+    mend = Mend(
+        f"joint positions of {names} taken to be in degrees",
+        joint_factors={("position", joint): DEGREE for joint in joints},
+    )
+    text = f"joint positions of {names} seem to be in degrees, those of the other legs in radians: {evidence}"
+    yield Finding("position_unit", text, "--columns MAP.toml with their unit", mend)
+
+
+def _beyond(recording: Recording, robot: Robot, joint: str, factor: float) -> float:
+    """How far a joint is beyond its limits for half of the time [rad]."""
+    found = robot.limits[joint]
+    lower, upper = max(found.lower, -2 * _UNLIMITED), min(found.upper, 2 * _UNLIMITED)
+    if not np.isfinite([found.lower, found.upper]).all():
+        lower, upper = -_UNLIMITED, _UNLIMITED
+    q = factor * recording.position[:, recording.index(joint)]
+    return float(np.median(np.maximum(np.maximum(q - upper, lower - q), 0.0)))
+
+
+def velocity_findings(blocks: Blocks, joints: Sequence[str], limits: CheckLimits) -> Iterator[Finding]:
+    """Joint velocities against the slopes of the positions: unit, sign, order."""
+    if blocks.velocity is None or not len(blocks) or not np.isfinite(blocks.rate).all():
+        return
+    rate, velocity = _without_spikes(blocks.rate), _without_spikes(blocks.velocity)
+    moves = np.sqrt((rate**2).mean(axis=0)) > limits.turning
+    if not moves.any():
+        return
+    both = (rate * velocity).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = both / (rate**2).sum(axis=0)
+        correlation = both / np.sqrt((rate**2).sum(axis=0) * (velocity**2).sum(axis=0))
+    related = moves & (np.abs(correlation) > limits.correlation)
+    yield from _velocity_units(slope, related, moves, joints, limits)
+    yield from _velocity_signs(slope, related, moves, joints)
+    strange = moves & ~related & velocity.any(axis=0)
+    if strange.any():
+        yield Finding(
+            "velocity_order",
+            f"velocities of {_names(strange, joints)} are not the slopes of their positions: their columns are "
+            "swapped, or belong to other joints",
+            "--columns MAP.toml without velocities, which are then made of the positions",
+        )
+
+
+def _without_spikes(values: Array) -> Array:
+    """Values (instants, n) clipped at three times what all but a twentieth of each column stay below."""
+    largest = 3.0 * np.quantile(np.abs(values), 0.95, axis=0)
+    return np.clip(values, -largest, largest)
+
+
+def _velocity_units(
+    slope: Array, related: Bools, moves: Bools, joints: Sequence[str], limits: CheckLimits
+) -> Iterator[Finding]:
+    for unit, ratio in _RATIOS.items():
+        so = related & (np.abs(slope / ratio - 1.0) < limits.unit_tolerance)
+        if not so.any():
+            continue
+        whose, option = ("joint velocities seem", f"--units velocity={unit}")
+        mend = Mend(f"joint velocities taken to be in {unit}", factors={"velocity": 1.0 / ratio})
+        if (moves & ~so).any():
+            whose, option = f"velocities of {_names(so, joints)} seem", "--columns MAP.toml with their unit"
+            factors = {("velocity", joint): 1.0 / ratio for joint, one in zip(joints, so, strict=True) if one}
+            mend = Mend(f"velocities of {_names(so, joints)} taken to be in {unit}", joint_factors=factors)
+        if unit == "rad/ms":
+            option = ""
+        yield Finding(
+            "velocity_unit",
+            f"{whose} to be in {unit}: {np.median(slope[so]):.3g} times the slopes of the positions",
+            option,
+            mend,
+        )
+
+
+def _velocity_signs(slope: Array, related: Bools, moves: Bools, joints: Sequence[str]) -> Iterator[Finding]:
+    wrong = related & (slope < 0)
+    if wrong.any():
+        whose = "all joints" if not (moves & ~wrong).any() else _names(wrong, joints)
+        factors = {("velocity", joint): -1.0 for k, joint in enumerate(joints) if wrong[k] or whose == "all joints"}
+        yield Finding(
+            "velocity_unit",
+            f"the sign of the velocities of {whose} is reversed: positions move the other way",
+            "--columns MAP.toml with factor = -1",
+            Mend(f"sign of the velocities of {whose} turned", joint_factors=factors),
+        )
+
+
+def _names(chosen: Bools, joints: Sequence[str], most: int = 3) -> str:
+    names = [repr(joint) for joint, one in zip(joints, chosen, strict=True) if one]
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+# -- the IMU ---------------------------------------------------------------------------------------------------------
+
+
+def gravity_findings(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
+    """Whether the specific force is gravity's on average: its unit, and whether it was taken out."""
+    size = float(np.median(np.linalg.norm(imu.linear_acceleration, axis=1)))
+    mean = float(np.linalg.norm(imu.linear_acceleration.mean(axis=0)))
+    if min(abs(size - GRAVITY), abs(mean - GRAVITY)) < limits.gravity:
+        return
+    option, mend = "", None
+    unit = next((u for u, g in _GRAVITIES.items() if abs(g * mean / GRAVITY - 1.0) < 0.1), None)
+    if unit is not None:
+        why = f"it seems to be in units of {unit}; m/s² are needed"
+        option = f"--units {unit}"
+        mend = Mend(f"specific force taken to be in {unit}", factors={ACCELEROMETER: _GRAVITIES[unit]})
+    elif mean < 0.5:
+        why = "gravity seems to have been taken out; what an accelerometer reads itself is needed"
+        if imu.orientation is not None:
+            mend = Mend("gravity put back into the specific force by the IMU's orientation", gravity=True)
+    else:
+        why = "its unit or scale is wrong"
+    text = f"the specific force is {size:.3g} m/s² where gravity is {GRAVITY:g} m/s²: {why}"
+    yield Finding("imu_gravity", text, option, mend)
+
+
+def gyro_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
+    """The gyro against how the IMU's orientation turns: its unit, and its sign."""
+    imu = recording.imu
+    if imu is None or imu.orientation is None or len(recording) < 2:
+        return
+    up = _vector_blocks(recording, upwards(imu.orientation), limits)
+    omega = _vector_blocks(recording, imu.angular_velocity, limits).position
+    turning = -np.cross(omega, up.position)  # of the world's vertical, seen from the IMU
+    speed = float(np.sqrt((up.rate**2).sum(axis=1).mean())) if len(up) else 0.0
+    if not np.isfinite(speed) or speed < limits.turning:
+        return
+    both = float((turning * up.rate).sum())
+    slope = both / float((up.rate**2).sum())
+    correlation = both / float(np.sqrt((up.rate**2).sum() * (turning**2).sum()) or 1.0)
+    if abs(correlation) > limits.correlation and abs(slope * DEGREE - 1.0) < limits.unit_tolerance:
+        yield Finding(
+            "gyro_unit",
+            f"the gyro seems to be in deg/s: {slope:.3g} times as fast as the IMU's orientation turns",
+            "--units gyro=deg/s",
+            Mend("gyro taken to be in deg/s", factors={GYRO: DEGREE}),
+        )
+    elif correlation < -limits.correlation:
+        yield Finding(
+            "gyro_unit",
+            "the gyro's sign is reversed: the IMU's orientation turns the other way",
+            mend=Mend("sign of the gyro turned", factors={GYRO: -1.0}),
+        )
+
+
+def _vector_blocks(recording: Recording, values: Array, limits: CheckLimits) -> Blocks:
+    """Instants of vectors (samples, 3) in the place of joint positions."""
+    axes = ("x", "y", "z")
+    bare = replace(recording, joints=axes, position=values, velocity=None, acceleration=None, effort=None)
+    return Blocks.of(bare, axes, None, limits)
