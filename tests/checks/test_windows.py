@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stadera.checks.limits import WindowLimits
+from stadera.checks.partial import judged, window_faults
 from stadera.errors import UntrustedError
 from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
-from stadera.checks.limits import WindowLimits
-from stadera.checks.partial import judged, window_faults
 from stadera.weigh.weigh import weigh
 
 

@@ -84,7 +84,11 @@ def explain_motion(blocks: Blocks, model: ConsistencyModel) -> MotionExplanation
         footing = Footing(robot, hypothesis.undo(blocks))
         costs = MotionCosts.of(footing, limits)
         gain = Gain.of(now, costs)
-        if gain.mean < least * hypothesis.rarity or gain.deviations < limits.deviations or any(model.evaluate(footing).faults()):
+        if (
+            gain.mean < least * hypothesis.rarity
+            or gain.deviations < limits.deviations
+            or any(model.evaluate(footing).faults())
+        ):
             continue
         fitting.append((gain, hypothesis, costs))
     if not fitting:

@@ -24,7 +24,7 @@ _BY_NAMES = "--columns MAP.toml with the right names"
 _BY_SIGN = "--columns MAP.toml with factor = -1"
 _BY_FRAME = "--imu-frame NAME"
 _RARE = 8.0
-"""Two legs that are swapped in the torques or the positions alone: hardly a mistake, and legs that sway alike look so."""
+"""Two legs swapped in the torques or the positions alone: hardly a mistake, and legs that sway alike look so."""
 _SIDES: dict[tuple[int, ...], str] = {
     (1, 0, 3, 2): "left and right legs",
     (2, 3, 0, 1): "front and hind legs",

@@ -17,14 +17,14 @@ from itertools import combinations
 
 import numpy as np
 
+from stadera.checks.limits import WindowLimits
+from stadera.checks.windows import WindowFault, Windows
 from stadera.constants import GRAVITY
 from stadera.legs.model import LegModel
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
-from stadera.checks.limits import WindowLimits
-from stadera.checks.windows import WindowFault, Windows
 
 _RATE = 100.0  # Hz, to which a log is thinned out
 _LEVELLED = 0.5  # s, over which the specific force is averaged to have the vertical

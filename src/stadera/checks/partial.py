@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from stadera.checks.leg_windows import leg_faults
+from stadera.checks.limits import WindowLimits
+from stadera.checks.windows import WindowFault, joint_faults
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trust import Verdict
-from stadera.checks.limits import WindowLimits
-from stadera.checks.leg_windows import leg_faults
-from stadera.checks.windows import WindowFault, joint_faults
 
 _SURVIVED = {"position"}
 """Channels whose lasting faults change geometry alone, which the error bars contain up to a few degrees."""

@@ -21,13 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.checks.limits import WindowLimits
 from stadera.constants import GRAVITY
 from stadera.legs.model import LegModel
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
-from stadera.checks.limits import WindowLimits
 
 _MEDIAN_OF_CHI2 = 0.455
 _MOST = 20  # steps of one joint that are looked at

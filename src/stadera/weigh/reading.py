@@ -13,14 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.checks import FATAL, Finding, contradictions, diagnose
+from stadera.checks.partial import judged, window_faults
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
 from stadera.logs.velocity import with_velocity
 from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trust import Verdict
-from stadera.checks import FATAL, Finding, contradictions, diagnose
-from stadera.checks.partial import judged, window_faults
 from stadera.weigh.result import Refusal
 from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stadera.checks.limits import WindowLimits
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
 from stadera.logs import LogFile
 from stadera.logs.recording import Recording
@@ -15,7 +16,6 @@ from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Progress
-from stadera.checks.limits import WindowLimits
 
 if TYPE_CHECKING:
     from stadera.trunk.estimator import TrunkEstimator
