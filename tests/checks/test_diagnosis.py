@@ -11,9 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from stadera.checks.consistency import ConsistencyModel, Sensed
 
 from stadera.checks import CheckLimits
+from stadera.checks.blocks import Blocks
+from stadera.checks.footing import Footing
+from stadera.checks.statics import ConsistencyModel
 from stadera.errors import UntrustedError
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
@@ -21,6 +23,7 @@ from stadera.legs.model import foot_positions
 from stadera.logs import Imu, Recording
 from stadera.logs.join import take
 from stadera.robot import Robot, load_robot
+from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.weigh import diagnose
 from stadera.weigh.reading import CheckedLog
@@ -152,8 +155,9 @@ def test_forces_are_those_of_the_weight(hyq: Robot, clean: Recording) -> None:
     """Against Pinocchio's statics: what the feet carry, and where the centre of mass is."""
     assert clean.effort is not None
     assert clean.imu is not None
-    sensed = Sensed(clean.time, clean.position, clean.effort, clean.imu.linear_acceleration)
-    figures = ConsistencyModel(hyq, CheckLimits()).evaluate(sensed)
+    limits = CheckLimits()
+    blocks = Blocks.of(clean, hyq.tree.joints, ImuMount.of(hyq, clean.imu.frame), limits)
+    figures = ConsistencyModel(hyq, limits).evaluate(Footing(hyq, blocks))
     assert figures.weighs == pytest.approx(StandingRobot(hyq).mass, rel=5e-3)
     assert figures.tilts.similarity > 0.99
     assert figures.force_angle < np.radians(0.5)
@@ -184,12 +188,12 @@ WRONG: dict[str, tuple[str, str, Callable[[Recording, Robot], Recording]]] = {
     ),
     "front and hind": (
         "joint_order",
-        "LF, RF, LH and RH",
+        "front and hind legs are swapped",
         lambda log, r: legs_swapped(log, r, (("LF", "LH"), ("RF", "RH")), "position", "velocity", "effort"),
     ),
     "left and right": (
         "joint_order",
-        "LF, RF, LH and RH",
+        "left and right legs are swapped",
         lambda log, r: legs_swapped(log, r, (("LF", "RF"), ("LH", "RH")), "position", "velocity", "effort"),
     ),
     "IMU upside down": (
@@ -213,8 +217,8 @@ WRONG: dict[str, tuple[str, str, Callable[[Recording, Robot], Recording]]] = {
         lambda log, r: turned(log, Rotation.from_euler("x", 40, degrees=True)),
     ),
     "torques in another unit": (
-        "contradiction",
-        "unit or scale",
+        "torque_unit",
+        "times too small",
         lambda log, r: replace(log, effort=0.4 * log.effort),  # type: ignore[operator]
     ),
 }
