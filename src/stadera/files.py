@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -67,18 +67,24 @@ def require_writable(path: AnyPath) -> Path:
         found = place.stat() if place.exists() else None
     except (OSError, RuntimeError, ValueError) as error:
         raise StaderaError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
-    if found is not None and stat.S_ISDIR(found.st_mode):
-        raise StaderaError(f"{path}: is a folder, not a file to write")
-    if found is not None and not stat.S_ISREG(found.st_mode):
-        raise StaderaError(f"{path}: is a pipe, socket or device; name a regular file")
+    if found is not None:
+        _require_replaceable(path, found)
     if not place.parent.is_dir():
         raise StaderaError(f"{path}: no such folder {str(path.parent)!r}")
     if not os.access(place.parent, os.W_OK):
         raise StaderaError(f"{path}: the folder {str(path.parent)!r} cannot be written to")
-    gate = _GATE.get()
-    if gate is not None and found is not None and (found.st_dev, found.st_ino) in gate.inputs:
-        raise StaderaError(f"{path}: would replace an input")
     return place
+
+
+def _require_replaceable(path: Path, found: os.stat_result) -> None:
+    """What is there has to be a regular file, and no input of the command."""
+    if stat.S_ISDIR(found.st_mode):
+        raise StaderaError(f"{path}: is a folder, not a file to write")
+    if not stat.S_ISREG(found.st_mode):
+        raise StaderaError(f"{path}: is a pipe, socket or device; name a regular file")
+    gate = _GATE.get()
+    if gate is not None and (found.st_dev, found.st_ino) in gate.inputs:
+        raise StaderaError(f"{path}: would replace an input")
 
 
 @contextmanager
@@ -102,13 +108,7 @@ def written_together(paths: Sequence[AnyPath]) -> Iterator[tuple[Path, ...]]:
             names[_draft(target)] = path
         gate.drafts.update(names)
         yield tuple(names)
-        for draft in names:
-            _finish(draft)
-        for draft, target in zip(names, targets, strict=True):
-            replaced = target.exists()
-            os.replace(draft, target)
-            if target not in gate.drafts:
-                gate.written.append((Path(names[draft]), replaced))
+        _put_in_place(names, targets, gate)
     except OSError as error:
         known = {str(draft): path for draft, path in names.items()}
         where = known.get(str(error.filename), error.filename) or ", ".join(map(str, paths))
@@ -117,6 +117,17 @@ def written_together(paths: Sequence[AnyPath]) -> Iterator[tuple[Path, ...]]:
         gate.drafts.difference_update(names)
         for draft in names:
             draft.unlink(missing_ok=True)
+
+
+def _put_in_place(names: Mapping[Path, AnyPath], targets: Sequence[Path], gate: OutputGate) -> None:
+    """Every draft is on the disk before the first takes its file's place."""
+    for draft in names:
+        _finish(draft)
+    for (draft, path), target in zip(names.items(), targets, strict=True):
+        replaced = target.exists()
+        os.replace(draft, target)
+        if target not in gate.drafts:
+            gate.written.append((Path(path), replaced))
 
 
 def write_text(path: Path, text: str) -> None:

@@ -63,7 +63,7 @@ def test_a_line_for_everything_that_happens(states: list[LiveState]) -> None:
     nothing, tared, loaded = states
     first, then, last = live_lines(nothing, None), live_lines(tared, nothing), live_lines(loaded, tared)
     assert any("waiting for joint states" in line for line in first)
-    assert {"samples come", "tared"} <= {line.partition(": ")[2] for line in then}
+    assert {"samples arrive", "tared"} <= {line.partition(": ")[2] for line in then}
     assert [line for line in last if "load on at" in line]
     assert not list(live_lines(loaded, loaded))
 

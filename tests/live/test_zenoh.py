@@ -124,7 +124,7 @@ def test_the_command_records_all_and_ends_cleanly(
     finally:
         process.kill()
     assert process.returncode == 0
-    assert "samples come" in out
+    assert "samples arrive" in out
     assert "\ntrunk " in out
     assert len(read(record)) == 850
     last = body(listener.last["stadera/trunk"]).inertia

@@ -139,10 +139,8 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
     notes: tuple[str, ...] = ()
     if lag is None:
         progress("estimating the torque lag", 0, 1)
-        training = [take(r, slice(0, max(2, round(settings.split * len(r))))) for r in beginnings]
-        estimate = _lag(training, tasks, vertical, cutoff, settings)
+        lag, notes = _estimated_lag(beginnings, tasks, vertical, cutoff, settings)
         progress("estimating the torque lag", 1, 1)
-        lag, notes = estimate.value, _lag_note(estimate)
     if rows_cutoff is not None:
         notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
     preprocessing = Preprocessing(cutoff, drop_below=0.0, effort_delay=lag)
@@ -232,20 +230,22 @@ def _cutoffs(
     return min(max(*suggested, settings.signals.lowest_cutoff), highest), min(max(suggested), highest)
 
 
-def _lag(
-    recordings: Sequence[Recording],
+def _estimated_lag(
+    beginnings: Sequence[Recording],
     tasks: Sequence[LegTask],
     vertical: TrunkUp,
     cutoff: float | None,
     asked: IdentifySettings,
-) -> TorqueLag:
-    """The lag; unfiltered where the signals are, else with a cut-off of its own."""
+) -> tuple[float, tuple[str, ...]]:
+    """The lag [s] and a note on it; unfiltered where the signals are, else with a cut-off for the lag alone."""
+    recordings = [take(r, slice(0, max(2, round(asked.split * len(r))))) for r in beginnings]
     if cutoff is not None:
         cutoff = min(asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     settings = Preprocessing(cutoff, drop_below=0.0)
     stretches = [p for r in recordings for p in preprocess_stream([r], settings, joints) if len(p)]
-    return estimate_lag(stretches, [task.regressor for task in tasks], vertical.up)
+    lag = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up)
+    return lag.value, _lag_note(lag)
 
 
 def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) -> tuple[Part, Part | None, str | None]:

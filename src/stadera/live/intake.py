@@ -9,7 +9,7 @@ other joints than before.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -146,24 +146,14 @@ class Intake:
 
     def _begin(self) -> None:
         """Decides what is read, once there are enough messages."""
-        counts = Counter((arrival.topic, arrival.kind) for arrival, _ in self._head)
-        of_joints = [n for (_, kind), n in counts.items() if kind in JOINT_KINDS]
-        has_imu = any(kind in LOW_STATES or (kind == IMU and n > 1) for (_, kind), n in counts.items())
-        if max(of_joints, default=0) < self._settings.head or not has_imu:
+        if not _is_enough([arrival for arrival, _ in self._head], self._settings.head):
             del self._head[: -20 * self._settings.head]
             return
         head, self._head = self._head, []
-        joints = self._robot.tree.joints
         try:
-            topics = chosen([arrival for arrival, _ in head], self._asked, joints, self._settings)
+            topics = chosen([arrival for arrival, _ in head], self._asked, self._robot.tree.joints, self._settings)
             head = [(arrival, sample) for arrival, sample in head if sample.topic in (topics.joint, topics.imu)]
-            start = beginning_of([sample for _, sample in head], topics.joint, topics.imu, joints)
-            if start.imu_fault:
-                raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
-            names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
-            self._layout = replace(layout(names, _SOURCE, joints, require), imu_frame=start.imu_frame)
-            merging = Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
-            self._check_rate([sample.stamp for _, sample in head if sample.topic == topics.joint], topics.joint)
+            merging = self._merging_of([sample for _, sample in head], topics)
         except RecordingError as error:
             self._fault = str(error)
             return
@@ -173,6 +163,17 @@ class Intake:
         self._progress = self._known_joints = head[-1][0].arrived
         for arrival, sample in head:
             self._merge(sample, arrival.arrived, merging)
+
+    def _merging_of(self, head: Sequence[Sample], topics: Choice) -> Merging:
+        """What makes rows of the messages, by the first ones of the topics that are read."""
+        joints = self._robot.tree.joints
+        start = beginning_of(head, topics.joint, topics.imu, joints)
+        if start.imu_fault:
+            raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
+        names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
+        self._layout = replace(layout(names, _SOURCE, joints, require), imu_frame=start.imu_frame)
+        self._check_rate([sample.stamp for sample in head if sample.topic == topics.joint], topics.joint)
+        return Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
 
     def _continue(self, sample: Sample, arrived: float) -> None:
         assert self._merging is not None
@@ -249,18 +250,27 @@ class Intake:
         there = {**self.announced, **{name: seen.kind for name, seen in self.seen.items()}}
         listed = ", ".join(f"{name} ({kind or 'type unknown'})" for name, kind in sorted(there.items())) or "none"
         came = {seen.kind for name, seen in self.seen.items() if self._wanted(name, seen.kind)}
-        if not came.intersection(JOINT_KINDS):
-            asked = f" on {self._asked.joint}" if self._asked.joint else ""
-            return f"joint states{asked}: no messages of {' or '.join(JOINT_KINDS[:2])} yet; topics seen: {listed}"
-        if not came.intersection((IMU, *LOW_STATES)):
-            asked = f" on {self._asked.imu}" if self._asked.imu else ""
-            return f"an IMU{asked}: no messages of {IMU} yet; topics seen: {listed}"
-        broken = next(
-            (name for name, seen in self.seen.items() if seen.kind in KINDS and seen.damaged == seen.count), ""
-        )
-        return f"messages of {broken} that are a {there[broken]}" if broken else "enough messages to begin with"
+        for what, asked, kinds, usual in (
+            ("joint states", self._asked.joint, JOINT_KINDS, " or ".join(JOINT_KINDS[:2])),
+            ("an IMU", self._asked.imu, (IMU, *LOW_STATES), IMU),
+        ):
+            if not came.intersection(kinds):
+                on = f" on {asked}" if asked else ""
+                return f"{what}{on}: no messages of {usual} yet; topics seen: {listed}"
+        broken = (name for name, seen in self.seen.items() if seen.kind in KINDS and seen.damaged == seen.count)
+        if (name := next(broken, None)) is not None:
+            return f"messages of {name} that are a {there[name]}"
+        return "enough messages to begin with"
 
 
 def _slashed(topics: Topics) -> Topics:
     """Topics by their ROS names, which begin with a slash."""
     return Topics(*(name if name is None else f"/{name.lstrip('/')}" for name in (topics.joint, topics.imu)))
+
+
+def _is_enough(head: Sequence[Arrival], fewest: int) -> bool:
+    """Whether there are so many messages of one topic of joints, and an IMU's."""
+    counts = Counter((arrival.topic, arrival.kind) for arrival in head)
+    of_joints = [n for (_, kind), n in counts.items() if kind in JOINT_KINDS]
+    has_imu = any(kind in LOW_STATES or (kind == IMU and n > 1) for (_, kind), n in counts.items())
+    return max(of_joints, default=0) >= fewest and has_imu

@@ -126,6 +126,11 @@ def _recording(batch: Batch, layout: Layout, source: str, first: int, clock: Row
     if not kept.any():
         return None
     time, values, notes = time[kept], values if kept.all() else values[:, kept], notes + more
+    return _of_columns(time, values, layout, source, (layout.notes if first == 0 else ()) + notes)
+
+
+def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:
+    """The recording that a layout makes of its columns, `values` (columns, samples)."""
     place = {name: i for i, name in enumerate(layout.columns)}
 
     def block(columns: tuple[str, ...]) -> Array:
@@ -142,7 +147,7 @@ def _recording(batch: Batch, layout: Layout, source: str, first: int, clock: Row
         foot_force={foot: block(columns) for foot, columns in layout.force.items()},
         foot_contact={foot: values[place[column]] > 0.5 for foot, column in layout.contact.items()},
         source=source,
-        notes=(layout.notes if first == 0 else ()) + notes,
+        notes=notes,
         **channels,
     )
     return recording if layout.pd is None else _with_pd_effort(recording, layout.pd, desired)

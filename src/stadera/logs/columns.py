@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.joint_words import matched
 from stadera.logs.foreign.guess import hint
-from stadera.logs.foreign.translate import translated
+from stadera.logs.foreign.translate import Translation, translated
 from stadera.logs.pd_law import DESIRED, PdGains
 from stadera.logs.reading import AS_RECORDED, Reading
 from stadera.logs.topics import Topics
@@ -106,31 +106,45 @@ def layout(
     help_ = "" if table.recognised else hint(names, reading)
     if TIME not in table.sources and table.rate_hz is None:
         raise _missing(TIME, names, source, "not a flat table", help_)
+    return _layout(names, source, joints, require, table, reading.pd, help_)
+
+
+def _layout(
+    names: Sequence[str],
+    source: str,
+    joints: Sequence[str] | None,
+    require: Collection[str],
+    table: Translation,
+    pd: PdGains | None,
+    help_: str,
+) -> Layout:
+    """The layout of a header whose columns are translated."""
     renamed = _by_leg_and_part(table.sources, joints or ())
     sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
     known = dict.fromkeys(sources)
     wanted = tuple(joints) if joints is not None else _joints_in(known, source, help_)
-    channels, notes = _channels(known, source, wanted, require, reading.pd, help_)
+    channels, notes = _channels(known, source, wanted, require, pd, help_)
     imu, imu_notes = _imu(known, source, "imu" in require)
-    force = _forces(known)
     contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
-    found = Layout(wanted, channels, imu, force, contact)
-    used = {sources[name] for name in found.columns if name in sources}
-    spared = used.union(own for name, own in sources.items() if _is_joint_column(name))
-    if unknown := [name for name in names if name not in spared]:
-        notes += (f"kept out unknown columns: {_listed(unknown)}",)
-    if renamed:
-        old, new = next(iter(renamed.items()))
-        notes = (f"joints found by leg and part, {old!r} as {new!r}", *notes)
+    found = Layout(wanted, channels, imu, _forces(known), contact)
+    by_name = tuple(f"joints found by leg and part, {old!r} as {new!r}" for old, new in list(renamed.items())[:1])
     return replace(
         found,
-        notes=(*table.notes, *notes, *imu_notes),
+        notes=(*table.notes, *by_name, *notes, *_kept_out(names, found, sources), *imu_notes),
         sources={name: own for name, own in sources.items() if own != name},
         factors={_renamed(name, renamed): factor for name, factor in table.factors.items()},
         stamped=table.stamped,
         rate_hz=None if TIME in sources else table.rate_hz,
-        pd=reading.pd,
+        pd=pd,
     )
+
+
+def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:
+    """A note on the log's columns that are no channel's; those of joints that were not asked for are no surprise."""
+    used = {sources[name] for name in found.columns if name in sources}
+    used.update(own for name, own in sources.items() if _is_joint_column(name))
+    unknown = [name for name in names if name not in used]
+    return (f"kept out unknown columns: {_listed(unknown)}",) if unknown else ()
 
 
 def _by_leg_and_part(names: Collection[str], joints: Sequence[str]) -> dict[str, str]:
@@ -179,14 +193,13 @@ def _channels(
     help_: str,
 ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
     """Columns of each channel. One that only some joints have is an error for effort, else left out with a note."""
-    needed = {"position", *require}
+    needed, possible = {"position", *require}, CHANNELS
     if pd is not None:
-        if any(f"{joint}.effort" in names for joint in joints):
-            raise RecordingError(f"{source}: joint efforts are recorded: leave out --pd, which is for logs without")
-        needed = (needed | {DESIRED[0]}) - {"effort"}
+        _require_no_effort(names, source, joints)
+        needed, possible = (needed | {DESIRED[0]}) - {"effort"}, (*CHANNELS, *DESIRED)
     channels: dict[str, tuple[str, ...]] = {}
     notes: tuple[str, ...] = ()
-    for channel in (*CHANNELS, *(DESIRED if pd is not None else ())):
+    for channel in possible:
         columns = tuple(f"{joint}.{channel}" for joint in joints)
         absent = [column for column in columns if column not in names]
         partial = 0 < len(absent) < len(columns)
@@ -197,6 +210,11 @@ def _channels(
         elif partial:
             notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
     return channels, notes
+
+
+def _require_no_effort(names: Collection[str], source: str, joints: tuple[str, ...]) -> None:
+    if any(f"{joint}.effort" in names for joint in joints):
+        raise RecordingError(f"{source}: joint efforts are recorded: leave out --pd, which is for logs without")
 
 
 def _no_effort(channel: str, names: Collection[str]) -> str:

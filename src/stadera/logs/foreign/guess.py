@@ -33,16 +33,16 @@ def guessed(names: Sequence[str], reading: Reading) -> Translation:
 def hint(names: Sequence[str], reading: Reading) -> str:
     """What to do about columns that are not recognised, for the end of an error."""
     fitting = {name: one for name in preset_names() if (one := _fitting(preset(name), names, reading)) is not None}
-    asked = [name for name in fitting if preset(name).joints and preset(name).chosen]
+    chosen = [preset(name) for name in fitting if preset(name).chosen]
     ways = []
-    if asked:
+    if asked := [one.name for one in chosen if one.joints]:
         order = " (joints by number: these differ in their order)" if len(asked) > 1 else ""
         ways.append(f"--columns {' or '.join(asked)}{order}")
     positions = fitting or any(name.endswith(".position") for name in names)
-    if positions and not any(_timed(one) for one in fitting.values()):
+    if positions and not any(map(_timed, fitting.values())):
         ways.append("--units 200Hz for a steady rate without a column of time")
-    unordered = [name for name in fitting if not preset(name).joints and preset(name).chosen]
-    order = f', in which base = "{unordered[0]}" and joints = ["..."] say their order' if unordered else ""
+    unordered = next((one.name for one in chosen if not one.joints), None)
+    order = f', in which base = "{unordered}" and joints = ["..."] say their order' if unordered else ""
     return f"; {', '.join([*ways, f'--columns MAP.toml{order} ({TEMPLATE_HINT})'])}"
 
 

@@ -143,17 +143,25 @@ def _factors(
     converted: Counter[str] = Counter()
     for flat, one in found.items():
         quantity = quantity_of(flat)
-        label = labels[one.column][1] if one.column in labels else ""
         known = FACTORS.get(quantity, {})
+        label = labels.get(one.column, ("", ""))[1]
         unit = one.source.unit or asked.of.get(quantity) or (label if label in known else mapped.of.get(quantity, ""))
         factor = (known[unit] if unit else 1.0) * one.source.factor
         if factor != 1.0:
             factors[flat] = factor
-            own = f" times {one.source.factor:g}" if one.source.factor != 1.0 else ""
-            converted[f"{quantity or flat}{f' {unit}' if unit else ''}{own}"] += 1
+            converted[_conversion(quantity or flat, unit, one.source.factor)] += 1
     listed = ", ".join(f"{what} ({count} columns)" if " times" in what else what for what, count in converted.items())
-    notes = (f"converted to SI units: {listed}",) if converted else ()
-    return factors, notes
+    return factors, (f"converted to SI units: {listed}",) if converted else ()
+
+
+def _lacks_an_order(chosen: ColumnMap) -> bool:
+    patterns = " ".join(one.pattern for named in chosen.columns.values() for one in named)
+    return ("{i}" in patterns or "{n}" in patterns) and not chosen.joints
+
+
+def _conversion(quantity: str, unit: str, factor: float) -> str:
+    """For a note: "position deg times -1"."""
+    return " ".join([quantity, *([unit] if unit else []), *([f"times {factor:g}"] if factor != 1.0 else [])])
 
 
 def _mapped(
@@ -218,15 +226,12 @@ def _topic_of(group: str, found: Sequence[_Found], topics: Topics, source: str) 
 def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[str, str], source: str) -> None:
     """A map that is asked for has to fit; columns that it names have to be there."""
     listed = ", ".join(list(plain)[:8]) + (f" and {len(plain) - 8} more" if len(plain) > 8 else "")
-    columns = {column for named in chosen.columns.values() for column in (one.pattern for one in named)}
-    counting = any("{i}" in column or "{n}" in column for column in columns)
-    for flat, sources in chosen.columns.items():
-        if "{" not in flat and flat not in found and flat != "time":
-            raise RecordingError(
-                f"{source}: no column {sources[0].pattern!r}, which {chosen.name} has as {flat!r} (columns: {listed})"
-            )
+    absent = (flat for flat in chosen.columns if "{" not in flat and flat not in found and flat != "time")
+    if flat := next(absent, None):
+        column = chosen.columns[flat][0].pattern
+        raise RecordingError(f"{source}: no column {column!r}, which {chosen.name} has as {flat!r} (columns: {listed})")
     if not any(flat.endswith(".position") for flat in found):
-        order = '; numbered joints need their order: joints = ["..."]' if counting and not chosen.joints else ""
+        order = '; numbered joints need their order: joints = ["..."]' if _lacks_an_order(chosen) else ""
         raise RecordingError(
             f"{source}: no column is a joint's position by {chosen.name}{order}; columns: {listed}; {TEMPLATE_HINT}"
         )

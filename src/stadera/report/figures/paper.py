@@ -167,6 +167,13 @@ def _series(place: Axes, series: Series) -> None:
         label = None if series.fill == "self" else name
         place.plot(x, y, color=colour, lw=0.62 * series.width, ls="--" if series.dashed else "-", label=label)
         name = None
+    _error_bars(place, series, colour)
+    if series.marker:
+        _markers(place, series, colour, name)
+    _labels(place, series)
+
+
+def _error_bars(place: Axes, series: Series, colour: str) -> None:
     errors: dict[str, Any] = {
         f"{side}err": np.abs(np.array(ends) - np.asarray(at))
         for side, ends, at in (("x", series.x_range, series.x), ("y", series.y_range, series.y))
@@ -174,13 +181,14 @@ def _series(place: Axes, series: Series) -> None:
     }
     if errors:
         place.errorbar(series.x, series.y, **errors, fmt="none", ecolor=colour, elinewidth=0.9)
-    if series.marker:
-        face = "none" if series.marker in ("ring", "diamond") else colour
-        look: dict[str, Any] = {"marker": _MARKERS[series.marker], "linewidths": 1.1}
-        look |= {"color": colour} if series.marker in ("plus", "cross") else {"facecolors": face, "edgecolors": colour}
-        place.scatter(series.x, series.y, s=_area(series.size), zorder=3, **look)
-        place.scatter([], [], s=_area(7.0), label=name, **look)  # the legend's, of a usual size
-    _labels(place, series)
+
+
+def _markers(place: Axes, series: Series, colour: str, name: str | None) -> None:
+    face = "none" if series.marker in ("ring", "diamond") else colour
+    look: dict[str, Any] = {"marker": _MARKERS[series.marker], "linewidths": 1.1}
+    look |= {"color": colour} if series.marker in ("plus", "cross") else {"facecolors": face, "edgecolors": colour}
+    place.scatter(series.x, series.y, s=_area(series.size), zorder=3, **look)
+    place.scatter([], [], s=_area(7.0), label=name, **look)  # the legend's, of a usual size
 
 
 def _area(size: float | Array) -> Array:

@@ -82,8 +82,13 @@ def scale_of(axis: Axis, panel: Panel, of: str, length: float) -> Scale:
         return Scale(low / 1.3, high * 1.3, length, True, flipped)
     if axis.zero:
         low, high = min(low, 0.0), max(high, 0.0)
-    room = (_ROOM if of == "y" else 0.0) * (high - low) or (0.0 if high > low else 0.5 * abs(high) or 0.5)
-    return Scale(low if axis.zero and low == 0.0 else low - room, high + (room or 0.0), length, flipped=flipped)
+    room = _room(low, high, _ROOM if of == "y" else 0.0)
+    return Scale(low if axis.zero and low == 0.0 else low - room, high + room, length, flipped=flipped)
+
+
+def _room(low: float, high: float, share: float) -> float:
+    """Space outside the data: a share of their extent, or something to show a single value in."""
+    return share * (high - low) if high > low else 0.5 * abs(high) or 0.5
 
 
 def _extent(panel: Panel, of: str, log: bool) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 
@@ -113,33 +113,44 @@ class _Place:
 
     def _grid(self, x: Scale, y: Scale) -> Iterator[str]:
         panel, (wide, high) = self.panel, self.inner
-        if panel.x.labels:
-            values, texts = [float(k) for k in range(len(panel.x.labels))], list(panel.x.labels)
-        else:
-            values, texts = x.ticks(_TICK_X if wide > NARROW else 60.0)
-        at = x(np.array(values))
-        lines = "".join(f"M{v:.1f} 0V{high:.1f}" for v in at)
-        turned = panel.x.labels and _CHAR * max(map(len, texts)) > wide / len(texts)
-        for v, text in zip(at, texts, strict=True):
-            turn = f' transform="rotate(-30 {v:.1f} {high + 16:.1f})" text-anchor="end"' if turned else ""
-            yield f'<text x="{v:.1f}" y="{high + 16:.1f}" class="x"{turn}>{escape(text)}</text>'
-        if panel.y.labels:
-            for k, name in enumerate(panel.y.labels):
-                v, room = float(y(float(k))), int(wide / _CHAR) if self.above else len(name)
-                text = name if len(name) <= room else f"{name[: room - 1]}…"
-                place = f'x="0" y="{v - 8:.1f}" class="a"' if self.above else f'x="-8" y="{v + 4:.1f}" class="y"'
-                yield f"<text {place}>{escape(text)}</text>"
-        else:
-            values, texts = y.ticks(_TICK_Y)
-            for v, text in zip(y(np.array(values)), texts, strict=True):
-                lines += f"M0 {v:.1f}H{wide:.1f}"
-                yield f'<text x="-6" y="{v + 4:.1f}" class="y">{text}</text>'
+        lines = yield from self._ticks_of_x(x)
+        lines += yield from (self._names_of_y(y) if panel.y.labels else self._ticks_of_y(y))
         yield f'<path class="g" d="{lines}M0 0V{high:.1f}H{wide:.1f}"/>'
         if panel.x.title:
             yield f'<text x="{wide / 2:.1f}" y="{high + 34:.1f}" class="x">{escape(panel.x.title)}</text>'
         if panel.y.title:
             place = f'transform="translate({9 - max(self.left, 8.0):.1f} {high / 2:.1f}) rotate(-90)"'
             yield f'<text {place} class="x">{escape(panel.y.title)}</text>'
+
+    def _ticks_of_x(self, x: Scale) -> Generator[str, None, str]:
+        """The texts under the panel; returns the path of their lines."""
+        labels, (wide, high) = self.panel.x.labels, self.inner
+        if labels:
+            values, texts = [float(k) for k in range(len(labels))], list(labels)
+        else:
+            values, texts = x.ticks(_TICK_X if wide > NARROW else 60.0)
+        at = x(np.array(values))
+        turned = labels and _CHAR * max(map(len, texts)) > wide / len(texts)
+        for v, text in zip(at, texts, strict=True):
+            turn = f' transform="rotate(-30 {v:.1f} {high + 16:.1f})" text-anchor="end"' if turned else ""
+            yield f'<text x="{v:.1f}" y="{high + 16:.1f}" class="x"{turn}>{escape(text)}</text>'
+        return "".join(f"M{v:.1f} 0V{high:.1f}" for v in at)
+
+    def _names_of_y(self, y: Scale) -> Generator[str, None, str]:
+        """The rows' names, left of the panel or above each row where it is narrow; no lines."""
+        for k, name in enumerate(self.panel.y.labels):
+            v, room = float(y(float(k))), int(self.inner[0] / _CHAR) if self.above else len(name)
+            text = name if len(name) <= room else f"{name[: room - 1]}…"
+            place = f'x="0" y="{v - 8:.1f}" class="a"' if self.above else f'x="-8" y="{v + 4:.1f}" class="y"'
+            yield f"<text {place}>{escape(text)}</text>"
+        return ""
+
+    def _ticks_of_y(self, y: Scale) -> Generator[str, None, str]:
+        values, texts = y.ticks(_TICK_Y)
+        at = y(np.array(values))
+        for v, text in zip(at, texts, strict=True):
+            yield f'<text x="-6" y="{v + 4:.1f}" class="y">{text}</text>'
+        return "".join(f"M0 {v:.1f}H{self.inner[0]:.1f}" for v in at)
 
 
 def _equal(x: Scale, y: Scale) -> tuple[Scale, Scale]:

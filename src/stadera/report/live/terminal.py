@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from math import isfinite
 
 from rich.console import Group, RenderableType
@@ -35,19 +36,35 @@ def live_screen(state: LiveState) -> RenderableType:
 def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
     """A line for everything that is different from the state before: what is waited for, trust, tare and changes."""
     at = "" if state.time != state.time else f"{state.time:.2f} s: "
-    if before is None or before.waiting_for != state.waiting_for:
-        yield from (f"{at}waiting for {lacking}" for lacking in state.waiting_for)
-    if before is not None and before.waiting_for and not state.waiting_for:
-        yield f"{at}samples come"
-    if before is None or before.trust.verdict != state.trust.verdict:
+    old = _Seen() if before is None else _Seen.of(before)
+    new = _Seen.of(state)
+    if old.waiting_for != new.waiting_for:
+        yield from (f"{at}waiting for {lacking}" for lacking in new.waiting_for)
+    if old.waiting_for and not new.waiting_for:
+        yield f"{at}samples arrive"
+    if old.verdict != new.verdict:
         yield f"{at}trust: {trust_text(state.trust)}"
-    if state.payload is not None and (before is None or before.payload is None):
+    if new.tared and not old.tared:
         yield f"{at}tared"
-    known = set() if before is None else {change.noticed for change in before.changes}
     for change in state.changes:
-        if change.noticed not in known:
+        if change.noticed not in old.changes:
             mass = with_std(change.mass, change.mass_std)
             yield f"{at}load {change.kind} at {change.time:.2f} s, {mass} kg so far{_mark(state)}"
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What of a state makes a line when it differs."""
+
+    waiting_for: tuple[str, ...] = ()
+    verdict: str = ""
+    tared: bool = False
+    changes: frozenset[float] = frozenset()
+
+    @classmethod
+    def of(cls, state: LiveState) -> _Seen:
+        noticed = frozenset(change.noticed for change in state.changes)
+        return cls(tuple(state.waiting_for), state.trust.verdict, state.payload is not None, noticed)
 
 
 def live_summary(state: LiveState) -> str:

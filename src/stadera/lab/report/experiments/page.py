@@ -21,20 +21,30 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
     done = [result for result in results if isinstance(result, ExperimentResult)]
     missed = sum(len(result.missed) for result in done)
     bounded = sum(record.met is not None for result in done for record in result.records)
-    said = f"{bounded - missed} of {bounded} bounds are met" if bounded else "No bound is set; values alone"
+    level, word, said, why = _verdict(missed, bounded)
     return render(
         "experiments.html.j2",
         package="stadera.lab.report",
         title=done[0].title if len(done) == 1 else "Reproduced tables and figures",
-        level="warning" if missed else "note",
+        level=level,
         headline=f"{said}.",
-        word=f"{missed} missed" if missed else "All met" if bounded else "Measured",
-        why="A bound that is missed is a measurement, not an error; why is said below." if missed else "",
+        word=word,
+        why=why,
         next=_next_steps(done),
         paper=PAPER_CITED if any(result.differs for result in done) else None,
         outcomes=[_outcome(result) for result in results],
         experiments=[_experiment(result) for result in done],
     )
+
+
+def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
+    """Level, word, headline and reason for so many bounds missed of so many set."""
+    if missed:
+        why = "A bound that is missed is a measurement, not an error; why is said below."
+        return "warning", f"{missed} missed", f"{bounded - missed} of {bounded} bounds are met", why
+    if bounded:
+        return "note", "All met", f"{bounded} of {bounded} bounds are met", ""
+    return "note", "Measured", "No bound is set; values alone", ""
 
 
 def _next_steps(done: Sequence[ExperimentResult]) -> tuple[str, ...]:
