@@ -31,8 +31,8 @@ def reproduce(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|all",
-            help="Which table or figure; all leaves out survival, walking, alarms and reality, studies of an hour.",
+            metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|all",
+            help="Which table or figure; all leaves out long studies: survival, walking, alarms, reality, faults.",
         ),
     ],
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of every random draw.")] = 0,
@@ -47,7 +47,7 @@ def reproduce(
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Of walking, alarms and reality: as many repetitions of the whole grid."),
+        typer.Option(metavar="N", min=1, help="Of walking, alarms, reality, faults: repetitions of the whole grid."),
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,

@@ -11,7 +11,16 @@ import pytest
 from lab.plant.reference import pinocchio_model
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters, skew
-from stadera.lab.plant import DroppedBox, Plant, RigidMass, SimulationError, Terrain, TrueState, VirtualForce
+from stadera.lab.plant import (
+    DroppedBox,
+    OutsideForce,
+    Plant,
+    RigidMass,
+    SimulationError,
+    Terrain,
+    TrueState,
+    VirtualForce,
+)
 from stadera.legs.model import foot_positions
 from stadera.robot import JointDynamics, JointLimits, Robot, load_robot
 from stadera.robot.kinematics import forward_kinematics
@@ -127,6 +136,36 @@ def test_payloads_in_motion_obey_pinocchios_equations(hyq: Robot) -> None:
     force = plant.state.rotation.T @ np.array([0.0, 0.0, -100.0])
     wrench = np.r_[force, np.cross(virtual.position, force), np.zeros(12)]
     np.testing.assert_allclose(residual(loaded, plant.state), wrench, atol=1e-6 * 9.81 * hyq.mass)
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_forces_from_outside_obey_pinocchios_equations(hyq: Robot, loaded: bool) -> None:
+    plant, at = Plant(hyq), np.array([0.3, 0.2, 0.1])
+    stand(plant, 0.2, sway=0.1)
+    if loaded:
+        plant.apply_payload(VirtualForce(100.0, (-0.3, 0.15, 0.1)))
+    start = plant.state
+    plant.pull(OutsideForce(50.0, (0.0, 2.0, 0.0), (0.3, 0.2, 0.1), begin=plant.time, stiffness=2000.0, ramp=0.05))
+    stand(plant, 0.2, reset=False, sway=0.1)
+    state = plant.state
+    moved = state.position + state.rotation @ at - start.position - start.rotation @ at
+    pull = state.rotation.T @ np.array([0.0, 50.0 - 2000.0 * moved[1], 0.0])
+    weight = state.rotation.T @ np.array([0.0, 0.0, -100.0 * loaded])
+    wrench = np.r_[pull + weight, np.cross(at, pull) + np.cross((-0.3, 0.15, 0.1), weight), np.zeros(12)]
+    assert abs(2000.0 * moved[1]) > 1.0
+    np.testing.assert_allclose(residual(hyq, state), wrench, atol=1e-6 * 9.81 * hyq.mass)
+
+
+def test_a_wall_does_not_pull_and_a_push_ends() -> None:
+    wall = OutsideForce(10.0, (0.0, -1.0, 0.0), begin=1.0, stiffness=1000.0)
+    assert wall.force(3.0, np.array([5.0, 0.02, 0.0])) == pytest.approx([0.0, -30.0, 0.0])
+    assert not wall.force(3.0, np.array([0.0, -0.02, 0.0])).any()
+    push = OutsideForce(10.0, (1.0, 0.0, 0.0), begin=1.0, end=2.0)
+    assert push.force(1.5, np.zeros(3))[0] == pytest.approx(10.0)
+    assert push.force(1.05, np.zeros(3))[0] == pytest.approx(5.0)
+    assert not push.force(2.5, np.zeros(3)).any()
+    with pytest.raises(ModelError, match="a direction"):
+        OutsideForce(10.0, (0.0, 0.0, 0.0))
 
 
 def test_momentum_changes_by_the_forces() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
+from stadera.lab.experiments.faults import study as faults
 from stadera.lab.experiments.legs import fig4, fig5, table1
 from stadera.lab.experiments.legs.real_logs import MissingDataError
 from stadera.lab.experiments.moving import alarms, inertial_share, survival, table5, walking
@@ -31,6 +32,7 @@ _MODULES = (
     walking,
     alarms,
     reality,
+    faults,
 )
 _EXPERIMENTS = tuple(module.PAPER.experiment(module.run) for module in _MODULES)
 

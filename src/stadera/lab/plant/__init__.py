@@ -1,6 +1,7 @@
 """The test-bed: a MuJoCo plant made from a `Robot`, independent of the models that estimators use."""
 
 from stadera.lab.plant.leg import Gains, simulate_leg
+from stadera.lab.plant.outside import OutsideForce
 from stadera.lab.plant.payload import DroppedBox, Payload, RigidMass, Tray, VirtualForce
 from stadera.lab.plant.perturb import perturbed, perturbed_physical
 from stadera.lab.plant.plant import Plant, SimulationError
@@ -26,6 +27,7 @@ __all__ = [
     "DroppedBox",
     "Gains",
     "Gaussian",
+    "OutsideForce",
     "Payload",
     "Plant",
     "RigidMass",

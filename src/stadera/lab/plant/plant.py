@@ -4,7 +4,7 @@ One step applies a torque to the joints, held over the step, and integrates (sem
 accelerations and contact forces are worked out once more at the new instant with that torque still acting, so that
 whatever is read between two steps belongs to one instant and obeys
 
-    M(q) v̇ + h(q, v) + joint dynamics = Sᵀ effort + Σ Jᵀ f + payload forces
+    M(q) v̇ + h(q, v) + joint dynamics = Sᵀ effort + Σ Jᵀ f + payload and outside forces
 
 to the accuracy of the contact solver. Positions and velocities are not worked out again in the next step.
 
@@ -24,6 +24,7 @@ from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.contacts import Contacts
 from stadera.lab.plant.model import joint_offsets, set_body_inertia
+from stadera.lab.plant.outside import OutsideForce
 from stadera.lab.plant.payload import DroppedBox, Payload, RigidMass, Tray, VirtualForce
 from stadera.lab.plant.state import TrueState
 from stadera.lab.plant.terrain import Terrain
@@ -57,6 +58,8 @@ class Plant:
         self.terrain = terrain or Terrain()
         self.timestep = timestep
         self._payloads: tuple[Payload, ...] = ()
+        self._outside: OutsideForce | None = None
+        self._outside_start: Array | None = None
         self._tray = Tray.of(robot)
         self._steps = 0
         self._joint_count = len(robot.tree.joints)
@@ -74,7 +77,7 @@ class Plant:
             SimulationError: a wrong shape or a value that is not finite; no ground around the origin.
         """
         q = self._checked(joint_position, "joint positions")
-        self._payloads, self._steps = (), 0
+        self._payloads, self._outside, self._steps = (), None, 0
         self._build()
         quat = np.zeros(4)
         if orientation is None:
@@ -127,6 +130,11 @@ class Plant:
             self._rebuild()
         else:
             self._load_trunk()
+        self._evaluate()
+
+    def pull(self, force: OutsideForce) -> None:
+        """From now on this force acts from outside, in the place of any other; where it acts is where it began."""
+        self._outside, self._outside_start = force, None
         self._evaluate()
 
     def truth(self) -> InertialParameters:
@@ -250,6 +258,7 @@ class Plant:
         # the virtual forces as one, at MuJoCo's point of application, the body's centre of mass
         com = self._model.body_ipos[self._trunk]
         self._virtual_force = float(sum(payload.force for payload in virtual))
+        self._trunk_com = np.array(com)
         self._data.xfrc_applied[self._trunk] = 0.0
         self._virtual_moment = np.zeros(3)  # Σ force (point - com), trunk axes [N·m]
         for payload in virtual:
@@ -261,9 +270,25 @@ class Plant:
             # arm x (0, 0, -force), summed
             x, y, _ = _rotated(self._virtual_moment, data.qpos[3:7])
             data.xfrc_applied[self._trunk] = (0.0, 0.0, -self._virtual_force, -y, x, 0.0)
+        if self._outside is not None:
+            self._add_outside(self._outside)
         mujoco.mj_forward(self._model, data)
         if not isfinite(self._acceleration.dot(self._acceleration)):
             raise SimulationError(f"robot {self.robot.name}: the simulated motion ran away at {self.time:.3f} s")
+
+    def _add_outside(self, outside: OutsideForce) -> None:
+        """Its force and moment about the trunk's centre of mass, world axes, on top of the virtual forces."""
+        data, at = self._data, np.asarray(outside.at)
+        if not self._virtual_force:
+            data.xfrc_applied[self._trunk] = 0.0
+        if self.time < outside.begin:
+            return
+        point = data.qpos[:3] + _rotated(at, data.qpos[3:7])
+        if self._outside_start is None:
+            self._outside_start = point
+        force = outside.force(self.time, point - self._outside_start)
+        arm = _rotated(at - self._trunk_com, data.qpos[3:7])
+        data.xfrc_applied[self._trunk] += np.concatenate([force, np.cross(arm, force)])
 
     def _place_box(self, index: int, box: DroppedBox) -> None:
         data = self._data

@@ -89,6 +89,8 @@ def simulate(
     made = _drawn(robot, scenario, settings) if settings.real_sizes else _sized(robot, scenario, settings)
     plant = Plant(made.real, made.terrain, PERIOD)
     plant.reset(standing_configuration(robot))
+    if settings.outside is not None:
+        plant.pull(settings.outside)
     sensors = _KeptSensors(settings.sensor_errors, settings.seed, robot)
     sensors.keep(1 if made.draw else settings.every)
     bed = TestBed(plant, sensors, scenario.controller(made.model, TrunkModel.prior(robot)), hold=settings.hold)

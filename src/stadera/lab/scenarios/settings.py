@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from stadera.errors import StaderaError, UnknownNameError
-from stadera.lab.plant import SensorErrors, sensor_errors
+from stadera.lab.plant import OutsideForce, SensorErrors, sensor_errors
 from stadera.lab.plant.payload import Payload, RigidMass, VirtualForce
 from stadera.lab.reality import REAL_SETS, RealSizes
 from stadera.lab.sensor_errors import ERROR_SETS
@@ -69,6 +69,7 @@ class SimulateSettings:
         amplitude: of a shake, times 3° and 3 % of the robot's height.
         stones: [m], the ground is made of stepping stones whose heights differ by ± so much; 0 for a plane.
         hold: periods of the test-bed for which the controller's torques are held, see `TestBed`.
+        outside: a force that is no load; None for none.
 
     Raises:
         StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
@@ -88,6 +89,7 @@ class SimulateSettings:
     amplitude: float = 1.0
     stones: float = 0.0
     hold: int = 1
+    outside: OutsideForce | None = None
 
     def __post_init__(self) -> None:
         if self.errors.lower() not in (*ERROR_SETS, *REAL_SETS):

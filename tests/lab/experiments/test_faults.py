@@ -1,0 +1,100 @@
+"""The study of faulty logs: its grid, what its summary says of outcomes, and a part of it run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stadera.fleet.pool import Pool
+from stadera.lab.experiments.faults import runs, study
+from stadera.lab.experiments.faults.forces import FORCES
+from stadera.lab.experiments.faults.runs import CLEAN, FaultCase, LogCase, weigh_faulty
+from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
+from stadera.lab.experiments.paper import ReproduceSettings
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.logs import Recording
+from stadera.robot import load_robot
+
+LOG = LogCase("go2", "stand", 0, duration=2.0)
+
+
+def outcome(status: str, error: float = 0.0, **more: Any) -> dict[str, Any]:
+    """A weighing of a robot of 50 kg, off by `error` [kg], 1 σ a kilogram."""
+    return {
+        "status": status,
+        "said": "",
+        "mass": 50.0,
+        "errors": {"trunk mass": [error, 1.0]},
+        "left_out": False,
+        **more,
+    }
+
+
+def summary(*entries: tuple[str, dict[str, Any]]) -> dict[str, float]:
+    found = study.summary([FaultCase(LOG, fault) for fault, _ in entries], [o for _, o in entries])
+    return {f"{record.case['faults']}, {record.metric}": record.value for record in found.records}
+
+
+def test_the_grid_has_every_fault_for_every_robot_motion_and_seed() -> None:
+    grid = study.cases(ReproduceSettings())
+    assert len(grid) == len(set(grid)) == 6 * 4 * 8 * (1 + len(SIGNAL_FAULTS) + len(FORCES)) > 10_000
+    assert {case.log.share for case in grid} == {0.0, study.LOAD}
+    assert len(study.cases(ReproduceSettings(quick=True))) > 200
+    pushed = [case for case in grid if case.fault in FORCES]
+    assert all(case.log.force == case.fault and not case.log.share for case in pushed)
+
+
+def test_only_faults_that_a_log_can_show_are_counted_against_it() -> None:
+    hidden = "all torques x1.15"
+    found = summary(
+        (CLEAN, outcome("right")),
+        (CLEAN, outcome("named")),
+        (hidden, outcome("silent", 8.0)),
+        ("one torque x2", outcome("silent", 4.0)),
+        ("one torque x2", outcome("silent", -6.0)),
+        ("gyro zero", outcome("refused")),
+        ("gyro zero", outcome("right", 1.0)),
+    )
+    shown = "that a log can show"
+    assert found[f"{shown}, share silent"] == pytest.approx(0.5)
+    assert found[f"{shown}, share refused"] == found[f"{shown}, share right"] == pytest.approx(0.25)
+    assert found[f"{shown}, silent beyond 5 σ"] == 1
+    assert found["none, share called faulty"] == pytest.approx(0.5)
+
+
+def test_a_part_of_it_is_run_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = [FaultCase(LOG, fault) for fault in (CLEAN, "accelerometer in g")]
+    settings = ReproduceSettings(keep=tmp_path, pool=Pool(0))
+    first = study.run_cases(grid, settings, lambda *_: None, tmp_path / "logs")
+    rows = {row[0].text: [cell.text for cell in row[1:]] for _, group in first.tables[3].groups for row in group}
+    assert rows[CLEAN][:2] == ["1", "1"]
+    assert rows["accelerometer in g"][3] == "1"
+    assert len(list((tmp_path / "logs").iterdir())) == 2
+    monkeypatch.setattr(runs, "weigh", None)  # nothing is weighed again
+    again = study.run_cases(grid, settings, lambda *_: None, tmp_path / "logs")
+    assert [record.value for record in again.records] == [record.value for record in first.records]
+    assert weigh_faulty(FaultCase(LOG), tmp_path / "logs")["status"] == "crashed"  # of what is no stadera error
+
+
+def test_a_case_is_faulty_in_the_same_way_every_time() -> None:
+    robot = load_robot("go2")
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=1.0)).recording
+    for name, fault in SIGNAL_FAULTS.items():
+        one, other = (fault.spoil(log, robot, np.random.default_rng(3)) for _ in range(2))
+        assert len(one) == len(other)
+        assert (one.position == other.position).all(), name
+        changed = any(_differs(one, log, channel) for channel in ("time", "position", "velocity", "effort", "imu"))
+        assert changed, name
+
+
+def _differs(one: Recording, other: Recording, channel: str) -> bool:
+    if len(one) != len(other):
+        return True
+    if channel == "imu":
+        names = ("angular_velocity", "linear_acceleration")
+        return any((getattr(one.imu, name) != getattr(other.imu, name)).any() for name in names)
+    return bool((getattr(one, channel) != getattr(other, channel)).any())
