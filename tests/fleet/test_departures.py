@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from stadera.fleet.departures import departures, looks_at, scatter
-from stadera.fleet.series import Series
+from stadera.fleet.series import FleetSeries
 
 RNG = np.random.default_rng
 
 
-def series(value: np.ndarray, std: np.ndarray, robot: str = "a") -> Series:
-    return Series(robot, "trunk mass", "kg", None, value, std, ({},) * len(value))
+def series(value: np.ndarray, std: np.ndarray, robot: str = "a") -> FleetSeries:
+    return FleetSeries(robot, "trunk mass", "kg", None, value, std, ({},) * len(value))
 
 
-def steady(seed: int, n: int, kappa: float = 1.0, common: float = 0.0) -> Series:
+def steady(seed: int, n: int, kappa: float = 1.0, common: float = 0.0) -> FleetSeries:
     """Nothing happens: errors `kappa` times as large as their bars say, besides one that all logs have in common."""
     rng = RNG(seed)
     std = rng.uniform(0.7, 1.4, n)

@@ -9,14 +9,14 @@ import pytest
 
 from identify.leg_runs import hyq
 from stadera.errors import IdentificationError
-from stadera.identify.pooling import Spread, pooled_prior
+from stadera.identify.pooling import KindSpread, pooled_prior
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, null_space_solution
 from stadera.information import Information
 from stadera.legs import FrictionModel, JointTorqueRegressor
 from stadera.robot.model import Leg
 
-SPREAD = Spread(armature=0.1, viscous=0.2, coulomb=0.5)
+SPREAD = KindSpread(armature=0.1, viscous=0.2, coulomb=0.5)
 
 
 def prior_of(leg: Leg, friction: FrictionModel | None = None) -> Prior:
@@ -104,4 +104,4 @@ def test_alone_or_without_the_term_it_is_the_prior_itself() -> None:
 @pytest.mark.parametrize("name", ["armature", "viscous", "coulomb"])
 def test_spread_is_positive(name: str) -> None:
     with pytest.raises(IdentificationError, match=f"spread of '{name}' must be positive"):
-        Spread(**{name: 0.0})
+        KindSpread(**{name: 0.0})

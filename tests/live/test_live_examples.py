@@ -17,7 +17,7 @@ from on_zenoh import PATIENCE, Listener
 import bags
 from stadera.live import LiveSession
 from stadera.live.link import Endpoints
-from stadera.live.run import Source, run
+from stadera.live.run import LiveSource, run
 from stadera.logs import LogFile, Recording, Topics
 from stadera.robot import Robot
 
@@ -55,7 +55,7 @@ def test_a_loop_of_ones_own(
     stop, unit = threading.Event(), walk.imu
     assert unit is not None
     session = LiveSession(robot)
-    thread = threading.Thread(target=run, args=(session, Source(Endpoints(listen=(endpoint,)), Topics()), stop))
+    thread = threading.Thread(target=run, args=(session, LiveSource(Endpoints(listen=(endpoint,)), Topics()), stop))
     thread.start()
     try:
         listener.until(lambda state: True)
@@ -77,7 +77,7 @@ def test_a_loop_of_ones_own(
 
 def test_the_client_follows_a_replay(robot: Robot, walk_file: Path, endpoint: str) -> None:
     stop = threading.Event()
-    source = Source(Endpoints(listen=(endpoint,)), Topics(), LogFile(walk_file), rate=0.5)
+    source = LiveSource(Endpoints(listen=(endpoint,)), Topics(), LogFile(walk_file), rate=0.5)
     thread = threading.Thread(target=run, args=(LiveSession(robot), source, stop))
     thread.start()
     command = [sys.executable, str(EXAMPLES / "live_client.py"), endpoint, "4"]

@@ -70,12 +70,12 @@ def live(
     from stadera.files import written_together
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
-    from stadera.live.run import Source, run
+    from stadera.live.run import LiveSource, run
     from stadera.report.live.terminal import live_summary
 
     model = robot_with_legs(robot, legs, options.reading.limits)
     check_outputs((record, rrd))
-    where = Source(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
+    where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
         session = LiveSession(model, options.topics, imu_frame, watch=watch)
         with _until_stopped() as stop, _shown() as sink:

@@ -31,7 +31,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import chi2, norm, t
 
-from stadera.fleet.series import Series
+from stadera.fleet.series import FleetSeries
 from stadera.types import Array
 
 _FEWEST = 6  # logs that have a scatter
@@ -57,7 +57,7 @@ class Departure:
         chance: probability, in the whole fleet, of something as large where nothing happened.
     """
 
-    series: Series
+    series: FleetSeries
     first: int
     last: int
     change: float
@@ -89,7 +89,7 @@ class Departure:
         }
 
 
-def departures(fleet: Sequence[Series], chance: float = 0.01) -> list[Departure]:
+def departures(fleet: Sequence[FleetSeries], chance: float = 0.01) -> list[Departure]:
     """What stands out, the surest first.
 
     Args:
@@ -102,12 +102,12 @@ def departures(fleet: Sequence[Series], chance: float = 0.01) -> list[Departure]
     return sorted(found, key=lambda departure: departure.chance)
 
 
-def looks_at(fleet: Sequence[Series]) -> int:
+def looks_at(fleet: Sequence[FleetSeries]) -> int:
     """How many stretches are compared in all, by both yardsticks."""
     return _YARDSTICKS * sum(map(sum, (_stretches(len(series.value)).values() for series in fleet)))
 
 
-def scatter(series: Series) -> float:
+def scatter(series: FleetSeries) -> float:
     """κ: how much the logs scatter, in units of their bars; NaN of too few logs."""
     value, std = series.value, series.std
     if len(value) < _FEWEST:
@@ -125,7 +125,7 @@ def _stretches(count: int) -> dict[Kind, int]:
     return {"since": tails, "once": single, "while": count * (count - 1) // 2 - tails - single}
 
 
-def _searched(series: Series, looks: Mapping[Kind, int], chance: float) -> Iterator[Departure]:
+def _searched(series: FleetSeries, looks: Mapping[Kind, int], chance: float) -> Iterator[Departure]:
     kappa, freedom = scatter(series), _WORTH * (len(series.value) - 1)
     wide = float(np.fmax(1.0, kappa))
     waiting = [(0, len(series.value))]

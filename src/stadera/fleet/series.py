@@ -33,7 +33,7 @@ JOINT: Mapping[str, tuple[str, str, float]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class FleetSeries:
     """One quantity of one robot over its logs, in order of time.
 
     Attributes:
@@ -68,7 +68,7 @@ def when(row: LogRow) -> str:
     return datetime.fromtimestamp(begin, UTC).strftime("%Y-%m-%d %H:%M")
 
 
-def series_of(table: FleetTable) -> Iterator[Series]:
+def series_of(table: FleetTable) -> Iterator[FleetSeries]:
     """Every quantity that was observed in at least one log: the trunk's, then the joints', robot by robot.
 
     Logs whose result is not to be trusted are left out.
@@ -91,13 +91,13 @@ def series_of(table: FleetTable) -> Iterator[Series]:
 
 def _series(
     robot: str, title: str, unit: str, joint: str | None, factor: float, pairs: Sequence[tuple[LogRow, Any, Any]]
-) -> Iterator[Series]:
+) -> Iterator[FleetSeries]:
     """Of those that were observed; nothing where none was."""
     good = ((row, value, std) for row, value, std in pairs if row["trust"] != "bad" and value is not None and std)
     seen = [(row, factor * value, factor * std) for row, value, std in good]
     if seen:
         rows, value, std = zip(*seen, strict=True)
-        yield Series(robot, title, unit, joint, np.array(value), np.array(std), tuple(rows))
+        yield FleetSeries(robot, title, unit, joint, np.array(value), np.array(std), tuple(rows))
 
 
 def _in_time(rows: Sequence[LogRow]) -> list[LogRow]:

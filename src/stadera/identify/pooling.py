@@ -25,7 +25,7 @@ from stadera.robot.model import Leg
 
 
 @dataclass(frozen=True)
-class Spread:
+class KindSpread:
     """How much drives of one make differ, one standard deviation, relative to their mean.
 
     Rotor inertia and viscous friction are the drive's design; Coulomb friction also depends on wear and preload.
@@ -41,7 +41,7 @@ class Spread:
                 raise IdentificationError(f"spread of {name!r} must be positive, got {getattr(self, name)}")
 
 
-def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: Spread) -> Prior:
+def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:
     """A leg's prior with the centre and width of its drives' terms taken from the other legs.
 
     Terms that the prior does not hold stay out; without other legs it is the prior itself.

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
-from stadera.identify.pooling import Spread
+from stadera.identify.pooling import KindSpread
 from stadera.identify.prior import PriorWidth
 from stadera.legs import FRICTION_TERMS, FrictionModel
 
@@ -94,7 +94,7 @@ class IdentifySettings:
     up: tuple[float, float, float] | None = None
     split: float = 0.5
     width: PriorWidth = field(default_factory=PriorWidth)
-    spread: Spread | None = field(default_factory=Spread)
+    spread: KindSpread | None = field(default_factory=KindSpread)
     most_carried: float = 0.1
     trust: TrustSettings = field(default_factory=TrustSettings)
     signals: SignalSettings = field(default_factory=SignalSettings)

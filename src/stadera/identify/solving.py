@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from stadera.identify.pooling import Spread, pooled_prior
+from stadera.identify.pooling import KindSpread, pooled_prior
 from stadera.identify.prior import Prior
 from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
 from stadera.information import Information
@@ -15,7 +15,7 @@ _SOLVERS = {"consistent": consistent_solution, "null-space": null_space_solution
 
 
 def solve_legs(
-    legs: Sequence[tuple[Leg, Information, Prior]], method: str, spread: Spread | None, progress: Progress
+    legs: Sequence[tuple[Leg, Information, Prior]], method: str, spread: KindSpread | None, progress: Progress
 ) -> list[tuple[Estimate, Estimate]]:
     """For each leg the solution asked for and the null-space one.
 

@@ -21,7 +21,7 @@ _POLL = 0.05  # s, after which a fault of the worker ends the session
 
 
 @dataclass(frozen=True)
-class Source:
+class LiveSource:
     """Where messages come from.
 
     Attributes:
@@ -38,7 +38,7 @@ class Source:
 
 def run(
     session: LiveSession,
-    source: Source,
+    source: LiveSource,
     stop: threading.Event,
     sinks: Sequence[Callable[[LiveState], None]] = (),
     record: Path | None = None,

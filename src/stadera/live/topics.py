@@ -106,10 +106,10 @@ def chosen(head: Sequence[Arrival], asked: Topics, joints: Sequence[str], settin
         RecordingError: several that are alike and none asked for; one asked for that is not there or of another type.
     """
     found = {arrival.topic: Topic(arrival.kind) for arrival in head}
-    return choose(_Heard(head), found, asked, joints, settings.bags)
+    return choose(_HeadBag(head), found, asked, joints, settings.bags)
 
 
-class _Heard(Bag):
+class _HeadBag(Bag):
     """The first messages, as those of a bag."""
 
     def __init__(self, head: Sequence[Arrival]) -> None:

@@ -28,7 +28,7 @@ from stadera.trunk.standing.pose_means import Alike, PoseMean
 from stadera.trunk.standing.vertical import measurements_without_imu
 from stadera.trust import Trust
 from stadera.types import Array
-from stadera.weigh.changes import Limits, changes_between, levels, loads, misfit
+from stadera.weigh.changes import LevelLimits, changes_between, levels, loads, misfit
 from stadera.weigh.reading import CheckedLog, check_source
 from stadera.weigh.rest import MeanMass, Rest, RestBlock, times_at_rest
 from stadera.weigh.result import Balance, Timeline, Vertical, Weighing
@@ -77,7 +77,9 @@ class _AtRest:
         self.request, self.robot, self.settings = request, request.robot, request.settings
         self.forces = ContactForceEstimator(self.robot, legs=MeasuredLegs(self.robot))
         self.errors = ConstantErrors.of(self.forces.noise)
-        self.limits = Limits(self.settings.least_change * self.robot.mass, self.settings.change_deviations, self.errors)
+        self.limits = LevelLimits(
+            self.settings.least_change * self.robot.mass, self.settings.change_deviations, self.errors
+        )
         self.has_imu = check_source(request)
         self.log = CheckedLog(request, request.source)
         self._logs = [self.log]

@@ -22,7 +22,7 @@ from stadera.weigh.rest import MeanMass, RestBlock, constant_variance, differenc
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class LevelLimits:
     """When a block departs.
 
     Attributes:
@@ -41,7 +41,7 @@ class Limits:
         return abs(block.mass - mean.mass) > max(self.mass, self.deviations * std)
 
 
-def loads(blocks: Sequence[RestBlock], limits: Limits) -> list[MeanMass]:
+def loads(blocks: Sequence[RestBlock], limits: LevelLimits) -> list[MeanMass]:
     """The mean mass of each load in turn, disturbances left out; none without blocks."""
     means: list[MeanMass] = []
     waiting: RestBlock | None = None
@@ -75,7 +75,9 @@ def changes_between(means: Sequence[MeanMass], errors: ConstantErrors) -> tuple[
     return tuple(changes)
 
 
-def misfit(blocks: Sequence[RestBlock], level: NDArray[np.int64], means: Sequence[MeanMass], limits: Limits) -> float:
+def misfit(
+    blocks: Sequence[RestBlock], level: NDArray[np.int64], means: Sequence[MeanMass], limits: LevelLimits
+) -> float:
     """Variance of the blocks' masses about the mean of their load, over the stated one; NaN for too few blocks.
 
     Disturbances, which `loads` leaves out, are left out here too. A mean takes one degree of freedom.

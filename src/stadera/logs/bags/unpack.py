@@ -11,7 +11,7 @@ from stadera.limits import Budget
 _PIECE = 1 << 20  # bytes unpacked at a time
 
 
-class _Stream(Protocol):
+class _Readable(Protocol):
     def read(self, size: int, /) -> bytes: ...
 
 
@@ -47,7 +47,7 @@ def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
     raise RecordingError(f"{budget.path}: a chunk is compressed by {compression!r}; valid: zstd, lz4, bz2")
 
 
-def _read(stream: _Stream, budget: Budget) -> bytes:
+def _read(stream: _Readable, budget: Budget) -> bytes:
     parts: list[bytes] = []
     size = 0
     while part := stream.read(_PIECE):

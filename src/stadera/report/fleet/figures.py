@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from stadera.fleet.departures import Departure
-from stadera.fleet.series import Series, when
+from stadera.fleet.series import FleetSeries, when
 from stadera.report.numbers import number, with_std
 from stadera.types import Array
 
@@ -18,7 +18,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 8, 8, 20
 _NAMED = 400  # logs of a figure up to which each point says which it is; more make the page too heavy
 
 
-def figure(series: Series, found: Sequence[Departure], named: bool = True) -> Markup:
+def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) -> Markup:
     """Values over the logs in order, bars of two standard deviations, levels, and what stands out in another colour.
 
     Args:
@@ -52,7 +52,7 @@ def figure(series: Series, found: Sequence[Departure], named: bool = True) -> Ma
     )
 
 
-def _range(series: Series) -> tuple[float, float]:
+def _range(series: FleetSeries) -> tuple[float, float]:
     """All values with their bars; bars that are far longer than the rest are cut off."""
     usual = 3.0 * float(np.median(series.std))
     reach = np.minimum(2.0 * series.std, usual)
@@ -65,7 +65,7 @@ def _height(value: Array | np.float64, low: float, high: float) -> Array:
     return np.clip(_TOP + inside * (high - value) / (high - low), 0.0, _HEIGHT - _BOTTOM + 4.0)
 
 
-def _axis(series: Series, low: float, high: float) -> Markup:
+def _axis(series: FleetSeries, low: float, high: float) -> Markup:
     """Least and largest value at the left, first and last time below."""
     step = 0.15 * (high - low)
     texts = [
@@ -91,7 +91,7 @@ def _dots(x: Array, y: Array) -> str:
     return "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(x, y, strict=True))
 
 
-def _levels(series: Series, found: Sequence[Departure], x: Array, low: float, high: float) -> str:
+def _levels(series: FleetSeries, found: Sequence[Departure], x: Array, low: float, high: float) -> str:
     """A line at the mean of each stretch between two edges of what stands out."""
     count = len(series.value)
     edges = sorted({0, count, *(d.first for d in found), *(d.last + 1 for d in found)})
@@ -102,7 +102,7 @@ def _levels(series: Series, found: Sequence[Departure], x: Array, low: float, hi
     return "".join(out)
 
 
-def _point(series: Series, k: int, x: float, y: float, out: bool, doubtful: bool) -> Markup:
+def _point(series: FleetSeries, k: int, x: float, y: float, out: bool, doubtful: bool) -> Markup:
     row = series.rows[k]
     name = str(row["log"]).rpartition("/")[2]
     said = f"{when(row)} {name}: {with_std(series.value[k], series.std[k])} {series.unit}, {row['trust']}".strip()

@@ -11,7 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from stadera.fleet.departures import Departure, departures, looks_at
-from stadera.fleet.series import TRUNK, LogRow, Series, by_robot, series_of, when
+from stadera.fleet.series import TRUNK, FleetSeries, LogRow, by_robot, series_of, when
 from stadera.fleet.table import FleetTable
 from stadera.report.fleet.figures import figure
 from stadera.report.fleet.tables import change_text, found_table, robots_table, time_text
@@ -34,7 +34,7 @@ _TERMS = {
 
 
 @dataclass(frozen=True)
-class Panel:
+class FleetPanel:
     """A figure with its title."""
 
     title: str
@@ -48,8 +48,8 @@ class RobotPanels:
 
     name: str
     about: str
-    trunk: tuple[Panel, ...]
-    joints: tuple[Panel, ...]
+    trunk: tuple[FleetPanel, ...]
+    joints: tuple[FleetPanel, ...]
 
 
 def fleet_html(table: FleetTable, chance: float = _CHANCE) -> str:
@@ -81,7 +81,7 @@ def fleet_html(table: FleetTable, chance: float = _CHANCE) -> str:
     )
 
 
-def _headline(found: Sequence[Departure], fleet: Sequence[Series]) -> str:
+def _headline(found: Sequence[Departure], fleet: Sequence[FleetSeries]) -> str:
     if not fleet:
         return "No log gave a figure"
     if not found:
@@ -104,10 +104,10 @@ def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
     return steps
 
 
-def _panels(name: str, rows: Sequence[LogRow], fleet: Sequence[Series], found: Sequence[Departure]) -> RobotPanels:
-    def panel(series: Series) -> Panel:
+def _panels(name: str, rows: Sequence[LogRow], fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> RobotPanels:
+    def panel(series: FleetSeries) -> FleetPanel:
         own = [d for d in found if d.series is series]
-        return Panel(f"{series.title} [{series.unit}]", figure(series, own, series.joint is None), bool(own))
+        return FleetPanel(f"{series.title} [{series.unit}]", figure(series, own, series.joint is None), bool(own))
 
     own = [series for series in fleet if series.robot == name]
     verdicts = Counter(row["trust"] or "failed" for row in rows)

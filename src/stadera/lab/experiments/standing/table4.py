@@ -73,7 +73,7 @@ _METRIC = "‖δ‖ in x-y, median"
 
 
 @dataclass(frozen=True)
-class Column:
+class ErrorColumn:
     """One kind of error: which, how it is read, its mean and standard deviation [N·m or cm]."""
 
     kind: Kind
@@ -120,10 +120,10 @@ class Column:
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Weighs HyQ by three methods under all errors."""
-    cells = [(Column("torque", "sample", 0.0, 1.0), "contact")] if settings.quick else list(_cells())
+    cells = [(ErrorColumn("torque", "sample", 0.0, 1.0), "contact")] if settings.quick else list(_cells())
     planned = [(cell, cell[0].case(cell[1], settings.seed + k)) for cell in cells for k in range(cell[0].runs)]
     outcomes = run_grid(PAPER.name, stand, [case for _, case in planned], progress, pool=settings.pool)
-    found: dict[tuple[Column, str], list[StandingOutcome]] = {cell: [] for cell in cells}
+    found: dict[tuple[ErrorColumn, str], list[StandingOutcome]] = {cell: [] for cell in cells}
     for (cell, _), outcome in zip(planned, outcomes, strict=True):
         found[cell].append(outcome)
     records = [record for (column, method), runs in found.items() for record in _records(column, method, runs)]
@@ -143,14 +143,14 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     )
 
 
-def _cells() -> Iterator[tuple[Column, str]]:
+def _cells() -> Iterator[tuple[ErrorColumn, str]]:
     for kind, error in _ERRORS.items():
         for reading in error.readings:
             for mean, std in error.columns:
-                yield from ((Column(kind, reading, mean, std), method) for method in _METHODS)
+                yield from ((ErrorColumn(kind, reading, mean, std), method) for method in _METHODS)
 
 
-def _records(column: Column, method: str, runs: Sequence[StandingOutcome]) -> Iterator[Record]:
+def _records(column: ErrorColumn, method: str, runs: Sequence[StandingOutcome]) -> Iterator[Record]:
     case = column.named(method)
     errors = [100 * o.in_plane for o in runs]
     yield PAPER.record(case, _METRIC, "cm", float(np.median(errors)), *column.limits(method))
@@ -185,7 +185,7 @@ def _reach(kind: Kind) -> str:
     error, robot, poses = _ERRORS[kind], load_robot("hyq"), poses_of("hyq", 11)
     reached = []
     for mean, std in error.columns:
-        one, every = (100 * _expected(Column(kind, "run", mean, std), robot, p) for p in (poses[:1], poses))
+        one, every = (100 * _expected(ErrorColumn(kind, "run", mean, std), robot, p) for p in (poses[:1], poses))
         reached.append(f"{one:.2f} cm in one pose and {every:.2f} cm over all (μ = {mean:g}, σ = {std:g} {error.unit})")
     return (
         f"Where constant {error.constant} are all that is wrong and their sizes are known, their signs and their "
@@ -194,7 +194,7 @@ def _reach(kind: Kind) -> str:
     )
 
 
-def _expected(column: Column, robot: Robot, poses: Sequence[PoseOffset]) -> float:
+def _expected(column: ErrorColumn, robot: Robot, poses: Sequence[PoseOffset]) -> float:
     """‖δ‖ [m], 1 σ, that constant errors leave; their mean μ as a common part of standard deviation μ."""
     torque = np.full((4, 3), column.std if column.kind == "torque" else 1e-6)
     foot = 0.01 * column.std if column.kind == "foot" else 0.0
