@@ -135,6 +135,16 @@ def test_json_has_the_contract_in_plain_numbers(result: DemoResult):
     assert identified["distance"] > 0.8 * identified["commanded"]
     assert identified["payload"]["mass"]["value"] == pytest.approx(30.0, abs=4.0 * identified["payload"]["mass"]["std"])
     assert identified["payload"]["frame"] == "trunk"
+    runs = found["runs"]
+    assert list(runs) == ["without identification", "without a stop"]
+    assert [(run["outcome"], run["survived"]) for run in runs.values()] == [("fell", False), ("walked", True)]
+    fallen, walked = runs.values()
+    assert {**fallen, **without} == fallen, "with all that the run in brief has"
+    assert {**walked, **identified} == walked
+    assert fallen["payload"] is None
+    assert fallen["fall"]["time"] == pytest.approx(SHORT.load_at + without["fell_after"], abs=0.01)
+    assert walked["fall"] is None
+    assert (fallen["steps_lost"], walked["steps_lost"]) == (None, 0)
 
 
 def test_page_loads_nothing_says_how_it_ended_and_is_small(result: DemoResult):

@@ -10,6 +10,7 @@ import numpy as np
 from stadera.inertia import InertialParameters
 from stadera.lab.demo.run import DemoResult, DemoRun
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
+from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.robot import load_robot
 from stadera.weigh.schema import payload_dict, plain
 
@@ -22,11 +23,12 @@ def demo_dict(result: DemoResult) -> dict[str, Any]:
     """Both runs as plain values: SI units, trunk frame, times from the moment the box is let go, null for what was not
     observed.
 
-    Keys: robot, seed, load, without, with, units. Of each run: outcome (walked, stuck or fell), reasons, fell_after,
-    distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside (of the true
-    centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and planner have it at
-    the end, its centre of mass in x and y), trunk, truth; of the one with identification also noticed_after,
-    updated_after, known_after, payload, transitions and checks.
+    Keys: robot, seed, load, without, with, runs, units. Of each run: outcome (walked, stuck or fell), reasons,
+    fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside (of
+    the true centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and planner
+    have it at the end, its centre of mass in x and y), trunk, truth; of the one with identification also noticed_after,
+    updated_after, known_after, payload, transitions and checks. `runs` has both by the supervisor's name, each with all
+    of these, survived (that it walked), fall, state and steps.
     """
     settings, load = result.settings, true_load(result.identified.outcome)
     return {
@@ -35,6 +37,7 @@ def demo_dict(result: DemoResult) -> dict[str, Any]:
         "load": {"mass": load.mass, "com": plain(load.com), "corner": settings.corner, "time": settings.load_at},
         "without": _run(result.without.outcome),
         "with": _run(result.identified.outcome) | _reaction(result.identified),
+        "runs": {run.name: _run(run.outcome) | _reaction(run) | _course(run.outcome) for run in result.runs},
         "units": {"time": "s", "mass": "kg", "com": "m", "margin": "m", "distance": "m"},
     }
 
@@ -70,6 +73,16 @@ def _reaction(run: DemoRun) -> dict[str, Any]:
             {"time": c.time, "mass": c.mass, "expected": c.expected, "threshold": c.threshold, "changed": c.changed}
             for c in outcome.checks
         ],
+    }
+
+
+def _course(outcome: LoadedWalkOutcome) -> dict[str, Any]:
+    trace = outcome.trace
+    return {
+        "survived": outcome.verdict.outcome is WalkOutcome.WALKED,
+        "fall": None if trace.fall is None else {"time": trace.fall.time, "how": trace.fall.how},
+        "state": str(outcome.state),
+        "steps": list(trace.steps),
     }
 
 
