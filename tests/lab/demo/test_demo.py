@@ -18,7 +18,9 @@ from stadera.errors import StaderaError
 from stadera.lab.demo import DemoResult, DemoSettings, one_run, run_demo
 from stadera.lab.demo.schema import known_after, true_load
 from stadera.lab.experiments.moving.outcome import WalkOutcome
+from stadera.lab.plant.payload import Tray
 from stadera.lab.report.demo.page import demo_html
+from stadera.lab.report.demo.parts import robot_parts
 from stadera.lab.report.demo.scene import packed, scene
 from stadera.lab.report.demo.terminal import headline
 from stadera.robot import load_robot
@@ -105,6 +107,28 @@ def test_the_scene_is_the_film(result: DemoResult):
     trunk = columns["trunk"][-1]
     apart = columns["feet"][-1].reshape(4, 3) - trunk[:3]
     assert np.linalg.norm(centres, axis=1) == pytest.approx(np.linalg.norm(apart, axis=1), abs=1e-3)
+
+
+def test_hyq_has_its_meshes_and_robots_without_have_rounded_parts():
+    """Corners reach as far as HyQ's links do: a shank from knee to foot, a body as long as the trunk's shape."""
+    robot = load_robot("hyq")
+    drawn = robot_parts(robot)
+    corners = {}
+    for name, mesh in drawn["meshes"].items():
+        shares = np.frombuffer(b64decode(mesh["corners"]), "<u2").reshape(-1, 3)
+        faces = np.frombuffer(b64decode(mesh["faces"]), "<u2")
+        assert (faces.size % 3, faces.max()) == (0, len(shares) - 1)
+        corners[name] = np.array(mesh["low"]) + shares * np.array(mesh["step"])
+    shank = robot.legs[0].foot_position[0]
+    assert corners["lowerleg"].max(axis=0)[0] == pytest.approx(shank, abs=0.03)
+    length = max(shape.size[0] for shape in robot.shapes if shape.link == robot.trunk)
+    assert np.ptp(corners["trunk"][:, 0]) > length
+    top = Tray.of(robot).top
+    assert corners["trunk"][:, 2].max() == pytest.approx(top, abs=0.005), "boxes land on the back"
+    shown = [part["link"] for part in drawn["parts"] if part["kind"] == "mesh"]
+    assert sorted(shown) == list(range(13))
+    kinds = {part["kind"] for part in robot_parts(replace(robot, name="mine"))["parts"]}
+    assert kinds == {"body", "limb", "drive", "plate", "foot"}
 
 
 def decoded(shown: dict[str, Any]) -> dict[str, np.ndarray]:

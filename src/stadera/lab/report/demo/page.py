@@ -25,7 +25,7 @@ _LEGEND = (
     ("model", "○", "centre of mass as controller and planner have it"),
     ("polygon", "■", "support polygon; red while the true centre of mass is outside it"),
     ("force", "▲", "the ground's forces on the feet"),
-    ("hot", "■", "a drive at its torque limit"),
+    ("hot", "■", "a link whose drive is at its torque limit"),
 )
 
 

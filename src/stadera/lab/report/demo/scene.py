@@ -1,4 +1,4 @@
-"""What the demo's 3D scene is drawn from: the robot as rounded parts, and both films, packed.
+"""What the demo's 3D scene is drawn from: the robot's tree and parts, and both films, packed.
 
 A film's columns are kept as 16-bit integers between each column's least and largest value, in base64: a value is off by
 at most half of its range / 65534, 10 µm of a metre. -32768 stands for what is not there.
@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from stadera.lab.demo import DemoResult, DemoRun
 from stadera.lab.experiments.moving.outcome import WalkOutcome
-from stadera.lab.plant.payload import Tray
+from stadera.lab.report.demo.parts import robot_parts, short
 from stadera.lab.report.demo.terminal import NAMES
 from stadera.report.numbers import with_std
 from stadera.robot import load_robot
-from stadera.robot.model import Leg, Robot
+from stadera.robot.model import Robot
 from stadera.supervise import State
 from stadera.types import Array
 
@@ -28,9 +28,6 @@ BEFORE = 2.0
 
 _TIPS = np.deg2rad(10.0)
 _MOST, _NONE = 32767, -32768
-_LIMBS = ((0.13, 0.13, 0.17), (0.13, 0.09, 0.17), (0.085, 0.05, 0.12))
-"""Radii of hip, thigh and shank at both ends, and of their drives, as shares of the thigh's length."""
-
 _COLUMNS = ("trunk", "joints", "box", "feet", "force", "down", "limited", "com", "model", "margin")
 
 
@@ -41,7 +38,7 @@ def scene(result: DemoResult) -> dict[str, Any]:
         "load": settings.load_at,
         "box": list(settings.size),
         "weight": robot.mass * 9.81,
-        "robot": {"joints": list(_joints(robot)), "parts": list(_parts(robot))},
+        "robot": {"joints": list(_joints(robot)), **robot_parts(robot)},
         "runs": [_run(run, name, settings.load_at - BEFORE) for name, run in zip(NAMES, result.runs, strict=True)],
     }
 
@@ -118,54 +115,13 @@ def _tips(run: DemoRun) -> float | None:
     return float(film.time[tilted[0]]) if len(tilted) else None
 
 
-# -- the robot ----------------------------------------------------------------------------------------------------
 def _joints(robot: Robot) -> Iterator[dict[str, Any]]:
     tree = robot.tree
     turns = Rotation.from_matrix(tree.rotations).as_quat()
     for k, parent in enumerate(tree.parents):
         yield {
             "parent": parent,
-            "at": _short(tree.translations[k]),
-            "turn": _short(turns[k]),
-            "axis": _short(tree.axes[k]),
+            "at": short(tree.translations[k]),
+            "turn": short(turns[k]),
+            "axis": short(tree.axes[k]),
         }
-
-
-def _parts(robot: Robot) -> Iterator[dict[str, Any]]:
-    """Rounded parts: a trunk, the plate that boxes land on, and legs from joint to joint."""
-    tray = Tray.of(robot)
-    boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
-    largest = max(boxes, key=lambda shape: float(np.prod(shape.size)), default=None)
-    if largest is not None:  # lower by the plate's thickness, which is on top of it
-        under = np.array([0.0, 0.0, 2.0 * tray.half_size[2]])
-        turn = _short(Rotation.from_matrix(largest.rotation).as_quat())
-        yield {
-            "link": 0,
-            "kind": "body",
-            "size": _short(largest.size),
-            "at": _short(largest.translation - under),
-            "turn": turn,
-        }
-    plate = {"size": _short(2.0 * tray.half_size), "at": _short(tray.centre), "turn": [0, 0, 0, 1]}
-    yield {"link": 0, "kind": "plate", **plate}
-    for leg in robot.legs:
-        yield from _leg_parts(robot, leg)
-
-
-def _leg_parts(robot: Robot, leg: Leg) -> Iterator[dict[str, Any]]:
-    """Of each link a limb to the next joint or foot, thinner downwards, and a drive about each joint's axis."""
-    tree = robot.tree
-    joints = [tree.joints.index(name) for name in leg.joints]
-    ends = [*(tree.translations[j] for j in joints[1:]), np.array(leg.foot_position)]
-    length = float(np.linalg.norm(ends[1])) or 0.3
-    for k, (joint, end) in enumerate(zip(joints, ends, strict=True)):
-        thick, thin, drive = (length * share for share in _LIMBS[k])
-        yield {"link": joint + 1, "kind": "limb", "to": _short(end), "radii": _short([thick, thin])}
-        axis = _short(tree.axes[joint])
-        drum = {"radius": drive, "width": 1.7 * drive}
-        yield {"link": joint + 1, "kind": "drive", "joint": joint, "axis": axis, **drum}
-    yield {"link": joints[2] + 1, "kind": "foot", "at": _short(ends[2]), "radius": max(leg.foot_radius, 0.06 * length)}
-
-
-def _short(values: Any) -> list[float]:
-    return [float(f"{value:.6g}") for value in values]

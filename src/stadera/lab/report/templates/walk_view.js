@@ -42,14 +42,15 @@
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   const solid = (roughness = 0.55, metalness = 0.15) => new T.MeshStandardMaterial({roughness, metalness});
   const flat = (opacity = 1, over = false) => new T.MeshBasicMaterial({transparent: opacity < 1 || over, opacity, depthTest: !over, depthWrite: opacity === 1 && !over, side: T.DoubleSide});
-  const paint = {body: solid(), plate: solid(0.7), limb: solid(0.4, 0.3), drive: solid(0.5, 0.2), hot: solid(), foot: solid(0.9, 0), box: solid(0.6), ground: solid(1, 0),
+  const faceted = (roughness, metalness) => Object.assign(solid(roughness, metalness), {flatShading: true, side: T.DoubleSide});
+  const paint = {body: solid(), shell: faceted(0.5, 0.3), leg: faceted(0.65, 0.1), plate: solid(0.7), limb: solid(0.4, 0.3), drive: solid(0.5, 0.2), hot: solid(), foot: solid(0.9, 0), box: solid(0.6), ground: solid(1, 0),
     lines: new T.LineBasicMaterial(), force: flat(), truth: flat(1, true), model: flat(1, true), inside: flat(0.4), outside: flat(0.55), drop: new T.LineBasicMaterial()};
   const scene = new T.Scene(), sky = new T.HemisphereLight(), sun = new T.DirectionalLight();
   const recolour = () => {
     const night = dark.matches;
     scene.background = new T.Color(css("ground"));
     const set = (name, colour) => paint[name].color.set(colour);
-    set("body", night ? "#8fa0b5" : "#4a5666"); set("plate", night ? "#5b6878" : "#aab4c1"); set("limb", night ? "#aab6c6" : "#c3cad4");
+    set("body", night ? "#8fa0b5" : "#4a5666"); set("shell", night ? "#8fa0b5" : "#4a5666"); set("leg", night ? "#aab6c6" : "#b4bdc9"); set("plate", night ? "#5b6878" : "#aab4c1"); set("limb", night ? "#aab6c6" : "#c3cad4");
     set("drive", night ? "#56616f" : "#39434f"); set("foot", "#15191e"); set("box", "#e0902f"); set("ground", night ? "#1d232b" : "#e9ecf0");
     set("lines", css("line")); set("force", css("steel")); set("truth", css("ink")); set("drop", css("ink")); set("model", css("blue")); set("inside", css("green")); set("outside", css("red"));
     set("hot", "#ff2d20"); paint.hot.emissive.set("#d01408");
@@ -93,6 +94,14 @@
     mesh(new T.SphereGeometry(thick, 24, 16), paint.limb, group);
     mesh(new T.SphereGeometry(thin, 24, 16), paint.limb, group).position.y = length;
   };
+  const numbers = (text) => new Uint16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+  const meshes = Object.fromEntries(Object.entries(data.robot.meshes).map(([name, {low, step, corners, faces}]) => {
+    const geometry = new T.BufferGeometry();
+    geometry.setAttribute("position", new T.Float32BufferAttribute(Float32Array.from(numbers(corners), (v, k) => low[k % 3] + step[k % 3] * v), 3));
+    geometry.setIndex([...numbers(faces)]);
+    geometry.computeVertexNormals();
+    return [name, geometry];
+  }));
   const robot = (place) => {
     const trunk = new T.Group(), links = [trunk], turns = [], drives = [];
     place.add(trunk);
@@ -105,6 +114,11 @@
     for (const part of data.robot.parts) {
       const link = links[part.link];
       if (part.kind === "limb") limb(part.to, part.radii, link);
+      else if (part.kind === "mesh") {
+        const shell = mesh(meshes[part.mesh], paint[part.joint === undefined ? "shell" : "leg"], link);
+        shell.position.set(...part.at); shell.quaternion.set(...part.turn);
+        if (part.joint !== undefined) drives[part.joint] = shell;
+      }
       else if (part.kind === "foot") mesh(new T.SphereGeometry(part.radius, 24, 16), paint.foot, link).position.set(...part.at);
       else if (part.kind === "drive") {
         const drum = mesh(new T.CylinderGeometry(part.radius, part.radius, part.width, 32), paint.drive, link);
@@ -116,7 +130,7 @@
         block.position.set(...part.at); block.quaternion.set(...part.turn);
       }
     }
-    return {trunk, turns, drives};
+    return {trunk, turns, drives, cold: drives.map((drive) => drive.material)};
   };
   const arrow = (place) => {
     const group = new T.Group();
@@ -168,7 +182,7 @@
     const {film} = actor, get = (name) => film.get(time, name), feet = get("feet"), force = get("force"), down = get("down");
     pose(actor.trunk, get("trunk"));
     get("joints").forEach((angle, j) => actor.turns[j].turn.quaternion.setFromAxisAngle(actor.turns[j].axis, angle));
-    get("limited").forEach((share, j) => { if (actor.drives[j]) actor.drives[j].material = share > 0.5 ? paint.hot : paint.drive; });
+    get("limited").forEach((share, j) => { if (actor.drives[j]) actor.drives[j].material = share > 0.5 ? paint.hot : actor.cold[j]; });
     const box = get("box");
     actor.box.visible = !isNaN(box[0]);
     if (actor.box.visible) pose(actor.box, box);
