@@ -1,8 +1,8 @@
-"""The boundary to other libraries and to the file system: what they raise becomes an error that names file and step.
+"""Translation of other libraries' exceptions into StaderaError, with the file and the step that failed.
 
-Parsers meet damaged or hostile bytes with errors of any kind: struct.error, KeyError, UnicodeDecodeError,
-OverflowError, ArrowException, RecursionError, MemoryError. A reader does what it hands to another library inside
-`foreign`, so that its callers need to expect one class of errors.
+Parsers raise errors of any kind on damaged or hostile bytes: struct.error, KeyError, UnicodeDecodeError, OverflowError,
+ArrowException, RecursionError, MemoryError. Readers call other libraries inside `foreign`, so that their callers need
+to handle one class of errors only.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ _LONGEST = 200  # characters of another library's message
 
 @contextmanager
 def foreign(path: object, step: str, kind: type[StaderaError] = RecordingError) -> Iterator[None]:
-    """Whatever is raised inside becomes an error of `kind`: "PATH: STEP: why". Errors of this package pass.
+    """Context that re-raises any exception as `kind` with the message "PATH: STEP: why". StaderaErrors pass unchanged.
 
     Args:
         path: the file.
-        step: what was found or being done, such as "damaged Parquet file".
+        step: the operation or the problem, such as "damaged Parquet file".
     """
     try:
         yield
@@ -34,7 +34,7 @@ def foreign(path: object, step: str, kind: type[StaderaError] = RecordingError) 
 
 
 def said(error: Exception) -> str:
-    """What an exception says, in one short line."""
+    """Message of an exception, shortened to one line."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     if isinstance(error, RecursionError):
@@ -50,12 +50,13 @@ def said(error: Exception) -> str:
 def require_input(
     path: Path, kind: type[StaderaError] = RecordingError, *, folder: bool = False, hint: str = ""
 ) -> None:
-    """Checks that something can be read there: a file, or, where that is allowed, a folder.
+    """Checks that `path` is a readable file or, if `folder` is true, a folder.
 
-    A pipe, socket or device is refused: readers look at a file more than once. `hint` is added where nothing is there.
+    Pipes, sockets and devices are refused, since readers open a file more than once. `hint` is appended to "no such
+    file".
 
     Raises:
-        StaderaError: of `kind`; nothing there, not readable, or something else than a file.
+        StaderaError: of class `kind`, if the path does not exist, cannot be read or is not a file.
     """
     if not _is_text(str(path)):
         raise kind(f"{path}: cannot be read: its name is not UTF-8, which other libraries need; rename it")
@@ -70,7 +71,7 @@ def require_input(
             return
         raise kind(f"{path}: a folder, not a file")
     if not stat.S_ISREG(found.st_mode):
-        raise kind(f"{path}: a pipe, socket or device, not a file; write what comes out of it to a file first")
+        raise kind(f"{path}: a pipe, socket or device, not a file; write its output to a file first")
     with foreign(path, "cannot be read", kind), path.open("rb"):
         pass
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 GRAVITY = 9.81
-"""m/s², the magnitude of gravity: what the published experiments use, within 0.3 % of it anywhere on Earth."""
+"""Magnitude of gravity [m/s²], as in the published experiments; within 0.3 % everywhere on Earth."""
 
 SATURATED = 0.98
-"""Share of a joint's effort limit from which its torque counts as saturated, hence not as measured."""
+"""Share of a joint's effort limit above which its measured torque counts as saturated and is not used."""

@@ -1,4 +1,4 @@
-"""The errors a caller can expect: one base class, and messages that name the bad thing and the valid choices."""
+"""Exceptions raised by stadera. Messages name the faulty value and list the valid choices."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from math import isfinite
 
 
 class StaderaError(Exception):
-    """Base of every error that stadera raises on purpose. Its text is one line, fit to be shown to a user."""
+    """Base class of all errors that stadera raises deliberately. The message is one line, suitable for a user."""
 
 
 class UnknownNameError(StaderaError):
-    """A name (robot, joint, leg, method, column...) that is not among the valid ones."""
+    """A name (robot, joint, leg, method, column...) that is not one of the valid ones."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str], where: str = "") -> None:
         self.kind, self.name, self.valid = kind, name, tuple(valid)
@@ -27,7 +27,7 @@ def require_known(kind: str, names: Iterable[str], valid: Iterable[str], where: 
     """Checks that names are among the valid ones.
 
     Raises:
-        UnknownNameError: one is not.
+        UnknownNameError: a name is not valid.
     """
     valid = tuple(valid)
     for name in names:
@@ -36,10 +36,10 @@ def require_known(kind: str, names: Iterable[str], valid: Iterable[str], where: 
 
 
 def require_positive(what: str, values: object, names: Iterable[str]) -> None:
-    """Checks that these attributes are positive and finite numbers.
+    """Checks that these attributes are positive, finite numbers.
 
     Raises:
-        StaderaError: one is not; `what` says what it is a value of.
+        StaderaError: an attribute is not; `what` names the object in the message.
     """
     for name in names:
         value = getattr(values, name)
@@ -48,23 +48,23 @@ def require_positive(what: str, values: object, names: Iterable[str]) -> None:
 
 
 class ModelError(StaderaError):
-    """A robot model that cannot be read, or that is not a quadruped this package understands."""
+    """The robot model cannot be read, or is not a quadruped that this package supports."""
 
 
 class RecordingError(StaderaError):
-    """A log that cannot be read or that breaks the contract of a recording."""
+    """The log cannot be read, or does not meet the requirements of a recording."""
 
 
 class IdentificationError(StaderaError):
-    """An estimation problem that has no meaningful answer (no data, contradictory constraints)."""
+    """The estimation problem has no meaningful answer (no data, contradictory constraints)."""
 
 
 class UntrustedError(IdentificationError):
-    """A result whose figures are not to be trusted: model and log contradict each other. Names the likeliest cause."""
+    """The result cannot be trusted: model and log contradict each other. The message names the likeliest cause."""
 
 
 class MissingExtraError(StaderaError):
-    """An optional package is not installed; names the extra that brings it."""
+    """An optional package is not installed. The message names the extra that provides it."""
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         super().__init__(f"{purpose} needs the package {package!r}: pip install 'stadera[{extra}]'")

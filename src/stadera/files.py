@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, several of them together or none; never on an input or a special file."""
+"""Atomic writing of output files: a command's files all appear complete, or none does. Inputs are never overwritten."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from stadera.errors import StaderaError
 AnyPath = str | PathLike[str]
 
 _SPECIAL = ("/dev/", "/proc/", "/sys/")
-_LONGEST_SUFFIX = 16  # characters that a draft takes over
-_MOST_INPUTS = 100_000  # files looked at in folders
+_LONGEST_SUFFIX = 16  # characters of the suffix that a draft keeps
+_MOST_INPUTS = 100_000  # files listed when an input is a folder
 
 
 @dataclass
 class OutputGate:
-    """What a command reads, and what it has written.
+    """Inputs of a command and the files it has written so far.
 
     Attributes:
-        inputs: device and number of every file that must not be written on, whatever path leads to it.
-        written: in order, each file and whether one that was there before was replaced.
+        inputs: device and inode number of every file that must not be overwritten, whatever path leads to it.
+        written: files in order, each with a flag that is True if it replaced an existing file.
     """
 
     inputs: frozenset[tuple[int, int]] = frozenset()
@@ -40,7 +40,7 @@ _GATE: ContextVar[OutputGate | None] = ContextVar("output gate", default=None)
 
 @contextmanager
 def output_gate(inputs: Iterable[AnyPath]) -> Iterator[OutputGate]:
-    """Within it no file is written on any of these inputs: files, or folders with all that is in them."""
+    """Context in which writing to any of these inputs raises. A folder stands for all files in it."""
     gate = OutputGate(frozenset(_identities(inputs)))
     token = _GATE.set(gate)
     try:
@@ -50,14 +50,14 @@ def output_gate(inputs: Iterable[AnyPath]) -> Iterator[OutputGate]:
 
 
 def require_writable(path: AnyPath) -> Path:
-    """Checks that a file can be written there, before the work that fills it.
+    """Checks that a file can be written to `path`. Call it before the computation that produces the content.
 
     Returns:
-        the path, links followed.
+        The path with symbolic links resolved.
 
     Raises:
-        StaderaError: the folder is not there or cannot be written to; what is there is no regular file, or an input
-            of the command.
+        StaderaError: the folder does not exist or is not writable; the path exists and is not a regular file, or is an
+            input of the command.
     """
     path = Path(path)
     if os.path.abspath(path).startswith(_SPECIAL) and not os.path.abspath(path).startswith("/dev/shm/"):
@@ -77,7 +77,7 @@ def require_writable(path: AnyPath) -> Path:
 
 
 def _require_replaceable(path: Path, found: os.stat_result) -> None:
-    """What is there has to be a regular file, and no input of the command."""
+    """Raises unless the existing path is a regular file and not an input of the command."""
     if stat.S_ISDIR(found.st_mode):
         raise StaderaError(f"{path}: is a folder, not a file to write")
     if not stat.S_ISREG(found.st_mode):
@@ -89,14 +89,14 @@ def _require_replaceable(path: Path, found: os.stat_result) -> None:
 
 @contextmanager
 def written_together(paths: Sequence[AnyPath]) -> Iterator[tuple[Path, ...]]:
-    """Drafts to fill, which become the files when the block ends without an error; else nothing appears.
+    """Context that yields draft files, which replace the targets when the block ends without an error.
 
-    Each draft keeps its file's suffix, for writers that go by it. What was there before stays until the end, and so
-    do its permissions. Written to disk before it takes its place, so a full disk is noticed in time.
+    After an error no target is created or changed. Each draft keeps its target's suffix, for writers that choose the
+    format by it, and its permissions. Drafts are flushed to disk before the first target is replaced, so a full disk
+    leaves the old files intact.
 
     Raises:
-        StaderaError: a path that cannot be written (see `require_writable`), or one that is named twice; a draft that
-            was left empty.
+        StaderaError: a path that cannot be written (see `require_writable`), a path given twice, or a draft left empty.
     """
     targets = [require_writable(path) for path in paths]
     if twice := next((path for path, target in zip(paths, targets, strict=True) if targets.count(target) > 1), None):
@@ -120,7 +120,7 @@ def written_together(paths: Sequence[AnyPath]) -> Iterator[tuple[Path, ...]]:
 
 
 def _put_in_place(names: Mapping[Path, AnyPath], targets: Sequence[Path], gate: OutputGate) -> None:
-    """Every draft is on the disk before the first takes its file's place."""
+    """Flushes every draft to disk, then renames them to their targets."""
     for draft in names:
         _finish(draft)
     for (draft, path), target in zip(names.items(), targets, strict=True):
@@ -131,12 +131,12 @@ def _put_in_place(names: Mapping[Path, AnyPath], targets: Sequence[Path], gate: 
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes UTF-8. What is no character, such as bytes of a file's name, is written as JSON writes it, \\udcff."""
+    """Writes UTF-8. Bytes that are not valid characters, as in some file names, are escaped as in JSON (\\udcff)."""
     path.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def _draft(target: Path) -> Path:
-    """A new empty file in the target's folder, with its permissions where it is there."""
+    """Creates an empty file in the target's folder, with the permissions of an existing target."""
     suffix = target.suffix if len(target.suffix) <= _LONGEST_SUFFIX else ""
     draft = target.with_name(f".{secrets.token_hex(6)}.draft{suffix}")
     os.close(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
@@ -146,10 +146,10 @@ def _draft(target: Path) -> Path:
 
 
 def _finish(draft: Path) -> None:
-    """Everything written is on the disk.
+    """Flushes a draft to disk.
 
     Raises:
-        OSError: it is not, or nothing was written.
+        OSError: flushing failed, or the draft is empty.
     """
     file = os.open(draft, os.O_RDONLY)
     try:

@@ -1,4 +1,4 @@
-"""The ten inertial parameters of a rigid body, their order and their geometry.
+"""The ten inertial parameters of a rigid body: their order, conversions and frame changes.
 
 The order, everywhere in code, files and print, is the paper's eq. 3::
 

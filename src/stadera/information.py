@@ -1,4 +1,4 @@
-"""Square-root information: all that least squares can ask of any number of rows, in one small triangle.
+"""Square-root information: the information of any number of least-squares rows, kept as one triangular factor.
 
 Rows ``H x + B p = y`` of unit noise, x the unknowns and p errors of unit covariance that are not estimated, are summed
 up by the triangular factor of a QR::
@@ -32,18 +32,18 @@ from stadera.types import Array
 
 Places = NDArray[np.intp]
 
-_EQUAL = 1e6  # a copy equals its original to a millionth of the original's standard deviation
-_DEPENDENT = 1e-12  # share of a column's norm below which what is left of it is rounding
-_BLOCK = 4096  # rows summed up at once, a block that fits into the processor's cache
-_PANEL = 8  # columns that are reflected at once
+_EQUAL = 1e6  # the copy equals its original to a millionth of the original's standard deviation
+_DEPENDENT = 1e-12  # share of a column's norm below which the remainder is rounding error
+_BLOCK = 4096  # rows reduced at once; a block fits into the processor's cache
+_PANEL = 8  # columns reflected at once
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Order and sizes of named blocks of unknowns.
+    """Order and sizes of the named blocks of unknowns.
 
     Raises:
-        IdentificationError: a name twice, or sizes that are not one positive number a name.
+        IdentificationError: duplicate names, or sizes that are not one positive integer per name.
     """
 
     names: tuple[str, ...]
@@ -57,12 +57,12 @@ class Unknowns:
 
     @classmethod
     def of(cls, **sizes: int) -> Unknowns:
-        """Blocks by name and size: ``Unknowns.of(theta=10, bias=3)``."""
+        """Blocks given by name and size: ``Unknowns.of(theta=10, bias=3)``."""
         return cls(tuple(sizes), tuple(sizes.values()))
 
     @classmethod
     def scalars(cls, names: Iterable[str]) -> Unknowns:
-        """One unknown a name."""
+        """One scalar unknown for each name."""
         names = tuple(names)
         return cls(names, (1,) * len(names))
 
@@ -70,7 +70,7 @@ class Unknowns:
         return self._edges[-1]
 
     def __getitem__(self, name: str) -> slice:
-        """Where a block's entries stand.
+        """Index range of a block's entries.
 
         Raises:
             UnknownNameError: no such block.
@@ -81,17 +81,17 @@ class Unknowns:
         return slice(self._edges[k], self._edges[k + 1])
 
     def index(self, names: Iterable[str]) -> Places:
-        """Where the entries of several blocks stand, in the order asked for."""
+        """Indices of the entries of several blocks, in the given order."""
         parts = [np.arange(s.start, s.stop) for s in map(self.__getitem__, names)]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
 
     def only(self, names: Iterable[str]) -> Unknowns:
-        """Some of the blocks, in the order asked for."""
+        """The named blocks only, in the given order."""
         names = tuple(names)
         return Unknowns(names, tuple(self[name].stop - self[name].start for name in names))
 
     def without(self, names: Iterable[str]) -> Unknowns:
-        """The other blocks."""
+        """All blocks except the named ones."""
         left_out = set(names)
         return self.only(name for name in self.names if name not in left_out)
 
@@ -106,18 +106,18 @@ class Unknowns:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What is known of n unknowns, as ``R x + G p = z`` with unit noise.
+    """Information on n unknowns, stored as ``R x + G p = z`` with unit noise.
 
     Attributes:
-        unknowns: their names and places.
-        R: (n, n), upper triangular, each column in units of 1/unknown; singular where nothing is known.
+        unknowns: names and sizes of the blocks.
+        R: (n, n), upper triangular, each column in units of 1/unknown; singular if some direction is unknown.
         z: (n,).
-        G: (n, q), of the q considered errors.
-        cost: ρ², the sum of squares that no x explains.
-        count: how many rows went in (after forgetting: their sum of weights).
+        G: (n, q), sensitivity to the q considered errors.
+        cost: ρ², the sum of squared residuals that no x explains.
+        count: number of rows added; after forgetting, the sum of their weights.
 
     Raises:
-        IdentificationError: shapes that do not fit.
+        IdentificationError: inconsistent shapes.
     """
 
     unknowns: Unknowns
@@ -129,23 +129,25 @@ class Information:
 
     @classmethod
     def empty(cls, unknowns: Unknowns | Iterable[str], considered: int = 0) -> Information:
-        """Nothing known yet, of named blocks or of one unknown a name."""
+        """No information, on named blocks or on one scalar unknown for each name."""
         layout = _layout(unknowns)
         n = len(layout)
         return cls(layout, np.zeros((n, n)), np.zeros(n), np.zeros((n, considered)))
 
     @classmethod
     def prior(cls, unknowns: Unknowns | Iterable[str], mean: Array, std: Array, considered: int = 0) -> Information:
-        """Independent unknowns with these means and standard deviations, (n,), which no considered error affects."""
+        """Prior of independent unknowns with these means and standard deviations, (n,), unaffected by considered
+        errors.
+        """
         return cls(_layout(unknowns), np.diag(1.0 / std), mean / std, np.zeros((len(mean), considered)))
 
     @classmethod
     def of(cls, rows: Iterable[Rows], unknowns: Unknowns | Iterable[str]) -> Information:
-        """The information of a stream of rows on unknowns of one entry each; memory does not grow with its length.
+        """Sums up a stream of rows on scalar unknowns. Memory does not grow with the length of the stream.
 
         Raises:
-            UnknownNameError: rows with a parameter that is not among the unknowns.
-            IdentificationError: rows with values that are not finite.
+            UnknownNameError: rows with a parameter that is not one of the unknowns.
+            IdentificationError: rows with non-finite values.
         """
         layout = _layout(unknowns)
         stream = _Stream(layout)
@@ -165,21 +167,21 @@ class Information:
         return len(self.z)
 
     def __getitem__(self, name: str) -> slice:
-        """Where a block of unknowns stands."""
+        """Index range of a block of unknowns."""
         return self.unknowns[name]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the unknowns."""
+        """Names of the unknowns."""
         return self.unknowns.names
 
     # -- more rows --------------------------------------------------------------------------------------------------
     def add(self, matrix: Array, target: Array, considered: Array | None = None) -> Information:
-        """With any number of rows of unit noise on all unknowns.
+        """Returns the information with more rows of unit noise on all unknowns.
 
         Args:
             matrix, target: H (rows, n) and y (rows,).
-            considered: B (rows, q); None where the considered errors do not affect the rows.
+            considered: B (rows, q); None if the considered errors do not affect these rows.
         """
         n, rows = len(self), len(target)
         stacked = self._stacked(n + rows, n)
@@ -189,15 +191,15 @@ class Information:
         return _triangular(self.unknowns, stacked, self.cost, self.count + rows)
 
     def add_rows(self, rows: Iterable[Rows]) -> Information:
-        """With rows on named unknowns of one entry each."""
+        """Returns the information with rows on named scalar unknowns added."""
         return self.merge(Information.of(rows, self.unknowns))
 
     def merge(self, other: Information) -> Information:
-        """With all that another information on some of the same unknowns holds, under the same considered errors.
+        """Returns the information merged with another on some of the same unknowns, under the same considered errors.
 
         Raises:
-            UnknownNameError: the other has an unknown that this one has not.
-            IdentificationError: each considers another number of errors.
+            UnknownNameError: the other has an unknown that this one lacks.
+            IdentificationError: the numbers of considered errors differ.
         """
         n, q = len(self), max(self.G.shape[1], other.G.shape[1])
         if any(G.shape[1] not in (0, q) for G in (self.G, other.G)):
@@ -212,7 +214,7 @@ class Information:
 
     # -- less certain -----------------------------------------------------------------------------------------------
     def forget(self, factor: float) -> Information:
-        """With everything so far worth `factor` (0 to 1) of what it was; 1 changes nothing.
+        """Returns the information with the weight of all rows multiplied by `factor` (0 to 1).
 
         Raises:
             IdentificationError: a factor outside 0 to 1.
@@ -225,15 +227,16 @@ class Information:
         )
 
     def scaled_noise(self, std: float) -> Information:
-        """With the noise of all rows multiplied by `std`, for rows that went in with a noise yet unknown."""
+        """Returns the information with all rows' noise multiplied by `std`, for rows added before it was known."""
         if not std > 0:
             raise IdentificationError(f"a noise must be positive, got {std}")
         return Information(self.unknowns, self.R / std, self.z / std, self.G / std, self.cost / std**2, self.count)
 
     def diffuse(self, std: Mapping[str, ArrayLike]) -> Information:
-        """With blocks changed by independent zero-mean steps, of these standard deviations: a number or one an entry.
+        """Returns the information after independent zero-mean steps of some blocks, as in a random walk.
 
-        With w the step of the unknowns x' = x + w, the triangle of ``[1/s, 0 | 0; -R, R | z]`` without w's rows.
+        With w the step of the unknowns x' = x + w, computes the triangle of ``[1/s, 0 | 0; -R, R | z]`` without w's
+        rows. `std` gives each block's standard deviation, one number or one for each entry.
         """
         places = [self[name] for name in std]
         n, k = len(self), sum(place.stop - place.start for place in places)
@@ -250,9 +253,10 @@ class Information:
 
     # -- other unknowns ---------------------------------------------------------------------------------------------
     def copy(self, name: str, to: str) -> Information:
-        """With a copy of a block as a new block at the end: equal now, to a negligible part of what is known.
+        """Returns the information with a copy of a block appended as a new block, equal to the original at this time.
 
-        The original may change afterwards and the copy stay, a reference for later (a tare).
+        The original may change afterwards while the copy stays, as the reference of a tare. The equality is imposed
+        with negligible noise.
         """
         n, place = len(self), self[name]
         k = place.stop - place.start
@@ -263,10 +267,10 @@ class Information:
         return _triangular(layout, stacked, self.cost, self.count)
 
     def marginal(self, names: Iterable[str]) -> Information:
-        """What is known of some blocks when nothing is assumed of the others, in the order asked for.
+        """Marginal information on some blocks, with nothing assumed of the others, in the given order.
 
-        The rows are projected onto the orthogonal complement of the other unknowns' columns; directions of the others
-        that no row has seen bind nothing and drop out.
+        The rows are projected onto the orthogonal complement of the other unknowns' columns. Directions of the others
+        that no row depends on constrain nothing and drop out.
         """
         layout = self.unknowns.only(names)
         keep, away = self._split(layout.names)
@@ -280,7 +284,7 @@ class Information:
         return _triangular(layout, complement @ sides, self.cost, self.count)
 
     def fix(self, values: Mapping[str, ArrayLike]) -> Information:
-        """The information on the other unknowns when these are known: H_x x = y - H_f x_f, the paper's eq. 6.
+        """Information on the other unknowns when these are known: H_x x = y - H_f x_f, the paper's eq. 6.
 
         Raises:
             UnknownNameError: a name that is not among the unknowns.
@@ -292,11 +296,11 @@ class Information:
         return _triangular(layout, np.column_stack((self.R[:, keep], target, self.G)), self.cost, self.count)
 
     def consider(self, root: Array, names: Iterable[str]) -> Information:
-        """The information on the other unknowns when these are taken for zero and their errors are considered.
+        """Information on the other unknowns when these are set to zero and their errors are considered.
 
         Args:
             root: (k, k), a square root of the covariance of the entries of `names`: ``covariance = root rootᵀ``.
-            names: blocks that become considered errors, after those that there are.
+            names: blocks that become considered errors, appended to the existing ones.
         """
         names = tuple(names)
         layout = self.unknowns.without(names)
@@ -310,7 +314,7 @@ class Information:
         """R⁻¹, (n, n).
 
         Raises:
-            IdentificationError: unknowns that the rows do not determine.
+            IdentificationError: the rows do not determine all unknowns.
         """
         inverse, first = lapack.dtrtri(np.asfortranarray(self.R))
         if first:
@@ -324,45 +328,45 @@ class Information:
 
     @cached_property
     def root(self) -> Array:
-        """[R⁻¹, -R⁻¹ G], (n, n + q): a square root of the covariance, of the rows' noise first."""
+        """[R⁻¹, -R⁻¹ G], (n, n + q): a square root of the covariance, the part from the rows' noise first."""
         if not self.G.shape[1]:
             return self.inverse
         return np.hstack([self.inverse, -self.inverse @ self.G])
 
     def covariance(self, name: str | None = None) -> Array:
-        """Of all unknowns, or of a block."""
+        """Covariance of all unknowns, or of one block."""
         root = self.root if name is None else self.root[self[name]]
         return np.asarray(root @ root.T)
 
     def residual_squared(self, values: Array) -> float:
-        """|H x - y|² over all rows that went in, in units of their noise, for unknowns x (n,)."""
+        """|H x - y|² over all rows, in units of their noise, for unknowns x (n,)."""
         return float(np.sum((self.R @ values - self.z) ** 2) + self.cost)
 
     def rank(self) -> int:
-        """How many directions the rows know at all, to rounding."""
+        """Number of directions that the rows determine, to rounding."""
         return int(np.linalg.matrix_rank(self.R / self.column_scales(), tol=1e-10))
 
     def least_squares(self) -> dict[str, float]:
-        """The least-squares solution by name (blocks of one entry), also where the rows do not determine all unknowns:
-        then of smallest norm in units of the columns.
+        """Least-squares solution by name, for scalar unknowns. If the rows do not determine all unknowns, the solution
+        of smallest norm in units of the columns.
         """
         scale = self.column_scales()
         solution = np.linalg.lstsq(self.R / scale, self.z, rcond=1e-10)[0] / scale
         return dict(zip(self.names, solution.tolist(), strict=True))
 
     def column_scales(self) -> Array:
-        """Norm of each unknown's column over all rows, (n,): how much of the data moves with it; 1 where nothing."""
+        """Norm of each unknown's column over all rows, (n,); 1 for a column of zeros."""
         norms = np.linalg.norm(self.R, axis=0)
         return np.where(norms > 0, norms, 1.0)
 
     # -- inside -----------------------------------------------------------------------------------------------------
     def _split(self, keep: tuple[str, ...], away: tuple[str, ...] | None = None) -> tuple[Places, Places]:
-        """Places of the entries of some blocks and of the others."""
+        """Indices of the entries of some blocks, and of the others."""
         others = self.unknowns.without(keep).names if away is None else away
         return self.unknowns.index(keep), self.unknowns.index(others)
 
     def _stacked(self, rows: int, columns: int) -> Array:
-        """[R 0 | z, G] with as many rows and columns of unknowns as asked for, the rest zero."""
+        """[R 0 | z, G] with the given numbers of rows and of columns of unknowns, padded with zeros."""
         n = len(self)
         stacked = np.zeros((rows, columns + 1 + self.G.shape[1]))
         stacked[:n, :n], stacked[:n, columns], stacked[:n, columns + 1 :] = self.R, self.z, self.G
@@ -374,7 +378,7 @@ def _layout(unknowns: Unknowns | Iterable[str]) -> Unknowns:
 
 
 def _triangular(unknowns: Unknowns, matrix: Array, cost: float = 0.0, count: float = 0.0) -> Information:
-    """From rows [H y B], any number of them."""
+    """Makes an information from any number of rows [H y B]."""
     n = len(unknowns)
     triangle = _triangle(matrix)
     if len(triangle) < n:
@@ -384,7 +388,7 @@ def _triangular(unknowns: Unknowns, matrix: Array, cost: float = 0.0, count: flo
 
 
 def _triangle(matrix: Array) -> Array:
-    """The triangular factor, (min(rows, columns), columns)."""
+    """Triangular factor of a QR, (min(rows, columns), columns)."""
     if not len(matrix):
         return matrix
     factor = lapack.dgeqrf(matrix)[0]
@@ -403,7 +407,7 @@ def _blas() -> ThreadpoolController:
 
 
 class _Stream:
-    """Sums up a stream of rows: one triangle for each kind of rows, taken in block by block.
+    """Sums up a stream of rows: one triangle for each kind of rows, updated block by block.
 
     A block goes into the triangle of those before it by the QR of a triangle on top of a rectangle (LAPACK's tpqrt).
     Rows of one kind share columns and mixing: with H = reduced mixing, the triangle [R z] of [reduced y] stands for
@@ -416,7 +420,7 @@ class _Stream:
         self._kinds: dict[tuple[tuple[str, ...], int | None], tuple[Array | None, Array, Array]] = {}
 
     def add(self, rows: Rows) -> None:
-        """Takes rows in."""
+        """Adds rows."""
         key = rows.columns, None if rows.mixing is None else id(rows.mixing)
         n = rows.reduced.shape[1]
         if key not in self._kinds:
@@ -433,7 +437,7 @@ class _Stream:
         self.count += len(rows)
 
     def stacked(self) -> Array:
-        """Rows [H y] that say what all rows said."""
+        """Rows [H y] that carry the same information as all rows added."""
         n = len(self._unknowns)
         blocks = [np.zeros((1, n + 1))]
         for (columns, _), (mixing, triangle, _) in self._kinds.items():

@@ -1,4 +1,4 @@
-"""What the name of a joint or link says: which leg it belongs to, and which of the leg's three joints it is."""
+"""Parses names of joints and links: which leg they belong to, and which of the leg's three joints they are."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _PART_WORDS: tuple[frozenset[str], ...] = (
     frozenset({"kfe", "calf", "knee", "kn", "tibia", "shank", "lower", "lowerleg"}),
 )
 _HIP = "hip"
-"""The first joint for Unitree and Boston Dynamics, the second for MIT, which calls the first `abad`."""
+"""The first joint for Unitree and Boston Dynamics; the second for MIT, whose first joint is `abad`."""
 
 Place = tuple[str, int]
-"""A leg, and a joint of it from the trunk outwards: 0, 1, 2."""
+"""A leg and the index of one of its joints, from the trunk outwards: 0, 1, 2."""
 
 
 def words(name: str) -> set[str]:
@@ -35,13 +35,13 @@ def words(name: str) -> set[str]:
 
 
 def leg_of(names: Iterable[str]) -> str:
-    """The leg that all these names agree on; empty if there is none, or several."""
+    """The leg that all these names indicate; empty if they indicate none or several."""
     found = {leg for name in names for leg, known in LEG_WORDS.items() if known & words(name)}
     return found.pop() if len(found) == 1 else ""
 
 
 def places(names: Iterable[str]) -> dict[str, Place]:
-    """Leg and joint of every name that says both, in a word (FL_thigh_joint, rh_KFE) or a number (FL_1)."""
+    """Leg and joint of every name that indicates both, by a word (FL_thigh_joint, rh_KFE) or a number (FL_1)."""
     said = {name: (leg, words(name)) for name in names if (leg := leg_of([name]))}
     with_abad = {leg for leg, found in said.values() if found & _PART_WORDS[0]}
     placed = {name: (leg, _part(name, found, leg in with_abad)) for name, (leg, found) in said.items()}
@@ -59,7 +59,9 @@ def _part(name: str, found: set[str], has_abad: bool) -> int | None:
 
 
 def matched(wanted: Sequence[str], names: Iterable[str]) -> dict[str, str] | None:
-    """By joint of `wanted`, the one name that is the same joint of the same leg; None if any has none, or several."""
+    """Maps each joint of `wanted` to the one name for the same joint of the same leg; None unless every match is
+    unique.
+    """
     found: dict[Place, list[str]] = {}
     for name, place in places(names).items():
         found.setdefault(place, []).append(name)

@@ -1,6 +1,6 @@
-"""Names that are imported when first used, and packages that can be called as the function they are named after.
+"""Lazy imports: names imported on first use, and packages that can be called like the function of the same name.
 
-Importing stadera must not import what the caller does not use: MuJoCo, cvxpy and pyarrow take seconds together.
+`import stadera` must not import what the caller does not use: MuJoCo, cvxpy and pyarrow take seconds together.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 
 
 def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """A package's `__getattr__` and `__dir__` (PEP 562) that import each public name from its module on first use.
+    """Returns `__getattr__` and `__dir__` (PEP 562) for a package that imports each public name on first use.
 
     Args:
         package: the package's `__name__`.
-        homes: by name, the module that defines it, or that is it.
+        homes: maps each name to the module that defines it, or to the module itself.
     """
 
     def getattr_(name: str) -> Any:
@@ -36,9 +36,9 @@ def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], 
 
 
 def make_callable(package: str, home: str) -> None:
-    """Lets `package(...)` call the function of its own name in the module `home`, imported when first called.
+    """Makes `package(...)` call the function of the same name in the module `home`, imported on the first call.
 
-    So `stadera.weigh(robot, log)` works whether `stadera.weigh` was imported as a package before or not.
+    `stadera.weigh(robot, log)` thus works whether or not the package `stadera.weigh` was imported before.
     """
     name = package.rpartition(".")[2]
 

@@ -1,7 +1,8 @@
-"""What reading one file may take: bytes once unpacked, columns, elements, processor time.
+"""Limits on the resources used to read one file: unpacked bytes, columns, elements, processor time.
 
-A file of a few kilobytes can unpack to gigabytes or keep a parser busy for ever, damaged or made so. Reading stops at
-these limits with an error that names the one to raise, `--limit NAME=VALUE` or `Limits(name=value)`.
+A file of a few kilobytes, damaged or malicious, can unpack to gigabytes or keep a parser busy indefinitely. Reading
+stops at these limits with an error that names the limit and how to raise it: `--limit NAME=VALUE` or
+`Limits(name=value)`.
 """
 
 from __future__ import annotations
@@ -17,26 +18,26 @@ from stadera.errors import StaderaError, UnknownNameError, require_positive
 Item = TypeVar("Item")
 
 _MEGABYTE = 1e6
-_LOOKS = 64  # calls of `Budget.tick` for each look at the clock
+_LOOKS = 64  # calls of `Budget.tick` between two readings of the clock
 
 
 class LimitError(StaderaError):
-    """Reading a file takes more than it may; names the limit, and how to raise it."""
+    """Reading a file exceeds a limit. The message names the limit and how to raise it."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of reading one file, each far above what robots' logs and models need.
+    """Limits for reading one file, each far above what logs and models of robots need.
 
     Attributes:
-        unpacked: bytes that one message, chunk, page or array may unpack to, and a whole log in memory, unless the file
-            is so large that `ratio` allows more. Writers' chunks and pages have 1 to 16 MB.
-        ratio: of a whole log in memory to its file. Robots' logs have 1 to 20.
-        columns: of a table, or of the joints' states of a bag. A quadruped has under 100.
-        elements: of a robot's model file, copies that it asks for among them. Humanoids have under 5,000.
-        depth: of nesting in a model file, and of joints one behind the other.
-        seconds: of processor time for reading a file, `seconds_per_megabyte` more for each megabyte of it. The slowest
-            kind, messages that Python decodes, takes 0.2 s/MB on a desktop computer.
+        unpacked: bytes that one message, chunk, page or array may unpack to, and that a whole log may take in memory
+            unless `ratio` allows more. Writers' chunks and pages have 1 to 16 MB.
+        ratio: of a whole log in memory to its file size. Typical logs have 1 to 20.
+        columns: of a table, or joints in the state messages of a bag. A quadruped has under 100.
+        elements: of a robot's model file, including the copies it asks for. Humanoids have under 5,000.
+        depth: of nested elements in a model file, and of the chain of joints.
+        seconds: of processor time for one file, plus `seconds_per_megabyte` for each megabyte. The slowest kind,
+            messages decoded in Python, takes 0.2 s/MB on a desktop computer.
     """
 
     unpacked: float = 256e6
@@ -52,10 +53,10 @@ class Limits:
 
     @classmethod
     def parse(cls, texts: Iterable[str]) -> Limits:
-        """From texts such as "seconds=600".
+        """Parses texts such as "seconds=600".
 
         Raises:
-            StaderaError: not of that form, no such limit, or a value that is not a positive number.
+            StaderaError: wrong format, unknown limit, or a value that is not a positive number.
         """
         changed: dict[str, float] = {}
         for text in texts:
@@ -69,13 +70,13 @@ class Limits:
         return cls(**changed)
 
     def require(self, name: str, value: float, path: object, what: str) -> None:
-        """Checks a value against the limit of that name.
+        """Checks a value against the named limit.
 
         Args:
-            what: what takes so much, such as "columns".
+            what: the quantity, for the message, such as "columns".
 
         Raises:
-            LimitError: it is above.
+            LimitError: the value exceeds the limit.
         """
         limit: float = getattr(self, name)
         if value > limit:
@@ -87,15 +88,15 @@ class Limits:
 
 DEFAULTS = Limits()
 UNLIMITED = Limits(*[float("1e300")] * len(fields(Limits)))
-"""For files that were read before."""
+"""For files that have been read before."""
 
 
 class Budget:
-    """What reading one log has taken so far, from when this is made.
+    """Resources used so far to read one log, counted from construction.
 
     Args:
         path: of the file or folder.
-        limits: what it may take.
+        limits: the limits to enforce.
     """
 
     def __init__(self, path: Path, limits: Limits = DEFAULTS) -> None:
@@ -104,13 +105,13 @@ class Budget:
         self._size = sum(file.stat().st_size for file in files if file.is_file())
         self._allowed = limits.seconds + limits.seconds_per_megabyte * self._size / _MEGABYTE
         self._spent, self._ticks, self._held = 0.0, 0, 0.0
-        self._since: float | None = time.thread_time()  # None while the clock stands
+        self._since: float | None = time.thread_time()  # None while the clock is stopped
 
     def tick(self) -> None:
-        """One more step of a loop that may be long.
+        """Counts one step of a loop that may be long, and checks the time now and then.
 
         Raises:
-            LimitError: too much time has passed.
+            LimitError: the time limit is exceeded.
         """
         self._ticks += 1
         if self._ticks % _LOOKS == 0:
@@ -118,12 +119,12 @@ class Budget:
 
     @property
     def is_over(self) -> bool:
-        """Whether too much time has passed."""
+        """Whether the time limit is exceeded."""
         running = 0.0 if self._since is None else time.thread_time() - self._since
         return self._spent + running > self._allowed
 
     def check_time(self) -> None:
-        """Looks at the clock. Raises as `tick`."""
+        """Checks the time now. Raises as `tick`."""
         if self.is_over:
             raise LimitError(
                 f"{self.path}: reading it takes more than {self._allowed:.3g} s of processor time; --limit "
@@ -131,31 +132,31 @@ class Budget:
             )
 
     def require_columns(self, names: Sized) -> None:
-        """Checks how many there are. Raises LimitError: too many."""
+        """Checks the number of columns. Raises LimitError if there are too many."""
         self.limits.require("columns", len(names), self.path, "columns")
 
     def require_unpacked(self, size: float, what: str) -> None:
-        """Checks the bytes that a part of the file unpacks to. Raises LimitError: too many."""
+        """Checks the bytes that a part of the file unpacks to. Raises LimitError if there are too many."""
         self.limits.require("unpacked", size, self.path, f"bytes that {what} unpacks to")
 
     @property
     def most_bytes(self) -> int:
-        """That a whole log may have in memory."""
+        """Bytes that the whole log may take in memory."""
         return int(max(self.limits.unpacked, self.limits.ratio * self._size))
 
     @property
     def most_seconds(self) -> int:
-        """Of processor time that reading may take."""
+        """Processor time allowed for reading [s]."""
         return int(min(self._allowed, 1e9))
 
     def hold(self, size: float) -> None:
-        """So many more bytes are kept in memory. Raises LimitError: too many for a file of this size."""
+        """Counts bytes kept in memory. Raises LimitError if there are too many for a file of this size."""
         self._held += size
         if self._held > self.most_bytes:
             self.limits.require("unpacked", self._held, self.path, "bytes of the log in memory")
 
     def timed(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The same; from now on only the time that making them takes is counted, not what happens in between."""
+        """Yields the items, and counts only the time spent producing them, not the consumer's."""
         self._pause()
         return self._timed(iter(items))
 

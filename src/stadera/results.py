@@ -1,4 +1,4 @@
-"""What every result offers: plain values, tables, figures, and files made of them."""
+"""Base class of results: plain values, tables, figures, and files made from them."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 class Result(ABC):
-    """A result that can be saved. A file appears whole or not at all.
+    """A result that can be saved. Files are written completely or not at all.
 
-    Every `save_...` raises StaderaError for a path that cannot be written.
+    Every `save_...` raises StaderaError if the path cannot be written.
     """
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain values for JSON: SI units, null for what is not known."""
+        """The result as plain values for JSON: SI units, null for unknown values."""
 
     @abstractmethod
     def to_dataframe(self) -> Any:
@@ -37,30 +37,30 @@ class Result(ABC):
 
     @abstractmethod
     def to_html(self) -> str:
-        """The report: one page that loads nothing."""
+        """The report as one self-contained HTML page."""
 
     def to_tables(self) -> list[TableData]:
-        """The tables of the report that belong in a paper; none unless a result has some."""
+        """Tables of the report that are suited to a paper. Empty by default."""
         return []
 
     def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """The figures of the report by name, the most telling first; none unless a result has some."""
+        """Figures of the report by name, the most informative first. Empty by default."""
         return {}
 
     def to_latex(self) -> str:
-        """Tables for LaTeX, with the packages booktabs and amsmath."""
+        """The tables as LaTeX. Needs the packages booktabs and amsmath."""
         from stadera.report.latex import latex
 
         return latex(self.to_tables())
 
     def plot(self, which: str | None = None) -> Drawn:
-        """One figure, by Matplotlib, to be saved or changed further.
+        """Draws one figure with Matplotlib.
 
         Args:
-            which: a name of `to_figures`; None for the most telling.
+            which: a name from `to_figures`; None for the first.
 
         Raises:
-            StaderaError: no figure, or none of that name. MissingExtraError: Matplotlib is not installed.
+            StaderaError: there are no figures, or none of that name. MissingExtraError: Matplotlib is not installed.
         """
         from stadera.report.figures.paper import drawn
 
@@ -73,11 +73,11 @@ class Result(ABC):
         _save(path, json_text(self.to_dict()))
 
     def save_html(self, path: str | PathLike[str]) -> None:
-        """Writes the report, to open in a browser."""
+        """Writes the HTML report."""
         _save(path, self.to_html())
 
     def save_figure(self, path: str | PathLike[str], which: str | None = None) -> None:
-        """Writes a figure as .pdf, .png or .svg. Errors as `plot`, and StaderaError for another suffix."""
+        """Writes a figure as .pdf, .png or .svg. Raises as `plot`, and StaderaError for another suffix."""
         from stadera.report.figures.paper import check_figure, save
 
         check_figure(path)
@@ -90,7 +90,7 @@ class Result(ABC):
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
-    """A pandas DataFrame of columns by name.
+    """Makes a pandas DataFrame from named columns.
 
     Raises:
         MissingExtraError: pandas is not installed.

@@ -1,4 +1,4 @@
-"""How far a result may be trusted: what its residuals say about its error bars."""
+"""Verdict on whether a result can be trusted, based on how well the model fits the log."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ class Trust:
     """Fit quality of a result.
 
     Attributes:
-        verdict: "good": values and error bars hold. "doubtful": the error bars are widened to the fit. "bad": the model
-            does not explain the log, and no value is to be relied on.
-        misfit: variance of the residuals over the stated one; 1 if model and noise are right, NaN if not evaluated.
-        by_leg: the same for each leg.
-        reasons: why the verdict is not "good", a sentence each, the likeliest cause first.
+        verdict: "good": values and error bars hold. "doubtful": the error bars were widened to match the residuals.
+            "bad": the model does not explain the log, and no value is reliable.
+        misfit: variance of the residuals divided by the stated variance; 1 if model and noise are right, NaN if not
+            evaluated.
+        by_leg: misfit of each leg.
+        reasons: why the verdict is not "good", one sentence each, the likeliest cause first.
     """
 
     verdict: Verdict
@@ -29,12 +30,12 @@ class Trust:
     reasons: tuple[str, ...] = ()
 
     def at_most(self, verdict: Verdict, reason: str) -> Trust:
-        """The same, and no better than `verdict` for a further reason."""
+        """A copy whose verdict is at most `verdict`, with one more reason."""
         worse = max(self.verdict, verdict, key=_ORDER.index)
         return replace(self, verdict=worse, reasons=(*self.reasons, reason))
 
     def to_dict(self) -> dict[str, object]:
-        """Plain values, for JSON; a misfit that was not evaluated is null."""
+        """Plain values for JSON; a misfit that was not evaluated is null."""
         return {
             "verdict": self.verdict,
             "misfit": self.misfit if isfinite(self.misfit) else None,

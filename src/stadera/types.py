@@ -1,4 +1,4 @@
-"""Types that every room uses."""
+"""Type aliases used throughout the package."""
 
 from __future__ import annotations
 
@@ -14,4 +14,4 @@ Bools = NDArray[np.bool_]
 """An array of truth values."""
 
 Progress = Callable[[str, int, int], None]
-"""Called with the name of what is being done, how many of its steps are done, and how many there are (0: not known)."""
+"""Called with the name of the step, the number of items done, and their total (0 if unknown)."""

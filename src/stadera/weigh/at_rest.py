@@ -1,7 +1,7 @@
-"""A robot weighed by its times at rest, in two passes of the log, with memory flat in its length.
+"""Weighs a robot from its times at rest, in two passes over the log, with memory independent of its length.
 
-The first pass finds the times at rest, the mass of each by eq. 7 and the changes of the load. The second runs the
-method for the centre of mass as if online, anew after each change, and gathers the poses of tare and load.
+The first pass finds the times at rest, the mass in each by eq. 7, and the changes of the load. The second runs the
+method for the centre of mass as if online, restarted after each change, and collects the poses of tare and load.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from stadera.weigh.settings import Request, Source
 
 Blocks = Sequence[RestBlock]
 
-_MOST_POSES = 200  # kept of one load, the latest
-_REPORTED = 500  # samples between two reports of progress
+_MOST_POSES = 200  # latest poses kept of each load
+_REPORTED = 500  # samples between two progress reports
 
 
 def weigh_at_rest(request: Request) -> Weighing:
-    """Weighs by the times at rest. Errors as `stadera.weigh.weigh`."""
+    """Weighs from the times at rest. Raises as `stadera.weigh.weigh`."""
     return _AtRest(request).result()
 
 
 @dataclass
 class _Poses:
-    """Means of the poses held in the blocks of one load."""
+    """Means of the poses held during one load."""
 
     alike: Alike = field(default_factory=Alike)
     means: list[PoseMean] = field(default_factory=list)
@@ -59,7 +59,7 @@ class _Poses:
 
 
 class _Within:
-    """Whether times, asked in order, lie in blocks at rest."""
+    """Tells whether times, queried in increasing order, lie in blocks at rest."""
 
     def __init__(self, blocks: Blocks) -> None:
         self._blocks, self._at = blocks, 0
@@ -71,7 +71,7 @@ class _Within:
 
 
 class _AtRest:
-    """One weighing's working state."""
+    """Working state of one weighing."""
 
     def __init__(self, request: Request) -> None:
         self.request, self.robot, self.settings = request, request.robot, request.settings
@@ -149,7 +149,7 @@ class _AtRest:
     def _split(
         self, rest: Rest, means: Sequence[MeanMass], last: list[RestBlock]
     ) -> tuple[list[RestBlock], list[RestBlock]]:
-        """Blocks of the tare and of the load, of this log."""
+        """Blocks of the tare and of the load in this log."""
         tare, source = self.request.tare, self.request.source.source
         if not isinstance(tare, tuple):
             return [], last
@@ -176,7 +176,7 @@ class _AtRest:
         return payload_between(tare, loaded, self.forces, self.errors)
 
     def _poses_of(self, source: Source) -> list[PoseMean]:
-        """Poses of the last load of another log."""
+        """Poses of the last load in another log."""
         log = CheckedLog(self.request, source)
         self._logs.append(log)
         rest = self._rest(log)
@@ -190,7 +190,7 @@ class _AtRest:
         return poses.means
 
     def _changes(self, means: Sequence[MeanMass], payload: Payload | None) -> tuple[LoadChange, ...]:
-        """The changes in this log; a single one since a tare in it is the payload."""
+        """Changes of the load in this log. A single change since a tare in this log is the payload."""
         changes, tare = changes_between(means, self.errors), self.request.tare
         if not isinstance(tare, tuple):
             return changes
@@ -201,7 +201,7 @@ class _AtRest:
     def _estimates(
         self, rest: Rest, means: Sequence[MeanMass], gathered: Sequence[tuple[Blocks, _Poses]]
     ) -> list[TrunkEstimate]:
-        """The method's estimate at the end of each block; gathers the poses of the given blocks."""
+        """The method's estimate at the end of each block. Also collects the poses of the given blocks."""
         found: list[TrunkEstimate] = []
         within = [(_Within(blocks), poses) for blocks, poses in gathered]
         starts = [mean.begin for mean in means[1:]]
@@ -248,10 +248,10 @@ class _AtRest:
 
     # -- the result -------------------------------------------------------------------------------------------
     def _trunk(self, mean: MeanMass, final: TrunkEstimate) -> TrunkParameters:
-        """The mass by eq. 7 over the whole load, the centre of mass by the method, the inertia of the prior."""
+        """The mass by eq. 7 over the whole load, the centre of mass from the method, the inertia of the prior."""
         prior, hidden = self.robot.inertias[self.robot.trunk], np.isnan(final.std[1:])
         com = np.where(hidden, prior.com, final.trunk.com_trunk)
-        covariance = np.zeros((4, 4))  # mass and centre of mass are estimated apart
+        covariance = np.zeros((4, 4))  # mass and centre of mass are estimated separately
         covariance[0, 0] = mean.std(self.errors) ** 2
         covariance[1:, 1:] = final.covariance[1:, 1:]
         return TrunkParameters(
@@ -279,7 +279,7 @@ class _AtRest:
         return trust
 
     def _widening(self, misfit: float) -> float:
-        """The factor of all error bars that the scatter of the blocks' masses asks for."""
+        """Factor on all error bars that accounts for the scatter of the blocks' masses."""
         return sqrt(misfit) if misfit > self.settings.doubtful_misfit else 1.0
 
     def _timeline(self, blocks: Blocks, estimates: list[TrunkEstimate]) -> Timeline:
@@ -315,7 +315,7 @@ class _AtRest:
 
 
 def vertical_at(pose: PoseMean, forces: ContactForceEstimator, errors: ConstantErrors) -> Vertical:
-    """The vertical in a pose at rest, with the error that constant errors and white noise leave."""
+    """The vertical in a pose at rest, with the error due to constant errors and white noise."""
     m = pose.measurement
     if not m.vertical_by_forces:
         turned = skew(m.up)

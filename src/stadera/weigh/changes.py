@@ -1,9 +1,9 @@
-"""Changes of the load between blocks at rest.
+"""Detects changes of the load between blocks at rest.
 
-A block departs from the mean of its load so far if it differs by more than a share of the robot's mass and by more than
-some standard deviations of the difference (white noise of both, and what constant errors do differently to the two
-poses); `WeighSettings` has both numbers. Where two blocks in a row depart to the same side, the load has changed at the
-first of them; a single one is left out as a disturbance.
+A block deviates from the mean of its load if it differs by more than a share of the robot's mass and by more than a
+number of standard deviations of the difference (white noise of both, and constant errors as far as they differ between
+the two poses); `WeighSettings` has both limits. If two successive blocks deviate to the same side, the load changed at
+the first of them. A single deviating block is discarded as a disturbance.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from stadera.weigh.rest import MeanMass, RestBlock, constant_variance, differenc
 
 @dataclass(frozen=True, eq=False)
 class LevelLimits:
-    """When a block departs.
+    """Limits above which a block deviates from its load's mean.
 
     Attributes:
         mass: least difference [kg].
-        deviations: the same in standard deviations.
-        errors: the constant errors.
+        deviations: least difference in standard deviations.
+        errors: covariance of the constant errors.
     """
 
     mass: float
@@ -36,13 +36,13 @@ class LevelLimits:
     errors: ConstantErrors
 
     def departs(self, mean: MeanMass, block: RestBlock) -> bool:
-        """Whether a block differs from the mean of its load."""
+        """True if a block deviates from the mean of its load."""
         std = sqrt(difference_variance(mean, block, self.errors))
         return abs(block.mass - mean.mass) > max(self.mass, self.deviations * std)
 
 
 def loads(blocks: Sequence[RestBlock], limits: LevelLimits) -> list[MeanMass]:
-    """The mean mass of each load in turn, disturbances left out; none without blocks."""
+    """The mean mass of each successive load, without disturbances; empty without blocks."""
     means: list[MeanMass] = []
     waiting: RestBlock | None = None
     for block in blocks:
@@ -60,13 +60,13 @@ def loads(blocks: Sequence[RestBlock], limits: LevelLimits) -> list[MeanMass]:
 
 
 def levels(blocks: Sequence[RestBlock], means: Sequence[MeanMass]) -> NDArray[np.int64]:
-    """(blocks,), the number of changes before each block."""
+    """Number of changes before each block, (blocks,)."""
     starts = [mean.begin for mean in means[1:]]
     return np.searchsorted(starts, [block.begin for block in blocks], side="right").astype(np.int64)
 
 
 def changes_between(means: Sequence[MeanMass], errors: ConstantErrors) -> tuple[LoadChange, ...]:
-    """The steps from one load to the next."""
+    """The changes from each load to the next."""
     changes = []
     for before, after in pairwise(means):
         variance = difference_variance(before, after, errors)
@@ -78,9 +78,9 @@ def changes_between(means: Sequence[MeanMass], errors: ConstantErrors) -> tuple[
 def misfit(
     blocks: Sequence[RestBlock], level: NDArray[np.int64], means: Sequence[MeanMass], limits: LevelLimits
 ) -> float:
-    """Variance of the blocks' masses about the mean of their load, over the stated one; NaN for too few blocks.
+    """Variance of the blocks' masses about the mean of their load, divided by the stated one; NaN for too few blocks.
 
-    Disturbances, which `loads` leaves out, are left out here too. A mean takes one degree of freedom.
+    Disturbances, which `loads` discards, are excluded. Each mean takes one degree of freedom.
     """
     squares, freedom = 0.0, -len(means)
     for block, at in zip(blocks, level, strict=True):

@@ -1,9 +1,9 @@
-"""A robot weighed in any motion, in one pass of its log, with memory flat in its length.
+"""Weighs a robot in any motion, in one pass over the log, with memory independent of its length.
 
-The estimator of motion (`stadera.trunk.estimator`) reads the log as it would have read the robot. With a tare's range
-of time the log counts from the tare's beginning on, and the payload is the difference to the trunk as known at the
-tare's end. If the tare is another log, that log is read first; constants of the sensors (torque offsets, accelerometer
-bias, torque lag) are taken to be the same in both.
+The online estimator (`stadera.trunk.estimator`) processes the log as it would process live data. If the tare is a range
+of time, the log is used from the start of that range, and the payload is the difference from the trunk estimated at its
+end. If the tare is another log, that log is processed first; sensor constants (torque offsets, accelerometer bias,
+torque lag) are assumed to be the same in both.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from stadera.weigh.result import Refusal, Timeline, Weighing
 from stadera.weigh.settings import IN_MOTION, Request
 
 _DIVERGED = "the estimate runs away"
-"""How the estimator's refusal begins where what it found cannot be true."""
+"""Start of the estimator's refusal message when the estimate is implausible."""
 
 
 def weigh_in_motion(request: Request) -> Weighing:
-    """Weighs in any motion. Errors as `stadera.weigh.weigh`."""
+    """Weighs in any motion. Raises as `stadera.weigh.weigh`."""
     tare, robot = request.tare, request.robot
     require_imu(robot, request.source, IN_MOTION)
     before: _Reading | None = None
@@ -52,10 +52,10 @@ def weigh_in_motion(request: Request) -> Weighing:
 
 
 def trust_now(estimator: TrunkEstimator, learnt: float | None = None) -> Trust:
-    """The estimator's trust in what it found, worse where it refuses the last samples.
+    """The estimator's trust in its result, lowered if it refuses the latest samples.
 
     Args:
-        learnt: time of the last sample that was learnt from [s]; None for the estimator's own.
+        learnt: time of the last sample used [s]; None for the estimator's own.
     """
     trust, estimate = estimator.trust, estimator.estimate()
     if estimate.status is not Status.REFUSED or trust.verdict == "bad":
@@ -66,12 +66,12 @@ def trust_now(estimator: TrunkEstimator, learnt: float | None = None) -> Trust:
 
 
 class _Reading:
-    """The reading of one log.
+    """Processing of one log.
 
     Args:
         request: of the weighing.
         log: to read.
-        before: the reading of the tare's log, whose estimator goes on with this one; None for a new estimator.
+        before: processing of the tare's log, whose estimator continues with this one; None for a new estimator.
     """
 
     def __init__(self, request: Request, log: CheckedLog, before: _Reading | None = None) -> None:
@@ -89,20 +89,20 @@ class _Reading:
 
     @property
     def estimator(self) -> TrunkEstimator:
-        """The estimator, once there was a sample."""
+        """The estimator, available after the first sample."""
         if self._estimator is None:
             raise IdentificationError(f"{self.log.source.source}: nothing could be learnt: no samples")
         return self._estimator
 
     def read(self) -> None:
-        """Reads the log; takes the tare at the end of its time."""
+        """Processes the log and takes the tare at the end of its range."""
         settings, frame = self._request.settings, self._request.imu_frame
         for chunk in self.log:
             if self._estimator is None:
                 self._estimator = self._made(chunk)
             samples = Samples.of_recording(chunk, self._request.robot, frame)
             self._check_rate(samples)
-            if self._shift is None and self._before is not None:  # this log begins some time after the other
+            if self._shift is None and self._before is not None:  # puts this log after the tare's
                 self._shift = self._before.last + settings.log_gap - self.log.begin
             for start in range(0, len(samples), settings.ahead):
                 self._take(samples[start : start + settings.ahead])
@@ -112,18 +112,18 @@ class _Reading:
 
     @property
     def last(self) -> float:
-        """The time of the last sample on the estimator's clock [s]."""
+        """Time of the last sample on the estimator's clock [s]."""
         return self._time + (self._shift or 0.0)
 
     def tare(self, where: str) -> None:
-        """Makes the trunk as known now the reference of the payload."""
+        """Makes the present estimate of the trunk the reference for the payload."""
         if not self.estimator.parameters().observed[0]:
             raise IdentificationError(f"{where}: too short for a tare, the trunk's mass is not known by its end")
         self.estimator.tare()
         self.tared = True
 
     def result(self) -> Weighing:
-        """What was found, by all that was read."""
+        """The result from everything processed so far."""
         estimator, log = self.estimator, self.log
         estimate, payload = estimator.estimate(), estimator.payload
         self._enter()
@@ -171,7 +171,7 @@ class _Reading:
             )
 
     def _take(self, samples: Samples) -> None:
-        """Feeds samples in pieces that end where the timeline has an entry and where the tare begins and ends."""
+        """Passes samples on in pieces that end at the timeline's entries and at the ends of the tare."""
         if self._range is not None and (before := int(np.searchsorted(samples.time, self._range[0]))):
             self._time = float(samples.time[before - 1])
             self._refuse(float(samples.time[0]), self._time, "before the tare's time")
@@ -196,7 +196,7 @@ class _Reading:
             self._refuse(float(samples.time[0]), self._time, estimate.reason)
 
     def _enter(self) -> None:
-        """An entry of the timeline, once there is an estimate."""
+        """Adds an entry to the timeline, once there is an estimate."""
         estimate = self.estimator.estimate()
         if not np.isnan(estimate.time):
             std, payload = estimate.std, self.estimator.payload
@@ -221,7 +221,7 @@ class _Reading:
             self._refused.append(Refusal(begin, end, reason))
 
     def _changes(self, payload: Payload | None) -> tuple[LoadChange, ...]:
-        """The changes in this log, on its own clock."""
+        """Changes of the load in this log, on its own clock."""
         shift = self._shift or 0.0
         changes = self.estimator.changes[self._changes_before :]
         return since_tare([replace(c, time=c.time - shift, noticed=c.noticed - shift) for c in changes], payload)

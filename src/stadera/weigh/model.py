@@ -1,6 +1,7 @@
-"""A weighing as a robot model: the trunk as weighed, with a tare less the payload, which becomes a separate link.
+"""Writes a weighing into a robot model: the weighed trunk and, with a tare, the payload as a separate link.
 
-With and without a tare the whole is the same. What was not observed stays the model's, and the file says what that is.
+With a tare the payload is subtracted from the trunk, so the total is the same. Quantities that were not observed keep
+the model's values, and a note in the file lists them.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from stadera.types import Array, Bools
 from stadera.weigh.result import Weighing
 
 CUBE = 0.1
-"""Edge of the cube whose inertia a payload is given where its own was not observed [m]: a lidar's size."""
+"""Edge of the cube whose inertia stands in for a payload's unobserved one [m]: the size of a lidar."""
 
 
 @dataclass(frozen=True, eq=False)
 class WeighedModel:
-    """What `stadera.robot.export.export_model` writes.
+    """Input of `stadera.robot.export.export_model`.
 
     Attributes:
-        robot: with the trunk as weighed, without the payload where there was a tare.
+        robot: with the weighed trunk, less the payload if there was a tare.
         payload: None without a tare.
-        note: what readers of the file need to know of the trunk.
+        note: text for readers of the file: accuracy, and what was not observed.
     """
 
     robot: Robot
@@ -38,11 +39,11 @@ class WeighedModel:
 
 
 def weighed_model(result: Weighing) -> WeighedModel:
-    """The model of a robot as it was weighed.
+    """Makes the model of the weighed robot.
 
     Raises:
-        IdentificationError: the trunk's mass was not observed; with a tare, no payload was, or its centre of mass was
-            not observed at all.
+        IdentificationError: the trunk's mass was not observed; or, with a tare, the payload was not observed, or no
+            component of its centre of mass.
     """
     robot, trunk, payload = result.robot, result.trunk, result.payload
     mark = "" if result.is_trusted else f" NOT TO BE TRUSTED: {'; '.join(result.trust.reasons)}."
@@ -59,15 +60,17 @@ def weighed_model(result: Weighing) -> WeighedModel:
 
 
 def payload_link(payload: Payload, trunk_com: Array) -> PayloadLink:
-    """The payload as a link for a model file. Where its inertia was not observed it gets a small cube's, and says so:
-    simulators refuse or diverge with a body that has mass and no inertia.
+    """Makes the payload's link for a model file.
+
+    An unobserved inertia is replaced by that of a small cube, and the note says so: simulators reject or diverge with a
+    body that has mass and no inertia.
 
     Args:
-        payload: as found.
-        trunk_com: (3,) [m], where components of its centre of mass are put that were not observed.
+        payload: the estimate.
+        trunk_com: (3,) [m], used for components of the payload's centre of mass that were not observed.
 
     Raises:
-        IdentificationError: its mass is not above zero by more than its error, or its centre of mass was not observed.
+        IdentificationError: its mass is not significantly above zero, or its centre of mass was not observed.
     """
     hidden = np.isnan(payload.com)
     if not payload.mass > SIGNIFICANT * payload.mass_std or hidden.all():
@@ -88,8 +91,8 @@ def payload_link(payload: Payload, trunk_com: Array) -> PayloadLink:
 def _without(
     whole: InertialParameters, payload: InertialParameters, prior: InertialParameters, observed: bool
 ) -> InertialParameters:
-    """The trunk without the payload; with the prior's inertia about its centre of mass where both inertias were not
-    observed, or the rest is impossible.
+    """The trunk without the payload. Its inertia about its centre of mass is the prior's if either inertia was not
+    observed or the difference is physically impossible.
     """
     rest = whole - payload
     if not rest.mass > 0.0:

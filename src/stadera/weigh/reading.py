@@ -1,8 +1,8 @@
-"""Logs as they are weighed: chunk by chunk, checked for contradictions, and only while the robot is on its feet.
+"""Reads logs for weighing: chunk by chunk, checked for contradictions, and only while the robot is on its feet.
 
-A log in which encoders, torques and IMU contradict each other throughout is refused. One that is consistent in a single
-stretch is weighed by that stretch: a robot that lies or hangs before it stands up, or falls at the end, contradicts the
-model of a robot on its feet there.
+A log whose encoders, torques and IMU contradict each other throughout is refused. If it is consistent in a single
+stretch, only that stretch is used: a robot that lies or hangs before it stands up, or falls at the end, does not obey
+the model of a robot on its feet.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from stadera.weigh.result import Refusal
 from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
 
 WITH_IMU, WITHOUT_IMU = "contact", "poses"
-"""Methods at rest that are chosen where none is asked for."""
+"""Default methods at rest."""
 
-_FIRST = 256  # samples that show what is recorded, and how often
-_SOUND = 4  # consistent windows in a row that are not a coincidence
+_FIRST = 256  # samples read to determine the channels and the sampling rate
+_SOUND = 4  # successive consistent windows that cannot be a coincidence
 _VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "bad", "stuck": "doubtful"}
 
 
 def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
-    """The method for a log: in motion with an IMU and at least 50 samples a second, else at rest.
+    """Chooses the method for a log: in motion with an IMU and at least 50 samples a second, otherwise at rest.
 
-    Weighing in motion includes standing still. A tare of another log needs an IMU as well.
+    The method in motion includes standing still. If the tare is another log, that log needs an IMU as well.
 
     Raises:
-        RecordingError: the log cannot be read or lacks one of the robot's joints.
+        RecordingError: the log cannot be read, or lacks one of the robot's joints.
     """
     first = _beginning(robot, source)
     if first.imu is None:
@@ -48,10 +48,10 @@ def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSet
 
 
 def check_source(request: Request) -> bool:
-    """Checks that a log has what the method needs; whether it has an IMU.
+    """Checks that a log has the channels that the method needs. Returns True if it has an IMU.
 
     Raises:
-        RecordingError: no IMU where the method needs one, or one is asked for by name; no joint torques.
+        RecordingError: there are no joint torques, or no IMU although the method or an option needs one.
     """
     log, method = request.source, request.method
     if _beginning(request.robot, log).imu is not None:
@@ -69,7 +69,7 @@ def require_imu(robot: Robot, source: Source, method: str) -> None:
     """Checks that a log has an IMU.
 
     Raises:
-        RecordingError: it has none; names the columns that lack, and the methods that work without.
+        RecordingError: there is none. The message names the missing columns and the methods that need no IMU.
     """
     try:
         stream(source, joints=robot.tree.joints, require=("imu",))
@@ -89,20 +89,20 @@ def _beginning(robot: Robot, source: Source) -> Recording:
 
 
 class CheckedLog:
-    """A log in chunks with joint velocities, each checked before it is handed on. Can be read several times.
+    """A log in chunks with joint velocities, each checked before it is yielded. Can be iterated several times.
 
     Args:
         request: of the weighing.
         source: its log, or that of its tare.
-        require: what the log must have besides joint positions and torques: "imu", or nothing.
+        require: "imu" if the log must have one besides joint positions and torques, else empty.
 
     Attributes:
-        notes: on what was found and done.
-        doubts: verdict and reason for each finding that makes the figures doubtful or bad.
-        begin, end: of the log [s]; NaN before it was read.
-        before, event: the times before and after the stretch in which the robot is on its feet, which are not weighed,
-            and why; None where there are none.
-        left_out: other times that are not weighed, for a fault that shows in them alone.
+        notes: remarks on findings and on corrections made.
+        doubts: verdict and reason of each finding that makes the result doubtful or bad.
+        begin, end: of the log [s]; NaN before the first iteration.
+        before, event: the times before and after the stretch in which the robot is on its feet, which are not used, and
+            why; None if there are none.
+        left_out: other times that are not used, because of a fault in them.
     """
 
     def __init__(self, request: Request, source: Source, require: tuple[str, ...] = ()) -> None:
@@ -117,15 +117,16 @@ class CheckedLog:
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:
-        """The times that are not weighed."""
+        """The times that are not used."""
         return tuple(refusal for refusal in (self.before, *self.left_out, self.event) if refusal is not None)
 
     def __iter__(self) -> Iterator[Recording]:
-        """The chunks.
+        """Yields the chunks.
 
         Raises:
             RecordingError: as `stadera.logs.stream`.
-            UntrustedError: signs, orders, frames or units of the log are wrong, unless the request forces a result.
+            UntrustedError: signs, orders, frames or units of the log are wrong, and the request does not force a
+                result.
         """
         known = not np.isnan(self.end)  # from an earlier reading
         for chunk in stream(self.source, joints=self._request.robot.tree.joints, require=("effort", *self._require)):
@@ -181,7 +182,7 @@ class CheckedLog:
             self.notes[text] = None
 
     def _on_feet(self, chunk: Recording) -> bool:
-        """Looks for the stretch in which the robot is on its feet in a chunk that contradicts itself."""
+        """Finds the stretch in which the robot is on its feet, in a chunk with contradictions."""
         window = self._request.settings.window
         edges = np.arange(chunk.time[0], chunk.time[-1], window)
         faults = [self._faults(chunk, edge, edge + window) for edge in edges]
@@ -203,7 +204,7 @@ class CheckedLog:
 
 
 def _single(consistent: Sequence[bool]) -> tuple[int, int]:
-    """Begin and end of the consistent windows if they follow each other without a break; else nothing, (0, 0)."""
+    """First and last-plus-one of the consistent windows if they are contiguous; else (0, 0)."""
     found = np.flatnonzero(consistent)
     unbroken = len(found) and found[-1] - found[0] + 1 == len(found)
     return (int(found[0]), int(found[-1]) + 1) if unbroken else (0, 0)

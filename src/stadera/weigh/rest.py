@@ -1,10 +1,10 @@
-"""The log's times at rest, as blocks: the mass of each by eq. 7, and its sensitivity to constant errors.
+"""Finds the log's times at rest and the trunk's mass in each by eq. 7, with its sensitivity to constant errors.
 
 In static equilibrium the ground carries the weight along the vertical u (trunk axes),
 
     m_tr = u · Σ f_i / g - m_l                                                    (eq. 7)
 
-Constant errors n of torques, feet and the legs' masses move it by s n with s = uᵀ (∂F/∂n) / g. Two blocks of one pose
+Constant errors n of torques, feet and the legs' masses change it by s n with s = uᵀ (∂F/∂n) / g. Two blocks in one pose
 have nearly the same s, so the variance of their difference, (s_2 - s_1) C (s_2 - s_1)ᵀ, is small: a change is known
 much better than a mass.
 """
@@ -30,21 +30,21 @@ from stadera.trunk.standing.mass import felt_by_mass
 from stadera.types import Array
 from stadera.weigh.result import Refusal
 
-_FEWEST = 3  # samples of a block
-_FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # what differs between reasons of one kind
+_FEWEST = 3  # samples in a block
+_FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # the parts that differ between reasons of one kind
 
 
 @dataclass(frozen=True, eq=False)
 class RestBlock:
-    """A short time at rest.
+    """A short period at rest.
 
     Attributes:
-        begin, end: [s], of its samples.
-        count: of samples.
-        mass: [kg], their mean.
-        variance: [kg²], of the mean by white noise, as stated or as the samples scatter, whatever is more.
+        begin, end: times of its first and last sample [s].
+        count: number of samples.
+        mass: mean over the samples [kg].
+        variance: of the mean due to white noise [kg²]: the larger of the stated one and that of the samples' scatter.
         sensitivity: (39,), s: of the mass to constant errors.
-        load: (4,) [N], vertical forces, mean.
+        load: (4,) [N], mean vertical forces.
     """
 
     begin: float
@@ -63,11 +63,11 @@ class RestBlock:
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """When a robot stood still.
+    """The periods in which the robot stood still.
 
     Attributes:
-        blocks: in order.
-        refusals: times in between.
+        blocks: in order of time.
+        refusals: the times between them.
         begin, end: of the log [s].
     """
 
@@ -78,14 +78,14 @@ class Rest:
 
     @property
     def usual_reason(self) -> str:
-        """What spoke against rest for longest."""
+        """The reason against rest that applied for the longest time."""
         longest = max(self.refusals, key=lambda r: r.end - r.begin, default=None)
         return "" if longest is None else longest.reason
 
 
 @dataclass
 class _OpenBlock:
-    """A block that is being filled."""
+    """A block that is still being filled."""
 
     begin: float
     count: int = 0
@@ -106,7 +106,7 @@ class _OpenBlock:
         self.end, self.last = m.time, (forces, m)
 
     def closed(self, robot: Robot) -> Iterator[RestBlock]:
-        """The block, unless it has too few samples."""
+        """Yields the block, unless it has too few samples."""
         if self.last is None or self.count < _FEWEST:
             return
         sensitivity, noise = felt_by_mass(*self.last, robot), self.last[0].noise
@@ -117,7 +117,7 @@ class _OpenBlock:
 
 
 class _OpenRefusal:
-    """A time without rest that still lasts."""
+    """A period without rest that has not ended yet."""
 
     def __init__(self, begin: float) -> None:
         self._begin = begin
@@ -130,12 +130,12 @@ class _OpenRefusal:
         self._first.setdefault(kind, reason)
 
     def until(self, end: float) -> Refusal:
-        """The refusal, with the reason given most often."""
+        """The refusal, with its most frequent reason."""
         return Refusal(self._begin, end, self._first[self._count.most_common(1)[0][0]])
 
 
 class _RestFinder:
-    """Sorts measurements into blocks at rest and the times between."""
+    """Sorts measurements into blocks at rest and the periods between them."""
 
     def __init__(self, forces_of: ContactForceEstimator, length: float) -> None:
         self._forces_of, self._length = forces_of, length
@@ -174,7 +174,9 @@ class _RestFinder:
 
 
 def times_at_rest(measurements: Iterable[Measurement], forces_of: ContactForceEstimator, length: float) -> Rest:
-    """Blocks at rest, up to `length` [s] each, and why the rest of the log has none. Memory holds the blocks alone."""
+    """Finds blocks at rest of up to `length` [s] each, and why there is none in the remaining time. Keeps only the
+    blocks in memory.
+    """
     finder = _RestFinder(forces_of, length)
     begin = time = np.nan
     for m in measurements:
@@ -193,13 +195,13 @@ def _complaint(gate: StaticDetector, m: Measurement, forces: ContactForces) -> s
 
 @dataclass(frozen=True, eq=False)
 class MeanMass:
-    """The mean over blocks of one load.
+    """Mean mass over the blocks of one load.
 
     Attributes:
-        begin: [s], of the first block.
-        count: of samples.
-        mass: [kg]. variance: by white noise alone [kg²].
-        sensitivity: (39,), as for a block.
+        begin: of the first block [s].
+        count: number of samples.
+        mass: [kg]. variance: due to white noise alone [kg²].
+        sensitivity: (39,), as in `RestBlock`.
         noticed: [s], the end of the block that confirmed the change to this load; NaN for the first load.
     """
 
@@ -212,11 +214,11 @@ class MeanMass:
 
     @classmethod
     def of(cls, block: RestBlock, noticed: float = np.nan) -> MeanMass:
-        """The mean over one block."""
+        """The mean over a single block."""
         return cls(block.begin, block.count, block.mass, block.variance, block.sensitivity, noticed)
 
     def with_block(self, block: RestBlock) -> MeanMass:
-        """The mean over one more."""
+        """The mean with one more block."""
         count = self.count + block.count
         old, new = self.count / count, block.count / count
         return replace(
@@ -228,15 +230,17 @@ class MeanMass:
         )
 
     def std(self, errors: ConstantErrors) -> float:
-        """Of the mass, constant errors included [kg]."""
+        """Standard deviation of the mass, constant errors included [kg]."""
         return sqrt(self.variance + constant_variance(self.sensitivity, errors))
 
 
 def constant_variance(sensitivity: Array, errors: ConstantErrors) -> float:
-    """s C sᵀ: of a mass, by constant errors [kg²]."""
+    """Variance of a mass due to constant errors, s C sᵀ [kg²]."""
     return float(sensitivity @ errors.covariance @ sensitivity)
 
 
 def difference_variance(before: MeanMass, after: MeanMass | RestBlock, errors: ConstantErrors) -> float:
-    """Of the difference of two masses [kg²]: white noise of both, and constant errors as far as they do not cancel."""
+    """Variance of the difference of two masses [kg²]: white noise of both, and the part of constant errors that does
+    not cancel.
+    """
     return before.variance + after.variance + constant_variance(after.sensitivity - before.sensitivity, errors)

@@ -1,4 +1,4 @@
-"""What a weighing found, whichever estimator weighed."""
+"""Result of a weighing, the same for every estimator."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A time in which nothing was learnt from the log.
+    """A period of the log that the estimator could not use.
 
     Attributes:
         begin, end: [s].
@@ -45,12 +45,12 @@ class Timeline:
     Attributes:
         time: (entries,) [s]; at rest the middle of each block.
         mass, mass_std: (entries,) [kg]; at rest of the block alone.
-        com, com_std: (entries, 3) [m], as known at that time.
-        payload: (entries, 2) [kg], its mass since the tare and the standard deviation, NaN before; None where it is not
-            followed.
-        load: (entries, 4) [N], at rest the feet's vertical forces, legs in the robot's order; None in motion.
+        com, com_std: (entries, 3) [m], as estimated at that time.
+        payload: (entries, 2) [kg], its mass since the tare and the standard deviation, NaN before the tare; None if it
+            is not tracked.
+        load: (entries, 4) [N], vertical forces of the feet at rest, legs in the robot's order; None in motion.
 
-    What was not observed is NaN.
+    Entries that were not observed are NaN.
     """
 
     time: Array
@@ -64,15 +64,17 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """How the robot stands at the end, in the level plane through the trunk's origin, x where the trunk's x points.
+    """Balance of the robot at the end of the log.
+
+    `pressure` and `robot_com` are in the level plane through the trunk's origin, x where the trunk's x points.
 
     Attributes:
         to_level: (3, 3), from trunk axes to level ones.
         feet: (4, 3) [m], contacts, trunk frame.
         stance: (4,) bool.
         force: (4,) [N], vertical.
-        pressure: (2,) [m], centre of pressure: the feet's places weighed by their forces.
-        robot_com: (2,) [m], of the whole robot as found; NaN where not observed.
+        pressure: (2,) [m], centre of pressure: mean position of the feet weighted by their forces.
+        robot_com: (2,) [m], estimated centre of mass of the whole robot; NaN where not observed.
     """
 
     to_level: Array
@@ -83,18 +85,18 @@ class Balance:
     robot_com: Array
 
     def level(self, point: Array) -> Array:
-        """A point of the trunk frame (..., 3) in the level plane, (..., 2) [m]."""
+        """Projects points of the trunk frame (..., 3) into the level plane, (..., 2) [m]."""
         return np.asarray((point @ self.to_level.T)[..., :2])
 
 
 @dataclass(frozen=True, eq=False)
 class Vertical:
-    """The vertical in the trunk at the end, and its source.
+    """Direction of the vertical in trunk axes at the end of the log, and its source.
 
     Attributes:
-        source: "imu", or "forces" of the feet where there is no IMU.
+        source: "imu", or "forces" (of the feet) without an IMU.
         up: (3,), unit vector, trunk axes.
-        std: (3,), of its components, constant errors included.
+        std: (3,), of the components, constant errors included.
     """
 
     source: Literal["imu", "forces"]
@@ -103,31 +105,31 @@ class Vertical:
 
     @property
     def tilt_std(self) -> float:
-        """1 σ of its tilt, root of the mean square of both directions [rad]."""
+        """Standard deviation of the tilt, the root mean square of both directions [rad]."""
         return float(np.linalg.norm(self.std) / np.sqrt(2.0))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Weighing(Result):
-    """What a weighing found.
+    """Result of a weighing.
 
     Attributes:
-        robot: as it was given.
-        source: the log.
-        method: that weighed, a name of `stadera.trunk.registry.METHODS`.
-        status: of the estimator at the end.
-        trust: whether the figures hold; where it is "bad" they are marked everywhere.
-        trunk: with all that was on it, at `time`.
-        time: of the last sample that was learnt from [s].
-        payload: added since the tare; None without a tare.
-        changes: of the load, in order.
+        robot: the robot as given.
+        source: name of the log.
+        method: name of the method used, from `stadera.trunk.registry.METHODS`.
+        status: of the estimator at the end of the log.
+        trust: whether the values hold; if "bad", every output marks them.
+        trunk: parameters at `time`, including everything attached to the trunk.
+        time: of the last sample used [s].
+        payload: mass added since the tare; None without a tare.
+        changes: changes of the load, in order.
         timeline: see `Timeline`.
-        refusals: when nothing was learnt from the log, and why, in order.
+        refusals: periods that could not be used, and why, in order.
         begin, end: of the log [s].
         torque_lag: delay of the torques and its standard deviation [s]; None at rest.
         balance, vertical: at the end of the last rest; None in motion.
-        notes: one sentence each.
-        evidence: what the log says of the trunk, for `stadera.trunk.merge`; None at rest.
+        notes: remarks, one sentence each.
+        evidence: the log's information on the trunk, for `stadera.trunk.merge`; None at rest.
     """
 
     robot: Robot
@@ -151,36 +153,36 @@ class Weighing(Result):
 
     @property
     def mass(self) -> float:
-        """Of the trunk with all that is on it [kg]."""
+        """Mass of the trunk and everything attached to it [kg]."""
         return self.trunk.inertial.mass
 
     @property
     def mass_std(self) -> float:
-        """[kg], NaN where not observed."""
+        """Standard deviation of the mass [kg], NaN where not observed."""
         return self.trunk.mass_std
 
     @property
     def com(self) -> Array:
-        """Centre of mass of the trunk with all that is on it, (3,) [m], trunk frame; NaN where not observed."""
+        """Centre of mass of the trunk and everything attached to it, (3,) [m], trunk frame; NaN where not observed."""
         return self.trunk.com
 
     @property
     def com_std(self) -> Array:
-        """(3,) [m], NaN where not observed."""
+        """Standard deviation of the centre of mass, (3,) [m], NaN where not observed."""
         return self.trunk.com_std
 
     @property
     def refused(self) -> float:
-        """For how long nothing was learnt from the log [s]."""
+        """Total time that could not be used [s]."""
         return sum(refusal.end - refusal.begin for refusal in self.refusals)
 
     @property
     def is_trusted(self) -> bool:
-        """Whether figures may be shown without a mark."""
+        """True unless the verdict is "bad"."""
         return self.trust.verdict != "bad"
 
     def widened(self, factor: float) -> Weighing:
-        """The same with all standard deviations of trunk, payload and changes multiplied."""
+        """A copy with all standard deviations of trunk, payload and changes multiplied by `factor`."""
         payload, trunk = self.payload, self.trunk
         if payload is not None:
             std, covariance = factor * payload.mass_std, factor**2 * payload.com_covariance
@@ -194,7 +196,7 @@ class Weighing(Result):
         )
 
     def __repr__(self) -> str:
-        """Trunk, payload, changes and trust, a line each."""
+        """Trunk, payload, changes and trust, one line each."""
         from stadera.report.numbers import with_std
 
         def body(mass: float, mass_std: float, com: Array, com_std: Array) -> str:
@@ -214,14 +216,16 @@ class Weighing(Result):
 
     # -- handed on --------------------------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, see `stadera.weigh.schema`."""
+        """Plain values for JSON; see `stadera.weigh.schema`."""
         from stadera.weigh.schema import weighing_dict
 
         return weighing_dict(self)
 
     def to_dataframe(self) -> Any:
-        """The timeline as a pandas DataFrame: time [s], mass, mass_std [kg], com_x, com_x_std, ... [m], and
-        where it was followed payload_mass, payload_mass_std [kg].
+        """The timeline as a pandas DataFrame.
+
+        Columns: time [s], mass, mass_std [kg], com_x, com_x_std, ... [m], and payload_mass, payload_mass_std [kg] if
+        the payload was tracked.
 
         Raises:
             StaderaError: pandas is not installed.
@@ -231,17 +235,18 @@ class Weighing(Result):
         return timeline_frame(self.timeline)
 
     def to_html(self) -> str:
-        """The report: one page that loads nothing."""
+        """The report as one self-contained HTML page."""
         from stadera.report.weigh.page import weighing_html
 
         return weighing_html(self)
 
     def save_urdf(self, path: str | PathLike[str]) -> None:
-        """Writes the robot's model file as weighed, URDF or MJCF as it came, the payload as a separate link.
+        """Writes the robot's model file with the weighed trunk and the payload as a separate link, in the format of the
+        original.
 
         Raises:
-            IdentificationError: nothing was weighed that could be written.
-            ModelError: the path's ending is not that of the robot's model file.
+            IdentificationError: no mass was observed that could be written.
+            ModelError: the path's suffix is not that of the robot's model file.
         """
         from stadera.robot.export import export_model
         from stadera.weigh.model import weighed_model
@@ -251,13 +256,15 @@ class Weighing(Result):
             export_model(model.robot, draft, model.payload, model.note)
 
     def to_tables(self) -> list[TableData]:
-        """Trunk and payload, inertia where it was observed, changes of the load."""
+        """Tables of trunk and payload, of the inertia where it was observed, and of the changes of the load."""
         from stadera.report.weigh.tables import tables
 
         return tables(self)
 
     def to_figures(self) -> Mapping[str, Figure]:
-        """payload (with a tare, in motion), mass, balance (at rest), convergence (of the centre of mass), forces."""
+        """Figures: payload (with a tare, in motion), mass, balance (at rest), convergence (of the centre of mass),
+        forces.
+        """
         from stadera.report.weigh.plots import figures
 
         return figures(self)

@@ -1,4 +1,4 @@
-"""The JSON and the table of a weighing. Keys are only ever added; SI units; null where nothing was observed."""
+"""JSON and table schema of a weighing. Keys are only ever added. SI units; null for unobserved quantities."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
     Keys: robot, source, method, status, trust, time, trunk, payload, changes, timeline, torque_lag, vertical, refused,
     notes, units. The trunk's centre of mass is in the trunk frame ("frame"), its inertia about that frame's origin
     ("inertia_about") in its axes, null at rest. The payload's centre of mass is in the trunk frame too, its inertia
-    about that centre in trunk axes. A result that is not to be trusted has "trusted": false with every mass and centre
-    of mass of trunk, payload and changes.
+    about that centre in trunk axes. In a result that cannot be trusted, every mass and centre of mass of trunk, payload
+    and changes has "trusted": false.
     """
     mark = {} if result.is_trusted else {"trusted": False}
     place = {"frame": result.robot.trunk, "inertia_about": "frame origin"}
@@ -51,18 +51,18 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
 
 
 def plain(values: Array) -> list[float | None]:
-    """Numbers as JSON has them, None for NaN."""
+    """Numbers for JSON, None for NaN."""
     return [float(value) if isfinite(value) else None for value in values]
 
 
 def quantity(value: float, std: float) -> dict[str, float | None]:
-    """A value and its standard deviation, both None where it was not observed."""
+    """A value and its standard deviation, both None if not observed."""
     seen = isfinite(std) and isfinite(value)
     return {"value": float(value) if seen else None, "std": float(std) if seen else None}
 
 
 def timeline_dict(line: Timeline) -> dict[str, Any]:
-    """The timeline as plain values; the payload's mass where it was followed."""
+    """The timeline as plain values, with the payload's mass if it was tracked."""
     plain_line: dict[str, Any] = {
         "time": plain(line.time),
         "mass": plain(line.mass),
@@ -86,7 +86,7 @@ def timeline_frame(line: Timeline) -> Any:
 
 
 def trunk_dict(trunk: TrunkParameters, mark: dict[str, bool]) -> dict[str, Any]:
-    """A trunk as plain values, each mass and centre of mass with `mark`."""
+    """A trunk as plain values; `mark` is added to each mass and centre of mass."""
     std = trunk.inertia_std if trunk.observed[4:].all() else np.full(6, np.nan)
     return {
         "mass": quantity(trunk.inertial.mass, trunk.mass_std) | mark,
@@ -96,7 +96,7 @@ def trunk_dict(trunk: TrunkParameters, mark: dict[str, bool]) -> dict[str, Any]:
 
 
 def payload_dict(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[str, Any]:
-    """A payload as plain values, in the frame of that name."""
+    """A payload as plain values, in the named frame."""
     tensor, std = payload.inertia, payload.inertia_std
     components = None if tensor is None else [tensor["xyz".index(name[0]), "xyz".index(name[1])] for name in _TENSOR]
     return {

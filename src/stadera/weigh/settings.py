@@ -1,4 +1,4 @@
-"""The numbers that tune weighing, and a weighing's request, validated where it is made."""
+"""Settings of weighing, and the validated request for one weighing."""
 
 from __future__ import annotations
 
@@ -23,30 +23,32 @@ if TYPE_CHECKING:
 
 Source = LogFile | Recording
 Watch = Callable[["Samples", "TrunkEstimator"], None]
-"""Called with samples, IMU values in trunk axes, and the estimator that has taken them in."""
+"""Called with samples (IMU values in trunk axes) and the estimator, after it has processed them."""
 IN_MOTION = "walking"
-"""The method that weighs in any motion, by its name in `METHODS`; all others weigh at rest."""
+"""Name in `METHODS` of the method for any motion. All other methods weigh at rest."""
 
 
 @dataclass(frozen=True)
 class WeighSettings:
-    """How a log is weighed.
+    """Settings of weighing a log.
 
     Attributes:
-        least_rate: samples a second that weighing in motion needs at least; between slower ones the motion is not seen.
-        jitter: by how much rounded stamps may exceed the longest step that this allows.
-        entry: time between two entries of the timeline in motion [s].
-        ahead: samples handed to the estimator at once.
-        log_gap: time put between the log of a tare and the other log [s].
-        trunk: of the estimator that weighs in motion, see `TrunkSettings`.
+        least_rate: lowest sampling rate for weighing in motion [Hz]; slower logs do not resolve the motion.
+        jitter: factor by which steps may exceed the longest one that `least_rate` allows, for rounded time stamps [1].
+        entry: interval of the timeline in motion [s].
+        ahead: samples passed to the estimator at once.
+        log_gap: gap inserted between the tare's log and the other log [s].
+        trunk: settings of the estimator for motion, see `TrunkSettings`.
         block: length of a block at rest [s].
-        least_change: share of the robot's mass above which blocks at rest differ by a change of the load.
-        change_deviations: standard deviations above which they do; both must hold.
-        stale: time from the last rest to the log's end from which a change of the load may have gone unseen [s].
-        doubtful_misfit: variance of the masses of blocks at rest over the stated one from which the result is doubtful
-            and its error bars are widened.
-        windows: when signals contradict each other in part of a log, see `WindowLimits`.
-        window: over which encoders, torques and IMU are compared where a log contradicts itself only in part [s].
+        least_change: least difference in mass between blocks at rest that counts as a change, as a share of the robot's
+            mass.
+        change_deviations: least difference in standard deviations; both limits must be exceeded.
+        stale: time between the last rest and the end of the log above which a change of the load may have been missed
+            [s].
+        doubtful_misfit: variance of the masses of blocks at rest, divided by the stated one, above which the result is
+            doubtful and its error bars are widened.
+        windows: criteria for signals that contradict each other in part of a log, see `WindowLimits`.
+        window: length of the windows in which encoders, torques and IMU are compared in such a log [s].
     """
 
     least_rate: float = 50.0
@@ -69,24 +71,24 @@ class WeighSettings:
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What is to be weighed, and how.
+    """Validated request for one weighing.
 
     Attributes:
-        robot: with its legs as known; its trunk is the prior.
+        robot: with its present leg parameters; its trunk is the prior.
         source: the log.
-        tare: a range of the log's time [s], or another log, in which the robot is without its payload; None for none.
-        method: a name of `METHODS`.
-        imu_frame: frame of the IMU's values; None for the log's own, else the model's.
+        tare: a range of the log's time [s] or another log in which the robot carries no payload; None for no tare.
+        method: name from `METHODS`.
+        imu_frame: frame of the IMU's values; None for the one named in the log, else the model's.
         stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method "orientation".
-        force: whether a result that is not to be trusted is given all the same, marked as such.
+        force: return a result even if it cannot be trusted, marked as such.
         settings: see `WeighSettings`.
-        progress: called with what is done, and how many samples of it.
-        watch: called with the samples, IMU values in trunk axes, and the estimator that took them in; in motion alone.
+        progress: called with the step's name, samples done and total.
+        watch: called with samples (IMU values in trunk axes) and the estimator, in motion only.
 
     Raises:
         UnknownNameError: no such method.
-        IdentificationError: the method "orientation" without a stiffness or another one with it, a stiffness that is
-            not positive, a tare's range that does not begin before its end.
+        IdentificationError: the method "orientation" without a stiffness, another method with one, a stiffness that is
+            not positive, or a tare that does not begin before its end.
     """
 
     robot: Robot
@@ -112,7 +114,7 @@ class Request:
 
 
 def check_choice(method: str | None, stiffness: tuple[float, float, float] | None) -> None:
-    """Checks a method, None for one still to be chosen, and the stiffness that goes with it; raises as `Request`."""
+    """Checks a method (None if it is still to be chosen) and its stiffness. Raises as `Request`."""
     if method is not None and method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     if stiffness is not None and not (np.isfinite(stiffness).all() and min(stiffness) > 0):
@@ -129,10 +131,10 @@ def check_choice(method: str | None, stiffness: tuple[float, float, float] | Non
 
 
 def tare_of(text: str) -> tuple[float, float] | str:
-    """A tare as text: a range of time "T0:T1" [s], else the address of a log, as it is.
+    """Parses a tare: a time range "T0:T1" [s], else the path of a log, returned unchanged.
 
     Raises:
-        IdentificationError: a range that does not begin before its end.
+        IdentificationError: the range does not begin before its end.
     """
     first, colon, last = text.partition(":")
     try:

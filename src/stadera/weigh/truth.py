@@ -1,4 +1,4 @@
-"""The true trunk and payload of a prepared log, in a file beside it: for reports, never for estimators."""
+"""Ground truth of a prepared log, kept in a separate file: used by reports and never by estimators."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NEGLIGIBLE = 1e-9  # kg
 
 @dataclass(frozen=True)
 class TruthAt:
-    """The trunk, payload included, from a time on; trunk frame.
+    """True trunk parameters, payload included, from a time on; trunk frame.
 
     Attributes:
         time: [s].
@@ -34,7 +34,7 @@ class TruthAt:
 
     @classmethod
     def of(cls, time: float, trunk: InertialParameters, bare: InertialParameters) -> TruthAt:
-        """From the trunk with and without payload."""
+        """Computes the entry from the trunk with and without payload."""
         load = trunk - bare
         loaded = load.mass > _NEGLIGIBLE
         return cls(
@@ -49,14 +49,14 @@ class TruthAt:
 
 @dataclass(frozen=True)
 class Truth:
-    """A run's truth.
+    """Ground truth of one run.
 
     Attributes:
-        robot, scenario, errors, seed: what was run.
+        robot, scenario, errors, seed: settings of the run.
         slope: of the ground [rad].
         stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method 'orientation'.
-        moments: the trunk at the start and from each change on.
-        drawn: everything that real errors drew, as `Drawn.to_dict`; None for errors of another kind.
+        moments: the trunk at the start and after each change.
+        drawn: all random model and sensor errors, as `Drawn.to_dict`; None for other kinds of errors.
     """
 
     robot: str
@@ -74,13 +74,13 @@ class Truth:
 
 
 def truth_paths(log: str | PathLike[str]) -> tuple[Path, Path]:
-    """Where the truth of a log is kept: its JSON, and the table of true motion and forces (of the log's kind)."""
+    """Paths of a log's truth: its JSON, and the table of true motion and forces (in the log's format)."""
     path = Path(log)
     return path.with_name(f"{path.stem}.truth.json"), path.with_name(f"{path.stem}.truth{path.suffix}")
 
 
 def truth_json(truth: Truth) -> dict[str, Any]:
-    """As plain values; SI units, trunk frame."""
+    """The truth as plain values; SI units, trunk frame."""
     return {
         "robot": truth.robot,
         "scenario": truth.scenario,
@@ -103,10 +103,10 @@ def truth_json(truth: Truth) -> dict[str, Any]:
 
 
 def read_truth(path: str | PathLike[str]) -> Truth:
-    """The truth that `truth_json` wrote.
+    """Reads the truth written by `truth_json`.
 
     Raises:
-        RecordingError: no such file, or not such a JSON.
+        RecordingError: no such file, or a file of another kind.
     """
     path = Path(path)
     require_input(path)

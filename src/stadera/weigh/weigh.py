@@ -1,4 +1,4 @@
-"""Weighs a robot by a log: chooses the estimator, runs it, and refuses what is not to be trusted."""
+"""Weighs a robot from a log: chooses the estimator, runs it, and refuses a result that cannot be trusted."""
 
 from __future__ import annotations
 
@@ -31,26 +31,28 @@ def weigh(
     progress: Progress | None = None,
     watch: Watch | None = None,
 ) -> Weighing:
-    """Weighs the trunk of a robot, with all that is on it, and the payload added since a tare.
+    """Weighs the trunk of a robot, with everything attached to it, and the payload added since a tare.
 
     Args:
         robot: a robot, its name, or the path of its model file.
-        log: of joint positions, torques and, where there are, velocities and an IMU: a path, a LogFile or a Recording.
-        tare: a range of the log's time (begin, end) [s], or another log, in which the robot is without its payload.
-        method: of `stadera.trunk.registry.METHODS`; None chooses: "walking" (any motion, standing included) with an
-            IMU and 50 samples a second, else at rest, "contact" with an IMU and "poses" without.
-        imu_frame: frame of the IMU's values; None for the log's own, else the model's.
-        stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method "orientation" alone.
-        force: gives a result that is not to be trusted all the same; `trust` and every output say so.
+        log: joint positions and torques, and velocities and an IMU if available: a path, a LogFile or a Recording.
+        tare: a range (begin, end) of the log's time [s] or another log in which the robot carries no payload.
+        method: name from `stadera.trunk.registry.METHODS`. None chooses "walking" (any motion, standing included) for a
+            log with an IMU and at least 50 samples a second; otherwise a method at rest: "contact" with an IMU, "poses"
+            without.
+        imu_frame: frame of the IMU's values; None for the one named in the log, else the model's.
+        stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method "orientation" only.
+        force: return a result even if it cannot be trusted; `trust` and every output say so.
         settings: None for the defaults.
-        progress: called with what is done, and how many samples of it.
-        watch: called with the samples and the estimator that took them in, in motion alone.
+        progress: called with the step's name, samples done and total.
+        watch: called with samples (IMU values in trunk axes) and the estimator, in motion only.
 
     Raises:
         ModelError, UnknownNameError: no such robot, method or frame.
-        RecordingError: a log that cannot be read or lacks a joint, its torque, or the IMU that the method needs.
-        IdentificationError: nothing could be learnt, or not in the tare's time; options that do not fit the method.
-        UntrustedError: the log contradicts the model or itself, without `force`.
+        RecordingError: the log cannot be read, or lacks a joint, its torque, or the IMU that the method needs.
+        IdentificationError: the log contains no usable data, or none within the tare; options that do not fit the
+            method.
+        UntrustedError: the log contradicts the model or itself, and `force` is false.
     """
     check_choice(method, stiffness)
     model = robot if isinstance(robot, Robot) else load_robot(Path(robot) if isinstance(robot, PathLike) else robot)
