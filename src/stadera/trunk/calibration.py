@@ -1,15 +1,16 @@
-"""Regression calibration: noise taken out of the accelerations that enter the trunk's rows.
+"""Regression calibration: removes noise from the accelerations that enter the matrix of the trunk's rows.
 
-Least squares takes noise in its matrix for motion: on a robot that stands still it would estimate inertia and height
-from noise alone, wrongly and with ever smaller error bars. So an acceleration x measured with noise of variance n²
-enters the matrix as its best guess,
+Noise in the matrix biases least squares: on a robot at rest it would yield estimates of inertia and height from noise
+alone, wrong and with shrinking error bars. So an acceleration x measured with noise of variance n² enters the matrix as
+its conditional mean,
 
     E[x | measured] = x̄ + g (x - x̄),      g = 1 - n² / var(x)
 
-where that variance, over the last second, exceeds the noise by far, and g = 0 where it does not. x̄ is zero for the
-angular acceleration, and for the specific force its average over the last second turned along with the trunk, which is
-gravity. The guess is right for Gaussian motion; of intermittent motion it removes too much of the large values, always
-with the same sign. So what it removes of the angular acceleration is returned too, and counts as a considered error.
+where var(x), taken over the last second, is well above n², and g = 0 elsewhere. x̄ is zero for the angular
+acceleration. For the specific force it is the average over the last second, rotated with the trunk, which is gravity.
+The conditional mean is right for Gaussian motion; of intermittent motion it removes too much of the large values,
+always with the same sign. So the part removed from the angular acceleration is returned too, and becomes a considered
+error.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ import numpy as np
 from stadera.types import Array
 
 _MEMORY = 1.0  # s
-_BEYOND_NOISE = 2.0  # times the noise's variance, from which there is motion
+_BEYOND_NOISE = 2.0  # times the noise's variance, above which the robot is taken to move
 
 
 class SignalCalibration:
-    """Takes noise out of the twelve signals of the trunk's rows, block by block."""
+    """Removes noise from the twelve signals of the trunk's rows, block by block."""
 
     def __init__(self) -> None:
         self._weight = 0.0
@@ -33,16 +34,16 @@ class SignalCalibration:
         self._average = np.zeros(3)
 
     def calibrated(self, signals: Array, noise: Array, turned: Array, elapsed: float) -> tuple[Array, Array]:
-        """The signals with specific force and angular acceleration as they most likely are, and what was removed.
+        """Replaces specific force and angular acceleration by their conditional means.
 
         Args:
             signals: (12,), see `stadera.trunk.wrench.trunk_signals`.
             noise: (6,), variances of the first six.
-            turned: (3, 3), takes trunk components of what is fixed in the world from the last block to this.
-            elapsed: [s] since the last block.
+            turned: (3, 3), rotates trunk components of a world-fixed vector from the last block to this one.
+            elapsed: time since the last block [s].
 
         Returns:
-            The signals (12,), and what was taken away of the angular acceleration (3,) [rad/s²].
+            The signals (12,), and the part removed from the angular acceleration (3,) [rad/s²].
         """
         keep = exp(-elapsed / _MEMORY)
         self._weight = keep * self._weight + 1.0 - keep

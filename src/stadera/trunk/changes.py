@@ -1,20 +1,19 @@
-"""Finds changes of the load: averages over the last blocks against all that was known before.
+"""Detects changes of the load by comparing averages over the latest blocks with the estimate from earlier ones.
 
-A block's residual r = b - A θ̂ - C p̂ against what was known before, seen along the specific force a, is the block's own
-difference of mass and of first moment across a, for r_force = δm a and r_moment = δh x a::
+A block's residual r = b - A θ̂ - C p̂ with respect to the earlier estimate, resolved along the specific force a, gives
+the block's difference in mass and in the first moment across a, for r_force = δm a and r_moment = δh x a::
 
     δm = a · r_force / a²,      δh = a x r_moment / a²
 
-(The first moment along a, a height, shows in fast motions alone: no change is looked for in it.) Blocks of a foot that
-touches down deviate for an instant by more than a load, so an average over n blocks is a Huber mean: what lies further
-from their median than a few times the usual scatter of single blocks counts as that far.
+(The first moment along a, a height, is observable in fast motion only, so no change is sought in it.) Blocks in which a
+foot touches down deviate briefly by more than a load does, so an average over n blocks is a Huber mean: values further
+from the median than a few times the usual scatter of single blocks are clipped.
 
-How much averages vary while nothing changes is taken from the log: their mean square over the past, for each n, by
-what is known of the joints now, and what errors of the model add to it when the robot does what it did not do before
-(it sets out, turns, stops). Few averages were seen of long ones, so what counts as many standard deviations is
-Student's. A change is reported when it exceeds both the least change asked for and so many standard deviations, block
-after block for a while. A push that lasts is a change too: nothing tells it from a load until it
-ends.
+The variance of averages under a constant load is taken from the log: the mean square of past averages for each n, given
+the present estimates of the joints' errors, plus the effect of model errors when the robot moves as it did not before
+(it sets out, turns, stops). Long averages have few samples, so the limit in standard deviations is Student's. A change
+is reported when it exceeds both the least change and a number of standard deviations for several blocks in succession.
+A sustained push is reported as a change too: until it ends it cannot be distinguished from a load.
 """
 
 from __future__ import annotations
@@ -32,20 +31,20 @@ from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
 
-_MOST = 0.9  # of the phases of a step cause errors up to `Spread.usual`
-_PRIOR_SAMPLES = 1.0  # independent averages that the prior of their spread is worth
-_WILD = 3.0  # standard deviations, as which an average counts at most
+_MOST = 0.9  # share of the phases of a step in which model errors are at most `Spread.usual`
+_PRIOR_SAMPLES = 1.0  # independent averages that the prior of their spread counts as
+_WILD = 3.0  # standard deviations at which an average is clipped
 _MEDIAN = 0.455  # of χ² with one degree of freedom
-_HALF = 0.5  # of the change: a block nearer to it than to nothing was after it
+_HALF = 0.5  # of the change: a block beyond it is assigned to the time after the change
 
 
 @dataclass(frozen=True)
 class Jump:
-    """A change that was found.
+    """A detected change.
 
     Attributes:
-        blocks: how many blocks ago it happened, the likeliest.
-        reported: whether it exceeds the least change; a smaller one only makes the estimate begin anew.
+        blocks: the most likely number of blocks since it happened.
+        reported: True if it exceeds the least change; a smaller one only restarts the estimate.
     """
 
     blocks: int
@@ -53,11 +52,11 @@ class Jump:
 
 
 class Deviation(NamedTuple):
-    """An average over the last blocks, in units of `scale`.
+    """Average over the latest blocks, in units of `scale`.
 
     Attributes:
-        size: δ (4,). by_errors: (4,) variance by errors of the model.
-        own, before: (4,) variances by rows of unit noise, of the average and of what was known before.
+        size: δ (4,). by_errors: (4,) variance due to model errors.
+        own, before: (4,) variances due to white noise, of the average and of the earlier estimate.
     """
 
     size: Array
@@ -67,7 +66,7 @@ class Deviation(NamedTuple):
 
 
 class _Largest(NamedTuple):
-    """The largest deviation: of how many blocks, how many standard deviations each, whether to be reported, and δ."""
+    """The largest deviation: its number of blocks, its standard deviations, whether it is to be reported, and δ."""
 
     blocks: int
     ratio: float
@@ -77,11 +76,11 @@ class _Largest(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """How averages over some number of blocks vary while nothing changes.
+    """Spread of averages over a number of blocks under a constant load.
 
     Attributes:
-        square: (4,) their mean square. usual: (4,) variance by errors of the model, in nearly all of them at most.
-        samples: independent averages that it was seen in.
+        square: (4,) their mean square. usual: (4,) variance due to model errors, not exceeded in nearly all of them.
+        samples: number of independent averages.
     """
 
     square: Array
@@ -89,12 +88,12 @@ class Spread(NamedTuple):
     samples: float
 
     def variance(self, expected: Array) -> Array:
-        """With what errors of the model cause now beyond what they usually did."""
+        """The variance, increased by the part of the present model errors' effect that exceeds the usual one."""
         return np.asarray(self.square + np.maximum(expected - self.usual, 0.0))
 
 
 class _Blocks:
-    """The last blocks' projected rows, in one array without a copy each time."""
+    """Ring buffer of the latest blocks' projected rows, contiguous in memory."""
 
     def __init__(self, most: int) -> None:
         self._most, self._rows, self._end, self.count = most, np.empty((2 * most, 4, PROJECTED)), 0, 0
@@ -114,16 +113,16 @@ class _Blocks:
 
 
 class ChangeDetector:
-    """Looks at each block as it comes.
+    """Detects changes of the load, block by block.
 
     Args:
-        settings: when a change counts.
-        scale: (4,) what mass and first moments are measured in: the robot's mass, and that times the leg's length.
+        settings: limits for a change.
+        scale: (4,) units of mass and first moments: the robot's mass, and that times the leg's length.
         block: length of a block [s].
 
     Attributes:
-        suspected: (4,) [kg, kg·m], by how much mass and first moment of the last blocks differed where that was likely
-            a change, but not certain; it fades, and a change that is certain ends it.
+        suspected: (4,) [kg, kg·m], difference in mass and first moment over the latest blocks if a change is likely but
+            not yet certain. It decays, and is reset when a change is detected.
     """
 
     def __init__(self, settings: ChangeSettings, scale: Array, block: float) -> None:
@@ -139,21 +138,21 @@ class ChangeDetector:
         self.suspected = self._missed = np.zeros(4)
 
     def restart(self, kept: int) -> None:
-        """The load has changed: what was seen before the last `kept` blocks belongs to another one."""
+        """Restarts after a change of the load: only the last `kept` blocks belong to the new one."""
         self._persists, self._blocks.count, self._usual = 0, kept, self._spreads
         self.suspected = self._missed = np.zeros(4)
 
     def look(
         self, rows: WeightedRows, before: Segment, long_before: Segment, errors: Errors, scatter: float, held: bool
     ) -> Jump | None:
-        """A jump, once the last block makes it certain.
+        """Returns a change when the last block makes it certain, else None.
 
         Args:
             rows: the last block.
-            before, long_before: what was known before the last `pending` of them, and before twice as many.
+            before, long_before: the estimate without the last `pending` blocks, and without twice as many.
             errors: mean and standard deviations of the model's errors.
-            scatter: κ, of sums of rows.
-            held: report nothing, for the model does not fit.
+            scatter: κ, the excess scatter of summed rows.
+            held: suppress reports, because the model does not fit.
         """
         self._blocks.push(rows.projected)
         deviations = self._since(before, errors, self._short)
@@ -166,8 +165,10 @@ class ChangeDetector:
         return Jump(self._placed(best, before if best.blocks in self._short else long_before, errors), best.reported)
 
     def learn(self, before: Segment, errors: Errors) -> None:
-        """How averages vary while nothing changes: by all blocks but the last `pending`, in which a change may still be
-        found, with what is known of the model's errors by now. Averages overlap by half, so two are one sample.
+        """Updates the spread of averages under a constant load.
+
+        Uses all blocks except the last `pending`, in which a change may still be detected, and the present estimates of
+        the model errors. Averages overlap by half, so two count as one sample.
         """
         n = self._blocks.count - self.settings.pending
         if n < 2 * min(self.settings.windows):
@@ -194,8 +195,8 @@ class ChangeDetector:
             self._spreads[m] = Spread(square, usual, samples + known.samples)
 
     def _suspect(self, best: _Largest) -> None:
-        """What is likely a change is in the error bars as long as it is, and after that if it lasted and was not found:
-        it is in what was learnt since.
+        """Updates `suspected`: a likely change enters the error bars while it lasts. If it persists without being
+        detected, it stays in them, since the estimate has absorbed it.
         """
         self._likely = (self._likely + 1) * (best.ratio > self.settings.suspected)
         self._missed = self._missed * exp(-self._block / self.settings.memory)
@@ -205,7 +206,7 @@ class ChangeDetector:
         self.suspected = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
 
     def _largest(self, deviations: dict[int, Deviation], scatter: float) -> _Largest:
-        """The deviation of most standard deviations, of averages whose spread is known."""
+        """The deviation with most standard deviations, among averages whose spread is known."""
         largest, limit = _Largest(0, 0.0, False, np.zeros(4), np.ones(4)), self.settings.deviations
         for n, deviation in deviations.items():
             spread = self._spreads[n]
@@ -218,15 +219,15 @@ class ChangeDetector:
         return largest
 
     def _ratio(self, n: int, size: Array, std: Array) -> tuple[float, bool]:
-        """How many standard deviations, 0 where the change is too small; and whether it is to be reported."""
+        """Number of standard deviations (0 if the change is too small), and whether the change is to be reported."""
         large = size > self.settings.least_change
         if large.any():
             return float((size / std)[large].max()), True
-        # a smaller one, over long averages alone, is adopted without a report
+        # a smaller change, seen in long averages only, updates the estimate without a report
         return (float((size / std).max()), False) if 3 * n > self.settings.pending else (0.0, False)
 
     def _since(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> dict[int, Deviation]:
-        """Deviations from a segment, of each window that is full; none while it is too short."""
+        """Deviations from a segment for each full window; none if the segment is too short."""
         windows = tuple(n for n in windows if n <= self._blocks.count)
         if before.blocks * self._block < self.settings.history or not windows:
             return {}
@@ -242,28 +243,28 @@ class ChangeDetector:
         return out
 
     def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array, Array]:
-        """Of the last n blocks (n, 4): what each says alone, in units of `scale`, and its weight; and their rows."""
+        """For the last n blocks (n, 4): each one's own difference in units of `scale`, its weight, and its rows."""
         rows = self._blocks.last(n)
         left = np.concatenate([-before.mean(errors.mean), [1.0], -errors.mean, [0.0]])
         weight = rows[:, :, -1]
         return (rows @ left) / np.maximum(weight, 1e-12) / self._scale, weight, rows
 
     def _near(self, singles: Array, weights: Array, middle: Array | float = 0.0) -> Array:
-        """(n, 4, 2): weighted blocks (n, 4), none further from the middle than Huber's limit; and their weights."""
+        """(n, 4, 2): weighted blocks (n, 4), clipped at Huber's limit from `middle`, and their weights."""
         limit = self.settings.outlier * self._scatter
         return np.stack([np.clip(singles, middle - limit, middle + limit) * weights, weights], axis=-1)
 
     def _by_errors(self, totals: Array, before: Segment, errors: Errors) -> Array:
-        """(n, 4) variances of averages by errors of the model, from summed rows (n, 4, PROJECTED)."""
+        """(n, 4) variances of averages due to model errors, from summed rows (n, 4, PROJECTED)."""
         share = totals / (np.maximum(totals[..., -1], 1e-12) * self._scale)[..., None]
         moved = (share[..., 11:-1] - share[..., :10] @ before.sensitivity) * errors.std
         return np.asarray((moved**2).sum(axis=-1))
 
     def _placed(self, best: _Largest, before: Segment, errors: Errors) -> int:
-        """How many blocks ago the change most likely happened.
+        """Most likely number of blocks since the change.
 
-        Seen along the change, in standard deviations, blocks before it lie about 0 and those after it about 1, with
-        equal scatter: the likelihood of a change at k is largest where Σ_{i≥k} (x_i - 1/2) is.
+        Projected on the change and in standard deviations, blocks before it scatter about 0 and those after it about 1,
+        equally. The likelihood of a change at k is largest where Σ_{i≥k} (x_i - 1/2) is.
         """
         n = min(self._blocks.count, best.blocks + self.settings.pending)
         singles, _, _ = self._singles(n, before, errors)
@@ -273,13 +274,13 @@ class ChangeDetector:
 
 
 def _median(singles: Array) -> Array:
-    """(4,) of (n, 4); of an even number the upper one of the two in the middle."""
+    """Median over blocks, (4,) of (n, 4); of an even number, the upper one of the middle two."""
     return np.asarray(np.partition(singles, len(singles) // 2, axis=0)[len(singles) // 2])
 
 
 @lru_cache(maxsize=256)
 def _student(deviations: float, samples: int) -> float:
-    """What a deviation over its spread exceeds as seldom as a Gaussian does so many standard deviations, where the
-    spread is that of so many independent samples: the quantile of Student's t.
+    """Quantile of Student's t with the same tail probability as a Gaussian deviation of `deviations`, for a spread
+    estimated from `samples` independent samples.
     """
     return float(stdtrit(samples, ndtr(deviations)))

@@ -1,4 +1,4 @@
-"""Weighting rows, and reading the trunk from what they sum up to."""
+"""Weights the rows, and computes the trunk and its covariance from the summed rows with considered errors."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
 _SHOWN = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in ("rotor", "viscous", "coulomb", "torque_lag")])
-_QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight are not taken for more knowledge
-_UNIT = 0.01  # of weight, and weight times leg length: what rows are measured in
+_QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
+_UNIT = 0.01  # of weight, and of weight times leg length: the unit of the rows
 
 
 def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRows:
-    """Rows in units of 1 % of the robot's weight, moments with the leg's length for lever: all blocks count alike.
+    """Scales rows to units of 1 % of the robot's weight (moments with the leg's length as lever), equally for all
+    blocks.
 
-    Weights that follow the noise from block to block would be better where noise is all that is wrong. They are worse
-    on real robots: over whole steps the momentum that late torques, rotor inertia and friction seem to add and take
-    cancels, but only if all parts of a step count alike.
+    Weights that follow the noise of each block would be optimal if noise were the only error. On real robots they are
+    worse: the apparent momentum from late torques, rotor inertia and friction cancels over whole steps, but only if all
+    phases of a step have equal weight.
     """
     unit = _UNIT * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length])
     errors, white = rows.errors / unit[:, None], float(np.trace(rows.white / np.outer(unit, unit)))
@@ -34,18 +35,18 @@ def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRow
 
 @dataclass(frozen=True, eq=False)
 class RowSums:
-    """What the trunk's own rows say of rotor inertia, friction and lag of the joints, whatever the trunk.
+    """Estimates rotor inertia, friction and torque lag of the joints from the trunk's own rows, for any trunk.
 
-    With θ taken out, rows leave M (p - p̂) = v, M = Cᵀ Q C. Of p only the part k is updated; the rest, offsets, gains
-    and geometry, which could pass for weight, is considered. With gain G = (P_kk⁻¹ + M_kk / s)⁻¹ M_k / s,
+    With θ eliminated, the rows leave M (p - p̂) = v, M = Cᵀ Q C. Only the part k of p is updated. The rest (offsets,
+    gains, geometry) could be mistaken for weight and is considered. With gain G = (P_kk⁻¹ + M_kk / s)⁻¹ M_k / s,
 
         e_k' = e_k - G e + n,      Σ' = F Σ Fᵀ + Cov n,      F = 1 - [G; 0]
 
-    What errs in one row errs alike in the rows of half a step, so s is the residual's variance times `repeated`.
+    An error in one row persists through half a step, so s is the residual's variance times `repeated`.
 
     Attributes:
-        remainder: see `Segment.remainder`, summed over segments. blocks: how many.
-        repeated: how many successive rows repeat one error [1].
+        remainder: see `Segment.remainder`, summed over segments. blocks: number of blocks.
+        repeated: number of successive rows with the same error [1].
     """
 
     remainder: Array
@@ -54,7 +55,7 @@ class RowSums:
 
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float) -> RowSums:
-        """Of segments that saw the same robot."""
+        """Sums up segments of the same robot."""
         remainder = np.sum([segment.remainder for segment in segments], axis=0)
         return cls(remainder, sum(segment.blocks for segment in segments), repeated)
 
@@ -76,7 +77,7 @@ class RowSums:
 
 
 class Errors:
-    """Mean p̂ and covariance Σ of the model's errors: prior, legs in the air, rows under load, and the fit's scale.
+    """Mean p̂ and covariance Σ of the model errors, from the prior, swing legs, loaded rows and the scale of the fit.
 
     Attributes:
         mean: (ERRORS,). covariance: (ERRORS, ERRORS). std: (ERRORS,).
@@ -92,7 +93,7 @@ class Errors:
         if rows is not None:
             rows.update(self.mean, self.covariance)
         place, coulomb = PLACES["stiction"], PLACES["coulomb"]
-        seen = 1.0 if swing.rows else scale  # at rest no residual shows what friction holds
+        seen = 1.0 if swing.rows else scale  # at rest no residual shows static friction
         dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(self.covariance)[coulomb] / seen**2)
         ratio = HELD * dry / np.maximum(np.sqrt(np.diag(self.covariance)[place]), 1e-300)
         self.covariance[place] *= ratio[:, None]
@@ -100,21 +101,21 @@ class Errors:
         self.std: Array = np.sqrt(np.diag(self.covariance))
 
     def trunk_covariance(self, segment: Segment, scatter: float) -> Array:
-        """(10, 10), of the trunk of a segment; `scatter` is κ."""
+        """Covariance of a segment's trunk parameters, (10, 10); `scatter` is κ."""
         K = segment.sensitivity
         return np.asarray(scatter * (segment.inverse @ segment.inverse.T) + K @ self.covariance @ K.T)
 
     def difference_covariance(
         self, first: Segment, second: Segment, scatter: float, nested: bool, stiction: bool = True
     ) -> Array:
-        """(10, 10), of the second's trunk less the first's.
+        """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
 
-        Errors that act on both alike cancel. What holds sticking joints may have changed with a load, even with one
-        that it hides, so it does not.
+        Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
+        hide the load, so it does not cancel.
 
         Args:
-            nested: the first segment's rows are the second's first ones.
-            stiction: whether what holds sticking joints may have changed.
+            nested: the second segment starts with the first segment's rows.
+            stiction: include a change of the static friction.
         """
         a, b = first.inverse @ first.inverse.T, second.inverse @ second.inverse.T
         white = _positive(a - b) if nested else a + b
@@ -129,12 +130,12 @@ class Errors:
 
 
 def _positive(matrix: Array) -> Array:
-    """The nearest symmetric matrix without negative eigenvalues, which forgetting may leave in a difference."""
+    """Nearest positive semidefinite matrix. Forgetting may leave negative eigenvalues in a difference."""
     scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T) / np.outer(scale, scale))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 def robot_weight(robot: Robot) -> float:
-    """[N], of the model."""
+    """Weight of the robot model [N]."""
     return GRAVITY * robot.mass

@@ -1,8 +1,8 @@
-"""Errors of the model that rows are affected by: their names, places and prior covariance.
+"""Model and sensor errors that affect the rows: their names, indices and prior covariance.
 
-Aθ + C p = b with p zero for a robot that is as its model says; of sensors, p is what they give less what is true, of
-the robot what is true less what the model has. Some of p are found from legs in the air
-(`stadera.trunk.swing`); of the others only the covariance is known (Schmidt's consider parameters).
+The rows are Aθ + C p = b with p = 0 if the robot equals its model. For sensors p is the reading minus the true value,
+for the robot the true value minus the model's. Part of p is estimated from legs in the air (`stadera.trunk.swing`); of
+the rest only the covariance is used (Schmidt's consider parameters).
 """
 
 from __future__ import annotations
@@ -46,33 +46,33 @@ def _places() -> dict[str, slice]:
 
 
 PLACES = MappingProxyType(_places())
-"""Where the errors are in p, by name. Twelve go by leg and joint; `link_com` by axis, leg and link; `contact` by leg
-and axis of the trunk. `stiction` is what friction holds at standstill, `regression` what was taken from noisy angular
-acceleration (`stadera.trunk.calibration`).
+"""Index ranges of the errors in p, by name. Entries of twelve go by leg and joint; `link_com` by axis, leg and link;
+`contact` by leg and trunk axis. `stiction` is the torque of static friction, `regression` the part removed from noisy
+angular acceleration (`stadera.trunk.calibration`).
 """
 
 ERRORS = sum(_SIZES.values())
 JOINTS = slice(0, PLACES["torque_lag"].stop)
-"""What a leg in the air tells: rotor inertia, viscous and Coulomb friction, offsets, and the torques' lag."""
+"""Errors that legs in the air determine: rotor inertia, viscous and Coulomb friction, offsets, and the torques' lag."""
 
 INVISIBLE = ("common_gain", "regression")
-"""Errors that no residual shows: they keep their prior size."""
+"""Errors that no residual shows, so they keep their prior size."""
 
 HELD = 0.8
-"""Of its Coulomb friction: standard deviation of what holds a joint at standstill, anything up to that friction."""
+"""Standard deviation of static friction as a share of the joint's Coulomb friction, which bounds it."""
 
-_SAGS = 0.9  # correlation of what holds joints of one kind
+_SAGS = 0.9  # correlation of static friction between joints of one kind
 
 
 class ErrorModel:
-    """Prior covariance of the errors of one robot.
+    """Prior covariance of one robot's model errors.
 
     Args:
-        robot: for its effort limits and sizes.
+        robot: provides effort limits and sizes.
         sizes: standard deviations.
 
     Attributes:
-        limit: (12,) effort limits by leg and joint [N·m]; where the model has none, the torque that holds the robot's
+        limit: (12,) effort limits by leg and joint [N·m]; where the model has none, the torque that carries the robot's
             weight on one stretched leg.
         covariance: (ERRORS, ERRORS).
     """
@@ -93,7 +93,7 @@ class ErrorModel:
             std[PLACES[name]] = getattr(sizes, name)
         std[PLACES["regression"]] = 1.0
         correlation = np.eye(ERRORS)
-        # a robot that sags under a load is held by all its knees alike
+        # in a robot that sags under a load, friction holds all knees alike
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": _SAGS}
         for name, shared in alike.items():
             start = PLACES[name].start

@@ -1,16 +1,19 @@
-"""Weighs a robot that stands, walks, trots or sways: the trunk's ten parameters from blocks of 20 ms.
+"""Online estimator of the trunk's ten parameters for a robot that stands, walks, trots or sways.
 
-1. Each block gives six equations A θ + C p = b of the trunk (`trunk.rows`) and, for legs in the air, equations of their
-   joints alone (`trunk.swing`). θ are the trunk's ten parameters, p what the model does not know of the robot.
-2. The joints' part of p (rotor inertia, friction, offset, torque lag) is found from legs in the air, where no weight is
-   in the equations. θ is found under load with p at what is known of it; the rest of p is in the error bars
-   (`trunk.segment`), as large as the residuals show it to be (`trunk.fit`).
-3. Averages over the last 0.1 to 1 s are compared with all before (`trunk.changes`). After a change of the load θ begins
-   anew; what was found of the joints stays.
-4. A tare keeps the trunk of that time; the payload is the difference, in which constant errors cancel.
+1. Each block of 20 ms gives six equations A θ + C p = b of the trunk (`trunk.rows`) and, for legs in the air, equations
+of
+   their joints alone (`trunk.swing`). θ are the trunk's ten parameters, p the errors of the robot's model.
+2. The joints' part of p (rotor inertia, friction, offset, torque lag) is estimated from legs in the air, whose
+equations
+   contain no weight. θ is estimated under load with the present estimate of p; the rest of p enters the error bars
+   (`trunk.segment`), scaled by the residuals (`trunk.fit`).
+3. Averages over the last 0.1 to 1 s are compared with the earlier estimate (`trunk.changes`). After a change of the
+load θ
+   is estimated anew; the joints' estimates are kept.
+4. A tare stores the present trunk; the payload is the difference from it, in which constant errors cancel.
 
-Nothing is asked of the motion. What it does not show, height and inertia of a robot that stands still, stays as wide as
-its prior and counts as not observed.
+The motion is arbitrary. Quantities that it does not excite, such as height and inertia of a robot at rest, keep their
+prior uncertainty and count as not observed.
 """
 
 from __future__ import annotations
@@ -48,17 +51,17 @@ from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust
 
-_LOST_GROUND = 0.2  # s, of a gap, after which ground and gravity are looked for anew
-_OFTEN = 3  # blocks between two looks at a change that is not beyond its error bars yet
-_REFRESHED = 10  # blocks after which p̂, Σ and the fit are worked out anew
-_PAYLOAD = 0.3  # of the widest prior: how wide the trunk begins anew after a change
-_SHIFTED = 0.005  # of the robot's mass: a change of less was a shift
+_LOST_GROUND = 0.2  # s, of a gap, after which ground normal and gravity are estimated anew
+_OFTEN = 3  # blocks between two checks of a change that is still within its error bars
+_REFRESHED = 10  # blocks between two updates of p̂, Σ and the fit
+_PAYLOAD = 0.3  # of the widest prior: standard deviation of the trunk after a change
+_SHIFTED = 0.005  # of the robot's mass: a smaller change of mass is reported as a shift
 _EVALUATED = 1.0  # s, of rows before the fit is evaluated
 
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change whose other side is still being weighed: what was known before it."""
+    """A change whose new load is still being estimated, with the estimate before it."""
 
     time: float
     noticed: float
@@ -66,18 +69,18 @@ class _Change:
 
 
 class TrunkEstimator:
-    """Weighs a robot online, whatever it does.
+    """Estimates mass, centre of mass and inertia of the trunk online, in any motion.
 
     Args:
         robot: a `Robot`, the name of one, or the path of its model file.
         joints: names of the joints in the order of the arrays given to `update`; None for the robot's own order.
-        imu_frame: in which the IMU's values are; None for the model's.
-        start: prior of the trunk, and what stands for components that are never observed; None for the model's trunk.
+        imu_frame: frame of the IMU's values; None for the model's.
+        start: prior of the trunk, which also supplies components that are never observed; None for the model's trunk.
         settings: None for the defaults.
-        mount: of the IMU, in place of `imu_frame`.
+        mount: of the IMU, instead of `imu_frame`.
 
     Raises:
-        ImplausibleError: a prior that is not plausible.
+        ImplausibleError: the prior is not plausible.
         UnknownNameError: no such joint or frame.
     """
 
@@ -139,15 +142,15 @@ class TrunkEstimator:
         gyro: ArrayLike | None = None,
         accel: ArrayLike | None = None,
     ) -> None:
-        """Takes in one sample; the estimate changes with every block.
+        """Processes one sample. The estimate changes with every complete block.
 
         Args:
-            t: [s]. Or a `Measurement`, alone.
+            t: time [s]; or a `Measurement`, without other arguments.
             q, dq, tau: (n,) joint positions [rad], velocities [rad/s] and torques [N·m] in the order of `joints`.
-            gyro, accel: (3,) [rad/s, m/s²], as the IMU gives them.
+            gyro, accel: (3,) [rad/s, m/s²], in the IMU's frame.
 
         Raises:
-            RecordingError: values that are missing, or of the wrong shape.
+            RecordingError: missing values or wrong shapes.
         """
         if not isinstance(t, Measurement):
             t = self._measured(float(t), q, dq, tau, gyro, accel)
@@ -156,9 +159,10 @@ class TrunkEstimator:
             self.add(samples)
 
     def add(self, samples: Samples) -> None:
-        """Takes in any number of samples, as so many calls of `update` would.
+        """Processes any number of samples, equivalent to as many calls of `update`.
 
-        What is not finite or runs back in time is left out and named; over a gap in time nothing is differentiated.
+        Samples that are not finite or go back in time are skipped and reported. Signals are not differentiated across a
+        gap.
         """
         for stretch in self._buffer.take(samples):
             if stretch.reason:
@@ -169,11 +173,13 @@ class TrunkEstimator:
                 self._block(block)
 
     def tare(self) -> None:
-        """Takes the trunk as it is now for the reference that `payload` is the difference to."""
+        """Makes the present estimate of the trunk the reference for `payload`."""
         self._tare, self._nested = self._current, True
 
     def restart(self) -> None:
-        """Lets samples begin anew: the next may come at another rate, and do not follow on. What was learnt stays."""
+        """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
+        kept.
+        """
         self._buffer = SampleBuffer(self.robot.tree.joints, self.settings.block)
         self._maker.forget()
         self._ground = GroundNormal(self._weight)
@@ -181,7 +187,7 @@ class TrunkEstimator:
     # -- asking -----------------------------------------------------------------------------------------------------
     @property
     def trunk(self) -> TrunkParameters:
-        """All ten parameters of the trunk, payload included, and how well they are known."""
+        """The trunk's ten parameters, payload included, with their uncertainty."""
         return self._good or TrunkParameters.unobserved(self._start)
 
     def parameters(self) -> TrunkParameters:
@@ -189,14 +195,14 @@ class TrunkEstimator:
         return self.trunk
 
     def estimate(self) -> TrunkEstimate:
-        """Mass and centre of mass of the trunk; after a refusal the last good ones, and why."""
+        """Mass and centre of mass of the trunk; after a refusal the last good ones, with the reason."""
         found = self.trunk
         covariance = found.covariance if self._good is not None else unobserved()
         return TrunkEstimate(self._learnt, TrunkModel.of(found.inertial), covariance, self._status, self._reason)
 
     @property
     def payload(self) -> Payload | None:
-        """What was added since the tare; None without one."""
+        """Mass added since the tare; None without a tare."""
         if self._tare is None:
             return None
         p = self._errors.mean
@@ -207,7 +213,7 @@ class TrunkEstimator:
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
-        """Every change of the load so far, the last by what is known now."""
+        """All changes of the load so far; the last is updated as the estimate improves."""
         if self._changing is None:
             return tuple(self._changes)
         return (*self._changes, self._weighed(self._changing, self._current))
@@ -225,19 +231,19 @@ class TrunkEstimator:
 
     @property
     def torque_lag(self) -> tuple[float, float]:
-        """By how much torques are found to arrive late, and its standard deviation [s]."""
+        """Estimated delay of the torques and its standard deviation [s]."""
         at = PLACES["torque_lag"].start
         return float(self._errors.mean[at]), float(self._errors.std[at])
 
     @property
     def evidence(self) -> TrunkEvidence:
-        """What the rows since the last change of the load say of the trunk, to be merged with other logs'."""
+        """Information on the trunk from the rows since the last change of the load, for merging with other logs."""
         known = self._current.known.scaled_noise(float(np.sqrt(self._scatter.value)))
         return TrunkEvidence(known, self._errors.mean, self._errors.covariance, self._length)
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:
-        """The last hundred gaps between samples: when each ended and how long it was [s]."""
+        """The last hundred gaps between samples: end time and duration of each [s]."""
         return tuple(self._gaps)
 
     # -- inside -----------------------------------------------------------------------------------------------------
@@ -276,7 +282,7 @@ class TrunkEstimator:
         )
 
     def _interrupted(self, time: float, gap: float) -> None:
-        """Nothing is differentiated over a gap; after a long one ground and gravity are looked for anew."""
+        """Stops differentiation across a gap; after a long one ground normal and gravity are estimated anew."""
         self._maker.restart()
         self._gaps.append((time, gap))
         if gap > _LOST_GROUND:
@@ -331,8 +337,8 @@ class TrunkEstimator:
         self._adopt(made.time)
 
     def _refresh(self) -> None:
-        """p̂ and Σ by what legs in the air and residuals have shown so far."""
-        # rows that a change may still be found in do not count against the model
+        """Updates p̂ and Σ from legs in the air and residuals."""
+        # rows in which a change may still be detected do not count against the model
         last = self._aged if self._aged.blocks >= CLUSTER or self._finished else self._current
         segments = (*self._finished, last)
         rows = RowSums.of(segments, self.settings.swing.repeated)
@@ -342,7 +348,7 @@ class TrunkEstimator:
         self._trust = None
 
     def _jumped(self, jump: Jump, now: float) -> None:
-        """The trunk begins anew with the rows since the jump; what was known before it is kept."""
+        """Restarts the trunk with the rows since the change, and keeps the earlier estimate."""
         recent, spoilt = list(self._recent), self.settings.changes.spoilt
         blocks = min(jump.blocks, len(recent))
         before = self._old
@@ -365,7 +371,7 @@ class TrunkEstimator:
         self._since = now
 
     def _report(self, now: float) -> None:
-        """Reports the change that was found, once it is beyond its error bars; one that never is was none."""
+        """Reports the detected change once it exceeds its error bars; a change that never does is not reported."""
         candidate = self._candidate
         if candidate is None:
             return
@@ -377,7 +383,9 @@ class TrunkEstimator:
             self._candidate = None
 
     def _exceeds_errors(self, before: Segment) -> bool:
-        """Whether mass or first moment differ from what they were by more than their errors, while no joint sticks."""
+        """True if mass or first moment differ from the earlier ones by more than their errors, while no joint
+        sticks.
+        """
         p = self._errors.mean
         difference = (self._current.mean(p) - before.mean(p))[:4]
         covariance = self._errors.difference_covariance(
@@ -404,7 +412,7 @@ class TrunkEstimator:
         return self._found
 
     def _adopt(self, time: float) -> None:
-        """The trunk read from what is known becomes the estimate, unless it cannot be."""
+        """Makes the trunk computed from the present information the estimate, if it is plausible."""
         self._found = None
         if np.isnan(self._since):
             self._since = time
@@ -435,7 +443,7 @@ class TrunkEstimator:
 
 
 def _order(robot: Robot, joints: Sequence[str] | None) -> NDArray[np.int_]:
-    """Where each joint of the tree stands among the given names."""
+    """Position of each joint of the tree among the given names."""
     if joints is None:
         return np.arange(len(robot.tree.joints))
     given = list(joints)

@@ -1,13 +1,13 @@
-"""How well the model explains the rows: the size of its errors, and which of them it is.
+"""Fit quality of the rows: the size of the model errors, and which of them is the likeliest.
 
-After θ has been fitted, the rows' residual r = b - A θ̂ - C p̂ has the energy S. White noise explains E_w of it, and
-errors of the model with their prior covariance Σ0 explain E_m = tr(Σ0 Cᵀ M C), M the weights without what θ takes.
-Their scale, a random-effects estimate by the method of moments, is
+The residual r = b - A θ̂ - C p̂ has the energy S. White noise explains E_w of it, and model errors with their prior
+covariance Σ0 explain E_m = tr(Σ0 Cᵀ M C), with M the weights after eliminating θ. The scale of the model errors, a
+random-effects estimate by the method of moments, is
 
     s² = (ν + max(S - E_w, 0)) / (ν + E_m),        ν a small share of the energy before θ was fitted
 
-s < 1: this robot is closer to its model than robots usually are, and s scales the errors that residuals show. What no
-residual shows (a robot at rest) stays at its prior size. The misfit is S / (E_w + E_m).
+s < 1 means that this robot is closer to its model than most are. s scales the errors that residuals show; errors that
+no residual shows (those of a robot at rest) keep their prior size. The misfit is S / (E_w + E_m).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _CAUSES = {
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
 }
-_TRIED = 10.0  # times the prior standard deviation, up to which an error may explain the residual
+_TRIED = 10.0  # times the prior standard deviation, the largest error that is tried as an explanation of the residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,9 @@ class Fit:
     """Fit quality of all rows so far.
 
     Attributes:
-        scale: s, of the model errors that residuals show.
-        misfit: variance of the residual over the stated one.
-        remainder: see `Segment.remainder`, of the residual with p̂ taken out.
+        scale: s, of the model errors that show in residuals.
+        misfit: variance of the residual divided by the expected one.
+        remainder: see `Segment.remainder`, of the residual after subtracting C p̂.
         white: E_w.
     """
 
@@ -60,7 +60,7 @@ class Fit:
 
     @classmethod
     def of(cls, segments: tuple[Segment, ...], errors: Array, covariance: Array, settings: TrunkSettings) -> Fit:
-        """From segments that saw the same robot.
+        """Evaluates the fit of segments of the same robot.
 
         Args:
             errors: p̂ (ERRORS,). covariance: Σ0, of p at its prior size where nothing else is known.
@@ -75,7 +75,7 @@ class Fit:
         return cls(float(np.sqrt(square)), residual / max(white + stated, 1e-300), remainder, white)
 
     def trust(self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float) -> Trust:
-        """The verdict."""
+        """The verdict, with reasons."""
         verdict: Verdict = "good"
         reasons: tuple[str, ...] = ()
         if self.misfit > settings.doubtful:
@@ -87,7 +87,9 @@ class Fit:
         return Trust(verdict, self.misfit, self._by_leg(robot, errors), reasons)
 
     def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
-        """Mean square of the residual along each leg's errors, over what noise and errors of all legs cause there."""
+        """Mean square of the residual along each leg's errors, divided by that expected from noise and the errors of
+        all legs.
+        """
         std = np.sqrt(np.diag(errors.covariance))
         along = self.remainder[1:, 0] * std
         cross = self.remainder[1:, 1:] * std * std[:, None]
@@ -100,7 +102,7 @@ class Fit:
         return out
 
     def _causes(self, errors: ErrorModel) -> tuple[str, ...]:
-        """The three errors that explain most of the residual, each by itself, up to ten times their prior size."""
+        """The three errors that explain most of the residual, each alone and limited to ten times its prior size."""
         shares = {name: self._explained(errors, PLACES[name]) for name in _CAUSES}
         best = sorted(shares, key=lambda name: -shares[name])[:3]
         return tuple(
@@ -119,7 +121,7 @@ class Fit:
 
 
 def _without(products: Array, errors: Array) -> Array:
-    """Products of target and errors, with C p̂ taken out of the target."""
+    """Products of target and errors, after subtracting C p̂ from the target."""
     out = products.copy()
     out[1:, 0] -= products[1:, 1:] @ errors
     out[0, 1:] = out[1:, 0]

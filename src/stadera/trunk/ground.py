@@ -1,9 +1,9 @@
-"""Which way the ground faces under a walking robot, in trunk axes: where its foot spheres touch.
+"""Estimates the normal of the ground under a walking robot, in trunk axes, from the contact points of its feet.
 
-The line between two feet that carry lies in the ground's plane (feet of equal radius). The sum of such lines' d dᵀ,
-turned along with the trunk by the gyro and slowly forgotten, has the normal for its least direction: of a trot's two
-diagonals each is seen every half period. What they do not tell, after a start or on one diagonal, the vertical does,
-which is the specific force averaged over a second, likewise turned along.
+The line d between two loaded feet lies in the ground's plane (for feet of equal radius). The sum of d dᵀ over such
+lines, rotated with the trunk by the gyro and exponentially forgotten, has the normal as its eigenvector of least
+eigenvalue; in a trot both diagonals contribute every half period. Directions that they leave open, after a start or on
+one diagonal, are set by the vertical: the specific force averaged over a second, rotated in the same way.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from stadera.inertia import skew
 from stadera.types import Array
 
 _MEMORY = 1.0  # s
-_LEAST_LOAD = 0.08  # of the robot's weight, along the vertical: a foot that carries
+_LEAST_LOAD = 0.08  # of the robot's weight, along the vertical: above it a foot counts as loaded
 _BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
 _FIRST, _SECOND = (np.array(k) for k in zip((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3), strict=True))
 
 
 class GroundNormal:
-    """The ground's normal, block by block.
+    """The ground's normal, updated block by block.
 
     Args:
         weight: of the robot [N].
@@ -37,7 +37,7 @@ class GroundNormal:
         self.up: Array | None = None
 
     def ahead(self, specific_force: Array, angular_velocity: Array, duration: float) -> Array:
-        """The normal (3,) in the middle of a block that lasts so long [s], from its mean IMU values (3,)."""
+        """Predicts the normal (3,) in the middle of the next block from its duration [s] and mean IMU values (3,)."""
         along = specific_force / np.linalg.norm(specific_force)
         if self.up is None:
             self.up = along
@@ -55,7 +55,7 @@ class GroundNormal:
         return np.asarray(normal + skew(back) @ normal)
 
     def learn(self, feet: Array, force: Array, duration: float) -> None:
-        """Takes in where the feet (3, 4) [m] were at a block's end, under which forces (3, 4) [N]."""
+        """Updates the normal from the feet (3, 4) [m] at a block's end and the forces on them (3, 4) [N]."""
         assert self.up is not None
         carrying = self.up @ force > self._least
         both = carrying[_FIRST] & carrying[_SECOND]
@@ -65,6 +65,6 @@ class GroundNormal:
 
 
 def turned(angular_velocity: Array, duration: float) -> Array:
-    """Takes trunk components of what is fixed in the world to those `duration` later."""
+    """Rotation that takes trunk components of a world-fixed vector to those `duration` [s] later."""
     turn = skew(-duration * angular_velocity)
     return np.asarray(np.eye(3) + turn + 0.5 * turn @ turn)

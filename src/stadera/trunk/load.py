@@ -1,4 +1,4 @@
-"""The load of the trunk, whatever the estimator that weighed it: what was added since the tare, and when it changed."""
+"""Payload since the tare and changes of the load, common to all estimators."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from stadera.inertia import InertialParameters
 from stadera.types import Array
 
 SIGNIFICANT = 3.0
-"""Standard deviations by which a payload's mass, and its moments of inertia, differ from zero where they are given."""
+"""Standard deviations from zero above which a payload's mass, and its moments of inertia, are reported."""
 
 ChangeKind = Literal["on", "off", "shifted"]
 
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """What was added to the trunk since the tare; trunk frame.
+    """Mass added to the trunk since the tare; trunk frame.
 
     Attributes:
         mass, mass_std: [kg].
-        com: (3,) [m]. com_covariance: (3, 3) [m²]. NaN where not observed; all of it where the mass is less than three
-            of its standard deviations from zero.
+        com: (3,) [m]. com_covariance: (3, 3) [m²]. NaN where not observed; all NaN if the mass is less than three
+            standard deviations from zero.
         inertia: (3, 3) [kg·m²], about the payload's centre of mass, trunk axes; None where not observed.
         inertia_std: (6,) [kg·m²], of its Ixx, Ixy, Ixz, Iyy, Iyz, Izz; None where not observed.
-        parameters: the ten, a difference of two trunks that need not be physically possible; None where only mass and
-            centre of mass are estimated.
+        parameters: all ten, as the difference of two trunks, which need not be physically possible; None if only mass
+            and centre of mass are estimated.
     """
 
     mass: float
@@ -41,16 +41,16 @@ class Payload:
 
     @property
     def com_std(self) -> Array:
-        """(3,) [m], NaN where not observed."""
+        """Standard deviation of the centre of mass, (3,) [m], NaN where not observed."""
         return np.sqrt(np.diag(self.com_covariance))
 
     @classmethod
     def of_parameters(cls, vector: Array, covariance: Array, limit: float) -> Payload:
-        """From the difference of two trunks' ten parameters.
+        """Computes a payload from the difference of two trunks' ten parameters.
 
         Args:
             vector: (10,). covariance: (10, 10).
-            limit: standard deviation [m] above which a component of the centre of mass is not observed.
+            limit: standard deviation [m] above which a component of the centre of mass counts as not observed.
         """
         found = cls.of_moments(vector[:4], covariance[:4, :4], np.full(3, limit))
         parameters = InertialParameters(vector)
@@ -60,11 +60,11 @@ class Payload:
 
     @classmethod
     def of_moments(cls, moments: Array, covariance: Array, limit: Array) -> Payload:
-        """From mass and first moment.
+        """Computes a payload from mass and first moment.
 
         Args:
             moments: (4,) [kg, kg·m]. covariance: (4, 4).
-            limit: (3,), standard deviations [m] above which components of the centre of mass are not observed.
+            limit: (3,), standard deviations [m] above which components of the centre of mass count as not observed.
         """
         mass, mass_std = float(moments[0]), float(np.sqrt(covariance[0, 0]))
         com, com_covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
@@ -82,9 +82,9 @@ class LoadChange:
     """A change of the load.
 
     Attributes:
-        time: [s], about when; noticed: [s], when it was found.
-        mass, mass_std: [kg], of the difference; errors that both sides have in common cancel.
-        kind: on, off, or shifted where the mass is the same within its error.
+        time: estimated time of the change [s]. noticed: time of detection [s].
+        mass, mass_std: difference in mass [kg]; errors common to both sides cancel.
+        kind: on, off, or shifted if the mass is the same within its error.
     """
 
     time: float
@@ -95,14 +95,14 @@ class LoadChange:
 
 
 def since_tare(changes: Sequence[LoadChange], payload: Payload | None) -> tuple[LoadChange, ...]:
-    """The changes of the load since a tare. A single one is the payload, and has its mass: one load, one figure."""
+    """The changes since a tare. If there is one only, it is the payload and gets the payload's mass, so both agree."""
     if payload is None or len(changes) != 1 or changes[0].kind == "shifted":
         return tuple(changes)
     return (replace(changes[0], mass=payload.mass, mass_std=payload.mass_std),)
 
 
 def centre_slope(moments: Array) -> Array:
-    """(4, 4): derivative of mass and centre of mass by mass and first moment (4,)."""
+    """Derivative (4, 4) of mass and centre of mass with respect to mass and first moment (4,)."""
     mass = moments[0]
     slope = np.eye(4)
     slope[1:] /= mass
@@ -111,13 +111,14 @@ def centre_slope(moments: Array) -> Array:
 
 
 def observed_inertia(body: InertialParameters, covariance: Array) -> Array | None:
-    """A payload's inertia about its centre of mass, (3, 3) [kg·m²], trunk axes; None where it was not observed.
+    """A payload's inertia about its centre of mass, (3, 3) [kg·m²], trunk axes; None if not observed.
 
-    With mass m, first moment m c and inertia I about the trunk's origin, about an axis v through c
+    For mass m, first moment m c and inertia I about the trunk's origin, about an axis v through c
 
         vᵀ J v = vᵀ I v - m (|c|² - (vᵀ c)²)
 
-    Observed: each of the three principal moments differs from zero by more than its error, and a body can have them.
+    Observed means that each principal moment differs significantly from zero, and that the three are physically
+    possible.
     """
     c = body.com
     moments, axes = np.linalg.eigh(body.inertia_com)

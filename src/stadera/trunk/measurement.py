@@ -1,7 +1,7 @@
-"""One sample of all sensors, in trunk axes: the input of every online estimator and controller.
+"""One sample of all sensors, in trunk axes: input of all online estimators and controllers.
 
-The IMU's values are those at the IMU's place. Whoever knows the angular acceleration α moves the specific force to the
-trunk's origin with it (`stadera.robot.imu.force_at_origin`); the others use `Measurement.force_at_origin`, without α.
+The IMU's values refer to the IMU's position. With a known angular acceleration α, move the specific force to the
+trunk's origin with `stadera.robot.imu.force_at_origin`; without it, use `Measurement.force_at_origin`.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """One instant, finite and in trunk axes.
+    """Sensor values at one instant, finite and in trunk axes.
 
     Attributes:
         time: [s].
         joint_position, joint_velocity: (n,) [rad, rad/s], in the tree's order.
         effort: (n,) [N·m], what the actuators do to the joints.
         angular_velocity: (3,) [rad/s], trunk axes.
-        specific_force: (3,) [m/s²], at the IMU, trunk axes: at rest 9.81 upwards.
-        rotation: (3, 3), of the trunk in the world, r_world = rotation @ r_trunk; None where there is no orientation.
-        foot_position: (4, 3) [m], centres of the feet in the trunk frame, where something else than the encoders says
-            them; None for forward kinematics.
-        stance: (4,) bool, the legs that are meant to carry; None where nobody says.
-        vertical_by_forces: there is no IMU: `specific_force` is gravity along the vertical by the feet's own forces
-            (`stadera.trunk.standing.vertical`), which holds at rest alone, and `angular_velocity` is zero.
-        lever: (3,) [m], the IMU's place in the trunk frame.
+        specific_force: (3,) [m/s²], at the IMU, trunk axes; at rest 9.81 upwards.
+        rotation: (3, 3), of the trunk in the world, r_world = rotation @ r_trunk; None without an orientation.
+        foot_position: (4, 3) [m], centres of the feet in the trunk frame, if known from other sources than the
+            encoders; None for forward kinematics.
+        stance: (4,) bool, legs that are meant to be in stance; None if unknown.
+        vertical_by_forces: True if there is no IMU. Then `specific_force` is gravity along the vertical estimated from
+            the feet's forces (`stadera.trunk.standing.vertical`), valid at rest only, and `angular_velocity` is zero.
+        lever: (3,) [m], position of the IMU in the trunk frame.
     """
 
     time: float
@@ -57,26 +57,30 @@ class Measurement:
 
     @cached_property
     def force_at_origin(self) -> Array:
-        """(3,) [m/s²], specific force at the trunk's origin but for α x lever: centripetal acceleration removed."""
+        """Specific force at the trunk's origin without the α x lever term, (3,) [m/s²]: centripetal acceleration
+        removed.
+        """
         return force_at_origin(self.specific_force, self.angular_velocity, self.lever)
 
     @property
     def up(self) -> Array:
-        """Unit vector of the vertical in trunk axes, (3,): by the orientation, else along the specific force."""
+        """Unit vector of the vertical in trunk axes, (3,): from the orientation if known, else along the specific
+        force.
+        """
         if self.rotation is not None:
             return np.asarray(self.rotation[2])
         return np.asarray(self.force_at_origin / np.linalg.norm(self.force_at_origin))
 
     @classmethod
     def from_sample(cls, sample: SensorReading, mount: ImuMount, stance: Bools | None = None) -> Measurement:
-        """From one sample of the test-bed's sensors, which are in the IMU's axes.
+        """Converts one sample of the test-bed's sensors, which are in the IMU's axes.
 
         Raises:
             RecordingError: a value that is not finite.
         """
         q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
         gyro, accelerometer = sample.angular_velocity, sample.specific_force
-        # products carry a value that is not finite on to the sum
+        # a value that is not finite makes the sum of products not finite
         if not isfinite(q.dot(qd) + effort.dot(effort) + gyro.dot(accelerometer) + orientation.dot(orientation)):
             raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
         omega, force = mount.in_trunk_axes(gyro), mount.in_trunk_axes(accelerometer)
@@ -85,10 +89,10 @@ class Measurement:
 
 
 def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = None) -> Iterator[Measurement]:
-    """A log's samples, one after the other, as an online estimator would have got them.
+    """Yields a log's samples one by one, as an online estimator would receive them.
 
     Args:
-        imu_frame: in which the IMU's values are; None for the recording's own, else the model's.
+        imu_frame: frame of the IMU's values; None for the recording's own, else the model's.
 
     Raises:
         RecordingError: the log lacks a joint's velocity or effort, or the IMU.
@@ -118,13 +122,13 @@ def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = 
 
 
 def meant_stance(recording: Recording, robot: Robot) -> Bools | None:
-    """(samples, 4), the legs that a log says are on the ground; None where it does not say so of all."""
+    """Legs that a log marks as in stance, (samples, 4); None unless it does so for all legs."""
     contacts = [recording.foot_contact.get(leg.foot) for leg in robot.legs]
     return None if any(c is None for c in contacts) else np.column_stack([c for c in contacts if c is not None])
 
 
 def rotation_matrix(quaternion: Array) -> Array:
-    """The rotation matrix of a quaternion xyzw, normalised here, (3, 3)."""
+    """Rotation matrix of a quaternion xyzw, which is normalised here, (3, 3)."""
     x, y, z, w = quaternion.tolist()
     s = 2.0 / (x * x + y * y + z * z + w * w)
     return np.array(

@@ -1,16 +1,16 @@
-"""Trunks of one robot from several logs: one for each log, under errors of the model that all its logs share.
+"""Merges trunk estimates of one robot from several logs, with the model errors that all logs share.
 
-Each log has summed up its rows to ``R θ_k + G p = z`` (`stadera.trunk.segment`), p the errors of the model. Those of
-the robot, the scale of its torques, its encoders' zeros, where its feet and its IMU are, are the same in all of its
-logs; what is learnt or drawn anew each day (joints in the air, sticking joints, biases) is each log's own. Merged,
+Each log provides ``R θ_k + G p = z`` (`stadera.trunk.segment`) with p the model errors. Those of the robot (scale of
+the torques, zeros of the encoders, positions of feet and IMU) are the same in all logs. Those estimated or varying from
+day to day (rotor inertia and friction, sticking joints, biases) belong to one log. Merged,
 
     [R_1        ] [θ_1]   [G_1 S  G_1 O_1        ]         [z_1 - G_1 p̂_1]
     [      R_2  ] [θ_2] + [G_2 S          G_2 O_2] e   =   [z_2 - G_2 p̂_2],      e of unit covariance
 
-S and O_k square roots of the covariances of the shared errors and of what own ones are besides what shared ones make
-of them in this log (`G_k S` stands for both). Each trunk is found as by its log alone. What
-merging gives is how their errors go together: a common error of all torques moves all trunks alike and cancels in the
-difference between two logs, which is known much better than by their error bars taken as independent.
+with S and O_k square roots of the covariances of the shared errors and of the log's own errors given the shared ones
+(`G_k S` includes the correlation). Each trunk's estimate is the same as from its log alone. Merging adds the
+correlation of their errors: a common error of all torques moves all trunks alike and cancels in the difference between
+two logs, which is therefore much more accurate than independent error bars suggest.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ SHARED = (
     "velocity_lag",
     "common_gain",
 )
-"""Errors that are the robot's, by their names in `stadera.trunk.error_model.PLACES`; all others are each log's own."""
+"""Errors that belong to the robot, by their names in `stadera.trunk.error_model.PLACES`; all others belong to a log."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrunkEvidence:
-    """What one log says of its trunk.
+    """One log's information on its trunk.
 
     Attributes:
-        known: of `theta`, the ten parameters, with the model's errors considered; rows in units of their scatter.
+        known: information on `theta`, the ten parameters, with considered model errors, in units of the rows' scatter.
         mean: (ERRORS,), p̂. covariance: (ERRORS, ERRORS), of p.
         length: of the robot's legs [m].
     """
@@ -59,10 +59,10 @@ class TrunkEvidence:
 
 @dataclass(frozen=True, eq=False)
 class MergedTrunks:
-    """The trunks of all logs.
+    """The trunks of all logs, jointly.
 
     Attributes:
-        known: blocks of ten parameters by log's name, under considered errors of unit covariance.
+        known: information with one block of ten parameters for each log, under considered errors of unit covariance.
         length: of the robot's legs [m].
     """
 
@@ -78,7 +78,7 @@ class MergedTrunks:
         return self.known.mean[self.known[log]], self.known.covariance(log)
 
     def difference(self, log: str, since: str) -> Payload:
-        """What a log's trunk has more than another's: mass, centre of mass and how well they are known.
+        """Difference between two logs' trunks: mass, centre of mass and their uncertainty.
 
         Raises:
             UnknownNameError: no such log.
@@ -90,7 +90,7 @@ class MergedTrunks:
 
 
 def merge_trunks(logs: Mapping[str, TrunkEvidence]) -> MergedTrunks:
-    """The trunks of one robot by its logs, by name.
+    """Merges the trunks of one robot from its logs, given by name.
 
     Raises:
         IdentificationError: no logs.
@@ -116,7 +116,9 @@ def merge_trunks(logs: Mapping[str, TrunkEvidence]) -> MergedTrunks:
 
 
 def _given(covariance: Array, shared: Bools) -> tuple[Array, Array]:
-    """Own errors are B times the shared ones and a rest: B = Σ_os Σ_ss⁻¹ and the rest's covariance Σ_oo - B Σ_so."""
+    """Splits own errors into B times the shared ones and a rest; returns B = Σ_os Σ_ss⁻¹ and the covariance Σ_oo - B
+    Σ_so.
+    """
     across = covariance[np.ix_(~shared, shared)]
     std = np.sqrt(np.maximum(np.diag(covariance)[shared], 1e-300))
     inside = covariance[np.ix_(shared, shared)] / np.outer(std, std)
@@ -125,6 +127,6 @@ def _given(covariance: Array, shared: Bools) -> tuple[Array, Array]:
 
 
 def _root(covariance: Array) -> Array:
-    """A square root, also of a covariance that is singular."""
+    """Square root of a covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,4 +1,4 @@
-"""Mass and centre of mass of the trunk, payload included, and their plausible range."""
+"""Mass and centre of mass of the trunk, payload included, and the range in which they are plausible."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from stadera.types import Array
 
 
 class ImplausibleError(StaderaError):
-    """A mass or centre of mass that a trunk cannot have."""
+    """The mass or centre of mass is impossible for a trunk."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrunkModel:
-    """Mass and centre of mass of the trunk with all that is fixed to it: what a controller works with.
+    """Mass and centre of mass of the trunk with everything fixed to it, as used by controllers.
 
     Attributes:
         mass: [kg], positive.
@@ -29,7 +29,7 @@ class TrunkModel:
         inertia_com: (3, 3) [kg·m²] about the centre of mass, trunk axes; None where not known.
 
     Raises:
-        ImplausibleError: a value that is not finite, a mass that is not positive.
+        ImplausibleError: a value is not finite, or the mass is not positive.
     """
 
     mass: float
@@ -59,12 +59,12 @@ class TrunkModel:
 
 @dataclass(frozen=True)
 class PlausibleRange:
-    """How far a trunk may be from the model's.
+    """Range in which a trunk is plausible, relative to the model's.
 
     Attributes:
-        least_mass: share of the model's trunk.
-        most_load: of the model's robot, on top of the trunk.
-        height: of the centre of mass above and below the hips, as a share of their height above the feet.
+        least_mass: as a share of the model's trunk.
+        most_load: largest load on the trunk, as a share of the model's robot.
+        height: distance of the centre of mass above and below the hips, as a share of their height above the feet.
     """
 
     least_mass: float = 0.1
@@ -74,7 +74,7 @@ class PlausibleRange:
 
 @dataclass(frozen=True, eq=False)
 class TrunkBounds:
-    """What is plausible: a range of masses and a box for the centre of mass, trunk frame.
+    """Bounds for a plausible trunk: a range of masses and a box for the centre of mass, trunk frame.
 
     Attributes:
         mass: (least, most) [kg].
@@ -92,26 +92,26 @@ class TrunkBounds:
 
     @classmethod
     def of(cls, robot: Robot, plausible: PlausibleRange | None = None) -> TrunkBounds:
-        """From the model, made once a robot.
+        """Computes the bounds from the robot's model.
 
-        The box: in x and y the rectangle of the feet of the nominal stance (a trunk balanced outside it could not
-        stand), in z half the standing height above and below the hips. The mass: a tenth of the prior trunk up to
-        that trunk with twice the robot's mass on it.
+        In x and y the box is the rectangle of the feet in the nominal stance (a trunk balanced outside it could not
+        stand), in z half the standing height above and below the hips. The mass ranges from a tenth of the prior trunk
+        to the prior trunk plus twice the robot's mass.
         """
         return _bounds_of(robot, plausible or PlausibleRange())
 
     @property
     def spread(self) -> Array:
-        """(4,): standard deviations of mass [kg] and centre of mass [m] spread evenly over what is plausible."""
+        """Standard deviations (4,) of mass [kg] and centre of mass [m] for uniform distributions over the bounds."""
         ranges = [self.mass[1] - self.mass[0], *(np.asarray(self.high) - np.asarray(self.low))]
         return np.asarray(np.array(ranges) / np.sqrt(12.0))
 
     def contains(self, model: TrunkModel) -> bool:
-        """Whether mass and centre of mass lie inside."""
+        """True if mass and centre of mass are within the bounds."""
         return self.complaint(model) is None
 
     def complaint(self, model: TrunkModel) -> str | None:
-        """What is implausible about it, in one sentence; None where nothing is."""
+        """One sentence on why the model is implausible; None if it is plausible."""
         if not self.mass[0] <= model.mass <= self.mass[1]:
             return f"trunk mass {model.mass:.3f} kg lies outside {self.mass[0]:.3f} to {self.mass[1]:.3f} kg"
         com = model.com_trunk
@@ -121,10 +121,10 @@ class TrunkBounds:
         return None
 
     def check(self, model: TrunkModel) -> TrunkModel:
-        """The model itself.
+        """Returns the model unchanged if it is plausible.
 
         Raises:
-            ImplausibleError: it lies outside.
+            ImplausibleError: it is outside the bounds.
         """
         if (complaint := self.complaint(model)) is not None:
             raise ImplausibleError(complaint)

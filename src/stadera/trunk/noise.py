@@ -1,8 +1,8 @@
-"""White noise of each channel, as the log itself shows it.
+"""Estimates the white noise of each channel from the log.
 
-The third difference of a signal that is smooth over four samples is noise alone, of 1 + 9 + 9 + 1 = 20 times its
-variance. Steps of the gait are not smooth: the estimate is the lower quartile of the blocks so far, not their mean. It
-decides only how rows are weighted; error bars are scaled by how the rows scatter.
+The third difference of a signal that is smooth over four samples consists of noise alone, with 1 + 9 + 9 + 1 = 20 times
+its variance. Steps of the gait are not smooth, so the estimate is the lower quartile over the blocks so far instead of
+their mean. It affects the rows' weights only; error bars are scaled by the rows' scatter.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from stadera.robot.model import Robot
 from stadera.trunk.samples import Samples
 from stadera.types import Array
 
-_GAIN = 0.03  # step of the logarithm of the variance, each block
+_GAIN = 0.03  # step of the variance's logarithm in each block
 _LEAST, _MOST = 0.05, 20.0  # times the prior
-_LOWER_QUARTILE = 0.65  # of χ²/n with some ten degrees of freedom
+_LOWER_QUARTILE = 0.65  # of χ²/n with about ten degrees of freedom
 
 
 class WhiteNoise:
-    """Running estimate of the standard deviations.
+    """Running estimate of the standard deviations of white noise.
 
     Args:
         torque, velocity: prior (12,) [N·m, rad/s], by leg and joint. gyro, accelerometer: [rad/s, m/s²].
@@ -33,14 +33,14 @@ class WhiteNoise:
 
     @classmethod
     def prior(cls, robot: Robot, columns: NDArray[np.int_]) -> WhiteNoise:
-        """Before anything was seen: torques to 0.5 % of what holds the robot on one leg, and what IMUs and encoders do
-        by their data sheets (gyro 0.005 rad/s, accelerometer 0.05 m/s², velocities 0.02 rad/s).
+        """Prior: torques 0.5 % of the torque that carries the robot on one leg; IMU and encoders as in data sheets
+        (gyro 0.005 rad/s, accelerometer 0.05 m/s², velocities 0.02 rad/s).
         """
         weight = 0.005 * GRAVITY * robot.mass * 0.25
         return cls(np.full(columns.size, weight), 0.02, 0.005, 0.05)
 
     def learn(self, samples: Samples, columns: NDArray[np.int_]) -> None:
-        """Takes in a block of at least four samples."""
+        """Updates the estimate from a block of at least four samples."""
         if len(samples) < 4:
             return
         flat = columns.ravel()
@@ -49,25 +49,25 @@ class WhiteNoise:
         )
         seen = (np.diff(signals, 3, axis=0) ** 2).mean(axis=0) / 20.0
         above = seen > _LOWER_QUARTILE * self._variance
-        self._variance *= np.exp(_GAIN * np.where(above, 1.0, -3.0))  # still where a quarter of the blocks lie below
+        self._variance *= np.exp(_GAIN * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
         np.clip(self._variance, _LEAST**2 * self._prior, _MOST**2 * self._prior, out=self._variance)
 
     @property
     def torque(self) -> Array:
-        """(12,) [N·m]."""
+        """Standard deviation of the torques, (12,) [N·m]."""
         return np.asarray(np.sqrt(self._variance[:12]))
 
     @property
     def velocity(self) -> Array:
-        """(12,) [rad/s]."""
+        """Standard deviation of the joint velocities, (12,) [rad/s]."""
         return np.asarray(np.sqrt(self._variance[12:24]))
 
     @property
     def gyro(self) -> float:
-        """[rad/s]."""
+        """Standard deviation of the gyro [rad/s]."""
         return float(np.sqrt(self._variance[24:27].mean()))
 
     @property
     def accelerometer(self) -> float:
-        """[m/s²]."""
+        """Standard deviation of the accelerometer [m/s²]."""
         return float(np.sqrt(self._variance[27:].mean()))

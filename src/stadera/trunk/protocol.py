@@ -1,6 +1,6 @@
-"""The protocol of online estimators of the trunk: fed one measurement after the other, asked at any time.
+"""Protocol of the online estimators of the trunk, which process one measurement at a time.
 
-An estimator never raises over what the robot does: it refuses a measurement with a reason, and keeps its last good
+An estimator never raises because of the robot's motion: it refuses a measurement with a reason, and keeps its last good
 estimate.
 """
 
@@ -19,10 +19,10 @@ from stadera.types import Array, Bools
 
 
 class Status(StrEnum):
-    """How an estimator is doing.
+    """State of an estimator.
 
-    `WAITING`: nothing estimated yet. `MOVING`: the estimate has not settled. `CONVERGED`: it has, by the method's own
-    rule. `REFUSED`: the last measurement could not be used, for the reason given with it.
+    `WAITING`: no estimate yet. `MOVING`: the estimate has not settled. `CONVERGED`: it has settled, by the method's own
+    rule. `REFUSED`: the last measurement could not be used, for the stated reason.
     """
 
     WAITING = "waiting"
@@ -40,7 +40,7 @@ class TrunkEstimate:
         trunk: mass and centre of mass; components that were not observed keep their initial value.
         covariance: (4, 4) of mass [kg] and centre of mass [m]; rows and columns of what was not observed are NaN.
         status: see `Status`.
-        reason: of a refusal, one sentence; else empty.
+        reason: reason of a refusal, one sentence; otherwise empty.
     """
 
     time: float
@@ -67,21 +67,21 @@ class TrunkEstimate:
 
     @property
     def observed(self) -> Bools:
-        """Which components were observed, (4,)."""
+        """Whether each component was observed, (4,)."""
         return np.isfinite(np.diag(self.covariance))
 
 
 def unobserved() -> Array:
-    """The covariance of an estimate of nothing, all NaN, (4, 4)."""
+    """Covariance of an estimate in which nothing was observed, (4, 4), all NaN."""
     return np.full((4, 4), np.nan)
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """The one protocol of the online estimators."""
+    """Protocol of all online estimators."""
 
     def update(self, measurement: Measurement) -> None:
-        """Uses one measurement, or refuses it. Times must increase."""
+        """Processes one measurement, or refuses it. Times must increase."""
         ...
 
     def estimate(self) -> TrunkEstimate:

@@ -1,4 +1,4 @@
-"""The methods that estimate the trunk's centre of mass, by name. A new one is one file and an entry here."""
+"""Registry of the methods that estimate the trunk's centre of mass. A new method is one file and an entry here."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from stadera.trunk.standing.poses import COMBINED, PosesCom
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Arguments of a method.
+    """Arguments for constructing an estimator.
 
     Attributes:
         robot: the model of the legs.
         start: initial estimate; None for the robot's own trunk.
-        forces: source of contact forces; None for a new one.
-        posture: the law that holds the trunk, for methods that need it; None where it is not known.
-        mount: of the IMU whose values the method is fed with; None for the model's.
+        forces: estimator of contact forces; None for a new one.
+        posture: control law that holds the trunk, for methods that need it; None if unknown.
+        mount: of the IMU that supplies the values; None for the model's.
     """
 
     robot: Robot
@@ -42,9 +42,9 @@ class Method:
     """A method that estimates the centre of mass.
 
     Attributes:
-        summary: what it uses, one line.
-        make: an estimator of this kind.
-        needs_imu: it does not work with joints alone.
+        summary: one line on what it uses.
+        make: constructs an estimator.
+        needs_imu: False if it works with joints alone.
     """
 
     summary: str
@@ -78,16 +78,16 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         ),
     }
 )
-"""By name."""
+"""The methods by name."""
 
 
 def make_estimator(name: str, setup: Setup, methods: Mapping[str, Method] = METHODS) -> Estimator:
-    """An estimator of the named method.
+    """Constructs an estimator of the named method.
 
     Args:
-        name: of one of `methods`.
+        name: key of `methods`.
         setup: its arguments.
-        methods: the methods to choose from.
+        methods: the available methods.
 
     Raises:
         UnknownNameError: no such method.

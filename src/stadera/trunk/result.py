@@ -1,4 +1,4 @@
-"""What the estimator of motion finds: the trunk's ten parameters, their errors, and what of them was observed."""
+"""Result of the estimator for motion: the trunk's ten parameters, their errors, and which of them were observed."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ class ObservedLimits:
     least_spread: float = 1e-4
 
     def centre(self, robot_mass: float, length: float) -> Array:
-        """(4,) [kg, m], of mass and centre of mass."""
+        """Limits for mass and centre of mass, (4,) [kg, m]."""
         return np.array([self.mass * robot_mass, *[self.com * length] * 3])
 
 
 @dataclass(frozen=True, eq=False)
 class TrunkParameters:
-    """The trunk, payload included, trunk frame.
+    """Parameters of the trunk, payload included, trunk frame.
 
     Attributes:
-        inertial: physically possible; what was not observed is the prior's.
+        inertial: physically possible; components that were not observed are the prior's.
         covariance: (4, 4), of mass [kg] and centre of mass [m]; NaN where not observed.
         inertia_std: (6,) [kg·m²], of Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the trunk's origin; NaN where not observed.
-        observed: (10,) bool, of mass, three components of the centre of mass, six of the inertia, these all or none.
+        observed: (10,) bool, for mass, the three components of the centre of mass, and the six of the inertia (all or
+            none).
     """
 
     inertial: InertialParameters
@@ -49,24 +50,26 @@ class TrunkParameters:
 
     @property
     def mass_std(self) -> float:
-        """[kg], NaN where not observed."""
+        """Standard deviation of the mass [kg], NaN where not observed."""
         return float(np.sqrt(self.covariance[0, 0]))
 
     @property
     def com(self) -> Array:
-        """(3,) [m], NaN where not observed."""
+        """Centre of mass, (3,) [m], NaN where not observed."""
         return np.where(np.isnan(self.com_std), np.nan, self.inertial.com)
 
     @property
     def com_std(self) -> Array:
-        """(3,) [m], NaN where not observed."""
+        """Standard deviation of the centre of mass, (3,) [m], NaN where not observed."""
         return np.sqrt(np.diag(self.covariance)[1:])
 
     @classmethod
     def of(
         cls, vector: Array, covariance: Array, prior: InertialParameters, robot_mass: float, length: float
     ) -> TrunkParameters:
-        """From the ten (10,) and their covariance (10, 10); the prior stands in for what was not observed."""
+        """Computes the result from the ten parameters (10,) and their covariance (10, 10). The prior replaces
+        components that were not observed.
+        """
         limits = ObservedLimits()
         if not vector[0] > 0.0:
             return cls.unobserved(prior)
@@ -76,7 +79,7 @@ class TrunkParameters:
         centre[~observed, :] = centre[:, ~observed] = np.nan
         value = np.where(observed, [vector[0], *(vector[1:4] / vector[0])], [prior.mass, *prior.com])
         std = np.sqrt(np.diag(covariance)[4:])
-        seen = bool((std < limits.inertia * robot_mass * length**2).all())  # five components of a tensor are not one
+        seen = bool((std < limits.inertia * robot_mass * length**2).all())  # an inertia tensor needs all six components
         inertia = prior.inertia_com
         if seen:
             inertia = _possible(InertialParameters(vector).inertia_com, limits.least_spread * value[0] * length**2)
@@ -86,14 +89,14 @@ class TrunkParameters:
 
     @classmethod
     def unobserved(cls, prior: InertialParameters) -> TrunkParameters:
-        """The prior, of which nothing was observed."""
+        """The prior, with no component observed."""
         return cls(prior, np.full((4, 4), np.nan), np.full(6, np.nan), np.zeros(10, dtype=bool))
 
 
 def _possible(inertia_com: Array, least: float) -> Array:
-    """The nearest inertia about the centre of mass (3, 3) that a body can have: second moments not below `least`.
+    """Nearest physically possible inertia about the centre of mass (3, 3): second moments not below `least`.
 
-    Mass and centre of mass stay, which are known better.
+    Mass and centre of mass are unchanged, since they are known better.
     """
     second = 0.5 * np.trace(inertia_com) * np.eye(3) - inertia_com
     values, vectors = np.linalg.eigh(second)

@@ -1,11 +1,12 @@
-"""Rows of a moving robot, filtered over short blocks: six equations every 20 ms, and how model errors enter them.
+"""Rows of a moving robot: six equations every 20 ms, filtered over short blocks, and the effect of model errors on
+them.
 
 Each sample gives six rows that hold exactly (`stadera.legs.base_wrench`). Their mean over two blocks, weighted by
 
     w_k ∝ 1 - cos(2π k / n),
 
-is what one block gives: it begins and ends with zero, so that accelerations are filtered by parts, and one block's
-falling half is the next one's rising half, so that each is summed once.
+is the output of one block. The window is zero at both ends, so accelerations can be filtered by parts. One block's
+falling half is the next one's rising half, so each is summed once.
 
 With E the wrench of a unit of h - τ, K = ∂(inertial wrench)/∂a and L = ∂(inertial wrench)/∂α of the whole robot with
 the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_model`) adds C p to the left side of A θ = b::
@@ -50,13 +51,13 @@ from stadera.trunk.wrench import (
 )
 from stadera.types import Array, Bools
 
-_STANDING = 0.05  # of each block in which a foot carries, of its usual height
+_STANDING = 0.05  # smoothing factor of each foot's usual height, for blocks in which it is loaded
 _STEP = 1e-4  # rad, of the differences by joint positions
-_PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and nothing at all
+_PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and all zero
 _MIDDLES = 4  # the block's middle sample as it is, and with each joint of all legs moved by a step
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
-_MOVES = 6.0  # standard deviations of a joint that moves, as quiet blocks show them: at 200 Hz a third too small
+_MOVES = 6.0  # standard deviations above which a joint moves; estimated from quiet blocks, at 200 Hz a third too small
 _SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
@@ -65,7 +66,7 @@ _UNIT = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class SwingRows:
-    """What a window says in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`."""
+    """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`."""
 
     air: Bools
     terms: Array
@@ -75,13 +76,13 @@ class SwingRows:
 
 @dataclass(frozen=True, eq=False)
 class BlockRows:
-    """What two neighbouring blocks say together: six rows A θ + C p = b.
+    """Six rows A θ + C p = b from two neighbouring blocks.
 
     Attributes:
-        time: [s], of the last sample in it. elapsed: [s], since the block before.
+        time: of the last sample [s]. elapsed: since the previous block [s].
         matrix: A (6, 10). errors: C (6, ERRORS). target: b (6,) [N, N·m].
         white: (6, 6), covariance of the white noise.
-        swing: in joint space.
+        swing: rows in joint space.
     """
 
     time: float
@@ -94,12 +95,12 @@ class BlockRows:
 
 
 class BlockResult(NamedTuple):
-    """What a block came to.
+    """Result of processing one block.
 
     Attributes:
-        rows: of the window that it completes; None for the first block of a stretch.
+        rows: of the window that the block completes; None for the first block of a stretch.
         feet, force: (3, 4) [m, N], at its end, trunk axes.
-        singular: index of a leg that is so stretched that its foot's force is not felt.
+        singular: index of a leg so near-singular that its foot's force is not determined.
     """
 
     rows: BlockRows | None
@@ -110,7 +111,7 @@ class BlockResult(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Half:
-    """One block: half a window. Sums by its rising and falling weights, and what is constant over it."""
+    """Half a window, from one block: sums weighted by its rising and falling halves, and constants."""
 
     time: Array
     rising: _Sums
@@ -141,16 +142,16 @@ class _Sums:
 
 
 class RowMaker:
-    """Turns blocks of samples into rows.
+    """Converts blocks of samples into rows.
 
     Args:
         robot: the model.
         mount: of the IMU, for its lever; the samples are in trunk axes.
-        swing: when a leg counts as swinging.
+        swing: criteria for a swinging leg.
 
     Attributes:
-        regressor: of the legs.
-        noise: white noise of all channels, as the log shows it.
+        regressor: regressor of the legs.
+        noise: white noise of all channels, estimated from the log.
     """
 
     def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection) -> None:
@@ -163,21 +164,21 @@ class RowMaker:
         self._calibration = SignalCalibration()
 
     def restart(self) -> None:
-        """Forgets the half-finished window: what comes next does not follow on."""
+        """Discards the unfinished window: the next samples do not continue the previous ones."""
         self._half = None
 
     def forget(self) -> None:
-        """Forgets how the trunk has moved as well: nobody saw how it turned until what comes next."""
+        """Also discards the history of the motion: the trunk's rotation until the next samples is unknown."""
         self.restart()
         self._calibration = SignalCalibration()
 
     def block(self, samples: Samples, normal: Array, trunk: InertialParameters) -> BlockResult:
-        """Takes in one block.
+        """Processes one block.
 
         Args:
             samples: of the block, with one sample more before and after it.
             normal: (3,), of the ground, trunk axes.
-            trunk: about what errors of the IMU are linearised.
+            trunk: parameters at which errors of the IMU are linearised.
         """
         n = len(samples) - 2
         motion, torque_rate, jerk = self._motion(samples, normal)
@@ -197,8 +198,8 @@ class RowMaker:
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, n - 1])
 
     def _motion(self, samples: Samples, normal: Array) -> tuple[LegMotions, Array, Array]:
-        """The block's motion, the probes at its last posture and the middles; the torques' rates (n, 4, 3), and the
-        rates of the joints' and the trunk's accelerations (n, 15).
+        """Motion of a block: the motion itself with the probes at its last posture and the middles; the rates of the
+        torques (n, 4, 3); and the rates of the joints' and the trunk's accelerations (n, 15).
         """
         n, columns = len(samples) - 2, self.regressor.columns
         more = _PROBES + _MIDDLES
@@ -286,9 +287,11 @@ class RowMaker:
         )
 
     def _middle(self, wrenches: LegWrenches, by_leg: Array, force: Array, n: int) -> Array:
-        """(6, 24): derivatives of b by each joint's position, and by each contact point's place, at the middle.
+        """Derivatives (6, 24) of b by each joint's position and each contact point's position, at the middle of the
+        block.
 
-        A force f that acts at p + δ turns joint k by s_k · (δ x f) = (f x s_k) · δ more, and the trunk by δ x f.
+        Moving the point of application of f by δ changes joint torque k by s_k · (δ x f) = (f x s_k) · δ and the moment
+        on the trunk by δ x f.
         """
         at = n + _PROBES
         by_position = (by_leg[:, at + 1 :] - by_leg[:, at : at + 1]) / _STEP  # (6, joint, leg)
@@ -298,12 +301,12 @@ class RowMaker:
         return np.hstack([by_position.transpose(0, 2, 1).reshape(6, 12), by_contact.reshape(6, 12)])
 
     def _in_the_air(self, wrenches: LegWrenches, force: Array, normal: Array, n: int) -> Bools:
-        """(4,) legs whose foot is lifted off the ground and carries little, all through the block."""
+        """Legs (4,) whose foot is lifted off the ground and lightly loaded throughout the block."""
         height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal[:, :n]) - self._standing
         light = np.linalg.norm(force[:, :n], axis=0) < self._swing.load * self._weight
         ground = np.where(light, np.nan, height)
         carried = np.where(light, 0.0, np.einsum("cnl,cn->nl", force[:, :n], normal[:, :n])).sum(axis=1)
-        if carried.min() < self._swing.carried * self._weight:  # it lies, hangs, or flies
+        if carried.min() < self._swing.carried * self._weight:  # the robot lies, hangs, or flies
             return np.zeros(4, dtype=bool)
         level = np.nanmean(ground, axis=1, keepdims=True)
         standing = ~light.any(axis=0)
@@ -327,9 +330,9 @@ class RowMaker:
         C = np.zeros((6, ERRORS))
         for term, name in enumerate(_TERMS):
             C[:, PLACES[name]] = -total.by_terms[:, :, term]
-        # signs so that what holds a joint lifts the trunk: joints that hold a sagging robot do so alike
+        # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
         C[:, PLACES["stiction"]] *= np.sign(total.signals[:3] @ total.by_terms[:3, :, _TERMS.index("offset")])
-        # noise is not motion: a joint that moves beyond it does not stick, another shows no friction or rotor inertia
+        # noise is not motion: a joint that moves more does not stick; one that moves less shows no friction or inertia
         still = np.abs(total.joint[1]) < _MOVES * np.sqrt(averaged) * noise.velocity
         for name in ("rotor", "viscous", "coulomb"):
             C[:, PLACES[name]] *= ~still
@@ -369,7 +372,7 @@ def _squared(products: Array) -> Array:
 
 
 def _fitted(velocity: Array, n: int) -> Array:
-    """The first n velocities (samples, 4, 3) by a line over them each; the rest as they are."""
+    """Replaces the first n velocities (samples, 4, 3) by a fitted line each; the rest are unchanged."""
     out = velocity.copy()
     along = np.arange(n) - 0.5 * (n - 1)
     slope = np.tensordot(along, velocity[:n], 1) / max(along @ along, 1.0)

@@ -1,4 +1,4 @@
-"""Samples of a robot in motion, cut into blocks; what is not finite or out of order is left out."""
+"""Cuts samples of a moving robot into blocks, and skips samples that are not finite or out of order."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array, Bools
 
-_LOST = 3.5  # steps between samples from which on something is missing between them
-_BRIDGED = 0.006  # s, that is never too long
+_LOST = 3.5  # steps between samples above which samples are missing
+_BRIDGED = 0.006  # s, always short enough
 _SLACK = 1e-6  # s, of rounding in stamps
 
 _NAMES = ("time", "position", "velocity", "effort", "angular_velocity", "specific_force")
@@ -97,12 +97,12 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """What some samples came to.
+    """Result of gathering some samples.
 
     Attributes:
-        blocks: complete ones, each with one sample more before and after it.
-        reason: why samples before them were left out, one sentence; else empty.
-        gap: how long nothing came before them [s]; 0 where they follow on.
+        blocks: complete blocks, each with one more sample before and after it.
+        reason: why samples before them were skipped, one sentence; else empty.
+        gap: time without samples before them [s]; 0 if they follow on.
         begin: time of the first of them [s].
     """
 
@@ -117,7 +117,7 @@ class SampleBuffer:
 
     Args:
         joints: names, for messages.
-        block: its length [s].
+        block: length of a block [s].
 
     Attributes:
         due: [s], the time of the sample that completes the next block.
@@ -131,7 +131,9 @@ class SampleBuffer:
         self.due = -inf
 
     def gather(self, measurement: Measurement) -> Samples | None:
-        """Keeps one measurement; all that were kept, for `take`, once a block is full or something is amiss."""
+        """Stores one measurement. Returns all stored ones, for `take`, when a block is full or the sequence is
+        broken.
+        """
         before = self._waiting[-1].time if self._waiting else -inf
         due = self._wants(measurement, before)
         self._waiting.append(measurement)
@@ -142,15 +144,15 @@ class SampleBuffer:
         return samples
 
     def _wants(self, m: Measurement, before: float) -> bool:
-        """Whether a measurement completes a block, or does not simply follow the last one, at `before` [s]."""
+        """True if a measurement completes a block or does not directly follow the last one, at `before` [s]."""
         if not max(before, self._last) < m.time < self.due:
             return True
-        # products carry a value that is not finite on to the sum
+        # a value that is not finite makes the sum of products not finite
         q, qd, tau = m.joint_position, m.joint_velocity, m.effort
         return not isfinite(q.dot(qd) + tau.dot(tau) + m.angular_velocity.dot(m.specific_force))
 
     def take(self, samples: Samples) -> Iterator[Stretch]:
-        """The blocks that these complete, stretch by stretch."""
+        """Yields the blocks that these samples complete, stretch by stretch."""
         good, reason = self._usable(samples)
         if reason:
             yield Stretch(reason=reason)
@@ -187,7 +189,7 @@ class SampleBuffer:
             self.due = -inf
 
     def _usable(self, samples: Samples) -> tuple[Samples, str]:
-        """The samples that are finite and in order, and what speaks against the first of the others."""
+        """The samples that are finite and in order, and the reason against the first of the others."""
         if self._all_usable(samples):
             return samples, ""
         finite = np.isfinite(samples.time)
@@ -204,7 +206,7 @@ class SampleBuffer:
         return samples[good], f"not finite: {self._first_not_finite(samples, k)}"
 
     def _all_usable(self, samples: Samples) -> bool:
-        """A quick look: sums carry on what is not finite."""
+        """Quick check for finite values: a sum shows any that is not."""
         time = samples.time
         if not (len(time) and time[0] > self._last and (time[1:] > time[:-1]).all()):
             return False

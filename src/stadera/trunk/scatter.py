@@ -1,4 +1,4 @@
-"""How blocks of rows scatter: single ones that fit far worse than usual, and sums that vary more than rows say."""
+"""Scatter of the rows: outlying single blocks, and sums that vary more than their weights predict."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ from stadera.trunk.segment import Segment, WeightedRows
 from stadera.types import Array
 
 CLUSTER = 25
-"""Blocks whose sums of residuals are compared with what their weights say."""
+"""Blocks in a cluster, whose sum of residuals is compared with its predicted variance."""
 
-_ODD = 3  # blocks in succession that may count for less
-_LEAST_USUAL = 0.01  # squared, in the rows' unit: residuals below 0.1 % of the weight are no measure of others
-_OUTLIER = 25.0  # times the usual squared residual, from which a block counts for less
-_PRIOR_CLUSTERS = 4.0  # as many as this, κ counts as one
+_ODD = 3  # successive blocks that may be down-weighted
+_LEAST_USUAL = 0.01  # squared, in the rows' unit: residuals below 0.1 % of the weight do not define the usual ones
+_OUTLIER = 25.0  # times the usual squared residual, above which a block is down-weighted
+_PRIOR_CLUSTERS = 4.0  # number of clusters that the prior κ = 1 counts as
 
 
 class OddBlocks:
-    """Makes a block that fits far worse than usual count for less, unless it is one of many: a change of the load."""
+    """Down-weights blocks that fit far worse than usual, except many in succession, which indicate a change of the
+    load.
+    """
 
     def __init__(self) -> None:
         self._usual, self._odd = np.nan, 0
 
     def limited(self, rows: WeightedRows, known: Segment, errors: Array) -> WeightedRows:
-        """The block, weighted, against what is known and errors of the model p̂ (ERRORS,)."""
+        """Returns the block, weighted, given the estimate and model errors p̂ (ERRORS,)."""
         if known.blocks < CLUSTER:
             return rows
         residual = rows.target - rows.matrix @ known.mean(errors) - rows.errors @ errors
@@ -48,11 +50,11 @@ class OddBlocks:
 
 
 class Scatter:
-    """κ: sums of residuals over half a second against what independent rows of unit noise would come to.
+    """κ: sums of residuals over half a second, compared with those of independent rows of unit noise.
 
     Args:
         wide: (4,) [kg, kg·m], prior of mass and first moment.
-        most: clusters that are remembered.
+        most: number of clusters in memory.
     """
 
     def __init__(self, wide: Array, most: float) -> None:
@@ -61,11 +63,11 @@ class Scatter:
         self.restart()
 
     def restart(self) -> None:
-        """The load has changed: the unfinished sum belongs to two loads."""
+        """Discards the unfinished sum after a change of the load."""
         self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
 
     def count(self, rows: WeightedRows, known: Segment, errors: Array) -> None:
-        """Takes in a block, against what is known and errors of the model p̂ (ERRORS,)."""
+        """Adds a block, given the estimate and model errors p̂ (ERRORS,)."""
         if known.blocks < CLUSTER:
             return
         moments = rows.moments

@@ -1,11 +1,12 @@
-"""What blocks since the last change of the load say of the trunk, and of how far the model's errors are seen.
+"""Information on the trunk and on the model errors, summed up over the blocks since the last change of the load.
 
 Rows A θ + C p = b, weighted by a constant W, are summed up to R θ + G p = z. With p of mean p̂ and covariance Σ,
 
     θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = κ R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
 
 p is not estimated from these rows (Schmidt's consider parameters): under load a constant torque cannot be separated
-from weight, and what is free takes up whatever else is wrong. κ is how much more the rows' sums scatter than W says.
+from weight, and a free parameter absorbs other errors. κ is the ratio of the actual scatter of summed rows to that
+given by W.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ class WeightedRows:
     """Six rows of one block, in the unit of `stadera.trunk.considered.weighted`.
 
     Attributes:
-        time: [s], of their end.
+        time: of the last sample [s].
         matrix: (6, 10). errors: (6, ERRORS). target: (6,).
-        white: variance of the white noise in them, summed over the six [1].
+        white: variance of the white noise, summed over the six rows [1].
     """
 
     time: float
@@ -43,13 +44,13 @@ class WeightedRows:
 
     @cached_property
     def moments(self) -> Array:
-        """(4, 10 + 1 + ERRORS): the columns of mass and first moment against all columns."""
+        """Columns of mass and first moment times all columns, (4, 10 + 1 + ERRORS)."""
         return np.asarray(self.matrix[:, :4].T @ np.hstack([self.matrix, self.target[:, None], self.errors]))
 
     @cached_property
     def projected(self) -> Array:
-        """(4, PROJECTED): the rows seen along the specific force a, for each of the difference of mass and of
-        first moment: a · r_force and a x r_moment of A, b and C, and the square of a that these are multiples of.
+        """(4, PROJECTED): the rows projected on the specific force a, for the differences in mass and in first moment:
+        a · r_force and a x r_moment of A, b and C, and the square of a.
         """
         columns = np.hstack([self.matrix, self.target[:, None], self.errors])
         along = self.matrix[:3, 0]
@@ -63,21 +64,21 @@ class WeightedRows:
 
     @cached_property
     def energy(self) -> Array:
-        """(1 + ERRORS, 1 + ERRORS): products of target and errors."""
+        """Products of target and errors, (1 + ERRORS, 1 + ERRORS)."""
         columns = np.hstack([self.target[:, None], self.errors])
         return np.asarray(columns.T @ columns)
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Rows summed up.
+    """Summed rows.
 
     Attributes:
         known: R, z and G.
         energy: (1 + ERRORS, 1 + ERRORS), products of targets and errors, summed.
         white: Σ of the rows' white variance [1].
         begin: time of the first row [s].
-        blocks: how many.
+        blocks: number of blocks.
     """
 
     known: Information
@@ -88,11 +89,11 @@ class Segment:
 
     @classmethod
     def prior(cls, mean: Array, std: Array) -> Segment:
-        """Before any row: the trunk (10,) to (10,)."""
+        """The prior of the trunk, mean and standard deviation (10,), before any row."""
         return cls(Information.prior(THETA, mean, std, ERRORS), np.zeros((1 + ERRORS, 1 + ERRORS)))
 
     def add(self, rows: WeightedRows, keep: float = 1.0) -> Segment:
-        """With one block more, everything before it worth `keep` of what it was."""
+        """Returns the segment with one more block, the weight of everything before it multiplied by `keep`."""
         known = self.known if keep == 1.0 else self.known.forget(keep)
         return Segment(
             known.add(rows.matrix, rows.target, rows.errors),
@@ -109,15 +110,15 @@ class Segment:
 
     @cached_property
     def sensitivity(self) -> Array:
-        """K (10, ERRORS): the estimate is off by -K p."""
+        """K (10, ERRORS): the estimate's error due to p is -K p."""
         return np.asarray(self.inverse @ self.known.G)
 
     @cached_property
     def remainder(self) -> Array:
-        """`energy` without what some θ explains."""
+        """`energy` after eliminating θ."""
         explained = np.hstack([self.known.z[:, None], self.known.G])
         return np.asarray(self.energy - explained.T @ explained)
 
     def mean(self, errors: Array) -> Array:
-        """θ̂ (10,), for errors p̂ (ERRORS,)."""
+        """θ̂ (10,), given errors p̂ (ERRORS,)."""
         return np.asarray(self.inverse @ self.known.z - self.sensitivity @ errors)

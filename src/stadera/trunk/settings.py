@@ -19,28 +19,29 @@ def _positive(settings: ChangeSettings | SwingDetection, *or_zero: str) -> None:
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """Prior standard deviations of what a real robot has and its model does not.
+    """Prior standard deviations of the differences between real robots and their models.
 
-    They are properties of robots in general, not of one log: the fit of the log scales those that it shows (see
-    `stadera.trunk.fit`). Torques are shares of the joint's effort limit.
+    They describe robots in general, not one log: the fit scales those that the log shows (see `stadera.trunk.fit`).
+    Torques are given as shares of the joint's effort limit.
 
     Attributes:
-        rotor: rotor inertia, as a share of the leg's mass times squared length [1]. Assumed; identified on the real
-            Go2 calf: of the order of 0.01 kg·m².
+        rotor: rotor inertia, as a share of the leg's mass times squared length [1]. Assumed; identified on the real Go2
+            calf: of the order of 0.01 kg·m².
         viscous: viscous friction, share of the effort limit per rad/s [s/rad]. Assumed.
         coulomb: Coulomb friction [1]. Identified on a real Go2: 0.55 to 1.24 N·m on calves of 45 N·m, 1.2 to 2.8 %.
         offset: constant torque error [1]. Assumed.
-        gain: of each joint's torque [1], by tolerances of motor and gear. Assumed.
-        common_gain: of all torques alike [1]. It cannot be separated from weight.
+        gain: scale of each joint's torque [1]: tolerances of motor and gear. Assumed.
+        common_gain: scale of all torques together [1]. It cannot be separated from weight.
         encoder: zero of each joint's encoder [rad]; calibration by end stops is good to about half a degree.
-        contact: place of each foot's contact point, each component [m].
-        link_mass: of each leg link [1]. link_com: of its centre of mass, each component [m]. CAD against weighed parts.
-        imu_lever: place of the IMU, each component [m]. imu_rotation: of its axes, each component [rad].
-        accelerometer: constant error, each axis [m/s²]. Assumed, of a MEMS sensor calibrated at rest.
-        torque_lag: lateness of the torques against encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms.
-        velocity_lag: lateness of the joint velocities [s].
-        alike: correlation of rotor inertia and friction between the four legs' joints of one kind [1]; drives of one
-            type are alike.
+        contact: position of each foot's contact point, each component [m].
+        link_mass: of each leg link [1]. link_com: of its centre of mass, each component [m]. CAD compared with weighed
+            parts.
+        imu_lever: position of the IMU, each component [m]. imu_rotation: of its axes, each component [rad].
+        accelerometer: constant error, each axis [m/s²]. Assumed for a MEMS sensor calibrated at rest.
+        torque_lag: delay of the torques relative to encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms.
+        velocity_lag: delay of the joint velocities [s].
+        alike: correlation of rotor inertia and friction between the four legs' joints of one kind [1], which have
+            drives of one type.
     """
 
     rotor: float = 0.1
@@ -71,16 +72,17 @@ class ModelErrors:
 
 @dataclass(frozen=True)
 class SwingDetection:
-    """When a leg counts as swinging, so that its rows give its joints' rotor inertia, friction and offsets.
+    """Criteria for a swinging leg, whose rows determine its joints' rotor inertia, friction and offsets.
 
     Attributes:
         lift: height of the foot above the lowest foot, along the ground's normal, share of the leg's length [1].
-        load: contact force by the joint torques below which it may be in the air, share of the weight [1]. Above the
-            0.2 that friction and rotor inertia of a swinging leg simulate in it, below what a stance leg carries.
+        load: contact force computed from the joint torques below which the leg may be in the air, share of the weight
+            [1]. Above the 0.2 that friction and rotor inertia of a swinging leg can mimic, below the load of a stance
+            leg.
         carried: share of the weight that the other legs must carry [1].
-        residual: standard deviation of a row's residual beyond what white noise does, share of the effort limit [1]:
-            the error of a friction law at low speed.
-        repeated: how many successive rows repeat one error of the model [1]: half a swing of 20 ms blocks.
+        residual: standard deviation of a row's residual beyond white noise, share of the effort limit [1]: the error of
+            a friction law at low speed.
+        repeated: number of successive rows with the same model error [1]: half a swing of 20 ms blocks.
     """
 
     lift: float = 0.03
@@ -97,22 +99,22 @@ class SwingDetection:
 
 @dataclass(frozen=True)
 class ChangeSettings:
-    """When a change of the load is reported.
+    """Criteria for reporting a change of the load.
 
     Attributes:
-        least_change: of the trunk's mass over the robot's, or of the first moment over mass times leg length [1].
-        deviations: how many standard deviations a change must exceed.
-        windows: lengths of the averages that are compared with what was before [blocks].
-        confirmed: blocks for which it must persist.
-        history: how much must be known before a change can be reported [s].
-        pending: blocks that are not yet part of what was known before, for averages up to so long; twice that for
-            longer ones.
-        suspected: standard deviations from which a change that is not certain is in the error bars.
-        spoilt: blocks left out after the jump, which saw both loads.
-        memory: of the statistics of past averages [s].
-        prior: standard deviation of such averages before any was seen, as `least_change` [1].
-        outlier: from the median of a window, how far a single block counts, in the usual scatter of single blocks [1].
-            Huber's mean: 2 costs 1 % of efficiency where noise is Gaussian.
+        least_change: change of mass as a share of the robot's mass, or of first moment over mass times leg length [1].
+        deviations: number of standard deviations that a change must exceed.
+        windows: lengths of the averages that are compared with the earlier estimate [blocks].
+        confirmed: number of blocks for which it must persist.
+        history: time of data needed before a change can be reported [s].
+        pending: latest blocks excluded from the earlier estimate, for averages up to this length; twice that for longer
+            ones.
+        suspected: number of standard deviations above which an uncertain change enters the error bars.
+        spoilt: blocks skipped after the change, which contain both loads.
+        memory: time constant of the statistics of past averages [s].
+        prior: standard deviation of such averages before any data, in the unit of `least_change` [1].
+        outlier: distance from the median of a window at which a single block is clipped, in units of the usual scatter
+            of single blocks [1]. Huber's mean: 2 costs 1 % of efficiency under Gaussian noise.
     """
 
     least_change: float = 0.015
@@ -152,13 +154,13 @@ class TrunkSettings:
         block: length of a block [s], 10 to 200 ms.
         memory: time constant of the exponential forgetting [s].
         model: prior standard deviations of model errors.
-        swing: when a leg tells about its joints.
-        changes: when a change of the load is reported.
-        reported_within: time after which a change that is within its error bars is not reported any more [s].
-        settled: time of learning after which an estimate counts as converged [s].
-        least_scale: share of the model errors' energy that always counts as seen at its prior size [1]: keeps what no
-            residual shows at its prior.
-        doubtful, bad: misfit from which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
+        swing: criteria for a swinging leg.
+        changes: criteria for reporting a change of the load.
+        reported_within: time after which a change that stays within its error bars is no longer reported [s].
+        settled: time of data after which an estimate counts as converged [s].
+        least_scale: share of the model errors' energy that always counts as observed at its prior size [1]; keeps
+            errors that no residual shows at their prior.
+        doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
     """
 
     block: float = 0.02

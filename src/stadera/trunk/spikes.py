@@ -1,8 +1,8 @@
-"""Single wild samples: found by how far a sample lies from the median of itself and its neighbours, and replaced.
+"""Replaces spikes of a single sample, detected by their distance from the median of the sample and its neighbours.
 
-Where a signal is monotonic the median of three is the sample itself, so only peaks of one sample count, and only those
-beyond ten times the channel's usual noise, which third differences show. They are replaced by the mean of their
-neighbours, and counted.
+The median of three equals the sample where a signal is monotonic, so only peaks of one sample are affected, and of
+these only those beyond ten times the channel's usual noise, estimated from third differences. Spikes are replaced by
+the mean of their neighbours, and counted.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from stadera.types import Array
 _CHANNELS = ("position", "velocity", "effort", "angular_velocity", "specific_force")
 _WILD = 10.0  # times the usual noise
 _MEMORY = 100.0  # blocks
-_LEARNT = 5  # blocks before anything is called wild
+_LEARNT = 5  # blocks before any spike is replaced
 
 
 class SpikeFilter:
-    """Cleans block after block.
+    """Removes spikes block by block.
 
     Attributes:
-        count: how many single values were replaced.
+        count: number of values replaced.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class SpikeFilter:
         self.count = 0
 
     def clean(self, samples: Samples) -> Samples:
-        """The samples without peaks of one sample; a block has one sample more before and after it."""
+        """Returns the samples without spikes; a block has one more sample before and after it."""
         if len(samples) < 4:
             return samples
         self._blocks += 1

@@ -1,12 +1,12 @@
-"""Joints' rotor inertia, friction and offset from legs that swing in the air.
+"""Estimates the joints' rotor inertia, friction and offset from legs that swing in the air.
 
 A leg in the air has no contact force, so each of its joints obeys
 
     h + I_r q̈ + b q̇ + c s + o = τ(t),        τ(t) = τ_measured(t) + d τ̇_measured(t)
 
-with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, one for all. No mass of the trunk is in
-these rows, so a wrong torque under load cannot move what they tell. Their residual is small beside its repetition: a
-friction law errs alike over a whole swing, so `repeated` rows count as one.
+with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, common to all joints. The trunk's mass
+does not enter these rows, so wrong torques under load cannot affect them. A friction law errs alike over a whole swing,
+so `repeated` rows count as one.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from stadera.types import Array
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset")
 _COUNT = JOINTS.stop
-_ENOUGH = 4 * _COUNT  # rows whose residual tells how well the joints' law fits
-_QUIETEST = 0.02  # of the stated variance: residuals below are not taken for more knowledge
-_WILD = 5.0  # standard deviations of the residual, beyond which a row is left out
+_ENOUGH = 4 * _COUNT  # rows needed to evaluate the fit of the joints' law
+_QUIETEST = 0.02  # of the stated variance: smaller residuals do not sharpen the estimate further
+_WILD = 5.0  # standard deviations of the residual, beyond which a row is skipped
 
 
 class SwingJoints:
-    """Least squares over swing rows, about the prior.
+    """Least squares over swing rows, around the prior.
 
     Args:
         errors: the prior.
         settings: of swing rows.
 
     Attributes:
-        rows: how many rows there were.
+        rows: number of rows so far.
     """
 
     def __init__(self, errors: ErrorModel, settings: SwingDetection) -> None:
@@ -45,10 +45,10 @@ class SwingJoints:
         self._found: tuple[float, Array, Array] | None = None
 
     def add(self, air: NDArray[np.bool_], terms: Array, rate: Array, residual: Array, white: Array) -> None:
-        """Takes in one block.
+        """Adds one block.
 
         Args:
-            air: (4,) bool, the legs that are in the air all through it.
+            air: (4,) bool, the legs in the air throughout the block.
             terms: (4, 12), averages of q̈, q̇, s and 1 by joint.
             rate: (12,) [N·m/s], of the torques. residual: (12,) [N·m], h - τ_measured.
             white: (12,) [N·m], standard deviation of its white noise.
@@ -69,26 +69,26 @@ class SwingJoints:
             self._found = None
 
     def _is_wild(self, left: float, weight: float) -> bool:
-        """Whether a row lies far beyond the others."""
+        """True if a row's residual is far beyond the others'."""
         return weight * left**2 > self._limit_square
 
     @property
     def misfit(self) -> float:
-        """Variance of the rows' residual over the stated one."""
+        """Variance of the rows' residual divided by the stated one."""
         if self.rows < _ENOUGH:
             return 1.0
         mean, _ = self.posterior(1.0)
         return float(self._square - mean @ (2.0 * self._right - self._normal @ mean)) / self.rows
 
     def posterior(self, scale: float) -> tuple[Array, Array]:
-        """Mean (49,) and covariance (49, 49) of what swing rows tell, in the order of `JOINTS`.
+        """Mean (49,) and covariance (49, 49) of the errors that swing rows determine, in the order of `JOINTS`.
 
         Args:
-            scale: of the prior's standard deviations.
+            scale: factor on the prior's standard deviations.
         """
         if self._found is None or abs(self._found[0] / scale - 1.0) > 0.05:
             loud, information, mean = self._settings.repeated, self._prior, self._right
-            for _ in range(2):  # the second time with the residual that the first one left
+            for _ in range(2):  # the second pass uses the first one's residual
                 information = self._normal / loud + self._prior / scale**2
                 mean = np.linalg.solve(information, self._right / loud)
                 if self.rows > _COUNT:

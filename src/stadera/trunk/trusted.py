@@ -1,8 +1,7 @@
-"""What of an estimate is handed on to whoever walks by it: only what is known well enough.
+"""Passes an estimate to a controller only when it is accurate enough.
 
-A controller is better off with an old belief than with one that is still being found out. Right after a change of the
-load an estimator's error bars are wide; until they are narrow again, the last estimate that was good enough is the
-answer, marked as refused.
+For a controller an outdated estimate is safer than one that has not converged. After a change of the load the error
+bars are wide; until they are narrow again, the last sufficiently accurate estimate is returned, marked as refused.
 """
 
 from __future__ import annotations
@@ -17,19 +16,19 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
 
-# above what a common error of all torques leaves, which cancels for who commands these very torques, and what friction
-# of a standing robot may hide
+# above the common error of all torques, which cancels for a controller that commands these same torques, and above the
+# effect of static friction in a standing robot
 _MASS_SHARE = 0.12
 _COM_SHARE = 0.05
 
 
 @dataclass(frozen=True)
 class TrustLimits:
-    """How well a trunk must be known to be walked by.
+    """Accuracy required of a trunk estimate before a controller may use it.
 
     Attributes:
-        mass: standard deviation of its mass [kg], at most.
-        com: of its centre of mass ahead and aside [m], at most.
+        mass: largest standard deviation of the mass [kg].
+        com: largest standard deviation of the horizontal centre of mass [m].
     """
 
     mass: float
@@ -41,18 +40,18 @@ class TrustLimits:
 
     @classmethod
     def of(cls, robot: Robot) -> TrustLimits:
-        """Twelve per cent of the robot's mass, and five of the height it stands at."""
+        """Twelve per cent of the robot's mass, and five per cent of its standing height."""
         bounds = TrunkBounds.of(robot)
         return cls(_MASS_SHARE * robot.mass, _COM_SHARE * float(bounds.high[2] - bounds.low[2]))
 
 
 class TrustedEstimator:
-    """An `Estimator` that asks another one, and passes on what is inside the limits and plausible.
+    """An `Estimator` that wraps another one, and returns only estimates that are plausible and within the limits.
 
     Args:
-        inner: fed with every measurement.
-        robot: for what is plausible.
-        start: the estimate until then; None for the robot's own trunk.
+        inner: the wrapped estimator.
+        robot: defines the plausible range.
+        start: the estimate before the first accurate one; None for the robot's own trunk.
         limits: None for `TrustLimits.of(robot)`.
     """
 
@@ -66,11 +65,11 @@ class TrustedEstimator:
         self._checked: TrunkEstimate | None = None
 
     def update(self, measurement: Measurement) -> None:
-        """Passes it on."""
+        """Passes the measurement to the inner estimator."""
         self.inner.update(measurement)
 
     def estimate(self) -> TrunkEstimate:
-        """The inner estimate if it can be trusted; else the last one that could, refused, and why."""
+        """The inner estimate if it can be trusted; else the last trusted one, marked as refused with the reason."""
         estimate = self.inner.estimate()
         if estimate is self._checked:
             return self._last

@@ -1,11 +1,11 @@
-"""The trunk's side of its six equations: what its inertia takes, force above moment about its origin, trunk axes.
+"""The trunk's side of its six equations: its inertial wrench, force above moment about its origin, trunk axes.
 
 It is linear in a, α and the products of ω (h = m c, I about the trunk's origin)::
 
     force:  m a + α x h + ω x (ω x h)
     moment: h x a + I α + ω x I ω
 
-so the rows' matrix, filtered, is the matrix of these twelve, filtered: `TRUNK_MAP` takes them to (6, 10).
+so the filtered matrix is the matrix of the filtered signals: `TRUNK_MAP` maps the twelve to (6, 10).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 def trunk_signals(specific_force: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:
-    """The twelve signals that the trunk's rows are linear in, from components first (3, samples): (12, samples)."""
+    """The twelve signals in which the trunk's rows are linear, from components first (3, samples): (12, samples)."""
     w = angular_velocity
     return np.concatenate([specific_force, angular_acceleration, np.array([w[i] * w[j] for i, j in _PRODUCTS])])
 
@@ -30,17 +30,17 @@ def trunk_matrix(signals: Array) -> Array:
 
 
 def wrench_of_specific_force(mass: float, first_moment: Array) -> Array:
-    """(6, 3): how a body's inertial wrench changes with the specific force, [m 1 ; [h]x]."""
+    """Derivative (6, 3) of a body's inertial wrench with respect to the specific force, [m 1 ; [h]x]."""
     return np.vstack([mass * np.eye(3), skew(first_moment)])
 
 
 def wrench_of_angular_acceleration(first_moment: Array, inertia: Array) -> Array:
-    """(6, 3): how a body's inertial wrench changes with the angular acceleration, [-[h]x ; I]."""
+    """Derivative (6, 3) of a body's inertial wrench with respect to the angular acceleration, [-[h]x ; I]."""
     return np.vstack([-skew(first_moment), inertia])
 
 
 def _trunk_map() -> Array:
-    """(60, 12), by feeding each signal alone."""
+    """Builds the map (60, 12) by setting one signal at a time."""
     out = np.zeros((6, 10, 12))
     tensors = np.zeros((6, 3, 3))
     for k, (i, j) in enumerate(_PRODUCTS):
