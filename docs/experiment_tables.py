@@ -1,13 +1,15 @@
-"""Writes the tables of docs/experiments.md from the JSON of the runs: python docs/experiment_tables.py
+"""Writes the tables of docs/experiments.md and docs/comparison.md from the runs' JSON: python docs/experiment_tables.py
 
-A run's JSON is docs/results/NAME.json, as `stadera reproduce NAME --json docs/results/NAME.json` writes it. Each table
-stands between `<!-- begin NAME -->` and `<!-- end NAME -->`; what is around stays as it is.
+A run's JSON is docs/results/NAME.json, as `stadera reproduce NAME --json docs/results/NAME.json` writes it, or of peers
+`python benchmarks/peers.py --json docs/results/peers.json`. Each table stands between `<!-- begin NAME -->` and
+`<!-- end NAME -->`; what is around stays as it is.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from typing import Any
 from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
-PAGE, RESULTS = FOLDER / "experiments.md", FOLDER / "results"
+PAGES, RESULTS = (FOLDER / "experiments.md", FOLDER / "comparison.md"), FOLDER / "results"
 Record = dict[str, Any]
 Naming = Callable[[Record], str]
 
@@ -42,6 +44,16 @@ def overview() -> str:
         met = f"{sum(bounded)} of {len(bounded)}" if bounded else none
         lines.append(f"| `stadera reproduce {name}` | {met} | {time} |")
     return "\n".join(lines)
+
+
+def peers() -> str:
+    """As `benchmarks/peers.py` prints them, and what each was run with."""
+    sys.path.insert(0, str(FOLDER.parent / "benchmarks"))
+    from peer_tables import markdown
+
+    record: dict[str, Any] = json.loads((RESULTS / "peers.json").read_text(encoding="utf-8"))
+    settings = "\n".join(f"- {name}: {said}" for name, said in record["settings"].items())
+    return f"{markdown(record)}\n\nRun with:\n\n{settings}"
 
 
 def crossed(records: Iterable[Record], row: Naming, column: Naming, corner: str) -> str:
@@ -124,6 +136,8 @@ def renewed(page: str) -> str:
         records = read(name)
         if name == "overview":
             body = overview()
+        elif name == "peers":
+            body = peers()
         elif records is not None:
             body = "\n\n".join(tables(name, records))
         else:
@@ -134,4 +148,5 @@ def renewed(page: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in PAGES:
+        page.write_text(renewed(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -55,7 +55,7 @@ def test_what_stands_out_is_the_headline(page: str) -> None:
     answer = re.search(r'<p class="answer">([^<]*)', page)
     assert answer
     assert re.fullmatch(r"unit1: trunk mass \+0\.4\d+ ± 0\.0\d+ kg since 2025-07-\d\d \d\d:\d\d", answer[1])
-    assert "stadera weigh /fleet/unit1/20&lt;b&gt;.mcap --report page.html" in page
+    assert "stadera weigh /fleet/unit1/20&lt;b&gt;.mcap --robot R --report page.html" in page
     assert page.count('class="out"') == 1
 
 
@@ -72,6 +72,15 @@ def test_it_loads_nothing_and_no_name_of_a_log_is_markup(page: str) -> None:
     assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", page)
     assert "<b>" not in page.split("<script>")[0]
     assert "url(" not in page
+
+
+def test_without_room_for_all_figures_what_stands_out_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    table, room = fleet(3, 30), "stadera.report.fleet.page._FIGURES"
+    monkeypatch.setattr(room, 6_000)
+    page = table.to_html()
+    assert page.count("<svg") == 1
+    assert page.count('class="out"') == 1
+    assert "30 logs: 28 good, 2 doubtful; 3 of its figures left out, in which nothing stands out" in page
 
 
 def test_a_thousand_logs_weigh_less_than_3_mb() -> None:

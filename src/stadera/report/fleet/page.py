@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 from typing import Any
@@ -21,6 +21,7 @@ from stadera.report.table import Cell, Row, TableData
 from stadera.report.trust import Level
 
 _CHANCE = 0.01
+_FIGURES = 1_400_000  # bytes of all figures, with which a page of 1,000 logs stays under 3 MB
 _TERMS = {
     "Stands out": "A stretch of a robot's logs whose level differs from its other logs by more than chance. Every "
     "stretch of every quantity of every robot is one look; all looks together report anything with a probability of at "
@@ -62,7 +63,7 @@ def fleet_html(table: FleetTable, chance: float = _CHANCE) -> str:
     found = departures(fleet, chance)
     failed = [row for row in table.rows if row["status"] == "failed"]
     level: Level = "warning" if found or failed else "note"
-    robots = by_robot(table.rows)
+    robots, drawn = by_robot(table.rows), _drawn(fleet, found)
     return render(
         "fleet.html.j2",
         title=f"Fleet of {len(robots)} robot{'s' if len(robots) > 1 else ''}, {len(table.rows)} logs",
@@ -74,7 +75,7 @@ def fleet_html(table: FleetTable, chance: float = _CHANCE) -> str:
         next=_advice(found, failed),
         robots=robots_table(table),
         found=found_table(found) if found else None,
-        panels=[_panels(name, rows, fleet, found) for name, rows in robots.items()],
+        panels=[_panels(name, rows, fleet, drawn) for name, rows in robots.items()],
         logs=_logs_table(table),
         errors=_errors(failed),
         terms=_TERMS,
@@ -98,22 +99,40 @@ def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
     steps = []
     for departure in found[:3]:
         log = departure.series.rows[departure.first]["log"]
-        steps.append(f"{departure.series.robot}: look at `stadera weigh {log} --report page.html`")
+        steps.append(f"{departure.series.robot}: look at `stadera weigh {log} --robot R --report page.html`")
     if failed:
         steps.append(f"{len(failed)} failed; see what is wrong with one by `stadera inspect {failed[0]['log']}`")
     return steps
 
 
-def _panels(name: str, rows: Sequence[LogRow], fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> RobotPanels:
-    def panel(series: FleetSeries) -> FleetPanel:
-        own = [d for d in found if d.series is series]
-        return FleetPanel(f"{series.title} [{series.unit}]", figure(series, own, series.joint is None), bool(own))
+def _drawn(fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> dict[FleetSeries, FleetPanel]:
+    """Figures of all series if there is room; what stands out comes first, then trunks, then joints."""
+    outs: dict[FleetSeries, list[Departure]] = {series: [] for series in fleet}
+    for departure in found:
+        outs[departure.series].append(departure)
+    panels: dict[FleetSeries, FleetPanel] = {}
+    spent = 0
+    for series in sorted(fleet, key=lambda series: (not outs[series], series.joint is not None)):
+        svg = figure(series, outs[series], series.joint is None)
+        spent += len(svg)
+        if spent > _FIGURES:
+            break
+        panels[series] = FleetPanel(f"{series.title} [{series.unit}]", svg, bool(outs[series]))
+    return panels
 
+
+def _panels(
+    name: str, rows: Sequence[LogRow], fleet: Sequence[FleetSeries], drawn: Mapping[FleetSeries, FleetPanel]
+) -> RobotPanels:
     own = [series for series in fleet if series.robot == name]
     verdicts = Counter(row["trust"] or "failed" for row in rows)
     about = ", ".join(f"{verdicts[word]} {word}" for word in ("good", "doubtful", "bad", "failed") if verdicts[word])
-    trunk, joints = ([panel(s) for s in own if (s.joint is None) is of_trunk] for of_trunk in (True, False))
-    return RobotPanels(name, f"{len(rows)} logs: {about}", tuple(trunk), tuple(joints))
+    missing = len([series for series in own if series not in drawn])
+    left = f"; {missing} of its figures left out, in which nothing stands out" if missing else ""
+    trunk, joints = (
+        tuple(drawn[s] for s in own if s in drawn and (s.joint is None) is of_trunk) for of_trunk in (True, False)
+    )
+    return RobotPanels(name, f"{len(rows)} logs: {about}{left}", trunk, joints)
 
 
 def _logs_table(table: FleetTable) -> TableData:
