@@ -1,4 +1,4 @@
-"""What the feet carry in a log: legs are identified while they swing freely, so nothing.
+"""Estimates the load on each foot in a log, which must be nearly zero while legs are identified in free swing.
 
 The forces are those of a robot at rest (`LegModel.forces_at_rest`), averaged over the log: accelerations and friction
 cancel over a motion that stays in place.
@@ -14,14 +14,14 @@ from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-_MOST_SAMPLES = 4000  # that a log is thinned out to
+_MOST_SAMPLES = 4000  # to which a log is thinned out
 
 
 def carried_shares(recording: Recording, robot: Robot, up: Array) -> dict[str, float]:
     """Mean upward force on each foot as a share of the robot's weight.
 
     Args:
-        recording: with positions and efforts of the legs' joints; legs that are not recorded are left out.
+        recording: positions and efforts of the legs' joints; legs that are not recorded are skipped.
         robot: the model.
         up: (3,), the vertical in trunk axes, of any length.
     """

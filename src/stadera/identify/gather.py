@@ -1,4 +1,4 @@
-"""The passes over the training part: the information on each leg, and the noise of its residuals."""
+"""Passes over the training part that sum up each leg's information and measure the noise of its residuals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Gathered:
     Attributes:
         by_joint: information of each joint's rows, in N·m, on the regressor's columns.
         noise: by joint, standard deviation of the torque residual [N·m].
-        correlation: by joint, how many samples one independent sample is worth.
+        correlation: by joint, number of samples that count as one independent sample.
         friction_only: the joint terms fitted with the rigid bodies at CAD.
     """
 
@@ -35,8 +35,8 @@ class Gathered:
     friction_only: Mapping[str, float]
 
     def whitened(self, fixed: Mapping[str, float]) -> Information:
-        """All joints' rows in units of their noise, for the parameters that are not fixed (eq. 6); each sample weighs
-        what it is worth among its like.
+        """All joints' rows in units of their noise, for the parameters that are not fixed (eq. 6), weighted by the
+        correlation of the samples.
         """
         total = Information.empty(self.by_joint[0].unknowns)
         for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True):
@@ -45,9 +45,7 @@ class Gathered:
 
 
 def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
-    """Sums up the training part, one result for each of the job's legs; the noise is what each joint's own best fit
-    leaves.
-    """
+    """Sums up the training part for each of the job's legs. The noise is the residual of each joint's own best fit."""
     out = []
     for done, task in enumerate(job.tasks):
         by_joint = _summed_up(_rows(job, task, training), task)
@@ -63,8 +61,9 @@ def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
 def with_noise_of(
     job: Job, training: Part, gathered: Sequence[Gathered], estimates: Sequence[Estimate]
 ) -> tuple[Gathered, ...]:
-    """The same sums, the noise being what these estimates leave: besides the sensors' noise all that no real leg with
-    these joint terms explains.
+    """The same sums, with the noise given by the residuals of these estimates.
+
+    This noise includes all effects that no real leg with these joint terms can explain.
     """
     out = []
     for done, (task, data, estimate) in enumerate(zip(job.tasks, gathered, estimates, strict=True)):
@@ -81,7 +80,7 @@ def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]
 
 
 def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask) -> tuple[Information, ...]:
-    """The information of each of a leg's joints."""
+    """Sums up the information of each of a leg's joints."""
     columns = task.regressor.columns
     pending: list[list[Information]] = [[Information.empty(columns)] for _ in task.leg.joints]
     for every in chunks:
@@ -93,11 +92,11 @@ def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask) -> tuple[Infor
 
 
 def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, float]:
-    """The joint terms that fit best with the links at CAD."""
+    """Joint terms that fit best with the links at their CAD values."""
     fitted: dict[str, float] = {}
     for information in by_joint:
         terms = information.fix(task.rigid | dict(task.fixed))
-        # terms of the other joints have no influence on this one
+        # the other joints' terms do not affect this one
         heard = np.linalg.norm(terms.R, axis=0) > 0
         fitted |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}
     return fitted

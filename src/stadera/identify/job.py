@@ -1,4 +1,4 @@
-"""What is decided before the passes over the logs: cut-off, vertical, torque lag, fixed parameters and priors."""
+"""Determines cut-off, vertical, torque lag, fixed parameters and priors before the passes over the logs."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class LegTask:
     """One leg to identify.
 
     Attributes:
-        leg: its names.
-        regressor: rows of its torques, with all joint terms.
-        nominal: the model's value of every parameter.
-        fixed: those that are not to be identified, at the model's values.
-        prior: of those that are.
+        leg: names of the leg, its links and joints.
+        regressor: of its torques, with all joint terms.
+        nominal: the model's values of all parameters.
+        fixed: parameters that are not identified, at the model's values.
+        prior: of the parameters that are identified.
     """
 
     leg: Leg
@@ -46,7 +46,7 @@ class LegTask:
 
     @classmethod
     def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:
-        """A leg of a robot, with what the settings leave to be identified."""
+        """The task for one leg, given the terms that the settings select."""
         regressor = JointTorqueRegressor(robot.leg_tree(leg.name), FrictionModel.full())
         everything = robot_prior(robot, regressor.columns, settings.width)
         nominal = dict(zip(regressor.columns, everything.values.tolist(), strict=True))
@@ -64,21 +64,21 @@ class LegTask:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Everything that is fixed before the passes over the logs begin.
+    """Settings and data determined before the passes over the logs.
 
     Attributes:
         robot: the prior model.
-        tasks: one for each leg, those asked for first; the others are there for what they say of the drives.
-        wanted: how many were asked for.
-        settings: as asked for.
+        tasks: one for each leg: the requested ones first, then others that inform on the drives.
+        wanted: number of requested legs.
+        settings: as requested.
         preprocessing: of the signals; keeps samples at rest.
-        rows_cutoff: of the rows made of them [Hz]; None where nothing is filtered.
-        drop_below: rows with all joints of a leg slower than this are left out [rad/s].
+        rows_cutoff: cut-off of the filter over the rows [Hz]; None for no filter.
+        drop_below: rows in which all joints of a leg are slower than this are skipped [rad/s].
         vertical: of the held trunk.
         torque_noise: by joint, white noise of the torque in the band of the rows [N·m].
         torque_rms: by joint, root mean square of the torque [N·m].
-        notes: what was found out, one sentence each.
-        doubts: the logs' own reasons why the result is doubtful at best.
+        notes: remarks, one sentence each.
+        doubts: reasons found in the logs why the result is doubtful at best.
         progress: see `Progress`.
     """
 
@@ -98,7 +98,7 @@ class Job:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints of all legs, in the order of the processed signals."""
+        """Joints of all legs, in the order of the processed signals."""
         return tuple(joint for task in self.tasks for joint in task.leg.joints)
 
     @property
@@ -107,20 +107,20 @@ class Job:
         return TrunkMotion.held(self.vertical.up)
 
     def with_samples_at_rest(self) -> Job:
-        """The same, keeping rows at which nothing moves: all there is in a log without motion."""
+        """A copy that keeps rows without motion, for a log that has no others."""
         return replace(self, drop_below=0.0)
 
     def step(self, name: str) -> Callable[[int, int], None]:
-        """The progress of one step."""
+        """Progress callback of one step."""
         return partial(self.progress, name)
 
 
 def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progress: Progress) -> Job:
-    """Decides cut-off, vertical and torque lag from the beginning of each log.
+    """Determines cut-off, vertical and torque lag from the beginning of each log.
 
     Raises:
-        RecordingError: logs that lack a joint or its torque, or are too short; torques of a leg that are all zero; a
-            foot that carries.
+        RecordingError: the logs lack a joint or its torque, or are too short; all torques of a leg are zero; a foot
+            carries load.
         UnknownNameError: no such leg or joint.
     """
     wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))
@@ -163,12 +163,12 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
 
 
 def joints_of(robot: Robot, legs: Sequence[str]) -> tuple[str, ...]:
-    """The joints of some legs, leg by leg."""
+    """Joints of the named legs, leg by leg."""
     return tuple(joint for name in legs for joint in robot.leg(name).joints)
 
 
 def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> None:
-    """Torques that are zero for a whole leg that moves were not recorded, though all would follow from them surely."""
+    """Raises if all torques of a leg are zero: then they were not recorded, but the fit would accept them as exact."""
     for name in legs:
         joints = robot.leg(name).joints
         moves = bool(np.ptp(beginning.channel("position", joints), axis=0).any())
@@ -180,7 +180,7 @@ def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> N
 
 
 def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], settings: IdentifySettings) -> None:
-    """A foot on the ground, or torques that are no leg's of this robot hanging in the air, identify nothing."""
+    """Raises if a foot carries load, or if no leg of this robot in the air would have such torques."""
     shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
     carrying = {name: shares[name] for name in legs if shares[name] > settings.most_carried}
     if carrying:
@@ -194,7 +194,7 @@ def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], setting
 
 
 def _supporting(robot: Robot, logs: Sequence[Log], wanted: Sequence[str], settings: IdentifySettings) -> list[str]:
-    """The legs besides those wanted that inform on the drives: in all logs with their torques, and in the air."""
+    """Legs, besides those requested, that inform on the drives: recorded with torques in all logs, and in the air."""
     if settings.spread is None:
         return []
     others = [leg for leg in robot.legs if leg.name not in wanted]
@@ -225,7 +225,7 @@ def _cutoffs(
     if settings.cutoff_hz != "auto":
         return settings.cutoff_hz, min((settings.cutoff_hz, *suggested))
     if not suggested:
-        return None, None  # accelerations are recorded: there is nothing to filter
+        return None, None  # accelerations are recorded, so nothing needs filtering
     highest = settings.signals.any_part * min(highest_cutoff(r) for r in beginnings)
     return min(max(*suggested, settings.signals.lowest_cutoff), highest), min(max(suggested), highest)
 
@@ -237,7 +237,7 @@ def _estimated_lag(
     cutoff: float | None,
     asked: IdentifySettings,
 ) -> tuple[float, tuple[str, ...]]:
-    """The lag [s] and a note on it; unfiltered where the signals are, else with a cut-off for the lag alone."""
+    """The lag [s] and a note on it, from unfiltered signals if the job does not filter, else at a separate cut-off."""
     recordings = [take(r, slice(0, max(2, round(asked.split * len(r))))) for r in beginnings]
     if cutoff is not None:
         cutoff = min(asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
@@ -249,7 +249,7 @@ def _estimated_lag(
 
 
 def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) -> tuple[Part, Part | None, str | None]:
-    """The training part, the validation part, and in words what the latter is."""
+    """The training part, the validation part, and a description of the latter."""
     make = partial(Part, joints=job.joints, settings=job.preprocessing)
     if validation is not None:
         names = ", ".join(dict.fromkeys(log.source for log in validation))

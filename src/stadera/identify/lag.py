@@ -1,17 +1,17 @@
-"""How much later than its stamp a recorded torque acted.
+"""Estimates the lag of recorded torques: how much later than its stamp a torque acted.
 
-A command reaches the motor late, a sensor reports late; a few milliseconds turn into friction and rotor inertia that
-are not there, for torque then looks like a function of the velocity before. The lag is the one, common to all joints,
-with which the model explains the torques best:
+Commands and sensor readings are delayed. A few milliseconds appear as friction and rotor inertia that do not exist,
+since the torque then looks like a function of the earlier velocity. The lag, common to all joints, is the one with
+which the model explains the torques best:
 
     minimise over δ   Σ_joints N log ρ_j²(δ),     ρ_j²(δ) = min_θ ‖Y θ - τ_j(t - δ)‖²
 
-the log-likelihood of Gaussian residuals with each joint's own variance. Y is factored once for all lags: they are so
-many right-hand sides of one least-squares problem.
+the log-likelihood of Gaussian residuals with a separate variance for each joint. Y is factored once; the lags are
+right-hand sides of one least-squares problem.
 
-A joint's samples about its standstills are left out: while it sticks, friction takes any value up to Coulomb's, and the
-torque changes sign where the velocity does not, which looks like a lag. Of several minima that reached downhill from no
-lag counts: over long shifts one joint term passes for another.
+A joint's samples near standstill are excluded: while it sticks, static friction takes any value up to Coulomb's, and
+the torque changes sign where the velocity does not, which looks like a lag. Of several minima the one reached downhill
+from zero lag is used, since over long shifts one joint term can mimic another.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from stadera.types import Array, Bools
 
 EARLIEST, LATEST, STEP = -0.010, 0.040, 0.0025  # s
 NOTICEABLE = 0.01
-"""Relative fall of the residual's variance below which a lag is not significant."""
+"""Relative decrease of the residual's variance below which a lag is not significant."""
 RESOLUTION = 5e-4
-"""s; what friction's deviations from its model pass for, and so no lag."""
+"""Lags up to this [s] can be caused by deviations of friction from its model, and are ignored."""
 SLIDING = 0.1
-"""rad/s; a joint faster than this slides."""
+"""Speed above which a joint slides [rad/s]."""
 
 
 @dataclass(frozen=True)
 class TorqueLag:
-    """The lag [s], and how far it lowers the residuals: their variance with it over that without it."""
+    """The lag [s], and the ratio of the residuals' variance with it to that without it."""
 
     value: float
     variance_ratio: float
@@ -47,10 +47,10 @@ class TorqueLag:
 def estimate_lag(
     processed: Sequence[Processed], regressors: Sequence[JointTorqueRegressor], trunk_up: Array
 ) -> TorqueLag:
-    """The lag of the efforts in stretches that were preprocessed without any.
+    """Estimates the lag of the efforts in stretches that were preprocessed without lag compensation.
 
     Args:
-        processed: stretches without gaps inside; samples at rest kept.
+        processed: stretches without gaps, including samples at rest.
         regressors: one for each leg, over joints that the stretches have.
         trunk_up: the vertical in trunk axes, (3,).
     """
@@ -74,7 +74,7 @@ def estimate_lag(
 
 
 def _delayed(stretch: Processed, regressor: JointTorqueRegressor, lags: Array, up: Array) -> Iterator[Array]:
-    """For each joint, where it slides: its columns and its efforts at all lags, (samples, columns + lags)."""
+    """For each joint, where it slides: its columns, and its efforts at all lags, (samples, columns + lags)."""
     names = regressor.tree.joints
     index = [stretch.joints.index(name) for name in names]
     inner = (stretch.time >= stretch.time[0] + LATEST) & (stretch.time <= stretch.time[-1] + EARLIEST)
@@ -89,7 +89,7 @@ def _delayed(stretch: Processed, regressor: JointTorqueRegressor, lags: Array, u
 
 
 def _slides_throughout(time: Array, velocity: Array) -> Bools:
-    """Whether a joint slides at every instant whose torque some lag takes for that of this sample."""
+    """True where a joint slides throughout the interval of lags around the sample."""
     slow = np.concatenate(([0], np.cumsum(np.abs(velocity) < SLIDING)))
     first = np.searchsorted(time, time - LATEST)
     last = np.searchsorted(time, time - EARLIEST, side="right")
@@ -97,7 +97,7 @@ def _slides_throughout(time: Array, velocity: Array) -> Bools:
 
 
 def _log_residuals(block: Array, lags: int) -> Array:
-    """N log of the mean squared residual for each of the last `lags` columns, regressed on the columns before them."""
+    """N log of the mean squared residual of each of the last `lags` columns, regressed on the columns before them."""
     n = block.shape[1] - lags
     scale = np.linalg.norm(block, axis=0)
     block = block / np.where(scale > 0, scale, 1.0)
@@ -105,15 +105,13 @@ def _log_residuals(block: Array, lags: int) -> Array:
     diagonal = np.abs(np.diag(R))
     Q = Q[:, : int(np.sum(diagonal > 1e-10 * diagonal[0]))]
     residual = np.sum(block[:, n:] ** 2, axis=0) - np.sum((Q.T @ block[:, n:]) ** 2, axis=0)
-    floor = 1e-13  # of the torque's square: below it, rounding
+    floor = 1e-13  # of the torque's square: below it, rounding error
     squared = np.maximum(scale[n:] ** 2, np.finfo(float).tiny) / len(block)
     return np.asarray(len(block) * (np.log(np.maximum(residual, floor)) + np.log(squared)))
 
 
 def _vertex(lags: Array, variance: Array, start: int) -> tuple[float, float]:
-    """Downhill from `start` to the nearest minimum of the residuals' variance; where the parabola through it and its
-    neighbours is lowest, and how low.
-    """
+    """Minimum of the residuals' variance nearest downhill from `start`, refined by a parabola: position and value."""
     k = start
     while k > 0 and variance[k - 1] < variance[k]:
         k -= 1

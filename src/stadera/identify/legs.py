@@ -1,8 +1,7 @@
-"""Legs from a log, section II of the paper end to end: rows, information, observability, solution, validation.
+"""Identifies legs from logs as in section II of the paper: rows, information, observability, solution, validation.
 
-Each leg is a fixed-base arm on the held trunk. Its torques are whitened with their own residual noise (and by how many
-samples one independent sample is worth, for residuals of real joints are far from white), summed up once, and solved
-for on the small triangle.
+Each leg is a fixed-base arm on the held trunk. Its torques are weighted by the noise of their own residuals and by the
+residuals' correlation (for real joints they are far from white), summed up once, and the small triangle is solved.
 """
 
 from __future__ import annotations
@@ -40,19 +39,19 @@ def identify(
     validation: Log | Iterable[Log] | None = None,
     progress: Progress | None = None,
 ) -> Identification:
-    """Identifies legs that swing freely while the trunk is held.
+    """Identifies the inertia, rotor inertia and friction of legs that swing freely while the trunk is held.
 
     Args:
         robot: the prior (CAD) model: a robot, its name, or a path to a URDF or MJCF.
-        logs: one or several: recordings, or paths and LogFiles that are streamed; their information is merged.
+        logs: one or several recordings, or paths and LogFiles, which are streamed; their information is merged.
         settings: see `IdentifySettings`.
-        validation: other logs to validate on; then nothing of `logs` is kept back.
-        progress: called with a step's name, how far it is and how long it is (0: not known).
+        validation: separate logs for validation; then all of `logs` is used for training.
+        progress: called with the step's name, items done and total (0 if unknown).
 
     Raises:
-        RecordingError: no logs, or logs that lack a joint or its torque, are too short, or whose feet carry.
+        RecordingError: there are no logs, or they lack a joint or its torque, are too short, or feet carry load.
         UnknownNameError: no such robot, leg or joint.
-        ModelError: a model file that cannot be read.
+        ModelError: the model file cannot be read.
     """
     fitted = as_logs(logs)
     evaluated = None if validation is None else as_logs(validation)
@@ -92,7 +91,7 @@ def _scored_legs(
     training: Part,
     held_back: Part | None,
 ) -> tuple[tuple[LegIdentification, ...], int]:
-    """Results of the legs asked for, evaluated on both parts; and the largest number of moving samples."""
+    """Results of the requested legs, evaluated on both parts, and the largest number of moving samples."""
     wanted = range(job.wanted)
     models = [_models(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]
     scores = {"training": scored(job.step("scoring"), training, models, job.trunk, job.drop_below)}
@@ -106,7 +105,7 @@ def _scored_legs(
 
 
 def _solve(job: Job, gathered: Sequence[Gathered]) -> list[tuple[Estimate, Estimate]]:
-    """For each leg the solution asked for and the null-space one."""
+    """For each leg the requested solution and the null-space solution."""
     legs = [(t.leg, g.whitened(t.fixed), t.prior) for t, g in zip(job.tasks, gathered, strict=True)]
     return solve_legs(legs, job.settings.method, job.settings.spread, job.progress)
 
@@ -115,7 +114,7 @@ def _pooling_note(job: Job) -> tuple[str, ...]:
     if job.settings.spread is None or len(job.tasks) < 2:
         return ()
     return (
-        "the drives of the legs are taken to be alike: each joint's rotor inertia and friction lean on the other legs'",
+        "the drives of the legs are assumed alike: each joint's rotor inertia and friction draw on the other legs'",
     )
 
 
@@ -153,7 +152,7 @@ def _leg_result(
 
 
 def structural_observability(task: LegTask, trunk: TrunkMotion, samples: int = 1000) -> Observability:
-    """Observability of a leg on a held trunk in rich motion without noise: algebraic rank and combinations."""
+    """Observability of a leg on a held trunk in rich motion without noise: the algebraic rank and combinations."""
     n = len(task.leg.joints)
     rng = np.random.default_rng(0)
     motion = JointMotion(*(s * rng.uniform(-1, 1, (samples, n)) for s in (1.5, 5.0, 30.0)))

@@ -1,4 +1,4 @@
-"""A log as the pipeline reads it: in several passes, in parts, preprocessed, with memory flat in its length."""
+"""Reads logs for identification: in several passes, in parts, preprocessed, with memory independent of their length."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from stadera.logs.settings import Preprocessing
 from stadera.logs.topics import LogFile
 
 Log = Recording | LogFile
-"""A recording in memory, or a file that is streamed anew at each pass."""
+"""A recording in memory, or a file that is streamed again in each pass."""
 
 KEEP_SAMPLES = 500_000
-"""Processed samples up to which a part is kept in memory between passes."""
+"""Largest number of processed samples of a part that are kept in memory between passes."""
 
 
 def chunks(log: Log, joints: Sequence[str]) -> Iterator[Recording]:
-    """The log's samples in order, with positions and efforts of these joints, wild ones replaced."""
+    """The log's samples in order, with positions and efforts of these joints, outliers replaced."""
     return map(without_spikes, stream(log, joints=joints, require=("effort",)))
 
 
@@ -41,7 +41,7 @@ def head(log: Log, joints: Sequence[str]) -> Recording:
 
 
 def has_effort(log: Log, joints: Sequence[str]) -> bool:
-    """Whether these joints are recorded with their efforts."""
+    """True if these joints are recorded with their efforts."""
     try:
         return next(stream(log, joints=joints, require=("effort",), rows=2), None) is not None
     except RecordingError:
@@ -58,14 +58,14 @@ def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A log between two times [s]: `start` included, `stop` not."""
+    """The part of a log between two times [s], `start` included, `stop` excluded."""
 
     log: Log
     start: float = -np.inf
     stop: float = np.inf
 
     def recordings(self, joints: Sequence[str]) -> Iterator[Recording]:
-        """Its samples, chunk by chunk."""
+        """Yields its samples, chunk by chunk."""
         for chunk in chunks(self.log, joints):
             first, last = np.searchsorted(chunk.time, (self.start, self.stop))
             if first < last:
@@ -75,9 +75,9 @@ class Section:
 
 
 class Part:
-    """Some stretches of logs (the training part, the validation part), preprocessed alike, for several passes.
+    """Stretches of logs (the training or validation part), preprocessed in the same way, for several passes.
 
-    Stretches of up to `KEEP_SAMPLES` samples are kept after the first pass; longer ones are read and processed again.
+    Stretches of up to `KEEP_SAMPLES` samples are kept in memory after the first pass; longer ones are read again.
     """
 
     def __init__(self, stretches: Sequence[Section], joints: Sequence[str], settings: Preprocessing) -> None:
@@ -87,19 +87,19 @@ class Part:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was done to the logs, after a pass."""
+        """Remarks on the processing, available after a pass."""
         return tuple(dict.fromkeys(note for notes in self._notes.values() for note in notes))
 
     def moves(self, slowest: float) -> bool:
-        """Whether any joint is ever as fast as that [rad/s]."""
+        """True if any joint is ever at least this fast [rad/s]."""
         return any(bool((np.abs(chunk.velocity) >= slowest).any()) for chunk in self)
 
     def __iter__(self) -> Iterator[Processed]:
-        """All chunks of all stretches."""
+        """Yields all chunks of all stretches."""
         return chain.from_iterable(self.streams())
 
     def streams(self) -> Iterator[Iterator[Processed]]:
-        """For each stretch its chunks."""
+        """Yields the chunks of each stretch."""
         return (self._stream(stretch) for stretch in self.stretches)
 
     def _stream(self, stretch: Section) -> Iterator[Processed]:

@@ -1,21 +1,20 @@
-"""Legs of one robot from several logs: each log's information, summed up wherever it lay, merged and solved once.
+"""Merges the legs of one robot from several logs: each log's information is summed up separately, then solved jointly.
 
-Links, rotor inertias and friction are the robot's; torque offsets belong to the day's sensors, so each log's are taken
-out of its information first, by projection (`Information.marginal`). What is left is merged (`Information.merge`): the
+Links, rotor inertias and friction belong to the robot; torque offsets change from day to day, so each log's are
+eliminated from its information first (`Information.marginal`). The remainders are merged (`Information.merge`), by the
 triangle of
 
     [R_1 z_1; R_2 z_2; ...]
 
-which is what one pass over the rows of all logs together would have come to, with offsets of its own for each log.
-Nothing is read twice, and a log weighs by its own noise.
+which equals one pass over the rows of all logs with separate offsets for each. No log is read again, and each log is
+weighted by its own noise.
 
-Logs that do not agree show in the merged fit. With x̂ the least-squares solution, the cost that merging adds,
+Contradictions between logs show in the merged fit. With x̂ the least-squares solution, merging adds the cost
 
     Δ = Σ_k (|R_k x̂ - z_k|² - min_x |R_k x - z_k|²),      expected: the ranks of all logs less the rank of all together
 
-is worth that many degrees of freedom if one robot explains all logs. Where Δ is larger than that, the noise is
-multiplied by its square root, so that the error bars say how much the logs differ; by far larger, the legs are
-doubtful.
+which has this expectation if one robot explains all logs. If Δ is larger, the noise is multiplied by the square root of
+the ratio, so that the error bars reflect the differences between logs; if it is much larger, the result is doubtful.
 """
 
 from __future__ import annotations
@@ -40,20 +39,20 @@ from stadera.robot.model import Robot
 from stadera.trust import Trust
 
 LegInformation = Mapping[str, Information]
-"""By leg, what a log says of it: rows in units of their noise (`LegIdentification.information`)."""
+"""By leg, one log's information: rows in units of their noise (`LegIdentification.information`)."""
 
 _DAILY = "offset"
 
 
 @dataclass(frozen=True, eq=False)
 class MergedLegs:
-    """The legs of one robot by all of its logs.
+    """Legs of one robot, merged from all of its logs.
 
     Attributes:
         robot: the prior model.
         logs: names, in order.
-        legs: one entry each; without offsets, residuals and traces, which are of a single log.
-        trust: misfit is Δ over its expectation, 1 where one robot explains all logs.
+        legs: one entry each; without offsets, residuals and traces, which belong to a single log.
+        trust: the misfit is Δ divided by its expectation, 1 if one robot explains all logs.
     """
 
     robot: Robot
@@ -62,11 +61,11 @@ class MergedLegs:
     trust: Trust
 
     def identified_robot(self) -> Robot:
-        """The robot with the merged links and joints put in."""
+        """The robot with the merged parameters of links and joints."""
         return robot_with_legs(self.robot, self.legs)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values as of `identify`, for `weigh --legs`: robot, source, logs, method, trust, links, joints."""
+        """Plain values as from `identify`, for `weigh --legs`: robot, source, logs, method, trust, links, joints."""
         mark = {"trusted": False} if self.trust.verdict == "bad" else {}
         return {
             "robot": self.robot.name,
@@ -83,7 +82,7 @@ class MergedLegs:
         """Writes `to_dict` as JSON.
 
         Raises:
-            StaderaError: a path that cannot be written.
+            StaderaError: the path cannot be written.
         """
         from stadera.report.json import json_text
 
@@ -94,16 +93,16 @@ class MergedLegs:
 def merge_legs(
     robot: Robot, logs: Mapping[str, LegInformation], settings: IdentifySettings | None = None
 ) -> MergedLegs:
-    """The legs by what several logs say of them.
+    """Merges the information of several logs on the legs.
 
     Args:
-        robot: the prior model, the same that each log was identified with.
-        logs: by name, what each says.
-        settings: of the prior, the pooling of drives, and from which misfit on legs are doubtful.
+        robot: the prior model, the same for all logs.
+        logs: information of each log, by name.
+        settings: for the prior, the pooling of drives, and the misfit above which legs are doubtful.
 
     Raises:
         IdentificationError: no logs, or no leg in any of them.
-        UnknownNameError: a log of another robot.
+        UnknownNameError: a log belongs to another robot.
     """
     settings = settings or IdentifySettings()
     tasks = [LegTask.of(robot, leg, settings) for leg in robot.legs if any(leg.name in log for log in logs.values())]
@@ -136,7 +135,7 @@ def merge_legs(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """One leg's logs merged: the sum, and how well they agree (1 where they do)."""
+    """One leg's merged information, and the misfit between the logs (1 if they agree)."""
 
     total: Information
     misfit: float
@@ -161,7 +160,7 @@ class _Fit:
 
 
 def _least_cost(information: Information) -> float:
-    """min |R x - z|² + ρ², also where R is singular."""
+    """min |R x - z|² + ρ², also if R is singular."""
     solution = np.array(list(information.least_squares().values()))
     return information.residual_squared(solution)
 

@@ -1,16 +1,15 @@
-"""What the data determine: rank, identifiable combinations, and a verdict for each parameter.
+"""Observability analysis: rank, identifiable combinations, and a verdict for each parameter.
 
-Each parameter is measured in its own prior width, θ_k = θ0_k + w_k x_k, which frees W = R diag(w) of units. W's
-singular values s_k say how firmly the data hold each direction v_k of x: its standard deviation without any prior is
-1/s_k, in units of what the prior finds plausible. So:
+Each parameter is scaled by its prior width, θ_k = θ0_k + w_k x_k, so that W = R diag(w) is dimensionless. A singular
+value s_k of W measures how well the data determine the direction v_k of x: its standard deviation without prior is
+1/s_k, in units of the prior's. So:
 
-* the rank is the number of directions that the data know better than the prior does, s_k > 1;
-* a parameter is observable when the data alone fix it well inside its prior width (to a tenth), unobservable when even
-  a change by its whole width moves no data beyond their noise, partial in between: some combination with others is
-  known, it itself is not.
+* the rank is the number of directions that the data determine better than the prior, s_k > 1;
+* a parameter is observable if the data alone determine it to a tenth of its prior width, unobservable if even a
+  change by its whole width changes the data by less than their noise, and partially observable in between: some
+  combination with others is known, but not the parameter itself.
 
-For data without noise this is the algebraic rank and row space of the regressor (section II.A); with noise it is
-what that noise leaves of them.
+For data without noise these are the algebraic rank and row space of the regressor (section II.A); noise reduces them.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ from stadera.identify.prior import Prior
 from stadera.information import Information
 from stadera.types import Array
 
-_FLAT = 1e4  # prior widths that stand for "no prior at all"
-_FIRM = 0.1  # of the prior width: below this, without a prior, a parameter counts as observed
-_SILENT = 1.0  # in units of noise: what a change by the whole prior width does to the data
+_FLAT = 1e4  # prior widths that stand for "no prior"
+_FIRM = 0.1  # of the prior width: largest standard deviation, without prior, of an observed parameter
+_SILENT = 1.0  # in units of noise: effect on the data of a change by the whole prior width
 
 
 class Identifiability(StrEnum):
-    """How far one parameter is known (the colours of Table I: green, gray, red)."""
+    """How well a parameter is determined (the colours of Table I: green, gray, red)."""
 
     OBSERVABLE = "observable"
     PARTIAL = "partial"
@@ -40,7 +39,7 @@ class Identifiability(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """One identifiable combination, Σ coefficient · parameter, each with the unit of the first one."""
+    """An identifiable combination, Σ coefficient · parameter, each parameter in the unit of the first one."""
 
     terms: tuple[tuple[str, float], ...]
 
@@ -58,7 +57,7 @@ class Combination:
 
 
 def gradients_of(combinations: Sequence[Combination], columns: Sequence[str]) -> Array:
-    """Derivatives of combinations by the parameters named by `columns`, (combinations, columns)."""
+    """Derivatives of combinations with respect to the parameters `columns`, (combinations, columns)."""
     out = np.zeros((len(combinations), len(columns)))
     for row, combination in zip(out, combinations, strict=True):
         for name, factor in combination.terms:
@@ -68,11 +67,11 @@ def gradients_of(combinations: Sequence[Combination], columns: Sequence[str]) ->
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """What is known of the parameters named by `columns`.
+    """What the data determine about the parameters `columns`.
 
     Attributes:
-        columns: names, n of them.
-        widths: (n,), the prior's standard deviation of each, in its own unit.
+        columns: names of the n parameters.
+        widths: (n,), the prior's standard deviations, in the parameters' units.
         singular_values: (n,) of W, descending, dimensionless.
         directions: (n, n), the rows v_k.
         left: (n, n), the columns u_k.
@@ -86,7 +85,7 @@ class Observability:
 
     @property
     def rank(self) -> int:
-        """How many directions the data know better than the prior does."""
+        """Number of directions that the data determine better than the prior."""
         return int(np.sum(self.singular_values > self._floor))
 
     @property
@@ -94,17 +93,17 @@ class Observability:
         return max(1.0, 1e-13 * len(self.columns) * float(self.singular_values.max(initial=0.0)))
 
     def std(self, gradients: Array | None = None, prior: float = 1.0) -> Array:
-        """Standard deviations of the parameters when the prior is `prior` times as wide as stated.
+        """Standard deviations of the parameters under a prior `prior` times as wide as stated.
 
         Args:
-            gradients: (k, n), of other quantities with respect to the parameters, asked for instead.
+            gradients: (k, n), of other quantities with respect to the parameters, to be evaluated instead.
         """
         g = self._in_widths(gradients) @ self.directions.T
         s = np.where(self.singular_values > 1e-6 * self._floor, self.singular_values, 0.0)
         return np.asarray(np.sqrt(np.sum(g**2 / (s**2 + prior**-2), axis=1)))
 
     def verdicts(self, gradients: Array | None = None) -> tuple[Identifiability, ...]:
-        """One verdict for each parameter, or for each quantity whose gradient (k, n) is given."""
+        """The verdict on each parameter, or on each quantity whose gradient (k, n) is given."""
         g = self._in_widths(gradients)
         firm = self.std(gradients, prior=_FLAT) <= _FIRM * np.linalg.norm(g, axis=1)
         influence = np.linalg.norm(self.singular_values[:, None] * self.directions, axis=0)
@@ -120,11 +119,12 @@ class Observability:
     def combinations(self, negligible: float = 1e-6) -> tuple[Combination, ...]:
         """The identifiable combinations in reduced echelon form, one for each observed direction.
 
-        The observed space is reduced by Gauss-Jordan, so that a combination reads "this parameter, plus what cannot be
-        distinguished from it". Meant for data without noise: noise leaves small change in every coefficient.
+        The observed space is reduced by Gauss-Jordan elimination, so that a combination reads "this parameter, plus
+        those that cannot be distinguished from it". Intended for data without noise, which would perturb every
+        coefficient.
         """
         masses = np.array([name.endswith(".m") for name in self.columns])
-        # masses distinguish the other parameters, so a mass leads a combination only where nothing else can
+        # masses would be separated by the other parameters, so a mass leads a combination only if nothing else can
         reduced, pivots = _echelon(self.directions[: self.rank], np.where(masses, 1e-3, 1.0))
         out = []
         for row, pivot in zip(reduced, pivots, strict=True):
@@ -136,10 +136,10 @@ class Observability:
 
 
 def observability(information: Information, prior: Prior) -> Observability:
-    """Compares the information of the rows with the prior.
+    """Compares the rows' information with the prior.
 
     Args:
-        information: with rows in units of their true noise, on the prior's columns.
+        information: rows in units of their true noise, on the prior's columns.
     """
     data = information if information.names == prior.columns else information.marginal(prior.columns)
     U, s, Vt = np.linalg.svd(data.R * prior.scales)
@@ -147,8 +147,8 @@ def observability(information: Information, prior: Prior) -> Observability:
 
 
 def _echelon(rows: Array, preference: Array) -> tuple[Array, list[int]]:
-    """Gauss-Jordan with full pivoting on entries times `preference` (n,): the reduced rows, the pivot column of
-    each.
+    """Gauss-Jordan elimination with full pivoting on entries times `preference` (n,): the reduced rows, and each one's
+    pivot column.
     """
     work = rows.copy()
     pivots: list[int] = []

@@ -1,13 +1,13 @@
-"""Four legs are driven alike: the other legs' estimates of a joint's drive are the prior for this leg's.
+"""Prior for a leg's drives from the same joints of the other legs, whose drives are of the same type.
 
-The four knees of a robot carry the same motor and gearbox, so their rotor inertia and friction are nearly equal; a
-slow motion separates them badly for each leg by itself. For a leg's joint term the prior's centre is the mean of the
-same term on the other legs, each weighted by how well it is known there::
+The four knees of a robot have the same motor and gearbox, so their rotor inertia and friction are nearly equal, while
+slow motion of a single leg separates the two badly. For each joint term, the prior's centre is the mean of the same
+term over the other legs, weighted by its accuracy there::
 
     μ = Σ w_l θ_l / Σ w_l,    w_l = 1 / (var_l + (r θ̃)²),    width² = (r θ̃)² + 1 / Σ w_l
 
-with r the spread between drives of one make and θ̃ the median of |θ_l|; never wider than the prior was. A leg's own
-data do not enter its own prior.
+with r the spread between drives of one type and θ̃ the median of |θ_l|. The width never exceeds the original prior's. A
+leg's own data do not enter its prior.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from stadera.robot.model import Leg
 
 @dataclass(frozen=True)
 class KindSpread:
-    """How much drives of one make differ, one standard deviation, relative to their mean.
+    """Spread between drives of one type, one standard deviation relative to their mean.
 
-    Rotor inertia and viscous friction are the drive's design; Coulomb friction also depends on wear and preload.
+    Rotor inertia and viscous friction are set by the drive's design; Coulomb friction also depends on wear and preload.
     """
 
     armature: float = 0.1
@@ -42,9 +42,9 @@ class KindSpread:
 
 
 def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:
-    """A leg's prior with the centre and width of its drives' terms taken from the other legs.
+    """A leg's prior, with centre and width of its drives' terms taken from the other legs.
 
-    Terms that the prior does not hold stay out; without other legs it is the prior itself.
+    Terms that are not in the prior are ignored; without other legs the prior is returned unchanged.
     """
     values, root = prior.values.copy(), prior.root.copy()
     for position, joint in enumerate(leg.joints):

@@ -1,14 +1,14 @@
-"""The prior on the parameters: the CAD values, and how far from them a value is plausible.
+"""Prior on the parameters: the CAD values, and how far from them a value is plausible.
 
-A link's prior is in coordinates that do not depend on the choice of its frame or units. With the prior
+A link's prior is expressed in coordinates that do not depend on the choice of its frame or units. With the prior
 pseudo-inertia J0 = U Uᵀ (U upper triangular), any other J is written::
 
     J = U (1 + D) Uᵀ,     D symmetric 4x4
 
 A change of frame T turns J0 into T J0 Tᵀ and leaves ‖D‖ as it is (D only rotates), so ‖D‖² is an invariant distance:
 the affine-invariant metric on pseudo-inertias at J0 (Lee, Wensing, Park 2019). D's last entry is the mass's
-relative change, for J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be held, or
-given a narrower prior than the rest of D, without losing the invariance.
+relative change, since J's last entry is the mass and U's last row is (0, 0, 0, √m). Hence a mass can be fixed, or given
+a narrower prior than the rest of D, without losing the invariance.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _FROM_PSEUDO = np.linalg.pinv(PSEUDO_BASIS.reshape(10, 16).T)  # (10, 16): param
 
 @dataclass(frozen=True)
 class PriorWidth:
-    """How far from the model's values the truth may lie, one standard deviation, relative.
+    """Relative standard deviations of the true parameters from the model's.
 
     Attributes:
-        shape: of a link's pseudo-inertia in the invariant metric, per coordinate of D but the mass's.
+        shape: of a link's pseudo-inertia in the invariant metric, for each coordinate of D except the mass's.
         mass: of a link's mass.
-        torque: of friction and offset torques (viscous: at 1 rad/s), relative to a quarter of the robot's weight at
+        torque: of friction and offset torques (viscous: at 1 rad/s), relative to a quarter of the robot's weight times
             the leg's length.
         armature: of rotor inertias, relative to the leg's mass at half its length.
     """
@@ -59,7 +59,7 @@ class PriorWidth:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """θ = values + root @ x with x ~ N(0, 1): the prior on the parameters named by `columns`.
+    """The prior on the parameters `columns`: θ = values + root @ x with x ~ N(0, 1).
 
     Attributes:
         columns: names of the n parameters.
@@ -77,30 +77,30 @@ class Prior:
 
     @cached_property
     def scales(self) -> Array:
-        """The prior standard deviation of each parameter by itself, (n,)."""
+        """Prior standard deviation of each parameter, (n,)."""
         return np.asarray(np.linalg.norm(self.root, axis=1))
 
     @property
     def mass_coordinates(self) -> dict[str, int]:
-        """For each link, which of the x is its mass's relative change."""
+        """For each link, the index of the x that is the relative change of its mass."""
         return {link: self.block(link).start + _MASS_COORDINATE for link in self.links}
 
     def block(self, link: str) -> slice:
-        """Where a link's ten parameters (and its ten x) stand."""
+        """Index range of a link's ten parameters (and of its ten x)."""
         at = self.columns.index(f"{link}.{ORDER[0]}")
         return slice(at, at + 10)
 
 
 def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None = None) -> Prior:
-    """The prior that a robot's model gives.
+    """Makes the prior from a robot's model.
 
     Args:
-        robot: its prior inertias and joint dynamics are the centre.
+        robot: its inertias and joint dynamics are the prior's centre.
         columns: parameters wanted: whole links (`<link>.m` ... in order) and joint terms (`<joint>.armature`, ...).
-        width: how far from the centre is plausible.
+        width: plausible distance from the centre.
 
     Raises:
-        IdentificationError: columns that hold only part of a link.
+        IdentificationError: `columns` holds only part of a link's parameters.
     """
     width = width or PriorWidth()
     values, root = np.zeros(len(columns)), np.zeros((len(columns), len(columns)))
@@ -131,11 +131,11 @@ def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None
 
 
 def positive_definite(inertia: InertialParameters, floor: float = 1e-4) -> InertialParameters:
-    """The nearest body whose density has full extent in all directions; the body itself where it has.
+    """Nearest body whose density has extent in all directions; the body itself if it has.
 
-    A point mass or a flat plate has a singular pseudo-inertia and a model file may hold an impossible one; a metric
-    needs a regular one. The eigenvalues of the second moment about the centre of mass are raised to `floor` of the
-    largest, and to a radius of gyration of a millimetre.
+    A point mass or a flat plate has a singular pseudo-inertia, and a model file may hold an impossible one, but the
+    metric needs a regular one. The eigenvalues of the second moment about the centre of mass are raised to `floor`
+    times the largest, and to a radius of gyration of a millimetre.
     """
     second = inertia.shifted(-inertia.com).pseudo_inertia[:3, :3]
     lam, V = np.linalg.eigh(second)
@@ -148,7 +148,7 @@ def positive_definite(inertia: InertialParameters, floor: float = 1e-4) -> Inert
 
 
 def _link_map(inertia: InertialParameters) -> Array:
-    """(10, 10): the parameters' change for each unit coordinate of D."""
+    """Change of the parameters for each unit coordinate of D, (10, 10)."""
     J = inertia.pseudo_inertia
     U = np.linalg.cholesky(J[::-1, ::-1])[::-1, ::-1]
     changes = U @ _SYMMETRIC_BASIS @ U.T
@@ -156,11 +156,11 @@ def _link_map(inertia: InertialParameters) -> Array:
 
 
 def _joint_scales(robot: Robot, joint: str) -> tuple[float, float]:
-    """The inertia [kg·m²] and torque [N·m] that a leg's drives are built for, the same for all joints of a leg.
+    """Scales of inertia [kg·m²] and torque [N·m] of a leg's drives, the same for all joints of a leg.
 
-    Drives are sized by the robot's weight, not by what hangs on the joint: a geared knee's friction and rotor inertia
-    exceed what its shank asks for. Torque: a quarter of the robot's weight at the leg's length; inertia: the leg's mass
-    at half its length.
+    Drives are sized by the robot's weight instead of the links that the joint moves: friction and rotor inertia of a
+    geared knee exceed the scale of its shank. Torque: a quarter of the robot's weight times the leg's length; inertia:
+    the leg's mass at half its length.
     """
     tree = robot.tree
     root = tree.ancestors(tree.joints.index(joint))[0]

@@ -1,4 +1,4 @@
-"""What models leave unexplained: the noise of the residuals, RMSE by joint, and traces for plots."""
+"""Residuals of models: their noise, RMSE by joint, and traces for plots."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from stadera.types import Array
 
 TRACE_S, TRACE_SAMPLES = 60.0, 3000
 CORRELATED_ROWS = 50_000
-"""Rows at a log's beginning by which the correlation of residuals is estimated."""
+"""Rows at the beginning of a log from which the residuals' correlation is estimated."""
 OUTLIER = 6.0  # times the root mean square
 
 
 def rows_of(regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
-    """One set of rows a joint of the regressor's tree, in N·m with unit noise."""
+    """Yields one set of rows for each joint of the regressor's tree, in N·m with unit noise."""
     index = [chunk.joints.index(joint) for joint in regressor.tree.joints]
     assert chunk.effort is not None
     motion = JointMotion(chunk.position[:, index], chunk.velocity[:, index], chunk.acceleration[:, index])
@@ -29,13 +29,13 @@ def rows_of(regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotio
 
 
 def speed(regressor: JointTorqueRegressor, chunk: Processed) -> Array:
-    """The speed of the regressor's fastest joint [rad/s], (samples,)."""
+    """Speed of the regressor's fastest joint [rad/s], (samples,)."""
     index = [chunk.joints.index(joint) for joint in regressor.tree.joints]
     return np.asarray(np.abs(chunk.velocity[:, index]).max(axis=1))
 
 
 def predicted(rows: Rows, parameters: Mapping[str, float]) -> Array:
-    """The torque that parameters give, (samples,)."""
+    """Torque predicted from parameters, (samples,)."""
     return rows.predict(np.array([parameters[c] for c in rows.columns]))
 
 
@@ -44,12 +44,12 @@ def torque_sizes(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """White noise of each joint's recorded torque, and the torque's root mean square [N·m].
 
-    The noise is by third differences, in which a motion far below the sampling rate leaves nothing: of white noise of
-    variance σ² they have 20 σ². A low-pass passes 2 f_c / f_s of that.
+    The noise is estimated from third differences, to which motion far below the sampling rate contributes nothing:
+    white noise of variance σ² gives 20 σ². A low-pass passes 2 f_c / f_s of that.
 
     Args:
         recordings: of all the joints.
-        cutoff_hz: of a low-pass filter that the noise passes; None for none.
+        cutoff_hz: of a low-pass filter that the noise goes through; None for none.
     """
     noise, size = np.zeros(len(joints)), np.zeros(len(joints))
     for recording in recordings:
@@ -64,13 +64,13 @@ def torque_sizes(
 def residual_noise(
     chunks: Iterable[tuple[Rows, ...]], joints: Sequence[str], fits: Sequence[Mapping[str, float]], ranks: Sequence[int]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Standard deviation of each joint's residuals [N·m], and how many rows one independent row is worth.
+    """Standard deviation of each joint's residuals [N·m], and how many rows count as one independent row.
 
     Args:
         chunks: rows of the joints.
-        fits: for each joint the parameters whose residuals are meant, by name.
-        ranks: for each joint how many directions these parameters were fitted in on the same rows: their share of the
-            noise is missing from the residuals.
+        fits: for each joint the parameters, by name, whose residuals are evaluated.
+        ranks: for each joint the number of directions in which these parameters were fitted to the same rows, which
+            reduces the residuals.
     """
     kept: list[list[Array]] = [[] for _ in joints]
     count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))
@@ -84,17 +84,17 @@ def residual_noise(
         count += len(every[0])
     std, worth = {}, {}
     for k, joint in enumerate(joints):
-        floor = 1e-9 * max(largest[k], 1e-9)  # rounding, for data without noise
+        floor = 1e-9 * max(largest[k], 1e-9)  # rounding error, for data without noise
         std[joint] = max(float(np.sqrt(squares[k] / max(count - ranks[k], 1))), floor)
         worth[joint] = correlation_length(np.concatenate(kept[k]) if kept[k] else np.zeros(0))
     return std, worth
 
 
 def correlation_length(values: Array) -> float:
-    """How many samples of a series one independent sample is worth: τ = 1 + 2 Σ_k ρ_k.
+    """Number of samples of a series that count as one independent sample: τ = 1 + 2 Σ_k ρ_k.
 
-    The autocorrelations ρ_k are summed in pairs while the pairs stay positive (Geyer 1992), for the tail of an
-    estimated autocorrelation is noise that adds up to nothing meaningful.
+    The autocorrelations ρ_k are summed in pairs while the pairs stay positive (Geyer 1992), since the tail of an
+    estimated autocorrelation is noise.
     """
     n = len(values)
     centred = values - values.mean() if n else values
@@ -110,7 +110,7 @@ def correlation_length(values: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class LegModels:
-    """The models of one leg that are compared with data: parameters by model, and the torque limit by joint [N·m]."""
+    """Models of one leg to compare with data: parameters by model, and the torque limit by joint [N·m]."""
 
     regressor: JointTorqueRegressor
     parameters: Mapping[str, Mapping[str, float]]
@@ -119,14 +119,14 @@ class LegModels:
 
 @dataclass
 class LegScore:
-    """How well the models of one leg explain one part.
+    """Residuals of one leg's models on one part.
 
     Attributes:
         joints: names.
-        samples: how many that moved.
-        squares: by model, their sum of squared errors of each joint [N²·m²].
+        samples: number of moving samples.
+        squares: by model, sums of squared errors of each joint [N²·m²].
         saturated: by joint, samples at the torque limit.
-        kept: time, measured and predicted torques of the first minute, chunk by chunk, those at rest among them.
+        kept: time, measured and predicted torques of the first minute, chunk by chunk, samples at rest included.
     """
 
     joints: tuple[str, ...]
@@ -137,7 +137,7 @@ class LegScore:
 
     @property
     def rmse(self) -> dict[str, dict[str, float]]:
-        """By model and joint [N·m]."""
+        """RMSE by model and joint [N·m]."""
         return {
             model: dict(zip(self.joints, np.sqrt(s / max(self.samples, 1)).tolist(), strict=True))
             for model, s in self.squares.items()
@@ -145,13 +145,13 @@ class LegScore:
 
     @property
     def outliers(self) -> dict[str, float]:
-        """By joint, the share of the first minute's samples that are off by more than six times the RMSE."""
+        """By joint, the share of the first minute's samples whose error exceeds six times the RMSE."""
         trace, rmse = self.trace(""), self.rmse["identified"]
         error = np.abs(trace.measured - trace.predicted["identified"])
         return {joint: float(np.mean(error[:, k] > OUTLIER * rmse[joint])) for k, joint in enumerate(self.joints)}
 
     def trace(self, part: str) -> TorqueTrace:
-        """The first minute, thinned out."""
+        """Torques over the first minute, thinned out."""
         time = np.concatenate([t for t, _, _ in self.kept])
         measured = np.concatenate([m for _, m, _ in self.kept])
         models = {k: np.concatenate([p[k] for _, _, p in self.kept]) for k in self.squares}
@@ -159,7 +159,7 @@ class LegScore:
         return TorqueTrace(part, time[::every], measured[::every], {k: v[::every] for k, v in models.items()})
 
     def add(self, chunk: Processed, models: LegModels, trunk: TrunkMotion, drop_below: float) -> None:
-        """Holds the models against one more chunk."""
+        """Evaluates the models on one more chunk."""
         if not len(chunk):
             return
         rows = list(rows_of(models.regressor, chunk, trunk))
@@ -188,7 +188,7 @@ def scored(
     trunk: TrunkMotion,
     drop_below: float,
 ) -> list[LegScore]:
-    """Holds each leg's models against a part; samples with all the leg's joints slower than that do not count."""
+    """Evaluates each leg's models on a part. Samples with all joints slower than `drop_below` are skipped."""
     scores = [LegScore(m.regressor.tree.joints) for m in models]
     for done, chunk in enumerate(part):
         for score, leg_models in zip(scores, models, strict=True):

@@ -1,4 +1,4 @@
-"""What `identify` found, as plain values: everything that a table, a report, a JSON or a URDF is made from."""
+"""Result of `identify` as plain values, from which tables, reports, JSON and URDF are made."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from stadera.report.table import TableData
 
 MODELS: tuple[str, ...] = ("prior", "prior_friction", "identified")
-"""Models that are compared: the robot's own, the same with its joint terms fitted, and the identified one."""
+"""Models to compare: the robot's own, the same with its joint terms fitted, and the identified one."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One parameter: prior, estimate, standard deviation, and whether the data determine it.
+    """One parameter: prior, estimate, standard deviation, and observability.
 
-    `std` is None where nothing was measured: where the data say nothing, and for masses that were held at the prior.
+    `std` is None for parameters on which the data carry no information, and for masses that were fixed at the prior.
     """
 
     prior: float
@@ -44,7 +44,7 @@ class Quantity:
 
     @property
     def is_held(self) -> bool:
-        """Whether the data do not determine the value, so that it has no standard deviation."""
+        """True if the data do not determine the value, so that it has no standard deviation."""
         if self.std is None or self.verdict is Identifiability.UNOBSERVABLE:
             return True
         return self.verdict is Identifiability.PARTIAL and self.std <= 1e-12 * abs(self.prior)
@@ -52,8 +52,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class KnownCombination:
-    """One identifiable combination of parameters, as text, with its unit, prior and found value, and standard
-    deviation. The verdict is on this log: a richer motion may determine what this one did not.
+    """An identifiable combination of parameters, as text, with unit, prior, estimate and standard deviation.
+
+    The verdict holds for this log: richer motion may determine more combinations.
     """
 
     text: str
@@ -66,7 +67,7 @@ class KnownCombination:
 
 @dataclass(frozen=True, eq=False)
 class TorqueTrace:
-    """Torques over time, thinned out for plots: what was measured and what each model predicts.
+    """Measured and predicted torques over time, thinned out for plots.
 
     Attributes:
         part: "training" or "validation".
@@ -83,22 +84,22 @@ class TorqueTrace:
 
 @dataclass(frozen=True, eq=False)
 class LegIdentification:
-    """One leg.
+    """Result for one leg.
 
     Attributes:
-        leg: its names.
-        model: the robot model's own value of every parameter, by name.
-        estimate: the solution that was asked for.
+        leg: names of the leg, its links and joints.
+        model: the robot model's values of all parameters, by name.
+        estimate: the requested solution.
         null_space: the paper's eq. 5 on the same data, for comparison.
         friction_only: joint terms fitted with the rigid bodies at CAD, by parameter name.
-        combinations: that any motion on a held trunk can determine, and how well this log does.
-        structural_rank: rank of the regressor for rich motion without noise; the log's own is the estimate's.
+        combinations: combinations that motion on a held trunk can determine, and how well this log determines them.
+        structural_rank: rank of the regressor for rich motion without noise; this log's rank is in the estimate.
         noise: by joint, standard deviation of the torque residual [N·m].
-        correlation: by joint, how many samples one independent sample is worth.
+        correlation: by joint, number of samples that count as one independent sample.
         rmse: by part, model and joint [N·m].
         traces: for plots.
-        information: of the rows that it was identified from, in units of their noise; None where that is not kept.
-        warnings: what a reader should know, one sentence each.
+        information: of the training rows, in units of their noise; None if it was not kept.
+        warnings: for the reader of the report, one sentence each.
     """
 
     leg: Leg
@@ -153,18 +154,18 @@ class LegIdentification:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Result):
-    """All legs that were identified from one log.
+    """Result of identifying legs from logs.
 
     Attributes:
         robot: the prior model.
         source: the log.
-        method: of the solution, "consistent" or "null-space".
+        method: "consistent" or "null-space".
         legs: one entry each.
-        torque_lag: how much later the recorded torque acted than its stamp says [s].
-        validated_on: what the validation part is, in words; None where there is none.
+        torque_lag: delay of the recorded torques relative to their stamps [s].
+        validated_on: description of the validation part; None if there is none.
         trust: how well the legs explain the torques.
-        notes: what was done to the log, in order.
-        warnings: what concerns the whole log.
+        notes: processing steps applied to the log, in order.
+        warnings: that concern the whole log.
     """
 
     robot: Robot
@@ -179,17 +180,17 @@ class Identification(Result):
 
     @property
     def rank(self) -> int:
-        """Directions that the data know better than the prior does, over all legs."""
+        """Number of directions that the data determine better than the prior, over all legs."""
         return sum(leg.estimate.observability.rank for leg in self.legs)
 
     @property
     def parameters(self) -> int:
-        """Parameters asked for, over all legs."""
+        """Number of requested parameters, over all legs."""
         return sum(len(leg.estimate.columns) for leg in self.legs)
 
     @property
     def is_physical(self) -> bool:
-        """Whether a real robot could have every identified link and joint."""
+        """True if all identified links and joints are physically possible."""
         return all(leg.estimate.is_physical for leg in self.legs)
 
     def __repr__(self) -> str:
@@ -205,13 +206,13 @@ class Identification(Result):
         return "\n".join([*lines, *self.trust.reasons[:1]])
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON of `identify` as plain values, see `stadera.identify.schema`."""
+        """Plain values for JSON; see `stadera.identify.schema`."""
         from stadera.identify.schema import identification_dict
 
         return identification_dict(self)
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame, one row a parameter: leg, of, parameter, prior, value, std, observability, unit.
+        """A pandas DataFrame, one row per parameter: leg, of, parameter, prior, value, std, observability, unit.
 
         Raises:
             MissingExtraError: pandas is not installed.
@@ -221,16 +222,16 @@ class Identification(Result):
         return identification_frame(self)
 
     def to_html(self) -> str:
-        """The report: one page that loads nothing."""
+        """The report as one self-contained HTML page."""
         from stadera.report.identify.page import identification_html
 
         return identification_html(self)
 
     def save_urdf(self, path: str | PathLike[str]) -> None:
-        """Writes the robot's model file with the identified values, URDF or MJCF as it came.
+        """Writes the robot's model file with the identified values, in the format of the original.
 
         Raises:
-            ModelError: the path's ending is not that of the robot's model file.
+            ModelError: the path's suffix is not that of the robot's model file.
         """
         from stadera.robot.export import export_model
 
@@ -238,24 +239,24 @@ class Identification(Result):
             export_model(self.identified_robot(), draft)
 
     def to_tables(self) -> list[TableData]:
-        """Links and joints of each leg, then the torque errors."""
+        """Tables of links and joints of each leg, then of the torque errors."""
         from stadera.report.identify.tables import tables
 
         return tables(self)
 
     def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """torques, observability, errors, spread (of several legs: torques-LF, ...), and rmse of all joints."""
+        """Figures torques, observability, errors, spread (of several legs: torques-LF, ...), and rmse of all joints."""
         from stadera.report.identify.plots import figures
 
         return figures(self)
 
     def identified_robot(self) -> Robot:
-        """The robot with the identified links and joints put in."""
+        """The robot with the identified parameters of links and joints."""
         return robot_with_legs(self.robot, self.legs)
 
 
 def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:
-    """A robot with identified links and joints put in."""
+    """Returns the robot with the identified parameters of links and joints."""
     inertias, dynamics = dict(robot.inertias), dict(robot.dynamics)
     for leg in legs:
         found = leg.estimate.by_name()

@@ -1,8 +1,8 @@
-"""An identification as plain values: the JSON of `identify`, its table, and the robot that the JSON describes.
+"""Plain values of an identification: the JSON of `identify`, its table, and reading the JSON back into a robot.
 
-Keys are only ever added; SI units; the inertia of a link is about its frame's origin, in its axes. A `std` is null
-where the data do not measure the value, which then rests on the prior: it is the prior's own, or where what was
-measured (on this leg or the others) moved it along.
+Keys are only ever added; SI units; a link's inertia is about its frame's origin, in its axes. A `std` is null if the
+data do not measure the value; the value then rests on the prior and on its correlation with quantities that were
+measured on this leg or others.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ UNITS = {
 
 
 def identification_dict(result: Identification) -> dict[str, Any]:
-    """Everything as values that `json.dumps` takes; figures of a bad result are marked as not trusted."""
+    """The result as values for `json.dumps`; values of a bad result are marked as not trusted."""
     mark = {"trusted": False} if result.trust.verdict == "bad" else {}
     return {
         "robot": result.robot.name,
@@ -65,8 +65,8 @@ def identification_dict(result: Identification) -> dict[str, Any]:
 
 
 def identification_frame(result: Identification) -> Any:
-    """A pandas DataFrame, one row a parameter: leg, of (link or joint), parameter, prior, value, std, observability,
-    unit.
+    """A pandas DataFrame, one row per parameter: leg, of (link or joint), parameter, prior, value, std,
+    observability, unit.
 
     Raises:
         MissingExtraError: pandas is not installed.
@@ -81,17 +81,17 @@ def identification_frame(result: Identification) -> Any:
 
 
 def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
-    """The robot with the links' inertias and the joints' rotor inertia and friction of an identification.
+    """Returns the robot with the links' inertias and the joints' rotor inertia and friction of an identification.
 
-    Legs that were not identified stay the model's. A joint's torque offset is left out: it belongs to the day's
-    sensors, and weighing estimates its own. Negative friction or rotor inertia, which noise can leave, counts as none.
+    Legs that were not identified keep the model's values. Torque offsets are ignored, since they change from day to day
+    and weighing estimates them. Negative friction or rotor inertia, which noise can cause, is set to zero.
 
     Args:
-        path: the JSON that `identify --json` wrote.
+        path: JSON written by `identify --json`.
 
     Raises:
-        ModelError: no such file, not such a JSON, a link that no body could be.
-        UnknownNameError: a link or joint that this robot has not.
+        ModelError: no such file, a JSON of another kind, or a physically impossible link.
+        UnknownNameError: a link or joint that this robot lacks.
     """
     path = Path(path)
     require_input(path, ModelError)
@@ -112,12 +112,12 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
 
 
 def links_dict(legs: Sequence[LegIdentification], mark: dict[str, bool]) -> dict[str, Any]:
-    """By link its mass, centre of mass and inertia; `mark` goes with every figure."""
+    """Mass, centre of mass and inertia by link; `mark` is added to every value."""
     return {link: _link(leg, link, mark) for leg in legs for link in leg.leg.links}
 
 
 def joints_dict(legs: Sequence[LegIdentification], mark: dict[str, bool]) -> dict[str, Any]:
-    """By joint its terms; `mark` goes with every figure."""
+    """Terms by joint; `mark` is added to every value."""
     return {joint: _joint(leg, joint, mark) for leg in legs for joint in leg.leg.joints}
 
 
@@ -169,7 +169,7 @@ def _combination(combination: KnownCombination) -> dict[str, Any]:
 
 
 def _rmse(result: Identification) -> dict[str, dict[str, dict[str, float]]]:
-    """By part, model and joint, over all legs [N·m]."""
+    """RMSE by part, model and joint, over all legs [N·m]."""
     merged: dict[str, dict[str, dict[str, float]]] = {}
     for leg in result.legs:
         for part, models in leg.rmse.items():

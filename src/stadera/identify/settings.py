@@ -1,4 +1,4 @@
-"""What an identification is asked to do."""
+"""Settings of an identification."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ METHODS: tuple[str, ...] = ("consistent", "null-space")
 
 @dataclass(frozen=True)
 class TrustSettings:
-    """What a good fit leaves, and from where on a fit is not good.
+    """Size of the residuals of a good fit, and limits beyond which a fit is doubtful or bad.
 
     Attributes:
-        friction: a, share of Coulomb friction that the friction law does not explain: drives' friction depends on load,
-            position and temperature. On 24 joints of a real Go2 and Aliengo in the air the whole residual is 0.09 to
-            0.42 of it.
-        torque: b, share of the torque's root mean square: ripple and nonlinearity of torques that are
-            computed from currents. Assumed; it matters where there is no friction.
-        doubtful, bad: misfit of a joint above which the fit is so [1]: residuals 1.7 and 5.5 times the stated size.
-        far: probability that values are as far from the model's, by the prior, below which the result is doubtful.
-        reversed_gain: factor by which the cost falls if a torque's sign is taken to be reversed.
+        friction: a, share of Coulomb friction that the friction law does not explain, since a drive's friction depends
+            on load, position and temperature. On 24 joints of a real Go2 and Aliengo in the air the whole residual is
+            0.09 to 0.42 of it.
+        torque: b, share of the torque's root mean square: ripple and nonlinearity of torques computed from currents.
+            Assumed; it matters where there is no friction.
+        doubtful, bad: misfit of a joint above which the fit is doubtful or bad [1]: residuals 1.7 and 5.5 times the
+            stated size.
+        far: probability, under the prior, of values as far from the model's, below which the result is doubtful.
+        reversed_gain: factor by which the cost must fall with a torque's sign reversed for the sign to count as wrong.
     """
 
     friction: float = 0.3
@@ -43,14 +44,14 @@ class TrustSettings:
 
 @dataclass(frozen=True)
 class SignalSettings:
-    """How signals are filtered and chosen.
+    """Settings for filtering signals and selecting samples.
 
     Attributes:
-        lowest_cutoff: [Hz], below which no cut-off is chosen for signals: Coulomb friction's steps, smeared out, would
-            pass for another effect.
-        lag_cutoff: [Hz], for the torque lag, which shows best in fast changes.
-        any_part: share of a log's highest cut-off that every part of it allows: where samples are lost, rates differ.
-        drop_below: [rad/s], the paper's: slower than this a joint's friction is not determined by its velocity.
+        lowest_cutoff: lowest cut-off chosen for signals [Hz]; a lower one would smear the steps of Coulomb friction
+            into other effects.
+        lag_cutoff: cut-off for estimating the torque lag [Hz], which shows best in fast changes.
+        any_part: cut-off of a part as a share of the log's highest one; sampling rates vary where samples are lost.
+        drop_below: the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction.
     """
 
     lowest_cutoff: float = 15.0
@@ -64,26 +65,26 @@ class SignalSettings:
 
 @dataclass(frozen=True)
 class IdentifySettings:
-    """How legs are identified.
+    """Settings for identifying legs.
 
     Attributes:
         legs: names of the legs; None for all.
-        method: "consistent" (only what a real robot can have) or "null-space" (the paper's eq. 5).
+        method: "consistent" (physically possible parameters only) or "null-space" (the paper's eq. 5).
         friction: the joint terms to identify; the others stay at the model's values.
-        cutoff_hz: of the low-pass filter [Hz]; None for no filter; "auto" to take it from the motion.
-        torque_lag: how much later than its stamp a torque acts [s]; None to estimate it.
-        up: the vertical in trunk axes; None to take it from an IMU in the log, else the trunk is taken as level.
-        split: the share of each log, from its beginning, to identify on; the rest validates. 1.0 keeps nothing back.
-        width: how far from the model's values the truth may lie.
-        spread: how alike the drives of the legs are, None to identify each leg by itself.
-        most_carried: share of the robot's weight above which a foot counts as on the ground. A foot of a robot that
-            stands or walks carries a quarter on average; of legs in the air, real ones, it seems to be 0.01 at most.
-        trust: when a fit is doubtful or bad.
-        signals: cut-offs, and which samples count.
+        cutoff_hz: of the low-pass filter [Hz]; None for no filter; "auto" to choose it from the motion.
+        torque_lag: delay of the torques relative to their stamps [s]; None to estimate it.
+        up: the vertical in trunk axes; None to take it from an IMU in the log, or else to assume a level trunk.
+        split: share of each log, from its beginning, used for training; the rest is used for validation. 1.0 uses all.
+        width: plausible distance of the truth from the model's values.
+        spread: spread between the drives of the legs; None to identify each leg separately.
+        most_carried: share of the robot's weight above which a foot counts as loaded. Feet of a standing or walking
+            robot carry a quarter on average; for real legs in the air the estimate is at most 0.01.
+        trust: limits for a doubtful or bad fit.
+        signals: cut-offs and selection of samples.
 
     Raises:
-        UnknownNameError: a method that is none.
-        IdentificationError: a setting out of its range.
+        UnknownNameError: no such method.
+        IdentificationError: a setting is out of its range.
     """
 
     legs: tuple[str, ...] | None = None

@@ -1,9 +1,9 @@
-"""Rows of a part, filtered after they were made.
+"""Makes rows first and low-passes them afterwards.
 
-The equations are exact for the signals at every instant, and not linear in them: low-passing positions first and making
-rows from what is left bends them, Coulomb friction's steps above all, while leaving the noise in makes accelerations of
-encoder noise. So signals are filtered lightly, rows are made, and the same linear filter then goes over both
-sides of the equations, which stay true. Thinned to twice the cut-off, neighbouring rows are nearly independent.
+The equations hold exactly at every instant but are not linear in the signals. Low-passing positions first distorts
+them, above all the steps of Coulomb friction, while unfiltered encoder noise dominates the accelerations. So signals
+are filtered lightly, rows are made, and the same linear filter is applied to both sides of the equations, which then
+still hold. Thinned to twice the cut-off, neighbouring rows are nearly independent.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from stadera.types import Array
 def smoothed_rows(
     regressor: JointTorqueRegressor, part: Part, trunk: TrunkMotion, cutoff_hz: float | None, drop_below: float
 ) -> Iterator[tuple[Rows, ...]]:
-    """One set of rows for each joint of the regressor, chunk by chunk, in N·m with unit noise.
+    """Yields one set of rows for each joint of the regressor, chunk by chunk, in N·m with unit noise.
 
     Args:
-        part: with its samples at rest, for a filter must not run across holes.
-        cutoff_hz: of the rows; None leaves them as they are.
-        drop_below: rows with all joints slower than this are left out afterwards [rad/s].
+        part: including its samples at rest, since a filter must not run across gaps.
+        cutoff_hz: of the rows; None for no filter.
+        drop_below: rows in which all joints are slower than this are removed after filtering [rad/s].
     """
     for stream in part.streams():
         first = next(stream, None)

@@ -1,8 +1,8 @@
-"""From information to parameters: the paper's null-space solution (eq. 5), and the physically consistent one.
+"""Solves for the parameters: the paper's null-space solution (eq. 5), and the physically consistent one.
 
-Both keep a mass that is not observable at its CAD value. No leg's mass is observable on a held trunk; a mass that
-drifts there is the method's doing and no finding, and centres of mass, h/m, would drift with it. What a wrong mass
-should have explained shows in the first moments and the inertia instead, which are what the torques depend on.
+Both keep unobservable masses at their CAD values. On a held trunk no leg's mass is observable: a change of it would be
+an artefact of the method, and the centres of mass, h/m, would change with it. The effect of a wrong mass appears in the
+first moments and the inertia instead, on which the torques depend.
 """
 
 from __future__ import annotations
@@ -22,30 +22,29 @@ from stadera.types import Array, Bools
 
 _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 _CERTAIN = 1e4
-"""Prior widths over standard deviation: a direction known better than this is certain compared with the prior."""
+"""Ratio of prior width to standard deviation above which a direction is certain compared with the prior."""
 _CONTRADICTED = 1e2
-"""Standard deviations by which consistency moves the answer: more is no matter of noise."""
+"""Shift of the solution by the constraints, in standard deviations, that noise cannot explain."""
 _RESOLVED = 1e-7
 """Ratio of weights that the solver resolves."""
 _INWARDS = 1e-4
-"""Share of the way to the model's values that leads off the border of the consistent set."""
+"""Share of the way to the model's values that moves a solution off the border of the consistent set."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Parameters found, and how far to trust them.
+    """Estimated parameters and their uncertainty.
 
     Attributes:
-        columns: names, n of them.
+        columns: names of the n parameters.
         values: (n,), in the parameters' own units.
-        covariance: (n, n) of the error, data and prior together: where the data say nothing, the prior's width; so
-            too for a mass that was held at CAD, which is held for want of knowledge.
+        covariance: (n, n) of the error, from data and prior together; the prior's for parameters without information in
+            the data and for masses fixed at CAD.
         prior: of the parameters.
-        observability: what the data determine.
-        residual: root of the mean squared residual of the rows in units of their noise: 1 where noise and model are
-            right.
+        observability: of the parameters.
+        residual: root mean square of the rows' residuals in units of their noise; 1 if noise and model are right.
         method: "null-space" or "consistent".
-        held: the masses that were held at CAD, for want of knowledge.
+        held: masses that were fixed at CAD because they are not observable.
     """
 
     columns: tuple[str, ...]
@@ -67,7 +66,7 @@ class Estimate:
 
     @property
     def is_physical(self) -> bool:
-        """Whether every link could exist and no joint has negative friction or rotor inertia."""
+        """True if every link is physically possible and no joint has negative friction or rotor inertia."""
         return all(self.inertia(link).is_physical() for link in self.prior.links) and all(
             value >= -1e-9 * scale
             for name, value, scale in zip(self.columns, self.values, self.prior.scales, strict=True)
@@ -76,13 +75,13 @@ class Estimate:
 
 
 def null_space_solution(information: Information, prior: Prior) -> Estimate:
-    """Least squares where the data determine the parameters, the CAD values elsewhere: the paper's eq. 5.
+    """Least squares in the directions that the data determine, CAD values in the others: the paper's eq. 5.
 
-    φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. The metric: each parameter in units of
-    its prior width, so that the answer does not depend on units; within the null space masses are brought to CAD
-    first, then the rest as near to CAD as that leaves. Directions that the data know worse than the prior count as
-    null space, which for data without noise is the null space of the regressor. Parameters with no influence on the
-    data stay at CAD exactly.
+    φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. Each parameter is measured in units of
+    its prior width, so that the solution does not depend on units. Within the null space the masses are set to CAD
+    first, then the others are brought as close to CAD as possible. Directions that the data determine worse than the
+    prior count as null space; for data without noise this is the null space of the regressor. Parameters without
+    influence on the data stay exactly at CAD.
     """
     data = _on(prior, information)
     seen = observability(data, prior)
@@ -92,7 +91,7 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
     null_space = directions[rank:].T
     masses = [prior.columns.index(f"{link}.m") for link in prior.links]
     x -= null_space @ (np.linalg.pinv(null_space[masses], rcond=1e-6) @ x[masses])
-    x[[verdict is Identifiability.UNOBSERVABLE for verdict in seen.verdicts()]] = 0.0  # but for rounding they are
+    x[[verdict is Identifiability.UNOBSERVABLE for verdict in seen.verdicts()]] = 0.0  # zero except for rounding error
     scaled = directions.T * prior.scales[:, None]
     covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
@@ -105,18 +104,18 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
 
 
 def consistent_solution(information: Information, prior: Prior, margin: float = 1e-3) -> Estimate:
-    """The most plausible parameters that some real robot could have.
+    """The most plausible parameters that are physically possible.
 
     minimise    ‖R θ - z‖² + ‖x‖²,    θ = θ_CAD + S x
     subject to  J_i ⪰ margin · J_i,CAD for every link; rotor inertia, viscous and Coulomb friction ≥ 0;
                 masses that are not observable at CAD
 
-    the maximum a-posteriori estimate under the prior's Gaussian, invariant to the choice of frames and units. In the
-    prior's coordinates the matrix inequality is 1 + D_i ⪰ margin, equally well scaled for any robot. The covariance is
-    that of the estimate without the constraints.
+    This is the maximum a-posteriori estimate under the Gaussian prior, invariant to the choice of frames and units. In
+    the prior's coordinates the matrix inequality is 1 + D_i ⪰ margin, equally well scaled for any robot. The covariance
+    is that of the unconstrained estimate.
 
     Raises:
-        IdentificationError: the solver found no answer.
+        IdentificationError: the solver found no solution.
     """
     data = _on(prior, information)
     seen = observability(data, prior)
@@ -128,35 +127,35 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
     U, s, Vt = np.linalg.svd(data.R @ root, full_matrices=False)
     gap = data.z - data.R @ prior.values
     weight = np.sqrt(s**2 + 1.0)
-    best = Vt.T @ (s * (U.T @ gap) / weight**2)  # the optimum without the constraints
+    best = Vt.T @ (s * (U.T @ gap) / weight**2)  # the unconstrained optimum
     x = np.zeros(len(prior.columns))
     x[free] = best
     if not _is_consistent(x, prior, margin):
         x[free] = _constrained(best, Vt, weight, free, prior, margin)
     values = prior.values + prior.root @ x
     signed = _signed(prior)
-    values[signed] = np.maximum(values[signed], 0.0)  # the solver's tolerance
+    values[signed] = np.maximum(values[signed], 0.0)  # within the solver's tolerance
     scaled, ahead = root @ Vt.T, prior.root[:, held]
-    # a held mass that is off by its prior width is off by that itself, and moves the others by what it fakes
+    # a fixed mass has an error of its prior width, which propagates to the parameters correlated with it
     moved = ahead - (scaled / weight**2) @ (s[:, None] * (U.T @ (data.R @ ahead)))
     covariance = (scaled / weight**2) @ scaled.T + moved @ moved.T
     return _estimate(data, prior, seen, values, covariance, "consistent", links)
 
 
 def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
-    """argmin Σ weight² (v·(x - best))² under the constraints, over the free x.
+    """Minimises Σ weight² (v·(x - best))² under the constraints, over the free x.
 
-    The solver cannot resolve any range of weights, so the problem is put to it in up to four ways, and the answer of
-    least cost is the best:
+    The solver cannot resolve an arbitrary range of weights, so the problem is posed in up to four ways, and the
+    solution of least cost is returned:
 
-    * certain directions stay where the data have them: right where consistency is free;
+    * certain directions fixed at the data's values, which is right if the constraints do not affect them;
     * all directions together;
-    * where data and consistency contradict each other by far, all together in units of the firmest direction,
-    * and then the others once more, the certain ones held where that put them.
+    * if data and constraints contradict each other strongly, all together in units of the best-determined direction;
+    * and then the other directions again, with the certain ones fixed at that solution.
     """
 
     def solve(moving: Bools, used: Array, centre: Array) -> Array | None:
-        """Along some directions from `centre`; None where there is no answer or it is not one."""
+        """Optimises along some directions from `centre`; None if there is no valid solution."""
         if not moving.any():
             return None
         found = _nearest_consistent(centre, Vt[moving], used[moving], free, prior, margin)
@@ -172,7 +171,7 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
     found: list[Array] = []
 
     def add(candidate: Array | None) -> float:
-        """The least cost so far, with this candidate."""
+        """Adds a candidate and returns the least cost so far."""
         found.extend([] if candidate is None else [candidate])
         return min(map(cost, found), default=np.inf)
 
@@ -182,7 +181,7 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
         if settled is not None:
             inside = (1.0 - _INWARDS) * settled
             add(solve(loose, weight, best + Vt[~loose].T @ (Vt[~loose] @ (inside - best))))
-    # x = 0, the model, is consistent; less than one in χ² is no difference
+    # x = 0, the model, is consistent; differences below one in χ² are negligible
     if add(None) > max(cost(np.zeros(len(best))), 1.0):
         raise IdentificationError(
             "the physically consistent problem could not be solved: the data contradict it by far"
@@ -193,15 +192,15 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
 def _nearest_consistent(
     best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float
 ) -> Array | None:
-    """The same over some directions, the rows of Vt; None where the solver found no answer.
+    """The nearest consistent point along some directions, the rows of Vt; None if the solver found none.
 
-    Written in y = weight · V (x - best), in which the objective is round whatever the ratio of data to prior.
+    Uses y = weight · V (x - best), for which the objective is isotropic whatever the ratio of data to prior.
 
     Raises:
         IdentificationError: cvxpy is not installed.
     """
     try:
-        import cvxpy as cp  # takes a second, and most solutions need none of it
+        import cvxpy as cp  # takes a second to import, and most solutions do not need it
     except ImportError as error:
         raise IdentificationError(
             f"physical consistency needs cvxpy with Clarabel (pip install cvxpy-base clarabel): {error}"
@@ -223,7 +222,7 @@ def _nearest_consistent(
     problem = cp.Problem(cp.Minimize(cp.sum_squares(y)), constraints)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of inaccuracy, which the caller judges
+            warnings.simplefilter("ignore", UserWarning)  # about inaccuracy, which the caller checks
             problem.solve(solver=cp.CLARABEL)
     except cp.error.SolverError:
         return None
@@ -233,7 +232,7 @@ def _nearest_consistent(
 
 
 def _is_consistent(x: Array, prior: Prior, margin: float, slack: float = 0.0) -> bool:
-    """Whether x obeys the constraints, to within `slack` of D and of the joint terms' prior widths."""
+    """True if x satisfies the constraints, to within `slack` of D and of the joint terms' prior widths."""
     for link in prior.links:
         D = np.tensordot(x[prior.block(link)], prior.coordinates[link], axes=1)
         if np.linalg.eigvalsh(D).min() < margin - 1.0 - slack:

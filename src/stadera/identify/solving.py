@@ -1,4 +1,4 @@
-"""The legs of a robot solved for together: each by its own information, the drives leaning on the other legs'."""
+"""Solves for all legs of a robot, each from its own information, with drives' priors pooled over the legs."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _SOLVERS = {"consistent": consistent_solution, "null-space": null_space_solution
 def solve_legs(
     legs: Sequence[tuple[Leg, Information, Prior]], method: str, spread: KindSpread | None, progress: Progress
 ) -> list[tuple[Estimate, Estimate]]:
-    """For each leg the solution asked for and the null-space one.
+    """For each leg the requested solution and the null-space solution.
 
     Args:
-        legs: each with its rows in units of their noise, and the prior of what is to be found.
+        legs: rows of each leg in units of their noise, and the prior of its parameters.
         method: "consistent" or "null-space".
-        spread: how alike the drives of the legs are; None to solve for each leg by itself.
-        progress: called with how many legs are done.
+        spread: spread between the drives of the legs; None to solve for each leg separately.
+        progress: called with the number of legs done.
     """
     priors = [prior for _, _, prior in legs]
     if spread is not None and len(legs) > 1:

@@ -1,4 +1,4 @@
-"""Single wild samples of a log, which differentiated twice would outweigh seconds of motion."""
+"""Replaces single outliers in a log, which would otherwise dominate after two differentiations."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _WILD = 3.0  # times the usual step; of white Gaussian noise it is eleven standa
 
 
 def without_spikes(recording: Recording) -> Recording:
-    """Joint signals with every wild sample replaced by the median of itself and its neighbours, and a note of how many.
+    """Replaces each outlier in the joint signals by the median of itself and its neighbours, and notes their number.
 
-    A sample is wild if it is further from that median than its signal ever goes from one sample to the next. A step is
-    its own median, so not wild.
+    An outlier is further from that median than its signal ever changes between two samples. A step equals its own
+    median, so it is not an outlier.
     """
     changed, count = {}, 0
     for channel in ("position", "velocity", "effort"):

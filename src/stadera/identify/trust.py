@@ -1,14 +1,14 @@
-"""How well the identified legs explain the torques: residual variance over what noise and usual drives leave.
+"""How well the identified legs explain the torques: residual variance relative to noise and usual drive errors.
 
-The error bars of an identification are made of its own residuals, so they widen with a bad fit by themselves; what they
-cannot show is that the model is wrong. So each joint's residual is compared with what should be left of it,
+The error bars of an identification are based on its own residuals, so they widen with a bad fit, but they do not show
+that the model is wrong. So each joint's residual is compared with the expected one,
 
     s² = (σ √(2 f_c / f_s))² + (a τ_c)² + (b rms τ)²
 
-the torque's white noise σ in the band of the equations, what Coulomb and viscous friction do not explain of a drive's
-friction, and what the reported torque is off by besides its offset. The misfit of a leg is the mean over its
-joints of residual variance over s²; the verdict is by the worst joint. A torque of the wrong sign, which is bad
-however small its misfit, is looked for by reversing it: the cost of the posterior.
+the torque's white noise σ in the band of the equations, the part of a drive's friction that Coulomb and viscous
+friction do not explain, and errors of the reported torque besides its offset. The misfit of a leg is the mean over its
+joints of residual variance over s²; the verdict follows the worst joint. A torque of the wrong sign is bad even if its
+misfit is small; it is detected by reversing the sign and comparing the cost of the posterior.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ _LIKELIEST = (
     "the likeliest causes are another robot's model, torques of another joint, a foot that touches something, or a "
     "trunk that moves"
 )
-_ROUNDING = 1e-12  # N·m, so that a torque that is zero throughout has a size
+_ROUNDING = 1e-12  # N·m, gives a torque that is always zero a nonzero scale
 
 
 def trust_in(
     job: Job, gathered: Sequence[Gathered], estimates: Sequence[Estimate], remarks: Sequence[str] = ()
 ) -> Trust:
-    """The fit quality of the legs that were asked for.
+    """Fit quality of the requested legs.
 
     Args:
         gathered, estimates: by leg, in the job's order.
-        remarks: further reasons to doubt the result, a sentence each.
+        remarks: further reasons against trusting the result, one sentence each.
     """
     settings = job.settings.trust
     wanted = list(zip(job.tasks, gathered, estimates, strict=True))[: job.wanted]
@@ -52,7 +52,7 @@ def trust_in(
 
 
 def _explained(fits: Sequence[_LegFit], settings: TrustSettings) -> tuple[bool, tuple[str, ...]]:
-    """Whether the model does not explain the torques at all, and where it does not well."""
+    """Whether the model fails to explain the torques altogether, and where it explains them poorly."""
     loud = {joint: misfit for fit in fits for joint, misfit in fit.misfits.items() if misfit > settings.doubtful}
     signs = [reason for fit in fits if loud.keys() & fit.stated for reason in fit.reversed(settings.reversed_gain)]
     if signs:
@@ -64,7 +64,7 @@ def _explained(fits: Sequence[_LegFit], settings: TrustSettings) -> tuple[bool, 
 
 @dataclass(frozen=True, eq=False)
 class _LegFit:
-    """What is left of one leg's torques, and what should be: `stated` by joint, s [N·m]."""
+    """One leg's residuals, and their expected size `stated` by joint, s [N·m]."""
 
     task: LegTask
     data: Gathered
@@ -73,11 +73,11 @@ class _LegFit:
 
     @property
     def misfits(self) -> dict[str, float]:
-        """By joint."""
+        """Misfit by joint."""
         return {joint: (self.data.noise[joint] / std) ** 2 for joint, std in self.stated.items()}
 
     def reversed(self, gain: float) -> Iterator[str]:
-        """The joint or joints whose torque, with its sign reversed, the model explains far better."""
+        """Yields the joints whose torque the model explains far better with the sign reversed."""
         joints = self.task.leg.joints
         costs = {flipped: self._cost(flipped) for flipped in ((), *((joint,) for joint in joints), joints)}
         best = min(costs, key=lambda flipped: costs[flipped])
@@ -85,7 +85,7 @@ class _LegFit:
             yield f"leg {self.task.leg.name}: the torque of {', '.join(map(repr, best))} seems to have the other sign"
 
     def _cost(self, flipped: tuple[str, ...]) -> float:
-        """min |R θ - z|² + |x|² over θ = prior + root x, rows in units of what should be left."""
+        """min |R θ - z|² + |x|² over θ = prior + root x, rows in units of the expected residual."""
         by_joint = tuple(
             replace(rows, z=-rows.z) if joint in flipped else rows
             for joint, rows in zip(self.task.leg.joints, self.data.by_joint, strict=True)
@@ -98,7 +98,7 @@ class _LegFit:
 
 
 def _stated(job: Job, task: LegTask, estimate: Estimate) -> dict[str, float]:
-    """By joint, s [N·m]."""
+    """Expected residual by joint, s [N·m]."""
     found, settings = dict(task.fixed) | estimate.by_name(), job.settings.trust
 
     def size(joint: str) -> float:
@@ -116,7 +116,7 @@ def _loud(joint: str, misfit: float) -> str:
 
 
 def _far(fits: Sequence[_LegFit], chance: float) -> Iterator[str]:
-    """Whether all legs together are further from the model than the prior allows."""
+    """Yields a reason if all legs together are further from the model than the prior allows."""
     if any(fit.estimate.method != "consistent" for fit in fits):
         return
     steps = [np.linalg.solve(f.task.prior.root, f.estimate.values - f.task.prior.values) for f in fits]

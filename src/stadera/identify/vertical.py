@@ -1,4 +1,4 @@
-"""Which way is up for a held trunk: from the IMU where there is one."""
+"""Determines the vertical for a held trunk, from the IMU if there is one."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-STILL = 0.1  # rad/s, root mean square: a trunk that turns faster is not held
+STILL = 0.1  # rad/s, root mean square, above which the trunk is not held still
 
 
 @dataclass(frozen=True, eq=False)
 class TrunkUp:
-    """The vertical in trunk axes (3,), and in a sentence where it is from; `held` is False where the trunk moved."""
+    """The vertical in trunk axes (3,) and a sentence on its source; `held` is False if the trunk moved."""
 
     up: Array
     note: str
@@ -27,7 +27,7 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
     """The given vertical, else the mean specific force in a log's IMU, else the trunk's z axis.
 
     Raises:
-        UnknownNameError: the log names an IMU frame that the robot has not.
+        UnknownNameError: the log names an IMU frame that the robot lacks.
         ModelError: that frame is fixed to a leg.
     """
     if up is not None:

@@ -12,11 +12,11 @@ from stadera.identify.result import LegIdentification
 from stadera.identify.vertical import TrunkUp
 
 OUTLIER_SHARE = 2e-3
-"""More outliers than this are worth a word."""
+"""Share of outliers above which a warning is given."""
 
 
 def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore]) -> LegIdentification:
-    """The result with its warnings put in."""
+    """Returns the result with its warnings."""
     warnings = (
         *_at_rest(scores),
         *_excitation(result),
@@ -28,7 +28,7 @@ def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore]) -> L
 
 
 def log_warnings(vertical: TrunkUp, legs: tuple[LegIdentification, ...], samples: int) -> tuple[str, ...]:
-    """What concerns the whole log."""
+    """Warnings that concern the whole log."""
     warnings = []
     if not vertical.held:
         warnings.append(

@@ -1,34 +1,35 @@
-"""Six rows a sample in the trunk's ten parameters, whichever feet touch the ground.
+"""Regressor with six rows for each sample in the trunk's ten parameters, whichever feet touch the ground.
 
 Every leg has three joints and a point foot, so the force f of the ground on a foot follows from the leg's own joints,
-in contact or not. With τ what the actuators do, h the torque that the leg's rigid bodies, rotors and friction take at
-this motion, and J the Jacobian of the point that touches, for a trunk held still::
+in contact or not. With τ the torques of the actuators, h the torque required by the leg's rigid bodies, rotors and
+friction in this motion, and J the Jacobian of the contact point for a held trunk::
 
     h = τ + Jᵀ f        =>        f = J^-T (h - τ)
 
-The wrench of the trunk's inertia is what the feet do to the robot, less what the legs' own inertia takes. With w_l the
-inertial wrench of leg l and p_l its contact point, force above moment about the trunk's origin::
+The trunk's inertial wrench is that of the feet on the robot minus that of the legs' own inertia. With w_l the inertial
+wrench of leg l and p_l its contact point, force above moment about the trunk's origin::
 
     A(a, α, ω) θ = b,        b = Σ_l [ f_l ; p_l x f_l ] - Σ_l w_l
 
-All is in the trunk's axes, and the trunk's motion enters by its angular velocity ω, angular acceleration α and
-specific force a alone: neither orientation, nor slope, nor the direction of gravity, nor velocity. The columns e_k of
-J^-T are (j_k+1 x j_k+2) / det J, so that with E_k = [e_k ; p x e_k]
+All vectors are in trunk axes, and the trunk's motion enters only through its angular velocity ω, angular acceleration α
+and specific force a: orientation, slope, direction of gravity and velocity are not needed. The columns e_k of J^-T are
+(j_k+1 x j_k+2) / det J, so that with E_k = [e_k ; p x e_k]
 
     b = Σ_k E_k (h_k - τ_k) - Σ_l w_l
 
-and E is what a torque's error does to the rows: a leg near its singularity counts little by itself.
+and E is the effect of a torque error on the rows, by which a leg near its singularity is weighted down.
 
-**Where the ground touches.** The foot is a sphere of radius r: p = p_foot - r n, n the ground's normal. A foot in
-the air has f = 0 by whatever point, so one normal serves all.
+**Contact point.** The foot is a sphere of radius r: p = p_foot - r n with n the ground's normal. A foot in the air has
+f = 0 for any contact point, so one normal serves all feet.
 
-**Accelerations.** Rows are linear in q̈ and α. Filtered with weights w_k that begin and end with zero, central
-differences of the velocities go over to the weights,
+**Accelerations.** Rows are linear in q̈ and α. Under a filter with weights w_k that are zero at both ends, central
+differences of the velocities can be transferred to the weights,
 
     Σ_k w_k G_k (v_k+1 - v_k-1) / 2T = -Σ_k v_k (w_k+1 G_k+1 - w_k-1 G_k-1) / 2T
 
 which is the momentum G v filtered by parts. So differentiating first and filtering the ROWS afterwards is exact, and
-loud only in what is thrown away; filtering the signals first is not, for G depends on where the legs are.
+amplifies only noise that the filter removes. Filtering the signals first is not exact, since G depends on the legs'
+posture.
 """
 
 from __future__ import annotations
@@ -46,13 +47,13 @@ __all__ = ["BaseWrenchRegressor", "LegMotions", "LegWrenches", "LinkMotions", "c
 
 
 class LegMotions(NamedTuple):
-    """How the robot moves over some samples, components first.
+    """Motion of the robot over some samples, components first.
 
     Attributes:
         position, velocity, acceleration: (samples, 4, 3) of the joints, by leg, from the trunk outwards.
         angular_velocity, angular_acceleration, specific_force: (3, samples), of the trunk, its origin and axes.
         normal: (3, samples), unit vector of the ground's normal, trunk axes.
-        sliding: (samples, 4, 3), velocities that decide friction's direction; None for `velocity`.
+        sliding: (samples, 4, 3), velocities that determine friction's direction; None for `velocity`.
     """
 
     position: Array
@@ -66,13 +67,13 @@ class LegMotions(NamedTuple):
 
 
 class LinkMotions(NamedTuple):
-    """How links move, trunk axes, (3, samples, 4, 3) by leg and link.
+    """Motion of the links in trunk axes, (3, samples, 4, 3) by leg and link.
 
     Attributes:
-        turn: (3, 3, samples, 4, 3), from the links' axes to the trunk's.
-        joints: [m], where each link's joint is.
+        turn: (3, 3, samples, 4, 3), rotation from the links' axes to the trunk's.
+        joints: position of each link's joint [m].
         angular_velocity, angular_acceleration: [rad/s], [rad/s²].
-        force, moment: [N], [N·m], that the link's inertia takes, the moment about the trunk's origin.
+        force, moment: inertial force [N] and moment [N·m] of the link, the moment about the trunk's origin.
     """
 
     turn: Array
@@ -88,13 +89,13 @@ class LegWrenches:
     """Torques, inertial wrenches and contact maps of the legs at some samples, trunk axes; legs in the robot's order.
 
     Attributes:
-        torque: (samples, 4, 3) [N·m], h: what rigid bodies, rotors, friction and offsets take.
+        torque: (samples, 4, 3) [N·m], h: required by rigid bodies, rotors, friction and offsets.
         inertial: (6, samples, 4) [N, N·m], w_l: wrench of the legs' inertia about the trunk's origin.
         to_wrench: (6, samples, 4, 3), E: wrench on the trunk for a unit of h - τ.
         feet: (3, samples, 4) [m], centres of the feet.
         volume: (samples, 4) [m³], det J: near zero where a leg is singular.
         axis: (3, samples, 4, 3), unit vectors of the joints.
-        links: how each link moves, and what it takes.
+        links: motion of each link, and its inertial wrench.
     """
 
     torque: Array
@@ -116,7 +117,7 @@ class LegWrenches:
 
 
 class BaseWrenchRegressor(LegModel):
-    """Makes the rows of one robot.
+    """Computes the rows of one robot.
 
     Args:
         robot: the model of the legs: inertias, rotors, friction and offsets of the joints.
@@ -131,7 +132,8 @@ class BaseWrenchRegressor(LegModel):
         pose = self.pose(motion.position)
         turn, arm, origin, axis = pose.turn, pose.arms, pose.joints, pose.axis
         spin = axis * motion.velocity
-        # what a joint adds to its link, summed up along the leg; `from_` is the link before, the trunk for the first
+        # contributions of each joint to its link, summed up along the leg; `from_` is the previous link, first the
+        # trunk
         omega, from_omega = _along(motion.angular_velocity, spin)
         alpha, from_alpha = _along(motion.angular_acceleration, cross(from_omega, spin) + axis * motion.acceleration)
         swing = cross(from_alpha, arm) + cross(from_omega, cross(from_omega, arm))
@@ -148,18 +150,18 @@ class BaseWrenchRegressor(LegModel):
         return LegWrenches(torque, inertial, to_wrench, pose.feet, volume, axis, links)
 
     def by_links(self, wrenches: LegWrenches, samples: int) -> Array:
-        """What errors of the links' masses and centres of mass do to b, (samples, 6, 48), of the first samples.
+        """Effect of errors of the links' masses and centres of mass on b, (samples, 6, 48), for the first samples.
 
-        A link whose ten parameters are all larger by a share ε takes ε times its own inertial force F and moment M
-        about the trunk's origin. With matter that lies elsewhere by δ, no differently turned, about its joint at p and
-        its centre of mass at p + c,
+        A link whose ten parameters are all larger by a share ε has ε times its inertial force F and moment M about the
+        trunk's origin added. If its mass is displaced by δ without rotation, about its joint at p and with its centre
+        of mass at p + c,
 
             ΔF = m (α x δ + ω x (ω x δ)),    ΔM = δ x F + (p + c) x ΔF
 
         Link i hangs from the joints k ≤ i, so b changes by Σ_k≤i E_k s_k · (ΔM - p_k x ΔF) - [ΔF ; ΔM].
 
         Returns:
-            per unit of ε [1] of the twelve links, by leg, then of δ [m] along link axes, 3 by 12.
+            Derivatives with respect to ε [1] of the twelve links, by leg, then to δ [m] along link axes, 3 by 12.
         """
         links, n = wrenches.links, samples
         at, turn = links.joints[:, :n], links.turn[:, :, :n]
@@ -189,7 +191,7 @@ class BaseWrenchRegressor(LegModel):
 
 
 def _along(trunk: Array, added: Array) -> tuple[Array, Array]:
-    """Of each link and of the one before: the trunk's (3, samples) and what joints add (3, samples, leg, joint)."""
+    """For each link and the previous one: the trunk's (3, samples) plus the joints' (3, samples, leg, joint)."""
     chain = np.empty((*added.shape[:-1], 4))
     chain[..., 0], chain[..., 1:] = trunk[:, :, None], added
     np.cumsum(chain, axis=-1, out=chain)

@@ -1,7 +1,7 @@
-"""Vectors over time, component by component: each component an array (samples,) or, where it never changes, a number.
+"""Vector algebra by components, where each component is an array (samples,) or, if constant, a number.
 
-Joint axes, offsets and gravity are constant, and mostly zeros and ones: a component that is a plain number is combined
-without touching an array, which halves the work of making rows.
+Joint axes, offsets and gravity are constant, and mostly zeros and ones. Plain numbers are combined without touching an
+array, which halves the cost of making rows.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def vector(values: Array) -> Vector:
-    """From (3,), constant, or (samples, 3)."""
+    """Makes a vector from (3,), constant, or (samples, 3)."""
     if values.ndim == 1:
         x, y, z = values.tolist()
         return (x, y, z)
@@ -29,7 +29,7 @@ def vector(values: Array) -> Vector:
 
 
 def is_zero(a: Component) -> bool:
-    """Whether a component is the number zero."""
+    """True if a component is the constant zero."""
     return isinstance(a, float) and a == 0.0
 
 
@@ -86,6 +86,6 @@ def dot(a: Vector, b: Vector) -> Component:
 
 
 def transform(matrix: Array, v: Vector) -> Vector:
-    """A constant 3x3 matrix times v."""
+    """Product of a constant 3x3 matrix and v."""
     rows = [dot((float(r[0]), float(r[1]), float(r[2])), v) for r in matrix]
     return (rows[0], rows[1], rows[2])

@@ -1,8 +1,8 @@
-"""What a joint itself adds to the torque: rotor inertia, viscous and Coulomb friction, a constant offset.
+"""Joint-side torques: rotor inertia, viscous and Coulomb friction, and a constant offset.
 
     τ_joint = I_a q̈ + b q̇ + τ_c s(q̇) + τ_0,     s(q̇) = tanh(q̇ / v_s)
 
-linear in (I_a, b, τ_c, τ_0). Everything that identifies or uses Coulomb friction has its direction from here.
+linear in (I_a, b, τ_c, τ_0). All code that identifies or uses Coulomb friction takes its direction from here.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from stadera.robot.model import Robot
 from stadera.types import Array
 
 FRICTION_TERMS: tuple[str, ...] = ("armature", "viscous", "coulomb", "offset")
-"""The joint-side terms, in their order."""
+"""Names of the joint-side terms, in their order."""
 
 FRICTION_UNITS: dict[str, str] = {"armature": "kg·m²", "viscous": "N·m·s/rad", "coulomb": "N·m", "offset": "N·m"}
 
 STICTION_VELOCITY = 0.02
-"""v_s [rad/s]: the noise of a joint's measured velocity, so that noise about standstill does not flip friction's sign.
-Legs of a real Go2 and Aliengo identified with 0.01 or 0.02 predict their own later torques alike; 0.05 is 5 % worse.
+"""v_s [rad/s]: the noise of a joint's measured velocity, so that noise at standstill does not switch friction's sign.
+Legs of a real Go2 and Aliengo identified with 0.01 or 0.02 predict their later torques equally well; 0.05 is 5 % worse.
 """
 
 
 def direction(velocity: Array, out: Array | None = None) -> Array:
-    """s(q̇): how surely a joint slides, and which way, -1 to 1, at velocities of any shape [rad/s]."""
+    """s(q̇), from -1 to 1: direction of sliding, smoothed near standstill, at velocities of any shape [rad/s]."""
     return np.asarray(np.tanh(velocity / STICTION_VELOCITY, out=out))
 
 
 def joint_columns(robot: Robot) -> NDArray[np.int_]:
-    """(4, 3), where each leg's joints, from the trunk outwards, are in the tree's order."""
+    """Index of each leg's joints, from the trunk outwards, in the tree's order, (4, 3)."""
     return np.array([[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs])
 
 
@@ -51,16 +51,16 @@ class JointFriction:
 
     @classmethod
     def of(cls, robot: Robot) -> JointFriction:
-        """The robot's own."""
+        """Friction and offsets of a robot's model."""
         dynamics = [[robot.dynamics[joint] for joint in leg.joints] for leg in robot.legs]
         terms = np.array([[(d.viscous, d.coulomb, d.offset) for d in leg] for leg in dynamics])
         return cls(*np.moveaxis(terms, -1, 0))
 
     def torque(self, velocity: Array, sliding: Array | None = None) -> Array:
-        """What friction and offsets take at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m].
+        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m].
 
         Args:
-            sliding: velocities that decide the direction of Coulomb friction; None for `velocity`.
+            sliding: velocities that determine the direction of Coulomb friction; None for `velocity`.
         """
         torque = self.viscous * velocity + self.offset
         if self.coulomb.any():
@@ -70,13 +70,13 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class FrictionModel:
-    """Which joint-side columns there are.
+    """Selection of the joint-side columns.
 
     Args:
-        terms: any of armature, viscous, coulomb, offset; none of them for rigid bodies alone.
+        terms: any of armature, viscous, coulomb, offset; empty for rigid bodies alone.
 
     Raises:
-        UnknownNameError: a term that is none of the four.
+        UnknownNameError: a term that is not one of the four.
     """
 
     terms: tuple[str, ...] = ()

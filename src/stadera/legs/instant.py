@@ -1,17 +1,17 @@
-"""The legs' model for one sample, fast enough for a 1 kHz loop (Pinocchio underneath).
+"""Model of the legs for a single sample, fast enough for a 1 kHz loop (uses Pinocchio).
 
-Everything is in the trunk frame. A trunk that moves with angular velocity ω and specific force a obeys the equations of
-one at rest in gravity-free space accelerated by a, so the bias torque
+All vectors are in the trunk frame. A trunk that moves with angular velocity ω and specific force a obeys the equations
+of one at rest in gravity-free space accelerated by a, so the bias torque
 
-    h(q, q̇, ω, a) = what the actuators would have to do, the feet free and the joints not accelerating, without friction
+    h(q, q̇, ω, a) = actuator torques for free feet, without joint accelerations and friction
 
 needs neither orientation nor gravity.
 
-Joint accelerations add M q̈ to a leg's h, M its own block of the joint-space inertia (rotors included), and the trunk's
-rows, force and moment at its origin, the coupling C q̈.
+Joint accelerations add M q̈ to a leg's h, with M its own block of the joint-space inertia (rotors included), and the
+coupling C q̈ to the trunk's rows (force and moment at its origin).
 
-A point r that moves with a leg's last link moves, per joint j of that leg, by a_j x (r - o_j) = v_j + a_j x r, where
-v_j is the velocity of the link's point at the trunk's origin.
+A point r fixed to a leg's last link has, for each joint j of that leg, the velocity a_j x (r - o_j) = v_j + a_j x r per
+unit rate, where v_j is that of the link's point at the trunk's origin.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _PERMUTATION = np.stack([-skew(axis) for axis in np.eye(3)]).reshape(3, 9)  # a 
 
 @dataclass(frozen=True, eq=False)
 class LegState:
-    """The legs at one sample, trunk frame; legs in the robot's order, joints HAA, HFE, KFE.
+    """State of the legs at one sample, trunk frame; legs in the robot's order, joints HAA, HFE, KFE.
 
     Attributes:
         feet: (4, 3) [m], centres of the feet.
@@ -49,20 +49,20 @@ class LegState:
     moment: Array
 
     def jacobians(self, points: Array) -> Array:
-        """Jacobians (4, 3, 3) [m/rad] of points (4, 3) [m] that move with the legs' last links."""
+        """Jacobians (4, 3, 3) [m/rad] of points (4, 3) [m] fixed to the legs' last links."""
         across = points.dot(_PERMUTATION).reshape(4, 3, 3)  # -[r]x for each leg
         return np.asarray(self.at_origin + across @ self.axes)
 
 
 @dataclass(frozen=True, eq=False)
 class LegMotion:
-    """How the legs move at one sample, and what it takes to accelerate them; trunk axes.
+    """Motion of the legs at one sample, and their inertia; trunk axes.
 
     Attributes:
-        velocity: (4, 3) [m/s], of the feet's centres, past a trunk whose origin is at rest: ω x p + J q̇.
-        free_acceleration: (4, 3) [m/s²], of the feet's centres less gravity, if neither joints nor ω accelerated.
+        velocity: (4, 3) [m/s], of the feet's centres relative to a trunk whose origin is at rest: ω x p + J q̇.
+        free_acceleration: (4, 3) [m/s²], of the feet's centres minus gravity, without accelerations of joints and ω.
         inertia: (4, 3, 3) [kg·m²], M.
-        coupling: (4, 6, 3), C: force [N] and moment [N·m] on the trunk, at its origin, a unit of joint acceleration.
+        coupling: (4, 6, 3), C: force [N] and moment [N·m] on the trunk, at its origin, per unit of joint acceleration.
     """
 
     velocity: Array
@@ -81,7 +81,7 @@ def inverse_transposed(jacobians: Array, least_volume: float) -> Array:
 
 
 class LegDynamics:
-    """Evaluates `LegState`s of one robot; keeps buffers, so one instance belongs to one thread."""
+    """Evaluates `LegState`s of one robot. Reuses buffers, so an instance must not be shared between threads."""
 
     def __init__(self, robot: Robot) -> None:
         model = pinocchio_model(robot)
@@ -99,7 +99,7 @@ class LegDynamics:
         self._model, self._data = model, model.createData()
         data = self._data
         self._frames = frames
-        # views into Pinocchio's memory, filled anew by every evaluation
+        # views into Pinocchio's memory, overwritten by every evaluation
         self._feet = [data.oMf[frame].translation for frame in frames]
         self._motions, self._torque, self._com = data.J.T, data.tau, data.com[0]
         self._q, self._v, self._a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
@@ -109,7 +109,7 @@ class LegDynamics:
         self._coupling = (np.arange(6)[None, :, None], self._in_v[:, None, :])
 
     def at(self, position: Array, velocity: Array, angular_velocity: Array, specific_force: Array) -> LegState:
-        """The legs' state.
+        """Computes the legs' state.
 
         Args:
             position, velocity: (n,) [rad, rad/s], of the joints in the tree's order.
@@ -124,7 +124,7 @@ class LegDynamics:
         pin.computeJointJacobians(model, data, self._q)
         pin.updateFramePlacements(model, data)
         pin.centerOfMass(model, data, False)
-        motions = self._motions[self._in_v]  # (leg, joint, linear and angular velocity a unit of rate)
+        motions = self._motions[self._in_v]  # (leg, joint, linear and angular velocity per unit of rate)
         return LegState(
             feet=np.array(self._feet),
             axes=motions[:, :, 3:].swapaxes(1, 2),
@@ -134,7 +134,7 @@ class LegDynamics:
         )
 
     def motion(self) -> LegMotion:
-        """The legs' motion at the sample of the last `at`."""
+        """Motion of the legs at the sample of the last call of `at`."""
         model, data = self._model, self._data
         pin.forwardKinematics(model, data, self._q, self._v, self._a)
         pin.crba(model, data, self._q)

@@ -1,8 +1,8 @@
-"""Joint torques (and the wrench on the trunk) as rows in the inertial parameters: the paper's eq. 2, Y(q, q̇, q̈) φ = τ.
+"""Regressor of joint torques (and of the wrench on the trunk): the paper's eq. 2, Y(q, q̇, q̈) φ = τ.
 
-By virtual power. Let joint j turn at unit rate and everything else be frozen: link i then has angular velocity s and
-its origin the velocity v, both in link i's axes. The torque of joint j that link i's inertia asks for is the power of
-its inertial wrench along that motion::
+Derived from virtual power. Let joint j turn at unit rate while all other joints are fixed: link i then has angular
+velocity s and its origin the velocity v, both in link i's axes. Link i's contribution to the torque of joint j is the
+power of its inertial wrench along that motion::
 
     τ_j = Σ_i  v · f_i + s · n_i
     f_i = m a + α x h + ω x (ω x h)              h = m c
@@ -14,8 +14,8 @@ which is linear in (m, h, I), with coefficients (u = s x ω)::
     h:  v x α + (ω·v) ω - (ω·ω) v + a x s
     I:  Ixx: s_x α_x + u_x ω_x     Ixy: s_x α_y + s_y α_x + u_x ω_y + u_y ω_x     and so on
 
-The six trunk rows are the same with s, v the unit motions of the trunk. No matrix is built per sample and nothing loops
-over samples.
+The six trunk rows are the same with s, v the unit motions of the trunk. No matrix is built for single samples and no
+Python loop runs over samples.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ TRUNK_ROWS: tuple[str, ...] = ("force.x", "force.y", "force.z", "moment.x", "mom
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """What an output's row is made of.
+    """Structure of one output's row.
 
     Attributes:
-        columns: names of all columns that can differ from zero, friction's last.
-        picks: for each link, which of its ten coefficients are computed; the other columns depend on these.
-        mixing: (computed and friction, columns), takes the computed columns to all.
+        columns: names of all columns that can be nonzero, friction's last.
+        picks: for each link, the coefficients (of ten) that are computed; the other columns depend on these.
+        mixing: (computed and friction, columns), maps the computed columns to all.
     """
 
     columns: tuple[str, ...]
@@ -68,22 +68,22 @@ class _Pattern:
 
 
 def inertial_columns(links: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the inertial parameters of some links: `<link>.m`, `<link>.mcx`, ... in the one order."""
+    """Names of the inertial parameters of some links: `<link>.m`, `<link>.mcx`, ... in standard order."""
     return tuple(f"{link}.{name}" for link in links for name in ORDER)
 
 
 @dataclass(frozen=True, eq=False)
 class JointTorqueRegressor:
-    """Makes one set of rows a joint: inertial parameters of the links it carries, and its own friction columns.
+    """Computes one set of rows for each joint: inertial parameters of the links it moves, and its friction columns.
 
     Attributes:
         tree: of the whole robot, or of one leg.
-        friction: which joint-side columns to add, see `FrictionModel`.
-        trunk_rows: also make the six rows of the wrench that the outside does to the trunk, `force.*`, `moment.*`.
+        friction: the joint-side columns to add, see `FrictionModel`.
+        trunk_rows: also compute the six rows of the external wrench on the trunk, `force.*`, `moment.*`.
 
-    Columns are only those that can differ from zero for this tree (a knee's torque does not depend on the hip's mass),
-    on a trunk that does not turn or on one that does, and of these only independent ones are computed: a hip's 23
-    columns have rank 17 whatever the motion. Which ones is found once, from random motion.
+    Columns that are always zero for this tree are left out (a knee's torque does not depend on the hip's mass),
+    separately for a rotating and a non-rotating trunk. Of the others only linearly independent ones are computed: a
+    hip's 23 columns have rank 17 in any motion. They are determined once, from random motion.
     """
 
     tree: Tree
@@ -92,12 +92,12 @@ class JointTorqueRegressor:
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        """What rows are made for: the trunk's six if asked for, then the joints."""
+        """Names of the outputs: the six trunk rows if requested, then the joints."""
         return (TRUNK_ROWS if self.trunk_rows else ()) + self.tree.joints
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """All parameters: ten a link (with the trunk's when `trunk_rows`), then the friction columns, joint by
+        """Names of all parameters: ten for each link (the trunk's too with `trunk_rows`), then the friction columns by
         joint.
         """
         links = self.tree.links if self.trunk_rows else self.tree.links[1:]
@@ -106,12 +106,12 @@ class JointTorqueRegressor:
     def rows(
         self, joints: JointMotion, torque: Array, trunk: TrunkMotion | None = None, std: Array | float = 1.0
     ) -> Iterator[Rows]:
-        """One `Rows` for each output, in the order of `outputs`.
+        """Yields one `Rows` for each output, in the order of `outputs`.
 
         Args:
             joints: motion of the tree's joints, (samples, joints).
-            torque: (samples, outputs) [N·m, N]: what the actuators do to the joints, and the wrench on the trunk.
-            trunk: motion of the trunk; a level trunk held still if not given.
+            torque: (samples, outputs) [N·m, N]: actuator torques of the joints, and the external wrench on the trunk.
+            trunk: motion of the trunk; None for a level trunk held still.
             std: noise of the torque, one number or one for each output [N·m, N].
 
         Raises:
@@ -126,14 +126,14 @@ class JointTorqueRegressor:
             yield Rows(pattern.columns, reduced, torque[:, k], float(noise[k]), pattern.mixing)
 
     def predict(self, joints: JointMotion, parameters: dict[str, float], trunk: TrunkMotion | None = None) -> Array:
-        """Torques [N·m] (and trunk wrench) that the parameters would give, (samples, outputs); absent ones are zero."""
+        """Torques [N·m] (and trunk wrench) given parameters, (samples, outputs); missing parameters count as zero."""
         out = np.empty((len(joints), len(self.outputs)))
         for k, pattern, reduced in self._reduced(joints, trunk):
             out[:, k] = reduced @ (pattern.mixing @ [parameters.get(c, 0.0) for c in pattern.columns])
         return out
 
     def _reduced(self, joints: JointMotion, trunk: TrunkMotion | None) -> Iterator[tuple[int, _Pattern, Array]]:
-        """Output index, pattern and the computed columns (samples, k; column-major) for each output."""
+        """Yields output index, pattern and the computed columns (samples, k; column-major) for each output."""
         if joints.position.shape[1] != len(self.tree.joints):
             raise IdentificationError(
                 f"motion has {joints.position.shape[1]} joints, the tree {len(self.tree.joints)}: {self.tree.joints}"
@@ -161,8 +161,8 @@ class JointTorqueRegressor:
         return self._patterns(turning=True)
 
     def _patterns(self, *, turning: bool) -> tuple[_Pattern, ...]:
-        """For each output, what differs from zero and what depends on what whatever the motion, found from random
-        motion: of the joints and of the trunk, which turns or only feels any gravity.
+        """The nonzero columns of each output and their linear dependence, determined from random motion of the joints
+        and of a trunk that either turns or only has a specific force.
         """
         rng = np.random.default_rng(0)
         samples = 20 * len(self.tree.links) + 40
@@ -189,10 +189,9 @@ class JointTorqueRegressor:
 
 
 def _independent(matrix: Array) -> tuple[list[int], Array]:
-    """Some columns on which all of a matrix (rows, n) depend, in their order, and how: matrix[:, kept] @ mixing.
+    """Independent columns on which all columns of a matrix (rows, n) depend, and the mixing: matrix[:, kept] @ mixing.
 
-    Columns are taken by their part that is not explained by those before (QR with pivoting), each in units of its own
-    size.
+    Columns are chosen by the part that the earlier ones do not explain (QR with pivoting), each in units of its norm.
     """
     size = np.linalg.norm(matrix, axis=0)
     _, R, order = qr(matrix / size, mode="economic", pivoting=True)
@@ -205,7 +204,7 @@ def _independent(matrix: Array) -> tuple[list[int], Array]:
 
 @dataclass(frozen=True, eq=False)
 class _LinkMotion:
-    """Motion of one link: ω, α, a, and for each output its unit motion (s, v) of this link."""
+    """Motion of one link: ω, α, a, and the unit motion (s, v) of this link for each output."""
 
     name: str
     omega: Vector
@@ -218,7 +217,7 @@ class _LinkMotion:
         return dot(self.omega, self.omega)
 
     def coefficients(self, output: int, wanted: tuple[int, ...], out: Array) -> None:
-        """The wanted ones of the ten coefficients of an output's row, written into out (len(wanted), samples)."""
+        """Writes the wanted ones of the ten coefficients of an output's row into out (len(wanted), samples)."""
         s, v = self.unit_motions[output]
         omega, alpha, a = self.omega, self.alpha, self.a
         u = cross(s, omega)
@@ -238,14 +237,14 @@ class _LinkMotion:
                 row[:] = value
 
 
-_NOTHING = 1e-12  # coefficients below which a number is rounding
-_DEPENDENT = 1e-9  # share of a column that the others leave unexplained, below which it is rounding
+_NOTHING = 1e-12  # coefficients below this are rounding error
+_DEPENDENT = 1e-9  # unexplained share of a column below which it is rounding error
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _UNIT: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def _walk(tree: Tree, joints: JointMotion, trunk: TrunkMotion, trunk_rows: bool) -> Iterator[_LinkMotion]:
-    """The links' motions in tree order; the trunk itself only with `trunk_rows`. See `stadera.legs.motion`."""
+    """Yields the links' motions in tree order; the trunk's only with `trunk_rows`. See `stadera.legs.motion`."""
     unit: dict[int, tuple[Vector, Vector]] = {}
     if trunk_rows:
         unit = {k: (ZERO, e) for k, e in enumerate(_UNIT)} | {3 + k: (e, ZERO) for k, e in enumerate(_UNIT)}
@@ -266,7 +265,7 @@ def _walk(tree: Tree, joints: JointMotion, trunk: TrunkMotion, trunk_rows: bool)
 
 
 def _next(tree: Tree, i: int, parent: _LinkMotion, joints: JointMotion, output: int) -> _LinkMotion:
-    """The motion of the link that joint i moves, which is the row number `output`."""
+    """Motion of the link moved by joint i, whose row has the number `output`."""
     turn = JointRotation.of(tree, i, np.ascontiguousarray(joints.position[:, i]))
     t, axis = vector(tree.translations[i]), vector(tree.axes[i])
     spin = scale(np.ascontiguousarray(joints.velocity[:, i]), axis)

@@ -1,15 +1,15 @@
-"""The legs of one robot over many samples: kinematics, contact points, and the joint torques of the links' weight.
+"""Model of a robot's legs over many samples: kinematics, contact points, and joint torques due to the links' weight.
 
 Each leg has three joints and a point foot. Joint j turns its link by q_j about its unit axis a_j, so with its fixed
 pose (B, p) in the link before
 
     R_link = R_before B exp([a_j]x q_j),    exp([a]x q) = 1 + sin q [a]x + (1 - cos q) [a]x²       (Rodrigues)
 
-A point r that moves with the last link moves, for each joint at o_j with axis s_j in trunk axes, by s_j x (r - o_j).
+A point r fixed to the last link moves, for each joint at o_j with axis s_j in trunk axes, by s_j x (r - o_j).
 
-Everything is in the trunk frame. Arrays have components first, (3, samples, leg, joint), so that each operation runs
+All vectors are in the trunk frame. Arrays have components first, (3, samples, leg, joint), so that each operation runs
 over whole vectors. `stadera.legs.base_wrench` adds velocities and accelerations; `stadera.legs.instant` evaluates the
-same model for a single sample by Pinocchio, which a 1 kHz controller needs: it takes 11 µs where whole arrays take 250.
+same model for a single sample with Pinocchio, as a 1 kHz controller needs: it takes 11 µs instead of 250.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from stadera.robot.kinematics import checked_angles
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-_SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg: below it a direction of the force is not felt
+_SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg, below which it is near-singular
 
-_UNFELT = 1e-3  # of the largest singular value of J: a direction below it is not felt
+_UNFELT = 1e-3  # of the largest singular value of J: a direction below it does not affect the torques
 
 
 @dataclass(frozen=True, eq=False)
 class LegPose:
-    """Where the legs are at some samples, trunk frame; legs in the robot's order, joints from the trunk outwards.
+    """Pose of the legs at some samples, trunk frame; legs in the robot's order, joints from the trunk outwards.
 
     Attributes:
-        turn: (3, 3, samples, 4, 3), from the links' axes to the trunk's.
-        arms: (3, samples, 4, 3) [m], to each joint from the one before, the trunk's origin for the first.
-        joints: (3, samples, 4, 3) [m], the joints' places, which are the links' origins.
+        turn: (3, 3, samples, 4, 3), rotation from the links' axes to the trunk's.
+        arms: (3, samples, 4, 3) [m], from the previous joint to each joint; from the trunk's origin to the first.
+        joints: (3, samples, 4, 3) [m], positions of the joints, which are the links' origins.
         axis: (3, samples, 4, 3), unit vectors of the joints.
         feet: (3, samples, 4) [m], centres of the feet.
     """
@@ -50,7 +50,7 @@ class LegPose:
     feet: Array
 
     def jacobians(self, points: Array) -> Array:
-        """J (3, samples, 4, 3) [m/rad] of points (3, samples, 4) [m] that move with the legs' last links."""
+        """J (3, samples, 4, 3) [m/rad] of points (3, samples, 4) [m] fixed to the legs' last links."""
         return cross(self.axis, points[..., None] - self.joints)
 
 
@@ -58,10 +58,10 @@ class LegModel:
     """Geometry, mass and friction of a robot's legs.
 
     Attributes:
-        columns: (4, 3), where each leg's joints are in the tree's order.
+        columns: (4, 3), index of each leg's joints in the tree's order.
         friction: of the joints, by leg.
         link_mass: (4, 3) [kg], of the links, by leg. leg_mass: [kg], of all legs.
-        length: of the shortest leg, hip to foot when stretched [m].
+        length: of the shortest leg, hip to foot when fully extended [m].
         least_volume: det J [m³] below which a leg counts as singular.
     """
 
@@ -70,7 +70,7 @@ class LegModel:
         tree = robot.tree
         axes, fixed = tree.axes[self.columns], tree.rotations[self.columns]
         K = np.array([[skew(axis) for axis in leg] for leg in axes])  # (leg, joint, 3, 3)
-        # to the axes of the link before by B + sin q B K + (1 - cos q) B K²
+        # rotation to the previous link's axes: B + sin q B K + (1 - cos q) B K²
         self._turns = [_first(fixed), _first(fixed @ K), _first(fixed @ K @ K)]
         self._arms, self._axes = _first(tree.translations[self.columns]), _first(axes)
         self._foot = _first(np.array([leg.foot_position for leg in robot.legs])[:, None])[..., 0]
@@ -83,12 +83,12 @@ class LegModel:
     @staticmethod
     @lru_cache(maxsize=16)
     def of(robot: Robot) -> LegModel:
-        """The model of a robot, made once."""
+        """The model of a robot, cached."""
         return LegModel(robot)
 
     @cached_property
     def length(self) -> float:
-        """Of the shortest leg, hip to foot when stretched [m]."""
+        """Length of the shortest leg, hip to foot when fully extended [m]."""
         thigh = np.linalg.norm(self._arms[:, 0, :, 2], axis=0)
         return float((thigh + np.linalg.norm(self._foot[:, 0], axis=0)).min())
 
@@ -98,7 +98,7 @@ class LegModel:
         return _SINGULAR * self.length**3
 
     def pose(self, position: Array) -> LegPose:
-        """Where the legs are at joint angles (samples, 4, 3) [rad], by leg."""
+        """Pose of the legs at joint angles (samples, 4, 3) [rad], by leg."""
         local = self._turns[0] + np.sin(position) * self._turns[1] + (1.0 - np.cos(position)) * self._turns[2]
         turn, arm = np.empty_like(local), np.empty(local.shape[1:])
         turn[..., 0], arm[..., 0] = local[..., 0], self._arms[..., 0]
@@ -110,7 +110,7 @@ class LegModel:
         return LegPose(turn, arm, joints, rotated(turn, self._axes), feet)
 
     def contacts(self, feet: Array, normal: Array) -> Array:
-        """Where foot spheres at feet (3, samples, 4) [m] touch a ground of unit normal (3, samples)."""
+        """Contact points of foot spheres at feet (3, samples, 4) [m] with a ground of unit normal (3, samples)."""
         return np.asarray(feet - self._radius * normal[:, :, None])
 
     def centres(self, pose: LegPose) -> Array:
@@ -126,9 +126,9 @@ class LegModel:
         return cross(pose.axis, carried - outwards(self.link_mass) * pose.joints)
 
     def forces_at_rest(self, position: Array, effort: Array, specific_force: Array) -> tuple[Array, Array]:
-        """What the ground does to the feet of a robot at rest, by its torques: f = J^-T (h - τ), without friction.
+        """Contact forces of a robot at rest from its joint torques: f = J^-T (h - τ), without friction.
 
-        A direction that a stretched leg does not feel gets no force (least squares).
+        In a near-singular leg, directions that do not affect the torques get no force (least squares).
 
         Args:
             position, effort: (samples, 4, 3) [rad, N·m], by leg.

@@ -1,4 +1,4 @@
-"""Motion of a tree of rigid bodies over time, from which dynamics rows are made.
+"""Motion of a tree of rigid bodies over time: the input of the regressors.
 
 Recursion from a link p to its child i, joint at `t` in p, R the child's rotation in p, s the joint axis::
 
@@ -27,7 +27,7 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class TrunkMotion:
-    """How the trunk moves, in its own frame and at its origin.
+    """Motion of the trunk, in its own frame and at its origin.
 
     Attributes:
         specific_force: acceleration minus gravity [m/s²], (samples, 3), or (3,) if constant.
@@ -50,13 +50,13 @@ class TrunkMotion:
 
     @property
     def turns(self) -> bool:
-        """Whether the trunk rotates at all."""
+        """True if the trunk rotates."""
         return bool(self.angular_velocity.any() or self.angular_acceleration.any())
 
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """How the joints move: position [rad], velocity [rad/s], acceleration [rad/s²], each (samples, joints)."""
+    """Motion of the joints: position [rad], velocity [rad/s], acceleration [rad/s²], each (samples, joints)."""
 
     position: Array
     velocity: Array
@@ -71,13 +71,13 @@ class JointMotion:
         return len(self.position)
 
     def slice(self, samples: slice) -> JointMotion:
-        """Some of the samples."""
+        """A slice of the samples."""
         return JointMotion(self.position[samples], self.velocity[samples], self.acceleration[samples])
 
 
 @dataclass(frozen=True, eq=False)
 class JointRotation:
-    """Takes vectors from a parent link's axes to its child's, Rᵀ v, for all samples at once."""
+    """Rotates vectors from a parent link's axes to its child's, Rᵀ v, for all samples at once."""
 
     into_spin: Array  # (3, 3): parent axes to axes whose z is the joint axis
     out_of_spin: Array | None  # (3, 3) back to child axes; None where the joint axis is z already
@@ -104,7 +104,7 @@ class JointRotation:
 
 
 def _z_onto(axis: Array) -> Array:
-    """A rotation whose third column is `axis`; the identity for z itself."""
+    """A rotation whose third column is `axis`; the identity for z."""
     x, y, z = axis
     if z == 1.0:
         return np.eye(3)

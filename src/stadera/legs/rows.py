@@ -1,4 +1,4 @@
-"""Rows `A θ = b` with a known noise: what solvers get from measurements."""
+"""Rows `A θ = b` with known noise: the interface between measurements and solvers."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from stadera.types import Array
 class Rows:
     """Linear equations `matrix @ θ[columns] = target` with independent noise of standard deviation `std`.
 
-    Columns of rigid-body rows depend on one another whatever the motion: a link's mass acts on its parent's joint like
-    a certain moment and inertia of the parent. Then `matrix = reduced @ mixing`, with fewer columns to make, filter and
-    sum up.
+    Some columns of rigid-body rows are linearly dependent in any motion: a link's mass acts on its parent's joint like
+    a certain moment and inertia of the parent. Then `matrix = reduced @ mixing`, with fewer columns to compute, filter
+    and sum up.
 
     Attributes:
-        columns: names of the parameters the matrix's columns belong to; parameters not named have zero columns.
-        reduced: (rows, k), the matrix itself where there is no mixing.
+        columns: names of the parameters of the matrix's columns; parameters not named have zero columns.
+        reduced: (rows, k), the matrix itself if there is no mixing.
         target: (rows,).
         std: noise of the target, one number or (rows,), in the target's unit; positive.
         mixing: (k, columns); None for the identity.
 
     Raises:
-        IdentificationError: shapes that do not fit, a std that is not positive and finite. Whether matrix and target
-            are finite is found out where they are summed up.
+        IdentificationError: inconsistent shapes, or a std that is not positive and finite. Finite values of matrix and
+            target are checked when they are summed up.
     """
 
     columns: tuple[str, ...]
@@ -60,16 +60,16 @@ class Rows:
         return self.reduced if self.mixing is None else self.reduced @ self.mixing
 
     def replaced(self, reduced: Array, target: Array) -> Rows:
-        """Rows of the same kind and unit noise: some of these, or these filtered."""
+        """Rows of the same kind and unit noise with other values, such as a selection or filtered rows."""
         return Rows(self.columns, reduced, target, mixing=self.mixing)
 
     def predict(self, values: Array) -> Array:
-        """The target that parameters (ordered as `columns`) would give, shape (rows,)."""
+        """Target predicted from parameters (ordered as `columns`), shape (rows,)."""
         return np.asarray(self.reduced @ (values if self.mixing is None else self.mixing @ values))
 
 
 def stack(rows: Sequence[Rows], columns: tuple[str, ...]) -> Rows:
-    """Several rows as one dense set over `columns`, in order; columns a set does not name are zero in it."""
+    """Concatenates several sets of rows into one dense set over `columns`; columns that a set lacks are zero in it."""
     index = {name: k for k, name in enumerate(columns)}
     matrix = np.zeros((sum(len(r) for r in rows), len(columns)))
     at = 0

@@ -1,6 +1,6 @@
-"""Contact forces of one sample, and their covariance.
+"""Contact forces at one sample, and their covariance.
 
-With B = J^-T the force is f = B (h - τ). An error δτ of the torque, and an error δp of where the foot is, move it by
+With B = J^-T the force is f = B (h - τ). An error δτ of the torque and an error δp of the foot's position change it by
 
     δf = -B δτ,      δf = -B G δp,   G's rows (f x a_j)ᵀ          as (∂(Jᵀf)_j / ∂p) δp = (a_j x δp) · f
 
@@ -22,18 +22,18 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """What the ground does to the feet, trunk frame and axes; legs in the robot's order.
+    """Forces of the ground on the feet, trunk frame and axes; legs in the robot's order.
 
     Attributes:
-        force: (4, 3) [N]; NaN for a leg that is singular: a direction of its force is not felt.
-        contact: (4, 3) [m], where it acts: on the foot's sphere, towards the ground.
-        stance: (4,) bool, the feet that carry.
+        force: (4, 3) [N]; NaN for a near-singular leg, for which a direction of the force is not determined.
+        contact: (4, 3) [m], contact points, on the foot's sphere towards the ground.
+        stance: (4,) bool, the loaded feet.
         normal: (3,), unit normal of the ground through the feet in stance.
         jacobian: (4, 3, 3) [m/rad], J of the contacts.
-        by_torque: (4, 3, 3) [1/m], J^-T; NaN for a singular leg.
+        by_torque: (4, 3, 3) [1/m], J^-T; NaN for a near-singular leg.
         axes: (4, 3, 3), the joints' axes as columns.
-        noise: of torques and feet, which the covariances are made from.
-        feet_move_forces: the Jacobians are those of the measured feet, so an error of theirs moves the forces too.
+        noise: of torques and feet, from which the covariances are computed.
+        feet_move_forces: True if the Jacobians are at the measured feet, so that errors of the feet change the forces.
     """
 
     force: Array
@@ -48,12 +48,12 @@ class ContactForces:
 
     @cached_property
     def total_force(self) -> Array:
-        """(3,) [N], of the feet in stance."""
+        """Total force on the feet in stance, (3,) [N]."""
         return np.asarray(np.where(self.stance[..., None], self.force, 0.0).sum(axis=-2))
 
     @cached_property
     def moment(self) -> Array:
-        """(3,) [N·m], about the trunk's origin, of the feet in stance."""
+        """Moment of the forces on the feet in stance about the trunk's origin, (3,) [N·m]."""
         force = np.where(self.stance[..., None], self.force, 0.0)
         return np.asarray((skews(self.contact) @ force[..., None])[..., 0].sum(axis=-2))
 
@@ -64,12 +64,14 @@ class ContactForces:
 
     @cached_property
     def torque_to_force(self) -> Array:
-        """(4, 3, 3) [1/m]: change of each foot's force with its leg's torques, -J^-T; zero for a singular leg."""
+        """Derivative of each foot's force with respect to its leg's torques, (4, 3, 3) [1/m], -J^-T; zero for a
+        near-singular leg.
+        """
         return -np.nan_to_num(self.by_torque)
 
     @cached_property
     def foot_to_force(self) -> Array:
-        """(4, 3, 3): change of each foot's force with an error of its position [N/m], -B G."""
+        """Derivative of each foot's force with respect to its position [N/m], (4, 3, 3), -B G."""
         if not self.feet_move_forces:
             return np.zeros_like(self.jacobian)
         rows = np.cross(np.nan_to_num(self.force)[:, None, :], self.axes.swapaxes(-1, -2))  # f x a_j
@@ -77,7 +79,9 @@ class ContactForces:
 
     @cached_property
     def wrench_slope(self) -> Array:
-        """(6, 24): change of `wrench` with the legs' torques [N·m], then with the feet's positions [m], leg by leg."""
+        """Derivative (6, 24) of `wrench` with respect to the legs' torques [N·m], then the feet's positions [m], leg by
+        leg.
+        """
         arms, held = skews(self.contact), skews(np.nan_to_num(self.force))
         by_torque, by_foot = self.torque_to_force, self.foot_to_force
         torque = np.concatenate([by_torque, arms @ by_torque], axis=1)
@@ -87,7 +91,7 @@ class ContactForces:
 
     @property
     def white_covariance(self) -> Array:
-        """(6, 6): covariance of `wrench` by the torques' white noise."""
+        """Covariance (6, 6) of `wrench` due to the torques' white noise."""
         scaled = self.wrench_slope[:, :12] * self.noise.torque_white.ravel()
         return np.asarray(scaled @ scaled.T)
 
@@ -95,9 +99,9 @@ class ContactForces:
 def ground_normal(feet: Array, stance: Bools, up: Array) -> Array:
     """Unit normal (..., 3) of the plane through the feet in stance, on the side of `up` (..., 3).
 
-    By the diagonals of the quadrilateral LF, RF, RH, LH, which is the best plane's normal where four feet are not in
-    one plane. A foot that is not in stance is taken to be where its neighbour is, which leaves the triangle of the
-    others. With fewer than three feet it is `up` itself.
+    Computed from the diagonals of the quadrilateral LF, RF, RH, LH, which gives the best plane's normal if the four
+    feet are not in one plane. A foot that is not in stance is replaced by its neighbour, which leaves the triangle of
+    the others. With fewer than three feet the normal is `up`.
 
     Args:
         feet: (..., 4, 3) [m], in the order LF, RF, LH, RH; stance: (..., 4).
@@ -115,7 +119,7 @@ def ground_normal(feet: Array, stance: Bools, up: Array) -> Array:
 
 
 def _normal_of_four(feet: Array, up: Array) -> Array:
-    """`ground_normal` of one sample with four feet in stance, without arrays: a controller's every period."""
+    """`ground_normal` for one sample with four feet in stance, without array overhead, for a controller's loop."""
     lf, rf, lh, rh = feet.tolist()
     ax, ay, az = rf[0] - lh[0], rf[1] - lh[1], rf[2] - lh[2]
     bx, by, bz = lf[0] - rh[0], lf[1] - rh[1], lf[2] - rh[2]

@@ -6,9 +6,9 @@ rank two; its damped pseudo-inverse ([F]xᵀ [F]x + λ² 1)⁻¹ [F]xᵀ is -[F]
 
     c_⊥ = -[F]x⁺ μ = F x μ / (|F|² + λ²),
 
-the point of the line of action nearest to the trunk's origin. The estimate steps towards it by α = 0.002 at 1 kHz, in
-a plane (see `standing.recursive`), and after a tilt of the trunk along what is left. Everything is in trunk
-axes, so no heading is needed.
+the point of the line of action nearest to the trunk's origin. The estimate steps towards it by α = 0.002 at 1 kHz,
+first in a plane (see `standing.recursive`), and after a tilt of the trunk along the remaining direction. All vectors
+are in trunk axes, so no heading is needed.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from stadera.trunk.standing.contact import ContactForces
 from stadera.trunk.standing.convergence import step_size
 from stadera.trunk.standing.recursive import LEAST_TILT, RecursiveCom
 
-_NOT_TILTED = f"the height shows in a trunk that is tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found"
+_NOT_TILTED = f"the height is observable in a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found"
 
 
 class ContactCom(RecursiveCom):
-    """Steps towards the line of action of the contact forces. Works with any controller, and in a closed loop or none.
+    """Steps towards the line of action of the contact forces. Works with any controller, in closed loop or open loop.
 
     Arguments, attributes and errors: see `RecursiveCom`.
     """
@@ -33,10 +33,10 @@ class ContactCom(RecursiveCom):
     _last = np.nan
 
     def look_for_height(self) -> None:
-        """Begins phase two: the plane's components stay, and poses tilted from now on show the height.
+        """Starts phase two: the components in the plane are kept, and later tilted poses determine the height.
 
         Raises:
-            IdentificationError: the plane's components have not been found yet.
+            IdentificationError: the components in the plane have not been found yet.
         """
         self._look_for_height()
 

@@ -1,16 +1,16 @@
-"""How fast a recursive estimate settles, and when it counts as settled.
+"""Settling time of a recursive estimate, and the criterion for convergence.
 
 The update ĉ(k+1) = ĉ(k) + β (c - ĉ(k)) every T_s seconds leaves 1 - β of the error each time, so e^-3 (5 %) of it after
 (the paper, below eq. 14)
 
     t_a = -3 T_s / ln(1 - β),        β = 1 - exp(-3 T_s / t_a)
 
-Keeping t_a and taking T_s as it comes makes an estimate independent of the rate it is fed at.
+Keeping t_a constant for any T_s makes an estimate independent of the sampling rate.
 
-The paper calls an estimate converged when |c - ĉ|, the innovation, is below 0.0005 m (section V.C). One sample's
-innovation is noise around that; what has to be below is a running mean of it, five times quicker than the estimate. At
-low rates even the mean is noise of millimetres: what twice its standard deviation, by the innovations' own scatter,
-explains does not count. An estimate is then as near as the noise lets it come, which its covariance says.
+The paper calls an estimate converged when |c - ĉ|, the innovation, is below 0.0005 m (section V.C). The innovation of a
+single sample is dominated by noise, so a running mean of it is compared, five times faster than the estimate. At low
+rates even the mean has a noise of millimetres: the part within twice its standard deviation, from the scatter of the
+innovations, is ignored. The estimate is then as close as the noise allows, which its covariance states.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from stadera.errors import ModelError
 from stadera.types import Array
 
 STEP, PERIOD = 0.002, 0.001
-"""α of the paper's approach (c), and the period [s] it is used at."""
+"""α of the paper's approach (c), and the period [s] for which it is given."""
 
 TOLERANCE = 0.0005
-"""[m], of the innovation: the paper's rule."""
+"""Limit of the innovation [m]: the paper's criterion."""
 
 
 def settling_time(step: float = STEP, period: float = PERIOD) -> float:
-    """Time [s] until 5 % of an error is left, at a step (0 to 1) every `period` [s].
+    """Time [s] until 5 % of an error remains, for a step (0 to 1) every `period` [s].
 
     Raises:
-        ModelError: a step outside 0 to 1, a period that is not positive.
+        ModelError: the step is outside 0 to 1, or the period is not positive.
     """
     if not 0.0 < step < 1.0:
         raise ModelError(f"a step size lies between 0 and 1, got {step}")
@@ -46,15 +46,15 @@ def step_size(settling: float, period: float) -> float:
 
 
 class Settled:
-    """The paper's rule: the running mean of the innovation is below the tolerance, noise aside.
+    """The paper's criterion: the running mean of the innovation is below the tolerance, apart from noise.
 
     Args:
         tolerance: in the innovation's unit.
-        quicker: how much quicker the running mean is than the estimate.
-        deviations: standard deviations of the mean by noise that do not count.
+        quicker: ratio of the running mean's rate to the estimate's.
+        deviations: number of standard deviations of the mean that are attributed to noise.
 
     Raises:
-        ModelError: a tolerance that is not positive.
+        ModelError: the tolerance is not positive.
     """
 
     def __init__(self, tolerance: float = TOLERANCE, quicker: float = 5.0, deviations: float = 2.0) -> None:
@@ -63,12 +63,12 @@ class Settled:
         self.restart()
 
     def restart(self) -> None:
-        """Forgets all innovations."""
+        """Discards all innovations."""
         self._mean: Array | float = 0.0
         self._spread, self._noise, self._left = 0.0, 0.0, 1.0
 
     def take(self, innovation: Array, step: float) -> None:
-        """One more innovation (k,); `step` is the estimate's own."""
+        """Adds an innovation (k,); `step` is the estimate's own."""
         share = min(self._quicker * step, 1.0)
         away = innovation - self._mean
         self._mean = self._mean + share * away
@@ -78,14 +78,14 @@ class Settled:
 
     @property
     def reached(self) -> bool:
-        """Whether it has settled; not before the mean is of a time constant's innovations."""
+        """True if the estimate has settled; never before the mean covers a time constant."""
         if self._left >= exp(-1.0):
             return False
         return float(np.sum(np.square(self._mean))) < self.tolerance**2 + self._deviations**2 * self._noise
 
 
 def positive(name: str, value: float) -> float:
-    """The value itself.
+    """Returns the value if it is positive.
 
     Raises:
         ModelError: it is not positive and finite.

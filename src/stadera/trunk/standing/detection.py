@@ -1,24 +1,25 @@
-"""Static detection: whether the robot is in equilibrium on its feet, the condition of every law that weighs at rest.
+"""Static detection: tests whether the robot is in equilibrium on its feet, as all methods that weigh at rest require.
 
-Single samples are noisy, so motion is evaluated after a first-order low-pass; values that are not finite are named and
-never get into it. After a fault nothing counts as static until all has been well for a while.
+Single samples are noisy, so motion is evaluated after a first-order low-pass. Values that are not finite are reported
+and excluded from it. After a fault nothing counts as static until all conditions have held for a while.
 
-How much noise a low-pass lets through depends on the log's rate: of white noise σ, sampled every dt,
+The noise after the low-pass depends on the log's rate: for white noise σ, sampled every dt,
 
     σ √(α / (2 - α)),      α = dt / (T + dt)      (T: time constant)
 
-So joint velocities are averaged for as long as their own noise (`VelocityNoise`) needs to stay under the limit, but not
-for longer than all must have been well. The limit itself is the same for every log.
+So joint velocities are averaged for as long as needed to bring their noise (`VelocityNoise`) below the limit, but no
+longer than the waiting time after a fault. The limit itself is the same for every log.
 
-An acceleration a across the vertical changes the specific force's size by a² / 2g alone, so its direction is watched as
-well, against the vertical v that the orientation, or else the gyro, carries along and the specific force pulls at,
+An acceleration a across the vertical changes the magnitude of the specific force by a² / 2g only, so its direction is
+monitored as well, relative to the vertical v, which is propagated by the orientation, or else by the gyro, and
+corrected towards the specific force,
 
     v̇ = -ω x v + (f / |f| - v) / T,      a ≈ |f x v|      (f: specific force, trunk axes)
 
-so that a constant error of either is no acceleration.
+so that a constant error of either does not appear as acceleration.
 
-Without an IMU (`standing.vertical`) ω = 0 and f is along the feet's forces: where feet do not slip, joints at
-rest hold the trunk at rest, and what is left to be watched is whether the forces' direction sways.
+Without an IMU (`standing.vertical`) ω = 0 and f is along the feet's forces: if the feet do not slip, joints at rest
+hold the trunk at rest, and only the sway of the forces' direction is monitored.
 """
 
 from __future__ import annotations
@@ -42,22 +43,22 @@ _FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([1, 2, 3, 2, 3, 3])  # 
 
 @dataclass(frozen=True)
 class StaticLimits:
-    """What still counts as standing still.
+    """Limits for a robot at rest.
 
     Attributes:
         angular_velocity: of the trunk [rad/s].
         joint_velocity: of any joint [rad/s].
-        specific_force: how far its size may be from that of gravity, and what part of it may lie across the vertical
-            [m/s²].
+        specific_force: difference of its magnitude from gravity, and its component across the vertical [m/s²].
         effort: share of a joint's limit from which its torque counts as saturated.
-        slip: by how much the distance of two feet in stance may have changed since the robot stood still [m].
-        feet: least number of feet that carry.
-        smoothing: time constant of the low-pass [s]; for joint velocities the least, the most being `quiet`.
-        quiet: for how long all must have been well [s].
-        vertical_time: T [s], with which the vertical follows the specific force; a trunk sways faster on its legs.
-        interruption: time without a sample after which low-passes begin anew [s].
-        noise_share: standard deviations of the joint velocities' noise, after the low-pass, that fit under their limit.
-        slip_every: slips are looked for so often [s]; one does not go away by itself.
+        slip: change of the distance between two feet in stance since the robot stood still [m].
+        feet: least number of loaded feet.
+        smoothing: time constant of the low-pass [s]; for joint velocities the least one, `quiet` being the largest.
+        quiet: time for which all conditions must have held [s].
+        vertical_time: T [s], time constant with which the vertical follows the specific force; a trunk sways faster.
+        interruption: time without a sample after which the low-passes restart [s].
+        noise_share: standard deviations of the joint velocities' noise, after the low-pass, that must fit below their
+            limit.
+        slip_every: interval between checks for slip [s]; a slip does not disappear by itself.
     """
 
     angular_velocity: float = 0.02
@@ -77,14 +78,14 @@ class StaticLimits:
         require_positive("static limit", self, (field.name for field in fields(self)))
 
 
-_FIRST_TIME, _LATER_TIME = 0.2, 1.0  # s, over which the velocities' noise is averaged: before it counts, and then
+_FIRST_TIME, _LATER_TIME = 0.2, 1.0  # s, averaging times of the velocities' noise: until its first use, and later
 
 
 class VelocityNoise:
-    """White noise of joint velocities by a log: the least that their second differences have shown.
+    """White noise of a log's joint velocities: the least value indicated by their second differences.
 
-    Of white noise σ these have 6 σ² in the mean, of motion slow against the sampling next to nothing. Mean over all
-    joints. Noise that is no longer white, as of velocities filtered before they were recorded, is taken for less.
+    White noise σ gives second differences with a mean square of 6 σ², while slow motion gives almost nothing. The mean
+    is over all joints. Noise that is not white, such as that of filtered velocities, is underestimated.
 
     Attributes:
         variance: σ² [rad²/s²]; 0 before the third sample.
@@ -96,7 +97,7 @@ class VelocityNoise:
         self._last: tuple[Array, ...] = ()
 
     def update(self, velocity: Array, dt: float) -> None:
-        """Takes in velocities (n,) [rad/s], `dt` [s] after the last ones."""
+        """Adds velocities (n,) [rad/s], `dt` [s] after the previous ones."""
         if len(self._last) == 2:
             bent = velocity - 2.0 * self._last[1] + self._last[0]
             self._count, self._time = self._count + 1, self._time + dt
@@ -106,12 +107,12 @@ class VelocityNoise:
         self._last = (*self._last[-1:], velocity)
 
     def interrupt(self) -> None:
-        """The next velocities do not follow on the last ones."""
+        """Announces that the next velocities do not follow the previous ones."""
         self._last = ()
 
 
 class StaticDetector:
-    """Says, sample by sample, what speaks against static equilibrium.
+    """Checks every sample for static equilibrium.
 
     Args:
         legs: of the robot.
@@ -136,13 +137,13 @@ class StaticDetector:
         self._stance = np.zeros(4, dtype=bool)
 
     def complaint(self, measurement: Measurement, forces: ContactForces) -> str:
-        """Why this measurement is not one of static equilibrium, in one sentence; empty where it is."""
+        """Reason why this measurement is not in static equilibrium, in one sentence; empty if it is."""
         time, limits = measurement.time, self.limits
         reason = not_finite(measurement, self._joints)
         if not reason:
             self._smoothen(measurement)
             reason = self._fault(measurement, forces)
-            if reason:  # whatever moves or errs now says nothing of where the vertical will be
+            if reason:  # moving or faulty samples do not indicate the vertical
                 self._vertical = None
             else:
                 reason = self._pushed(by_forces=measurement.vertical_by_forces)
@@ -157,7 +158,7 @@ class StaticDetector:
         values = np.concatenate([m.joint_velocity, m.angular_velocity, m.force_at_origin])
         dt, self._time = m.time - self._time, m.time
         before, self._rotation = self._rotation, m.rotation
-        if not 0.0 < dt < self.limits.interruption:  # the first one, or after a gap
+        if not 0.0 < dt < self.limits.interruption:  # the first sample, or after a gap
             self._smooth, self._vertical = values, None
             self._noise.interrupt()
         else:
@@ -179,7 +180,7 @@ class StaticDetector:
             self._vertical = self._vertical + (dt / (self.limits.vertical_time + dt)) * (force - self._vertical)
 
     def _velocity_share(self, dt: float) -> float:
-        """α of joint velocities: what lets noise of `noise_share` standard deviations reach the limit."""
+        """α for joint velocities, with which noise of `noise_share` standard deviations just reaches the limit."""
         limits, variance = self.limits, self._noise.variance
         least, most = dt / (max(limits.quiet, limits.smoothing) + dt), dt / (limits.smoothing + dt)
         if not variance:
@@ -211,7 +212,7 @@ class StaticDetector:
         return self._slipped(m, forces)
 
     def _pushed(self, *, by_forces: bool) -> str:
-        """Across the vertical."""
+        """Checks the acceleration across the vertical."""
         if self._vertical is None:
             return ""
         force, along = self._smooth[-3:], self._vertical
@@ -224,7 +225,7 @@ class StaticDetector:
         return f"the trunk accelerates: specific force {across:.2f} m/s² across the vertical"
 
     def _slipped(self, m: Measurement, forces: ContactForces) -> str:
-        """Looked for now and then: a slip does not go away by itself."""
+        """Checks for slip at intervals, since a slip does not disappear by itself."""
         if m.time - self._looked < self.limits.slip_every and self._well_since < np.inf:
             return ""
         self._looked = m.time
@@ -242,7 +243,7 @@ class StaticDetector:
 
 
 def not_finite(m: Measurement, joints: tuple[str, ...]) -> str:
-    """What is not finite about a measurement, in words; empty where all is."""
+    """Describes the values of a measurement that are not finite; empty if all are finite."""
     total = m.time + m.joint_position.sum() + m.joint_velocity.sum() + m.effort.sum()
     total += m.angular_velocity.sum() + m.specific_force.sum()
     if m.rotation is not None:

@@ -1,31 +1,31 @@
 """The six equations of a robot at rest, as rows in the trunk's parameters and in constant errors.
 
-With F = Σ f_i and μ = Σ p_i x f_i of the feet that carry (trunk axes, about the trunk's origin), g the downward pull's
-size, u the vertical, m and h = m c of the trunk with its payload, m_l and h_l of the legs
+With F = Σ f_i and μ = Σ p_i x f_i over the loaded feet (trunk axes, about the trunk's origin), g the magnitude of
+gravity, u the vertical, m and h = m c of the trunk with its payload, m_l and h_l of the legs
 
     F - (m + m_l) g u = 0,        μ - (h + h_l) x g u = 0                      (the paper's eq. 9, with its forces)
 
-are linear in m and h. Constant errors over a run: the joints' torques by offsets t (measured minus true), the
-feet's positions by d (trunk frame), the vertical by a small rotation ε, u_measured = u + ε x u, the masses of the legs'
-links by shares s (model minus true). The equations are linearised at values t₀, d₀, ε₀, which are subtracted from the
-measurement:
+are linear in m and h. The errors that are constant over a run are those of the joints' torques, t (measured minus
+true), of the feet's positions, d (trunk frame), of the vertical, a small rotation ε with u_measured = u + ε x u, and of
+the links' masses, shares s (model minus true). The equations are linearised at values t₀, d₀, ε₀, which are subtracted
+from the measurement:
 
     dF = -∂F/∂τ dt - ∂F/∂p dd,    dμ likewise,    du = u x dε      (torques enter exactly linearly, feet nearly)
 
-Link k, mass m_k with centre of mass c_k, has the part J_kᵀ m_k g u of h; so by its share
+Link k, with mass m_k and centre of mass c_k, contributes J_kᵀ m_k g u to h; so its share changes
 
     dF_k = J_c^-T J_kᵀ m_k g u,    d(m_l g u) = m_k g u,    d(h_l x g u) = c_k x m_k g u      (J_k: Jacobian of c_k)
 
-and all links together, by du in the place of u, are what a wrong vertical does to the forces.
+and the sum over all links, with du instead of u, is the effect of a wrong vertical on the forces.
 
-Without an IMU the vertical is itself found from the forces, anew in each pose (`standing.vertical`), so that
-its error is no constant one but two unknowns of the pose, of which nothing else is known. They are taken out of the
-six equations: of those, whitened, what is normal to their two columns is left, four equations a pose, in which offsets
-count by what they do through the vertical, too.
+Without an IMU the vertical is itself estimated from the forces in each pose (`standing.vertical`), so that its error is
+not constant but adds two unknowns to each pose. They are eliminated from the six equations: the whitened equations are
+projected onto the complement of the two columns, which leaves four equations per pose, in which offsets include their
+effect on the vertical.
 
-Whether a foot carries is not asked of its force, which the errors may hide: the equations hold for all feet, loaded or
-not. A leg that is known to be held in the air is left out, and adds its joints' own equations, h_j - τ_j = 0, in which
-nothing but the offsets is unknown.
+Contact is not decided from the force, which the errors may hide: the equations hold for all feet, loaded or not. A leg
+that is known to be in the air is excluded, and adds its joints' own equations, h_j - τ_j = 0, in which only the offsets
+are unknown.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ TRUNK: tuple[str, ...] = ("m", "mcx", "mcy", "mcz")
 """Names of the trunk's four parameters [kg, kg·m]."""
 
 ERRORS = 39
-"""How many constant errors there are: 12 torques, 12 of feet, 3 of the vertical, 12 masses of links."""
+"""Number of constant errors: 12 torques, 12 of feet, 3 of the vertical, 12 masses of links."""
 
-_FEWEST = 30  # samples whose scatter says something of a covariance
-_REPEATABLE = 1e-4  # share of the robot's weight (times 1 m): what a pose at rest leaves unexplained
+_FEWEST = 30  # samples needed to estimate a covariance from their scatter
+_REPEATABLE = 1e-4  # share of the robot's weight (times 1 m): residual of a pose at rest
 
 
 @lru_cache(maxsize=16)
@@ -69,14 +69,14 @@ def error_names(robot: Robot) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ConstantErrors:
-    """How large the constant errors may be, as a Gaussian of mean zero.
+    """Prior of the constant errors, Gaussian with mean zero.
 
     Attributes:
         covariance: (39, 39), of torques [N·m], feet [m], vertical [rad] and links' masses (shares), in the order of
             `error_names`.
 
     Raises:
-        ModelError: a wrong shape, or not a covariance of positive variances.
+        ModelError: wrong shape, or not a covariance of positive variances.
     """
 
     covariance: Array
@@ -89,12 +89,12 @@ class ConstantErrors:
 
     @classmethod
     def of(cls, noise: ForceNoise, orientation: float = np.deg2rad(0.2), common_torque: float = 0.0) -> ConstantErrors:
-        """Independent errors, save for a part of the torques that is common to all joints.
+        """Independent errors, except for a part of the torques that is common to all joints.
 
         Args:
             noise: of torques, feet and links' masses.
             orientation: of each component of ε [rad].
-            common_torque: standard deviation of an offset that is the same in every joint [N·m].
+            common_torque: standard deviation of an offset common to all joints [N·m].
         """
         sizes = (np.full(12, noise.foot_position), np.full(3, orientation), np.full(12, noise.leg_mass))
         std = np.concatenate([noise.torque_constant.ravel(), *sizes])
@@ -109,18 +109,18 @@ class ConstantErrors:
 
 
 def leg_mass_slope(forces: ContactForces, robot: Robot, joint_position: Array, up: Array) -> Array:
-    """(6, 12): change of (F - m_l g u, μ - h_l x g u), at rest, with the masses of the legs' links, as shares."""
+    """Derivative (6, 12) of (F - m_l g u, μ - h_l x g u), at rest, with respect to the links' masses, as shares."""
     return np.asarray(link_weights(forces, robot, joint_position) @ up)
 
 
 def link_weights(forces: ContactForces, robot: Robot, joint_position: Array) -> Array:
-    """(6, 12, 3): what each link of the legs does to (F - m_l g u, μ - h_l x g u), at rest, linear in u."""
+    """Contribution (6, 12, 3) of each leg link to (F - m_l g u, μ - h_l x g u), at rest, linear in u."""
     model = LegModel.of(robot)
     pose = model.pose(joint_position[None, model.columns])
     axes, origins, coms = (x[:, 0].transpose(1, 2, 0) for x in (pose.axis, pose.joints, model.centres(pose)))
     weights = GRAVITY * model.link_mass
     arms = coms[:, :, None] - origins[:, None]  # (leg, link, joint, 3)
-    bears = np.cross(axes[:, None], arms) * np.tri(3)[:, :, None]  # a joint does not feel the links before it
+    bears = np.cross(axes[:, None], arms) * np.tri(3)[:, :, None]  # the links before a joint do not load it
     felt = forces.torque_to_force * forces.stance[:, None, None]
     force = -weights[..., None, None] * (felt[:, None] @ bears)
     own = weights[..., None, None]
@@ -130,7 +130,7 @@ def link_weights(forces: ContactForces, robot: Robot, joint_position: Array) -> 
 
 
 def vertical_slope(links: Array, trunk: Array, up: Array) -> Array:
-    """(6, 3): change of (F - (m + m_l) g u, μ - (h + h_l) x g u) with a small rotation ε, u = u_measured + u x ε.
+    """Derivative (6, 3) of (F - (m + m_l) g u, μ - (h + h_l) x g u) with respect to ε, u = u_measured + u x ε.
 
     Args:
         links: `link_weights`.
@@ -144,9 +144,9 @@ def vertical_slope(links: Array, trunk: Array, up: Array) -> Array:
 
 
 def weight_felt(forces: ContactForces, robot: Robot, joint_position: Array, up: Array) -> Array:
-    """(4, 39): how far the trunk's mass [kg] and the vertical are off by constant errors, the vertical the forces' own.
+    """Errors (4, 39) of the trunk's mass [kg] and of a vertical taken from the forces, due to constant errors.
 
-    By the differential of F - (m + m_l) g u = 0, three equations, in m and in u across itself.
+    From the differential of F - (m + m_l) g u = 0, three equations, with respect to m and to u across itself.
     """
     links = link_weights(forces, robot, joint_position)
     by_error = np.hstack([forces.wrench_slope[:3], np.zeros((3, 3)), links[:3] @ up])
@@ -168,13 +168,14 @@ def equilibrium_rows(
     """Whitened rows of one pose, in `TRUNK` and the constant errors.
 
     Args:
-        forces_of: source of contact forces, and of the noise that weights the rows.
+        forces_of: estimator of contact forces, with the noise that weights the rows.
         measurement: the pose's mean.
-        count: of samples that it is the mean of.
-        errors: (39,), values that the equations are linearised at.
-        foot_variance: of each component of the feet's mean positions, where these are measured by themselves [m²].
-        effort_covariance: (n, n), of the mean efforts by their own scatter [N²·m²]. Where the wrench's is larger by
-            that than the noise explains (sensors worse than thought, a controller that shakes the robot), it counts.
+        count: number of samples in the mean.
+        errors: (39,), values at which the equations are linearised.
+        foot_variance: of each component of the feet's mean positions, if these are measured separately [m²].
+        effort_covariance: (n, n), of the mean efforts from their scatter [N²·m²]. It is used where it makes the
+            wrench's covariance larger than the noise does (worse sensors than assumed, a controller that shakes the
+            robot).
     """
     m, up = _without(measurement, errors, forces_of)
     forces, state = forces_of.at(m), forces_of.legs.at(m)
@@ -209,7 +210,7 @@ def equilibrium_rows(
         covariance[at, at] += np.diag(white[own])
     root = np.linalg.cholesky(covariance)
     linear_at = errors.copy()
-    linear_at[27:] = 0.0  # links' masses are not taken off the measurement: their equations are linear
+    linear_at[27:] = 0.0  # links' masses are not subtracted from the measurement: their equations are linear
     target = matrix[:, 4:] @ linear_at - value
     white_rows, white_target = np.linalg.solve(root, matrix), np.linalg.solve(root, target)
     if m.vertical_by_forces:
@@ -218,7 +219,7 @@ def equilibrium_rows(
 
 
 def _without_vertical(matrix: Array, target: Array, up: Array) -> tuple[Array, Array]:
-    """What whitened equations say whatever the vertical is: their part normal to its two columns."""
+    """Projects whitened equations onto the complement of the vertical's two columns."""
     rest = np.linalg.qr(matrix[:, 28:31] @ _across(up), mode="complete")[0][:, 2:].T
     left = rest @ matrix
     left[:, 28:31] = 0.0
@@ -226,12 +227,12 @@ def _without_vertical(matrix: Array, target: Array, up: Array) -> tuple[Array, A
 
 
 def _across(up: Array) -> Array:
-    """(3, 2), an orthonormal basis of the plane across a unit vector."""
+    """An orthonormal basis (3, 2) of the plane normal to a unit vector."""
     return np.asarray(np.linalg.svd(up[None])[2][1:].T)
 
 
 def _at_least(explained: Array, scatter: Array) -> Array:
-    """The covariance that is the larger one of two in every direction, as seen with the first one for a unit."""
+    """The larger of two covariances in every direction, in units of the first."""
     root = np.linalg.cholesky(explained)
     seen = np.linalg.solve(root, np.linalg.solve(root, scatter).T)
     sizes, axes = np.linalg.eigh(0.5 * (seen + seen.T))
@@ -240,7 +241,7 @@ def _at_least(explained: Array, scatter: Array) -> Array:
 
 
 def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) -> tuple[Measurement, Array]:
-    """The measurement with these errors taken off, as one at rest, and its vertical."""
+    """The measurement at rest after subtracting these errors, and its vertical."""
     torque, foot, turn = np.zeros(len(m.effort)), errors[12:24].reshape(4, 3), errors[24:27]
     torque[forces_of.legs.columns] = errors[:12].reshape(4, 3)
     effort = m.effort - torque
@@ -265,7 +266,7 @@ def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) ->
 
 
 def _estimated_trunk(forces: ContactForces, leg_moment: Array, leg_mass: float, up: Array) -> Array:
-    """Mass and first moment (4,) of the trunk from this pose alone, nothing along the vertical: for slopes."""
+    """Mass and first moment (4,) of the trunk from this pose alone, zero along the vertical; used for derivatives."""
     mass = float(up @ forces.total_force) / GRAVITY
     moment = np.cross(up, forces.moment) / GRAVITY
     return np.array([mass - leg_mass, *(moment - leg_moment)])

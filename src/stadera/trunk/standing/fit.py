@@ -1,14 +1,14 @@
-"""The least-squares problem behind all weighing in static poses: approach (a), the combined estimator, and payloads.
+"""Least-squares problem of weighing in static poses: approach (a), the combined estimator, and payloads.
 
-Every pose gives the equations of `standing.equilibrium`, linear in mass and first moment of the trunk, θ, and in what
-may be wrong all the time, n (torque offsets, feet, the vertical, the legs' masses). With a payload on the trunk the
-same matrix multiplies both, so a tare and a load are one problem with the same errors::
+Every pose gives the equations of `standing.equilibrium`, linear in mass and first moment of the trunk, θ, and in the
+constant errors n (torque offsets, feet, vertical, the legs' masses). The same matrix multiplies the trunk and a payload
+on it, so a tare and a load form one problem with the same errors::
 
     A_p θ_trunk + B_p n = b_p  (tare),        A_q (θ_trunk + θ_payload) + B_q n = b_q  (loaded)
 
-The errors n are either unknowns with a prior of covariance C, or considered: taken for zero, their covariance added to
-the estimate's (`stadera.information`). What tare and load feel alike cancels in the payload either way. A weak prior,
-the plausible box of the centre of mass, stands for what no pose shows.
+The errors n are either unknowns with a prior of covariance C, or considered: set to zero, with their covariance added
+to the estimate's (`stadera.information`). Either way, effects common to tare and load cancel in the payload. A weak
+prior, the plausible box of the centre of mass, covers the components that no pose shows.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ def with_poses(
     *,
     loaded: bool = False,
 ) -> Information:
-    """With the equations of some poses.
+    """Adds the equations of some poses.
 
     Args:
         known: on `TRUNK_ALONE` or `WITH_PAYLOAD`.
-        forces: source of contact forces, and of the noise that weights the rows.
-        errors: (39,), values of n that the equations are linearised at; None for zero.
-        loaded: the trunk carries the payload in these poses.
+        forces: estimator of contact forces, with the noise that weights the rows.
+        errors: (39,), values of n at which the equations are linearised; None for zero.
+        loaded: True if the trunk carries the payload in these poses.
     """
     at = np.zeros(ERRORS) if errors is None else errors
     for pose in poses:
@@ -57,7 +57,7 @@ def with_poses(
 
 
 def with_box(known: Information, body: str, bounds: TrunkBounds, mass: float, com: Array) -> Information:
-    """With the weak prior on the first moment of a body of about this mass [kg]: com (3,) [m], as wide as the box."""
+    """Adds the weak prior on the first moment of a body of about this mass [kg]: com (3,) [m], as wide as the box."""
     place, scale = known[body], 1.0 / (mass * bounds.spread[1:])
     matrix = np.zeros((3, len(known)))
     matrix[:, place.start] = -com * scale
@@ -66,14 +66,16 @@ def with_box(known: Information, body: str, bounds: TrunkBounds, mass: float, co
 
 
 def with_mass(known: Information, mass: float, std: float) -> Information:
-    """With a prior on the trunk's mass [kg]."""
+    """Adds a prior on the trunk's mass [kg]."""
     matrix = np.zeros((1, len(known)))
     matrix[0, known["trunk"].start] = 1.0 / std
     return known.add(matrix, np.array([mass / std]))
 
 
 def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> Information:
-    """With the constant errors as unknowns that have a prior, or as considered errors that are no unknowns any more."""
+    """Treats the constant errors as unknowns with a prior, or as considered errors, which removes them from the
+    unknowns.
+    """
     if not seek:
         return known.consider(errors.root, ("errors",))
     matrix = np.zeros((ERRORS, len(known)))

@@ -1,15 +1,15 @@
-"""Contact forces from joint torques, one sample after the other: f = J_c^-T (h - τ), leg by leg.
+"""Contact forces from joint torques, sample by sample: f = J_c^-T (h - τ) for each leg.
 
-With f what the ground does to the foot and τ what the actuators do to the joints, the equations of a leg's joints are
+With f the force of the ground on the foot and τ the actuator torques, the equations of a leg's joints are
 
     h = τ + J_cᵀ f,      h = rigid-body torque at this motion + friction and offsets of the joints
 
 (J_c: Jacobian of the contact point for a held trunk). A leg has three joints, so J_c is square and the paper's
-pseudo-inverse an inverse. Everything is in the trunk frame: the trunk's own motion enters h by its angular velocity and
-specific force alone; accelerations of the joints are left out. `stadera.legs.base_wrench` includes them.
+pseudo-inverse is an inverse. All vectors are in the trunk frame: the trunk's own motion enters h only through its
+angular velocity and specific force. Accelerations of the joints are neglected; `stadera.legs.base_wrench` includes
+them.
 
-The foot is a sphere: the contact is at foot - radius * normal, with the normal of the plane through the feet that
-carry.
+The foot is a sphere: the contact is at foot - radius * normal, with the normal of the plane through the feet in stance.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from stadera.types import Bools
 JacobianOf = Literal["feet", "encoders"]
 
 CARRIES = 0.03
-"""Share of the robot's weight that a foot in stance has along the normal."""
+"""Least force along the normal on a foot in stance, as a share of the robot's weight."""
 
 
 class ContactForceEstimator:
-    """Contact forces of one measurement after the other, accelerations of the joints left out.
+    """Computes the contact forces of successive measurements, neglecting accelerations of the joints.
 
     Args:
         robot: the model of the legs.
         noise: of torques and feet; None for the default shares of the effort limits.
-        legs: shared with others that look at the same measurements; None for its own.
-        jacobian: of the feet where the measurement says they are, or where the encoders say; the same unless the
-            measurement brings positions of its own.
+        legs: shared with other users of the same measurements; None for a new one.
+        jacobian: at the "feet" as measured or by the "encoders"; the two differ only if the measurement contains foot
+            positions.
 
     Raises:
         UnknownNameError: another kind of Jacobian.

@@ -1,4 +1,4 @@
-"""The legs' kinematics and dynamics at a measurement, evaluated once for all who ask."""
+"""Kinematics and dynamics of the legs at a measurement, evaluated once for all users."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from stadera.trunk.measurement import Measurement
 
 
 class MeasuredLegs:
-    """States of the legs by measurement; the last one is kept, so that controller and estimators share the work.
+    """Caches the state of the legs for the latest measurement, so that controller and estimators share the computation.
 
     Attributes:
         robot: the model of the legs.
-        columns: (4, 3), where each leg's joints are in the tree's order.
+        columns: (4, 3), index of each leg's joints in the tree's order.
         mass: [kg], of all leg links.
     """
 
@@ -26,7 +26,7 @@ class MeasuredLegs:
         self._motion: LegMotion | None = None
 
     def at(self, measurement: Measurement) -> LegState:
-        """The state at this measurement; its `feet` are forward kinematics, whatever the measurement says of them."""
+        """The state at this measurement; its `feet` always come from forward kinematics."""
         if self._state is None or measurement is not self._last:
             m = measurement
             self._state = self._dynamics.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.force_at_origin)
@@ -34,7 +34,7 @@ class MeasuredLegs:
         return self._state
 
     def motion_at(self, measurement: Measurement) -> LegMotion:
-        """How the legs move at this measurement; evaluated only when asked for."""
+        """Motion of the legs at this measurement, evaluated on demand."""
         self.at(measurement)
         if self._motion is None:
             self._motion = self._dynamics.motion()

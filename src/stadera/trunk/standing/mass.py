@@ -1,11 +1,11 @@
-"""The trunk's mass in static equilibrium: the paper's eq. 7.
+"""Estimates the trunk's mass in static equilibrium: the paper's eq. 7.
 
 The ground carries the whole weight, so along the vertical u (trunk axes)
 
     m_r = u · Σ f_i / g,        m_tr = m_r - m_l
 
-with m_l the mass of the leg links by the model; its error counts into the variance. Samples at rest are averaged by a
-first-order low-pass that starts from nothing (so that the first samples count fully), and anew after every motion.
+with m_l the mass of the leg links in the model, whose error enters the variance. Samples at rest are averaged by a
+first-order low-pass that gives the first samples full weight and restarts after every motion.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.static import StaticEstimator
 from stadera.types import Array
 
-_FIRST_STEP = 1e-3  # s, that the first sample after a restart counts for; any short time gives it its full weight
+_FIRST_STEP = 1e-3  # s, duration assigned to the first sample after a restart; any short time gives it its full weight
 
 
 @dataclass(frozen=True)
 class MassSettings:
-    """How samples are averaged.
+    """Settings of the average over samples.
 
     Attributes:
         time_constant: of averaging [s].
-        settled: time constants at rest after which the estimate can count as converged.
-        faster: how much quicker a second average is, in which a change shows first.
-        change: difference of the two averages that counts as a change, as a share of the robot's mass.
+        settled: number of time constants at rest after which the estimate may count as converged.
+        faster: ratio of the rates of a second, faster average, in which a change appears first, and the main one.
+        change: difference between the two averages that counts as a change, as a share of the robot's mass.
 
     Raises:
         StaderaError: a value that is not positive.
@@ -54,16 +54,16 @@ class MassSettings:
 
 
 class MassEstimator(StaticEstimator):
-    """Weighs the trunk while the robot stands still; an `Estimator` of the mass alone.
+    """Weighs the trunk while the robot stands still. An `Estimator` of the mass only.
 
     Args:
         robot: the model of the legs.
-        start: initial estimate, whose centre of mass is kept; None for the robot's own trunk.
-        forces: source of contact forces; None for a new one.
+        start: initial estimate, which also supplies the centre of mass; None for the robot's own trunk.
+        forces: estimator of contact forces; None for a new one.
         settings: None for the defaults.
 
     Raises:
-        ImplausibleError: an implausible start.
+        ImplausibleError: the start is implausible.
     """
 
     _WITHOUT_IMU = True
@@ -111,7 +111,7 @@ class MassEstimator(StaticEstimator):
         self._slow = self._fast = self._sample_variance = 0.0
 
     def _average(self, time: float, mass: float) -> None:
-        """One more sample into both averages; weights sum to one from the first sample on."""
+        """Adds a sample to both averages; weights sum to one from the first sample on."""
         if np.isnan(self._since):
             self._since, self._before = time, time - _FIRST_STEP
         dt, self._before = time - self._before, time
@@ -126,9 +126,9 @@ class MassEstimator(StaticEstimator):
 
 
 def felt_by_mass(forces: ContactForces, measurement: Measurement, robot: Robot) -> Array:
-    """(39,): how far the trunk's mass is off [kg], by constant errors; one of the vertical changes nothing.
+    """Error (39,) of the trunk's mass [kg] per unit of the constant errors; that of the vertical has no effect.
 
-    Where the vertical is the forces' own, it is tilted by the errors as well.
+    If the vertical is computed from the forces, the errors tilt it as well.
     """
     up = measurement.up
     if measurement.vertical_by_forces:

@@ -1,4 +1,4 @@
-"""Sizes of the errors of joint torques and foot positions, for the covariance of contact forces."""
+"""Sizes of the errors of joint torques and foot positions, from which the covariance of contact forces is computed."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from stadera.errors import ModelError
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
-_LIMIT_LEVER = 0.5  # m, at which a joint without effort limit carries half the weight: a scale, not a tuned number
+_LIMIT_LEVER = 0.5  # m, lever with half the weight that a joint without effort limit is assumed to carry: a scale
 
 
 @dataclass(frozen=True, eq=False)
 class ForceNoise:
-    """Standard deviations of torques and feet; "constant" errors do not average out over a run.
+    """Standard deviations of torques and feet. "Constant" errors do not average out over a run.
 
     Attributes:
         torque_white, torque_constant: (4, 3) [N·m], by leg and joint.
         foot_position: [m], of each component of a foot's position in the trunk frame, constant.
-        leg_mass: share of its own by which the mass of a leg's link may differ from the model's, constant.
+        leg_mass: relative error of the mass of a leg's link, constant.
 
     Raises:
-        ModelError: a wrong shape, or a value that is negative or not finite.
+        ModelError: wrong shape, or a value that is negative or not finite.
     """
 
     torque_white: Array
@@ -51,8 +51,9 @@ class ForceNoise:
     ) -> ForceNoise:
         """Torque noise as shares of the joints' effort limits.
 
-        A joint at rest hides its Coulomb friction, anywhere within ± τ_c: τ_c / √3 is added to the constant part. A
-        joint without effort limit counts as one made to carry half the robot's weight at half a metre.
+        Static friction of a joint at rest lies anywhere within its Coulomb friction ± τ_c: τ_c / √3 is added to the
+        constant part. A joint without effort limit is treated as one made to carry half the robot's weight at half a
+        metre.
         """
         fallback = 0.5 * robot.mass * GRAVITY * _LIMIT_LEVER
 

@@ -1,9 +1,9 @@
 """Approach (b): the centre of mass from the trunk's orientation error (the paper's section III.B, eq. 12-15).
 
-The trunk controller asks the ground for forces whose moment about the ESTIMATED centre of mass ĉ is that of its virtual
-springs, K e with e = log(Rᵀ R_d) (trunk axes; R the trunk's rotation, R_d its reference), and m g u through ĉ that
-compensates gravity (u: the vertical). At rest the forces carry the true weight and their moment about the TRUE centre
-of mass c vanishes; about ĉ it is then (c - ĉ) x m g u, so for δ = c - ĉ of the whole robot
+The trunk controller demands contact forces whose moment about the ESTIMATED centre of mass ĉ is that of its virtual
+springs, K e with e = log(Rᵀ R_d) (trunk axes; R the trunk's rotation, R_d its reference), and compensates gravity by m
+g u through ĉ (u: the vertical). At rest the forces carry the true weight and their moment about the TRUE centre of mass
+c vanishes; about ĉ it is then (c - ĉ) x m g u, so for δ = c - ĉ of the whole robot
 
     K e = δ x m g u        =>        E δ = u x (K e) / (m g),      E = 1 - u uᵀ
 
@@ -12,22 +12,22 @@ exactly, for any reference. Upright, roll φ and pitch θ small, e = (-φ, -θ, 
     δ_x = +K_y θ / (m g),      δ_y = -K_x φ / (m g)
 
 which is the paper's M = [[0, -1], [1, 0]] K / (m g) on e_o = (-φ, -θ) (eq. 12; its I K_p is K).
-A centre of mass ahead of the estimate lowers the nose, θ > 0, so ĉ_x must grow with +θ: eq. 14's α is M β, and as it is
-printed, with α a positive scalar on (-φ, -θ), it would run away in x.
+A centre of mass ahead of the estimate lowers the nose, θ > 0, so ĉ_x must grow with +θ: eq. 14's α is M β. As printed,
+with α a positive scalar on (-φ, -θ), the update would diverge in x.
 
-Phase one steps ĉ by β S E δ (S: see `standing.recursive`). At its end e = 0: the true centre of mass is above
-or below ĉ along the vertical u₀, e_z of a trunk held upright. Phase two tilts the reference, and what error is left
-is along u₀ alone, δ = s u₀:
+Phase one steps ĉ by β S E δ (S: see `standing.recursive`). At its end e = 0: the true centre of mass is above or below
+ĉ along the vertical u₀, e_z of a trunk held upright. Phase two tilts the reference, and the remaining error is along u₀
+alone, δ = s u₀:
 
     s = u₀ · (u x K e) / (m g (1 - (u · u₀)²))                                                            (eq. 15)
 
-The loop of posture and estimate must be stable. The posture answers like G(s) = ω² / (s² + 2 ζ ω s + ω²), the estimate
-comes into use with a lag T (its low-pass, half a period, and the mean over a period), the update integrates at
+The loop of posture and estimate must be stable. The posture responds like G(s) = ω² / (s² + 2 ζ ω s + ω²), the estimate
+is used with a lag T (its low-pass, half a period, and the mean over a period), and the update integrates with the gain
 κ = β / T_s ≈ 3 / t_a. Routh's criterion on s (T s + 1) (s² + 2 ζ ω s + ω²) + κ ω² gives
 
     κ < κ_max = [(1 + 2 ζ ω T) (2 ζ ω + ω² T) - ω² T] / (1 + 2 ζ ω T)²,     for T = 0:  κ < 2 ζ ω
 
-A settling time is taken only if κ is at most a quarter of that (a gain margin of 12 dB).
+A settling time is accepted only if κ is at most a quarter of that (a gain margin of 12 dB).
 """
 
 from __future__ import annotations
@@ -55,18 +55,18 @@ _ROTATION_ERROR = 1e-6  # rounding of a rotation matrix
 
 @dataclass(frozen=True, eq=False)
 class PostureLaw:
-    """What approach (b) needs to know of the trunk controller.
+    """Parameters of the trunk controller that approach (b) needs.
 
     Attributes:
         stiffness: (3,) [N·m/rad], K about the trunk's axes.
         reference: (3, 3), R_d, of the trunk in the world.
         frequency: ω [rad/s], and
-        damping: ζ, of the trunk's answer in roll and pitch.
-        lag: with which a new estimate comes into use [s].
-        feeds_back: the controller uses this estimate; else it keeps the one that the estimator starts from.
+        damping: ζ, of the trunk's response in roll and pitch.
+        lag: with which a new estimate is used [s].
+        feeds_back: True if the controller uses this estimate; else it keeps the estimator's initial one.
 
     Raises:
-        ModelError: a wrong shape, values that are not positive, a reference that is not a rotation.
+        ModelError: wrong shape, values that are not positive, or a reference that is not a rotation.
     """
 
     stiffness: Array
@@ -88,7 +88,7 @@ class PostureLaw:
             raise ModelError(f"a posture's lag must not be negative, got {self.lag} s")
 
     def fastest_settling(self, period: float) -> float:
-        """The least settling time [s] that leaves a gain margin of 12 dB, updating every `period` [s]."""
+        """Shortest settling time [s] with a gain margin of 12 dB, for an update every `period` [s]."""
         if not self.feeds_back:
             return 0.0
         lag = self.lag + period  # half a period held, half a period from averaging
@@ -99,17 +99,17 @@ class PostureLaw:
 
 
 class OrientationCom(RecursiveCom):
-    """Steps towards the centre of mass that makes the trunk's orientation error vanish.
+    """Steps towards the centre of mass for which the trunk's orientation error vanishes.
 
     Args:
         robot: the model of the legs.
-        posture: the law that holds the trunk.
-        start: initial estimate, the controller's too; None for the robot's own trunk.
-        forces, settings: as for `RecursiveCom`; contact forces are used for mass and stance alone.
+        posture: the control law that holds the trunk.
+        start: initial estimate, also the controller's; None for the robot's own trunk.
+        forces, settings: as for `RecursiveCom`; contact forces are used for mass and stance only.
 
     Raises:
-        ImplausibleError: an implausible start.
-        ModelError: a settling time that leaves the loop too little margin.
+        ImplausibleError: the start is implausible.
+        ModelError: the settling time leaves too small a gain margin.
     """
 
     def __init__(
@@ -130,15 +130,15 @@ class OrientationCom(RecursiveCom):
 
     @property
     def reference(self) -> Array:
-        """(3, 3), the reference orientation that the trunk is held to, world."""
+        """Reference orientation to which the trunk is held, world, (3, 3)."""
         return self._reference
 
     def look_for_height(self, reference: Array) -> None:
-        """Begins phase two; from now on the controller holds the trunk to this reference (3, 3), world.
+        """Starts phase two; from now on the controller holds the trunk to this reference (3, 3), world.
 
         Raises:
-            IdentificationError: the plane's components have not been found yet, or it is tilted by less than 3° against
-                the last one.
+            IdentificationError: the components in the plane have not been found yet, or the reference is tilted by less
+                than 3° from the last one.
             ModelError: not a rotation.
         """
         rotation = _rotation(reference)
@@ -168,7 +168,7 @@ class OrientationCom(RecursiveCom):
         self._correct(measurement, forces, error, up)
 
     def _correct(self, measurement: Measurement, forces: ContactForces, error: Array, up: Array) -> None:
-        """One step by the mean orientation error (3,) [rad] of a period."""
+        """Makes one step with the mean orientation error (3,) [rad] of a period."""
         leg_moment = self.forces.legs.at(measurement).moment
         com = self._robot_com(leg_moment)
         mass, weighed = self._weighed(forces, up, self._step)
@@ -178,7 +178,7 @@ class OrientationCom(RecursiveCom):
             used = (self._start.mass * self._start.com_trunk + leg_moment) / (self._start.mass + self._leg_mass)
             felt += (used - com) - up * float(up @ (used - com))
         innovation = self._selected(felt * (1.0 + self._leg_mass / self._trunk.mass), up)
-        if innovation is None:  # the posture is on its way to the tilt
+        if innovation is None:  # the posture is still moving to the tilt
             return
         self._settled.take(innovation, self._step)
         com_trunk = self._trunk.com_trunk + self._step * innovation
@@ -194,7 +194,7 @@ class OrientationCom(RecursiveCom):
         self._due = np.nan
 
     def _felt(self, instant: Instant) -> Array:
-        """(4, 39): constant errors as this pose feels them; an orientation off by ε turns e by -ε."""
+        """Effect (4, 39) of constant errors in this pose; an orientation error ε changes e by -ε."""
         felt = super()._felt(instant)
         felt[1:, 24:27] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
         return felt

@@ -1,7 +1,7 @@
-"""The payload by difference: the same robot weighed without and with it, with the same constant errors.
+"""Payload by difference: the same robot weighed without and with it, with the same constant errors.
 
-The poses of tare and load are one least-squares problem, in which the constant errors that both feel alike cancel
-(`stadera.trunk.standing.fit`). A weak prior, the plausible box, stands for what no pose shows.
+The poses of tare and load form one least-squares problem, in which constant errors common to both cancel
+(`stadera.trunk.standing.fit`). A weak prior, the plausible box, covers the components that no pose shows.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.pose_means import PoseMean
 from stadera.trunk.standing.poses import PosesSettings
 
-_LEAST = 1e-3  # of the robot's mass: unit of a first moment where there is hardly a payload
+_LEAST = 1e-3  # of the robot's mass: unit of a first moment if there is hardly a payload
 
 
 def payload_between(
     tare: Sequence[PoseMean], loaded: Sequence[PoseMean], forces: ContactForceEstimator, errors: ConstantErrors
 ) -> Payload:
-    """Mass and centre of mass of what the poses `loaded` carry more than those of the tare.
+    """Mass and centre of mass that the `loaded` poses carry in addition to the tare's.
 
     Raises:
-        IdentificationError: no pose on one side.
+        IdentificationError: there is no pose on one side.
     """
     for poses, which in ((tare, "the tare"), (loaded, "the load")):
         if not poses:
@@ -43,7 +43,7 @@ def payload_between(
     def solved(mass: float) -> Information:
         return with_errors(with_box(known, "payload", bounds, mass, middle), errors, seek=False)
 
-    # the payload's first moment in units of its mass, which the vertical forces alone tell well
+    # the payload's first moment in units of its mass, which the vertical forces determine well
     rough = solved(1.0)
     found = solved(max(abs(float(rough.mean[rough["payload"]][0])), _LEAST * forces.robot.mass))
     moments, covariance = found.mean[found["payload"]], found.covariance("payload")
@@ -51,16 +51,16 @@ def payload_between(
 
 
 def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
-    """What a trunk carries more than at a tare that is taken as exact: mass and first moment are differences.
+    """Payload as the difference from a tare that is taken as exact, in mass and first moment.
 
     Args:
         tare: the trunk without the payload.
-        loaded: the trunk with it; what is not observed of it is not observed of the payload.
+        loaded: the trunk with it; components not observed here are not observed in the payload.
     """
     m, c = loaded.trunk.mass, loaded.trunk.com_trunk
     moments = np.array([m - tare.mass, *(m * c - tare.mass * tare.com_trunk)])
     hidden = ~loaded.observed
     known = np.where(hidden[:, None] | hidden, 0.0, loaded.covariance)
-    slope = np.eye(4)  # of mass and first moment by mass and centre of mass
+    slope = np.eye(4)  # derivative of mass and first moment with respect to mass and centre of mass
     slope[1:, 0], slope[1:, 1:] = c, m * np.eye(3)
     return Payload.of_moments(moments, slope @ known @ slope.T, np.where(hidden[1:], 0.0, np.inf))

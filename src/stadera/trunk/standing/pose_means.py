@@ -1,4 +1,4 @@
-"""Samples at rest gathered into poses: the mean of all samples that are alike, flat in memory."""
+"""Groups samples at rest into poses, each stored as the mean of similar samples."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Alike:
-    """How far a sample may be from a pose's mean and still belong to it.
+    """Largest difference between a sample and the mean of its pose.
 
     Attributes:
         joint: of any joint [rad].
-        tilt: of the vertical [rad]; where the feet's forces say it, sample by sample noisier than a pose turns, it is
-            left to the joints.
+        tilt: of the vertical [rad]; ignored if the vertical comes from the feet's forces, whose noise exceeds the tilt
+            between poses.
     """
 
     joint: float = 0.02
@@ -31,13 +31,13 @@ class Alike:
 
 
 class PoseMean:
-    """The running mean of alike samples.
+    """Running mean of similar samples.
 
     Args:
         first: the first sample.
 
     Attributes:
-        count: of samples.
+        count: number of samples.
     """
 
     def __init__(self, first: Measurement) -> None:
@@ -49,7 +49,7 @@ class PoseMean:
         self.count = 1
 
     def takes(self, m: Measurement, alike: Alike) -> bool:
-        """Adds a sample if it is alike, with the same legs meant to carry; else leaves it alone."""
+        """Adds a sample if it is similar and the same legs are in stance; returns whether it was added."""
         if _meant(m) != _meant(self._first) or (m.foot_position is None) != (self._feet is None):
             return False
         if float(np.abs(m.joint_position - self._q).max()) > alike.joint:
@@ -72,12 +72,14 @@ class PoseMean:
 
     @property
     def effort_covariance(self) -> Array:
-        """(n, n) of the mean efforts [N²·m²], by their scatter; 0 for a single sample."""
+        """Covariance (n, n) of the mean efforts [N²·m²] from their scatter; 0 for a single sample."""
         return np.asarray(self._effort_squares / (max(self.count - 1, 1) * self.count))
 
     @property
     def foot_variance(self) -> float:
-        """Of each component of the feet's mean positions [m²], by their scatter; 0 where they are not measured."""
+        """Variance of each component of the feet's mean positions [m²] from their scatter; 0 if they are not
+        measured.
+        """
         return self._foot_squares / (12 * max(self.count - 1, 1) * self.count)
 
     @property
@@ -96,5 +98,5 @@ class PoseMean:
 
 
 def _meant(m: Measurement) -> list[bool]:
-    """Which legs are meant to carry."""
+    """Legs meant to be in stance."""
     return [True] * 4 if m.stance is None else m.stance.tolist()

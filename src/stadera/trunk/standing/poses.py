@@ -1,14 +1,14 @@
 """Least squares over static poses: approach (a) of the paper (section III.A, eq. 8-11), and with errors as unknowns.
 
-The equations at rest see the centre of mass normal to the vertical alone; poses that tilt the trunk about two axes show
-all of it. The constant errors of torques, feet and vertical are considered, or with `COMBINED` estimated as well: they
-stay over a run while the poses change, and two unknown torques cannot look like a shifted load at every tilt,
-height and place of the trunk. Then
+The equations at rest contain only the centre of mass normal to the vertical; poses that tilt the trunk about two axes
+determine all of it. The constant errors of torques, feet and vertical are considered, or with `COMBINED` estimated as
+well: they stay the same while the poses change, and two unknown torques cannot mimic a shifted load at every tilt,
+height and position of the trunk. Then
 
     Σ_poses ‖whitened equations(θ, n)‖² + nᵀ C⁻¹ n + the weak prior
 
-is minimised over trunk θ and errors n by Gauss-Newton: the equations are linear in all but the feet, and nearly so in
-these. Legs that are held in the air add three equations each. See `standing.fit`.
+is minimised over trunk θ and errors n by Gauss-Newton: the equations are linear in everything except the feet, and
+nearly so in these. Each leg in the air adds three equations. See `standing.fit`.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from stadera.trunk.standing.static import StaticEstimator
 from stadera.types import Array
 
 SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
-"""Still for so long that what is left of a trunk's sway does not matter."""
+"""Limits for a robot at rest for so long that the trunk's residual sway is negligible."""
 
 
 @dataclass(frozen=True)
 class PosesSettings:
-    """How poses become an estimate.
+    """Settings of the estimate from poses.
 
     Attributes:
-        seek_errors: constant errors are unknowns; else they are considered.
-        kept: closed poses that are linearised anew at every solution; older ones are summed up for good.
-        iterations: of Gauss-Newton at most, where errors are sought.
-        settled: change of the centre of mass that ends them [m].
+        seek_errors: treat constant errors as unknowns; else they are considered.
+        kept: closed poses that are linearised again in every solution; older ones are summed up permanently.
+        iterations: largest number of Gauss-Newton iterations, if errors are sought.
+        settled: change of the centre of mass at which they stop [m].
         observed: share of the plausible range's standard deviation below which a component counts as observed.
         torque_constant, foot_position: sizes of torque offsets, as a share of the effort limits, and of errors of the
-            feet's positions [m] (1 σ); None for those of the forces' noise. The vertical is off by 0.2°.
-        still: limits of standing still.
-        alike: which samples make one pose.
+            feet's positions [m] (1 σ); None for those of the forces' noise. The vertical's error is 0.2°.
+        still: limits for a robot at rest.
+        alike: criteria for samples of one pose.
 
     Raises:
         StaderaError: a value that is not positive.
@@ -71,7 +71,7 @@ class PosesSettings:
         require_positive("pose setting", self, ("iterations", "settled", "observed"))
 
     def errors(self, forces: ContactForceEstimator) -> ConstantErrors:
-        """Sizes of the constant errors of a source of contact forces."""
+        """Sizes of the constant errors for an estimator of contact forces."""
         if self.torque_constant is None or self.foot_position is None:
             return ConstantErrors.of(forces.noise)
         noise = ForceNoise.of(forces.robot, constant=self.torque_constant, foot_position=self.foot_position)
@@ -79,23 +79,23 @@ class PosesSettings:
 
 
 WIDE_TORQUE, WIDE_FOOT = 0.15, 0.03
-"""Sizes of errors that the combined method allows for: share of the effort limits, and [m] (1 σ)."""
+"""Sizes of the errors in the combined method: share of the effort limits, and [m] (1 σ)."""
 
 COMBINED = PosesSettings(seek_errors=True, kept=64, torque_constant=WIDE_TORQUE, foot_position=WIDE_FOOT)
-"""The combined method: torque offsets and feet as unknowns, too. The paper's errors are up to 20 N·m and 3 cm."""
+"""The combined method, with torque offsets and feet as unknowns too. The paper's errors are up to 20 N·m and 3 cm."""
 
 
 class PosesCom(StaticEstimator):
-    """All three components by least squares over the poses that the robot has held; flat in memory.
+    """Estimates all three components by least squares over the poses held so far, with bounded memory.
 
     Args:
         robot: the model of the legs.
-        start: value of components that no pose shows; None for the robot's own trunk.
-        forces: source of contact forces; None for a new one.
-        settings: None for the defaults, which are the paper's approach (a); `COMBINED` for errors as unknowns.
+        start: value of components that no pose determines; None for the robot's own trunk.
+        forces: estimator of contact forces; None for a new one.
+        settings: None for the defaults, the paper's approach (a); `COMBINED` for errors as unknowns.
 
     Raises:
-        ImplausibleError: an implausible start.
+        ImplausibleError: the start is implausible.
     """
 
     _WITHOUT_IMU = True
@@ -119,16 +119,16 @@ class PosesCom(StaticEstimator):
 
     @property
     def poses(self) -> int:
-        """How many poses were held."""
+        """Number of poses held."""
         return self._count
 
     @property
     def sources(self) -> Array:
-        """(39,), the constant errors as last estimated, in the order of `error_names`; zero where they are not."""
+        """Constant errors as last estimated, (39,), in the order of `error_names`; zero if they are not estimated."""
         return self._linear_at.copy()
 
     def estimate(self) -> TrunkEstimate:
-        """The estimate from all poses so far, solved when asked for."""
+        """The estimate from all poses so far, computed on demand."""
         refusal = "" if self._ran_away else self._reason
         self._solve()
         if refusal:
@@ -143,7 +143,7 @@ class PosesCom(StaticEstimator):
 
     def _close(self) -> None:
         kept = self.settings.kept
-        if kept and len(self._closed) >= kept:  # the oldest pose is about to be linearised for good
+        if kept and len(self._closed) >= kept:  # the oldest pose is about to be linearised permanently
             self._solve()
             self._anchor = self._linear_at
         if self._open is not None:
@@ -186,13 +186,15 @@ class PosesCom(StaticEstimator):
 
 
 def plausible(start: TrunkModel, bounds: TrunkBounds) -> Information:
-    """The weak prior: mass and centre of mass about the start, as wide as uniform ones in the plausible box."""
+    """The weak prior: mass and centre of mass around the start, as wide as uniform distributions over the plausible
+    box.
+    """
     known = with_box(Information.empty(TRUNK_ALONE), "trunk", bounds, start.mass, start.com_trunk)
     return with_mass(known, start.mass, float(bounds.spread[0]))
 
 
 def conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: Array) -> Array:
-    """What the other components are when some are known to be `at`."""
+    """Conditional mean of the other components when some are known to be `at`."""
     if not len(fixed):
         return value
     gain = covariance[:, fixed] @ np.linalg.inv(covariance[np.ix_(fixed, fixed)])

@@ -1,26 +1,27 @@
-"""What the paper's feedback laws (b) and (c) share: small steps towards the centre of mass that statics show.
+"""Base of the paper's feedback laws (b) and (c): small steps towards the centre of mass indicated by statics.
 
-Both find, from one instant, the error δ = c - ĉ of the WHOLE robot's centre of mass, normal to the vertical u (trunk
+Both compute, from one instant, the error δ = c - ĉ of the WHOLE robot's centre of mass normal to the vertical u (trunk
 axes); along u nothing is observed. The legs being known, the trunk's own error is δ m_r / m_tr (the paper's remark 1
-leaves the factor out, and its steps are smaller by it). With E = 1 - u uᵀ = ᵂR_bᵀ E_xy ᵂR_b, the world's x-y plane
+omits the factor, and its steps are smaller by it). With E = 1 - u uᵀ = ᵂR_bᵀ E_xy ᵂR_b, the world's x-y plane
 
     ĉ_tr ← ĉ_tr + β (m_r / m_tr) S E δ,      m̂_r ← m̂_r + β (u · Σ f / g - m̂_r)      (eq. 7, 13, 19)
 
-One pose shows a line along u through c, and S says which of its points ĉ goes to. `Plane.WORLD`, the paper's, is S = 1:
-what lies along u of the start's error stays, so that on a slope γ the trunk's x-y end up off by sin γ times that,
-wherever it came from. `Plane.TRUNK` keeps the prior height instead, S = 1 - u e_zᵀ / u_z (e_z · S E δ = 0):
-x and y come out the same wherever they began, off by (u_xy / u_z) δ_z alone. Both are zero in the world's x-y plane,
-and the same for a level trunk.
+One pose determines a line along u through c, and S selects the point on it to which ĉ converges. `Plane.WORLD`, the
+paper's, is S = 1: the component of the initial error along u remains, so that on a slope γ the trunk's x-y have a
+remaining error of sin γ times that, which depends on the start. `Plane.TRUNK` keeps the prior height instead, S = 1 - u
+e_zᵀ / u_z (e_z · S E δ = 0): x and y converge to the same values from any start, with the error (u_xy / u_z) δ_z alone.
+In the world's x-y plane both errors are zero, and for a level trunk both choices are the same.
 
-A second pose shows the rest. With phase one at the vertical u₀, ĉ is off by s u₀ alone; at a trunk tilted since,
+A second pose determines the remaining component. With phase one at the vertical u₀, ĉ is off by s u₀ alone; for a trunk
+tilted since,
 
     E δ = s E u₀        =>        s = u₀ · E δ / (1 - (u · u₀)²)            (eq. 15, where u₀ = e_z)
 
-What is wrong with a wrench w = (Σ f, μ) about the trunk's origin moves them by
+An error of the wrench w = (Σ f, μ) about the trunk's origin changes them by
 
     δm = uᵀ δΣf / g,    δc = [u]x (δμ - [c]x δΣf) / (m_r g),    δc_tr = (m_r / m_tr) δc + δm (c - c_tr) / m_tr
 
-and with ε₁, ε of that kind in the two phases, s by u₀ · (ε - E₀ ε₁) / (1 - (u · u₀)²).
+and with errors ε₁, ε of this kind in the two phases, s by u₀ · (ε - E₀ ε₁) / (1 - (u · u₀)²).
 """
 
 from __future__ import annotations
@@ -47,21 +48,21 @@ from stadera.trunk.standing.static import StaticEstimator
 from stadera.types import Array
 
 SLOW = StaticLimits(angular_velocity=0.3, joint_velocity=0.5, specific_force=1.0, quiet=0.02)
-"""Slow enough for small steps: while a law's own corrections turn the trunk, inertial moments stay small."""
+"""Slow enough for small steps: while a law's own corrections rotate the trunk, inertial moments stay small."""
 
 LEAST_TILT = np.deg2rad(3.0)
-"""[rad], between the poses of the two phases."""
+"""Least tilt between the poses of the two phases [rad]."""
 
 
 class Phase(StrEnum):
-    """What is estimated now: the components in a plane, or the height."""
+    """The components being estimated: those in a plane, or the height."""
 
     PLANE = "plane"
     HEIGHT = "height"
 
 
 class Plane(StrEnum):
-    """Where one pose leaves the centre of mass along the vertical: at its prior height in the trunk, or where it was
+    """Position of the centre of mass along the vertical after one pose: at its prior height in the trunk, or unchanged
     along the world's vertical.
     """
 
@@ -71,21 +72,21 @@ class Plane(StrEnum):
 
 @dataclass(frozen=True)
 class LawSettings:
-    """How a law steps.
+    """Settings of a feedback law.
 
     Attributes:
-        settling: time after which 5 % of an error is left [s]; the paper's α = 0.002 at 1 kHz by default.
+        settling: time after which 5 % of an error remains [s]; by default that of the paper's α = 0.002 at 1 kHz.
         period: of the updates of `OrientationCom`, which averages in between [s].
-        height_std: how far off the centre of mass may be along the vertical, where it is not observed [m]; on a slope
-            it counts into the other components' covariance.
+        height_std: standard deviation of the centre of mass along the vertical, where it is not observed [m]; on a
+            slope it enters the other components' covariance.
         orientation_std: constant error of the measured orientation [rad].
         plane: see `Plane`.
         still: limits of standing still.
         mass_settled: innovation of the mass below which it has settled, as a share of the robot's mass.
-        stale: time after which the covariance is evaluated anew [s].
-        hidden: share of the vertical along an axis from which this component is not observed.
+        stale: interval at which the covariance is recomputed [s].
+        hidden: share of the vertical along an axis above which this component is not observed.
         damping: λ of `ContactCom`'s pseudo-inverse, as a share of the weight; biases a centre of mass by its square.
-        longest_step: time that one measurement counts for at most, as a share of `settling`.
+        longest_step: largest duration assigned to one measurement, as a share of `settling`.
 
     Raises:
         StaderaError: a value that is not positive.
@@ -117,7 +118,7 @@ class LawSettings:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """The state of a law at one instant, trunk axes.
+    """State of a law at one instant, trunk axes.
 
     Attributes:
         forces: of the feet. joint_position: (n,) [rad]. up: (3,), the vertical. com: (3,) [m], of the whole robot.
@@ -132,7 +133,7 @@ class Instant:
 
     @cached_property
     def from_wrench(self) -> Array:
-        """(4, 6): change of mass and of the trunk's centre of mass with the wrench."""
+        """Derivative (4, 6) of mass and the trunk's centre of mass with respect to the wrench."""
         slope = np.zeros((4, 6))
         slope[0, :3] = self.up / GRAVITY
         slope[1:, 3:] = skew(self.up) / (self.trunk.mass * GRAVITY)
@@ -142,19 +143,19 @@ class Instant:
 
 
 class RecursiveCom(StaticEstimator):
-    """A law that steps towards the centre of mass, in a plane first and along a line then.
+    """A law that steps towards the centre of mass, first in a plane and then along a line.
 
     Args:
         robot: the model of the legs.
         start: initial estimate; None for the robot's own trunk.
-        forces: source of contact forces; None for a new one.
+        forces: estimator of contact forces; None for a new one.
         settings: None for the defaults.
 
     Attributes:
         phase: see `Phase`.
 
     Raises:
-        ImplausibleError: an implausible start.
+        ImplausibleError: the start is implausible.
     """
 
     def __init__(
@@ -173,7 +174,7 @@ class RecursiveCom(StaticEstimator):
         self._known: Array | None = None
         self._seen_from: Instant | None = None
         self._seen_at = -np.inf
-        self._before: Instant | None = None  # of phase one
+        self._before: Instant | None = None  # at the end of phase one
         self._step = 0.0
 
     # -- for the laws -----------------------------------------------------------------------------------------
@@ -194,7 +195,7 @@ class RecursiveCom(StaticEstimator):
         return robot_mass + step * change - self._leg_mass, self._mass_settled.reached
 
     def _selected(self, error: Array, up: Array) -> Array | None:
-        """The innovation (3,) [m] from E δ of the trunk; None where phase two has too little tilt to tell."""
+        """The innovation (3,) [m] from E δ of the trunk; None if the tilt is too small in phase two."""
         if self._before is not None:
             line = self._before.up
             square = 1.0 - float(up @ line) ** 2
@@ -204,7 +205,7 @@ class RecursiveCom(StaticEstimator):
         return self.settings.selection(up) @ error
 
     def _look_for_height(self) -> None:
-        """Begins phase two.
+        """Starts phase two.
 
         Raises:
             IdentificationError: phase one has not settled.
@@ -217,7 +218,7 @@ class RecursiveCom(StaticEstimator):
         self._settled.restart()
 
     def _averaging(self) -> float:
-        """Share of the white noise's variance that is left by steps of this size."""
+        """Share of the white noise's variance that remains after steps of this size."""
         return self._step / (2.0 - self._step)
 
     def _interrupted(self) -> None:
@@ -225,7 +226,7 @@ class RecursiveCom(StaticEstimator):
         self._mass_settled.restart()
 
     def _looked_at(self, m: Measurement, forces: ContactForces, com: Array) -> None:
-        """Now and then, keeps an instant that the covariance is evaluated at when asked for."""
+        """Stores an instant at intervals, at which the covariance is computed on demand."""
         if m.time - self._seen_at >= self.settings.stale:
             self._seen_from, self._seen_at = Instant(forces, m.joint_position, m.up, com, self._trunk), m.time
             self._known = None
@@ -254,10 +255,12 @@ class RecursiveCom(StaticEstimator):
         return np.asarray(covariance)
 
     def _of_two_poses(self, first: Instant, second: Instant) -> Array:
-        """(4, 4), from A ε₁ + B ε with A = E₀ - u₀ u₀ᵀE E₀ / sin², B = u₀ u₀ᵀ / sin²; the mass is the second's."""
+        """Covariance (4, 4) from A ε₁ + B ε with A = E₀ - u₀ u₀ᵀE E₀ / sin², B = u₀ u₀ᵀ / sin²; the mass is the second
+        pose's.
+        """
         line, up = first.up, second.up
         square = 1.0 - float(up @ line) ** 2
-        if square < 0.5 * np.sin(LEAST_TILT) ** 2:  # on its way to the tilt
+        if square < 0.5 * np.sin(LEAST_TILT) ** 2:  # still moving to the tilt
             return unobserved()
         plane = np.eye(3) - np.outer(line, line)
         A, B = np.zeros((4, 4)), np.zeros((4, 4))
@@ -268,12 +271,12 @@ class RecursiveCom(StaticEstimator):
         return np.asarray(felt @ self._errors.covariance @ felt.T + white)
 
     def _felt(self, instant: Instant) -> Array:
-        """(4, 39): how far mass and centre of mass end up off, by constant errors."""
+        """Errors (4, 39) of mass and centre of mass per unit of the constant errors."""
         by_legs = leg_mass_slope(instant.forces, self.robot, instant.joint_position, instant.up)
         slope = np.hstack([instant.forces.wrench_slope, np.zeros((6, 3)), by_legs])
         return np.asarray(instant.from_wrench @ slope)
 
     def _white(self, instant: Instant) -> Array:
-        """(4, 4), what the steps leave of the torques' white noise."""
+        """Covariance (4, 4) due to the torques' white noise, after averaging by the steps."""
         slope = instant.from_wrench
         return np.asarray(self._averaging() * slope @ instant.forces.white_covariance @ slope.T)

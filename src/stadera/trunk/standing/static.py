@@ -1,4 +1,4 @@
-"""What estimators at rest share: which measurements they use, the last good estimate, reasons of refusal."""
+"""Base of estimators at rest: selection of measurements, the last good estimate, reasons for refusal."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from stadera.types import Array
 
 
 class StaticEstimator(ABC):
-    """An `Estimator` that uses measurements at rest alone.
+    """An `Estimator` that uses only measurements at rest.
 
     Args:
         robot: the model of the legs.
         start: initial estimate; None for the robot's own trunk.
-        forces: source of contact forces; None for a new one.
-        limits: of standing still; None for the estimator's own.
+        forces: estimator of contact forces; None for a new one.
+        limits: for a robot at rest; None for the estimator's own.
 
     Raises:
         ImplausibleError: the start lies outside `TrunkBounds.of(robot)`.
     """
 
-    _WITHOUT_IMU = False  # whether its covariance includes a vertical that comes from the forces themselves
+    _WITHOUT_IMU = False  # whether its covariance includes a vertical computed from the forces
 
     def __init__(
         self,
@@ -62,25 +62,25 @@ class StaticEstimator(ABC):
         self._learn(measurement, forces)
 
     def estimate(self) -> TrunkEstimate:
-        """The present estimate; after a refusal the last good one, and the reason."""
+        """The present estimate; after a refusal the last good one, with the reason."""
         return TrunkEstimate(self._learnt, self._trunk, self._covariance(), self._status, self._reason)
 
     @abstractmethod
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
-        """Uses a measurement at rest."""
+        """Processes a measurement at rest."""
 
     @abstractmethod
     def _covariance(self) -> Array:
-        """(4, 4) of mass and centre of mass."""
+        """Covariance (4, 4) of mass and centre of mass."""
 
-    def _interrupted(self) -> None:  # noqa: B027 (most have nothing to do)
-        """Called when something other than rest came between."""
+    def _interrupted(self) -> None:  # noqa: B027 (most subclasses have nothing to do)
+        """Called after an interruption of rest."""
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason = Status.REFUSED, reason
 
     def _adopt(self, time: float, mass: float, com: Array, converged: bool) -> bool:
-        """Makes mass [kg] and centre of mass (3,) [m] the estimate, unless it has run away."""
+        """Makes mass [kg] and centre of mass (3,) [m] the estimate, unless they are implausible."""
         self._ran_away = True
         try:
             trunk = TrunkModel(mass, com, self._start.inertia_com)

@@ -1,8 +1,9 @@
-"""Poses of the trunk to hold for weighing it: which ones the legs reach, and what they will tell.
+"""Trunk poses for static weighing: which ones the legs can reach, and the accuracy to expect from them.
 
-The equations at rest see the centre of mass normal to the vertical alone, so one level pose shows x and y. A pose
-tilted by γ shows the height as well, with an error 1 / sin γ times that in the plane; constant errors of the sensors
-are told apart by tilts about both axes, to both sides, and by shifts, which change the legs' shapes and their loads.
+The equations at rest contain only the centre of mass normal to the vertical, so one level pose determines x and y. A
+pose tilted by γ determines the height as well, with an error 1 / sin γ times that in the plane. Constant errors of the
+sensors are separated by tilts about both axes, to both sides, and by shifts, which change the legs' shapes and their
+loads.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ from stadera.types import Array
 _NEWTON_STEPS = 30
 _LARGEST_STEP = 0.2  # rad
 _SOLVED = 1e-7  # m
-_SHRUNK = 0.8  # per attempt, a pose out of reach is made smaller
+_SHRUNK = 0.8  # factor by which a pose out of reach is reduced in each attempt
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What the legs must be able to do in a pose.
+    """Requirements on the legs in a pose.
 
     Attributes:
         least_load: on every foot, as a share of the robot's weight.
-        torque: of every joint at most, as a share of its effort limit.
-        least_size: share of its wanted size below which a pose is given up.
+        torque: largest torque of any joint, as a share of its effort limit.
+        least_size: share of its requested size below which a pose is given up.
     """
 
     least_load: float = 0.05
@@ -51,7 +52,7 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class PoseOffset:
-    """A pose of the trunk relative to the nominal stance, the feet staying where they are.
+    """A pose of the trunk relative to the nominal stance, with the feet unchanged.
 
     Attributes:
         shift: (3,) [m], of the trunk's origin, in the nominal trunk's axes.
@@ -62,25 +63,25 @@ class PoseOffset:
     turn: Array = field(default_factory=lambda: np.zeros(3))
 
     def scaled(self, share: float) -> PoseOffset:
-        """The same, smaller or larger."""
+        """The pose with shift and turn multiplied by `share`."""
         return PoseOffset(share * self.shift, share * self.turn)
 
 
 def static_poses(
     robot: Robot, tilt: float = np.deg2rad(12.0), shift: float = 0.15, count: int = 11
 ) -> tuple[PoseOffset, ...]:
-    """A small set of poses that shows the whole centre of mass: level, rolled and pitched, then shifted.
+    """A small set of poses that determines the whole centre of mass: level, rolled and pitched, then shifted.
 
-    In this order: level, pitch and roll to both sides, then shifts to all sides and down. A pose that the legs do not
-    reach, within the joints' limits, torques and on loaded feet, is made smaller until they do.
+    In this order: level, pitch and roll to both sides, then shifts to all sides and down. A pose that the legs cannot
+    reach, within the joints' limits and torques and with loaded feet, is reduced until they can.
 
     Args:
         tilt: of the tilted poses [rad].
         shift: of the shifted ones, as a share of the standing height.
-        count: how many of the eleven, from the first.
+        count: number of poses to use, of the eleven, from the first.
 
     Raises:
-        ModelError: fewer than 1 or more than 11 poses; a pose that the legs do not reach at a quarter of its size.
+        ModelError: fewer than 1 or more than 11 poses, or a pose that the legs cannot reach at a quarter of its size.
     """
     height = -float(foot_positions(robot, standing_configuration(robot)[None])[0, :, 2].mean())
     x, y, z = np.eye(3)
@@ -103,17 +104,17 @@ def expected_covariance(
     forces: ContactForceEstimator | None = None,
     samples: int = 1000,
 ) -> Array:
-    """What holding these poses will tell of the robot's own trunk: covariance (4, 4) of mass [kg] and CoM [m].
+    """Expected covariance (4, 4) of mass [kg] and CoM [m] of the robot's own trunk from holding these poses.
 
     Args:
         poses: relative to the nominal stance on level ground.
-        errors: that are constant over the run.
-        seek_errors: they are unknowns; else considered.
-        forces: None for ones with the default noise.
-        samples: in each pose.
+        errors: constant over the run.
+        seek_errors: treat them as unknowns; else they are considered.
+        forces: None for the default noise.
+        samples: number in each pose.
 
     Raises:
-        ModelError: a pose out of the legs' reach.
+        ModelError: a pose is out of the legs' reach.
     """
     forces = forces or ContactForceEstimator(robot)
     known = plausible(TrunkModel.prior(robot), TrunkBounds.of(robot))
@@ -130,14 +131,14 @@ def expected_covariance(
 def standing_still(
     robot: Robot, pose: PoseOffset, forces: ContactForceEstimator | None = None, reach: Reach | None = None
 ) -> Measurement | None:
-    """What ideal sensors say when the robot holds a pose on level ground; None where it cannot.
+    """Measurement of ideal sensors when the robot holds a pose on level ground; None if it cannot.
 
-    Of the forces that hold it, the least ones; they may need friction.
+    The contact forces are the smallest ones that hold it, which may need friction.
 
     Args:
         pose: relative to the nominal stance.
         forces: None for a new one.
-        reach: what the legs must be able to do; None for the defaults.
+        reach: requirements on the legs; None for the defaults.
     """
     source, reach = forces or ContactForceEstimator(robot), reach or Reach()
     q0 = standing_configuration(robot)
@@ -174,7 +175,7 @@ def _within_reach(source: ContactForceEstimator, pose: PoseOffset) -> PoseOffset
 
 
 def _reached(source: ContactForceEstimator, feet: Array, start: Array) -> Array | None:
-    """Joint angles (n,) that bring the feet (4, 3) there, within the limits; None where there are none."""
+    """Joint angles (n,) that bring the feet (4, 3) to these positions, within the limits; None if there are none."""
     robot, columns = source.robot, source.legs.columns
     low = np.array([robot.limits[joint].lower for joint in robot.tree.joints])
     high = np.array([robot.limits[joint].upper for joint in robot.tree.joints])

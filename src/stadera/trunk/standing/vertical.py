@@ -1,18 +1,19 @@
-"""The vertical of a robot that stands still and has no IMU: the direction of what its feet carry.
+"""The vertical of a robot that stands still and has no IMU: the direction of the total contact force.
 
-At rest a trunk feels the specific force a = g u, u the vertical, trunk axes. Joint j of a leg bears the links k below
-it, h_j = Σ m_k (s_j x (c_k - o_j)) · a, linear in a: h = H a. So the feet's forces f = B (h - τ), B = J^-T, are affine
-in a, and so is their sum, which carries the robot's mass M:
+At rest the specific force of the trunk is a = g u, u the vertical, trunk axes. Joint j of a leg carries the links k
+beyond it, h_j = Σ m_k (s_j x (c_k - o_j)) · a, linear in a: h = H a. So the feet's forces f = B (h - τ), B = J^-T, are
+affine in a, and so is their sum, which carries the robot's mass M:
 
     F(a) = F₀ + K a,    F₀ = -Σ B τ,    K = Σ B H;        F(a) = M a,    |a| = g
 
-Three equations for three unknowns, M and the two angles of u. They are solved by a ← g F(a) / |F(a)|, which contracts
-by about |K| / M, what the legs' own weight does to the feet's forces across the vertical as a share of the weight.
+These are three equations for three unknowns, M and the two angles of u. They are solved by the iteration a ← g F(a) /
+|F(a)|, which contracts by about |K| / M, the effect of the legs' own weight on the feet's forces across the vertical,
+as a share of the weight.
 
-Where feet do not slip and joints are at rest, three feet hold the trunk at rest as well, so a gyro would add nothing.
-What an IMU alone would tell: a steady push or pull across the vertical tilts F, and a ground that accelerates changes
-its size; both are taken for weight here. Constant errors of torques do the same, and are in the bars
-(`stadera.trunk.standing.equilibrium`).
+If feet do not slip and joints are at rest, three feet hold the trunk at rest as well, so a gyro would add nothing. Only
+an IMU could detect a steady push or pull across the vertical, which tilts F, and an accelerating ground, which changes
+its magnitude; both are attributed to weight here. Constant errors of torques have the same effect, and are in the error
+bars (`stadera.trunk.standing.equilibrium`).
 """
 
 from __future__ import annotations
@@ -38,17 +39,18 @@ _SOLVED = 1e-12  # rad
 def vertical_by_forces(
     robot: Robot, position: Array, velocity: Array, effort: Array, stance: Bools | None = None
 ) -> tuple[Array, Array]:
-    """The vertical that the feet's forces say, and the mass that they carry, for samples at rest.
+    """The vertical indicated by the feet's forces, and the mass that they carry, for samples at rest.
 
     Args:
         robot: the model of the legs.
-        position, velocity: (samples, n) [rad, rad/s], joints in the tree's order; velocities for friction alone.
+        position, velocity: (samples, n) [rad, rad/s], joints in the tree's order; velocities are used for friction
+            only.
         effort: (samples, n) [N·m].
-        stance: (samples, 4), the legs that may carry; None for all.
+        stance: (samples, 4), legs that may be loaded; None for all.
 
     Returns:
-        Unit vectors (samples, 3), trunk axes, and the robot's mass (samples,) [kg]. Both mean nothing for a robot that
-        is not on its feet.
+        Unit vectors (samples, 3), trunk axes, and the robot's mass (samples,) [kg]. Both are meaningless for a robot
+        that is not on its feet.
     """
     model = LegModel.of(robot)
     columns = model.columns
@@ -79,7 +81,7 @@ def vertical_by_forces(
 
 
 def vertical_of(measurement: Measurement, robot: Robot) -> Array:
-    """The vertical that the feet's forces say at one measurement at rest, (3,), trunk axes."""
+    """The vertical indicated by the feet's forces at one measurement at rest, (3,), trunk axes."""
     m = measurement
     still = np.zeros_like(m.joint_position)[None]
     stance = None if m.stance is None else m.stance[None]
@@ -87,7 +89,7 @@ def vertical_of(measurement: Measurement, robot: Robot) -> Array:
 
 
 def measurements_without_imu(recording: Recording, robot: Robot) -> Iterator[Measurement]:
-    """A log's samples as if at rest, the vertical by the feet's forces; who learns from them must make sure of rest.
+    """Yields a log's samples as if at rest, with the vertical from the feet's forces. The caller must check for rest.
 
     Raises:
         RecordingError: the log lacks a joint's velocity or effort.
@@ -113,7 +115,7 @@ def measurements_without_imu(recording: Recording, robot: Robot) -> Iterator[Mea
 
 
 def _balanced(fixed: Array, slope: Array, start: Array) -> tuple[Array, Array]:
-    """u (samples, 3) with F₀ + g K u along u, and that force, from F₀ (samples, 3) and K (samples, 3, 3)."""
+    """u (samples, 3) such that F₀ + g K u is along u, and that force, from F₀ (samples, 3) and K (samples, 3, 3)."""
     up, force = start, fixed
     for _ in range(_ITERATIONS):
         force = fixed + GRAVITY * np.matvec(slope, up)
