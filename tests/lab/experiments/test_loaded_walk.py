@@ -126,6 +126,18 @@ def test_survival_holds_both_ways_to_the_same_outcome(monkeypatch: pytest.Monkey
         assert all(("2 walked" if load < 200.0 else "2 stuck") in cell.text for cell in cells)
 
 
+def test_the_paper_s_case_of_survival_alone(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(survival, "run_grid", lambda name, run, cases, *_: [_made_up(c) for c in cases])
+    part, whole = (
+        survival.run_study(survival.PAPER_CASE, ReproduceSettings(), silent),
+        survival.run(ReproduceSettings(), silent),
+    )
+    both = {record.metric: record.value for record in part.records}
+    assert both.items() >= {r.metric: r.value for r in whole.records if "identification" in r.metric}.items()
+    assert not part.tables
+    assert not [name for name in both if "alarms" in name]
+
+
 def _made_up(case: SurvivalCase) -> Mapping[str, Any]:
     outcome = "walked" if case.identify or case.load < 200.0 else "stuck"
     if case.identify and case.seed == 3 and case.load == 100.0:

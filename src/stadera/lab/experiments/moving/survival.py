@@ -70,6 +70,8 @@ class SurvivalSettings:
 
 
 FULL = SurvivalSettings()
+PAPER_CASE = SurvivalSettings(loads=(), quiet_walks=0)
+"""The paper's load and small changes alone: a third of the study."""
 _QUICK = SurvivalSettings((100.0, 300.0), ("LH", "RF"), 1, paper_seeds=1, small_seeds=1, quiet_walks=1)
 
 
@@ -184,7 +186,11 @@ class _Walks:
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """The grid of loads and corners, the paper's load over many seeds, small changes, and walks without a load."""
-    study = _QUICK if settings.quick else FULL
+    return run_study(_QUICK if settings.quick else FULL, settings, progress)
+
+
+def run_study(study: SurvivalSettings, settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """The walks of a study; without a grid there are no tables, without quiet walks no count of false alarms."""
     walks = _Walks.of(study, settings.seed)
     cases = list(dict.fromkeys((*walks.grid, *walks.paper, *walks.small, *walks.quiet)))
     found = dict(zip(cases, run_grid(PAPER.name, survive, cases, progress, settings.keep, settings.pool), strict=True))
@@ -193,9 +199,9 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         (
             *_paper_records(study, walks.paper, found),
             *_noticing_records(study, [c for c in watched if c.identify], found),
-            _alarm_record([found[c] for c in walks.quiet]),
+            *_alarm_records([found[c] for c in walks.quiet]),
         ),
-        (_table(walks.grid, found), _failures(walks.grid, found)),
+        (_table(walks.grid, found), _failures(walks.grid, found)) if walks.grid else (),
         facts={
             "Robot": _ROBOT,
             "Walks": f"{len(cases)}",
@@ -215,22 +221,28 @@ _Found = Mapping[SurvivalCase, Outcome]
 
 def _paper_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
     """The same counts of both ways; bounds are the paper's: with identification it walks, without the walk fails."""
+    for identify in (True, False):
+        yield from _way_records(study, identify, [found[c] for c in cases if c.identify is identify])
+
+
+def _way_records(study: SurvivalSettings, identify: bool, walks: Sequence[Outcome]) -> Iterator[Record]:
     case: dict[str, str | float] = {"load [N]": study.paper, "corner": study.paper_corner}
-    for identify, way in ((True, "with identification"), (False, "without identification")):
-        walks = [found[c] for c in cases if c.identify is identify]
-        count, none = float(len(walks)), 0.0 if identify else None
-        failed = [o for o in walks if o["outcome"] != WALKED]
-        fell = _number(o["outcome"] == FELL for o in walks)
-        yield PAPER.record(case, f"fell {way}, of {count:.0f}", "1", fell, bound=none)
-        yield PAPER.record(case, f"stuck or fell {way}, of {count:.0f}", "1", float(len(failed)), bound=none)
-        out = _number(o["outcome"] == FELL or (o["least_margin"] or 0.0) < 0.0 for o in walks)
-        metric = f"fell or left the support polygon {way}, of {count:.0f}"
-        yield Record(
-            PAPER.name, case, metric, "1", out, None, 0.0 if identify else count, "at most" if identify else "at least"
-        )
-        for key, name in (("least_margin", ""), ("least_margin_ever", ", steps before it can be noticed included")):
-            least = 100.0 * min((o[key] for o in walks if o[key] is not None), default=0.0)
-            yield PAPER.record(case, f"least margin {way}{name}", "cm", least)
+    count, none, way = (
+        float(len(walks)),
+        0.0 if identify else None,
+        f"{'with' if identify else 'without'} identification",
+    )
+    of = f"{way}, of {count:.0f}"
+    fell = [o["outcome"] == FELL for o in walks]
+    left = [(o["least_margin"] or 0.0) < 0.0 for o in walks]
+    yield PAPER.record(case, f"fell {of}", "1", _number(fell), bound=none)
+    yield PAPER.record(case, f"stuck or fell {of}", "1", _number(o["outcome"] != WALKED for o in walks), bound=none)
+    bound, kind = (0.0, "at most") if identify else (count, "at least")
+    out = _number(any(each) for each in zip(fell, left, strict=True))
+    yield Record(PAPER.name, case, f"fell or left the support polygon {of}", "1", out, None, bound, kind)
+    for key, name in (("least_margin", ""), ("least_margin_ever", ", steps before it can be noticed included")):
+        least = 100.0 * min((o[key] for o in walks if o[key] is not None), default=0.0)
+        yield PAPER.record(case, f"least margin {way}{name}", "cm", least)
 
 
 def _number(true: Iterable[bool]) -> float:
@@ -249,10 +261,12 @@ def _noticing_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], fo
     yield PAPER.record(case, "longest time to notice one", "s", longest, bound=cycle)
 
 
-def _alarm_record(quiet: Sequence[Outcome]) -> Record:
+def _alarm_records(quiet: Sequence[Outcome]) -> Iterator[Record]:
+    if not quiet:
+        return
     case = {"walked [min]": round(sum(o["walked"] for o in quiet) / 60.0, 2)}
     checks, alarms = (sum(o[name] for o in quiet) for name in ("checks", "alarms"))
-    return PAPER.record(case, f"false alarms in {checks} checks", "1", float(alarms), bound=0.0)
+    yield PAPER.record(case, f"false alarms in {checks} checks", "1", float(alarms), bound=0.0)
 
 
 def _table(cases: Sequence[SurvivalCase], found: _Found) -> TableData:
