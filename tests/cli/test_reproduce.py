@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from browser import CHROMIUM, SCREEN, measure
 from stadera.identify.observability import Identifiability
 from stadera.lab.experiments import Experiment, ExperimentResult, Record, registry
 from stadera.lab.experiments.legs.real_logs import MissingDataError
@@ -60,6 +61,12 @@ def test_quick_table_1_from_end_to_end(run: Callable[..., Any], tmp_path: Path) 
     page = (tmp_path / "t.html").read_text()
     assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", page)  # nothing is loaded
     assert (page.count('class="plot"'), page.count('class="drawn"')) == (1, 1)
+    assert "What differs from the paper, and why" in page
+    assert "https://hal.science/hal-01575033" in page
+    if CHROMIUM:
+        for seen in measure({"table1": page}, tmp_path).values():
+            assert 0 < seen["answer"] < seen["badge"] < SCREEN
+            assert (seen["scroll"] <= seen["width"], seen["wide"]) == (True, [])
 
 
 @pytest.mark.parametrize(("value", "met", "words"), [(0.5, True, "all 1 bounds met"), (1.5, False, "NOT met")])

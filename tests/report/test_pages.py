@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import html as markup
-import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import stadera
+from browser import DESK, PHONE, SCREEN, brightness, measure, needs_browser
 from stadera.errors import StaderaError
 from stadera.excite.design import ExciteSettings
 from stadera.report import pdf
@@ -19,8 +18,6 @@ from stadera.report.page import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 VENDOR = ROOT / "src" / "stadera" / "report" / "vendor"
-CHROMIUM = next((found for name in pdf.BROWSERS if (found := shutil.which(name))), None)
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium or Chrome")
 
 
 @pytest.fixture(scope="module")
@@ -106,46 +103,15 @@ def test_commands_in_sentences_are_code_and_escaped() -> None:
 
 
 # -- in a browser -----------------------------------------------------------------------------------------------------
-MEASURE = """
-<script>addEventListener("load", () => setTimeout(() => {
-  const seen = {};
-  for (const frame of document.querySelectorAll("iframe")) {
-    const inside = frame.contentDocument, root = inside.documentElement;
-    const end = (css) => Math.round(inside.querySelector(css).getBoundingClientRect().bottom);
-    const wide = [...inside.querySelectorAll("main *")].filter((e) => !e.closest(".scroll, svg, .plot") &&
-      e.getBoundingClientRect().right > root.clientWidth + 1).map((e) => e.tagName + "." + e.className);
-    seen[frame.id] = {width: root.clientWidth, scroll: root.scrollWidth, answer: end(".answer"), badge: end(".badge"),
-      boxes: [...inside.querySelectorAll(".scroll")].filter((e) => e.scrollWidth > e.clientWidth + 1).length,
-      wide: wide, plots: inside.querySelectorAll(".plot .main-svg").length, ink: getComputedStyle(inside.body).color};
-  }
-  document.querySelector("pre").textContent = JSON.stringify(seen);
-}, 1500));</script>"""
-
-
 @pytest.fixture(scope="module")
-def measured(pages, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, object]]:
+def measured(pages, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
     """By page and width, what a browser makes of it."""
-    frames = "".join(
-        f'<iframe id="{name}-{width}" style="width:{width}px;height:900px;border:0" '
-        f'srcdoc="{markup.escape(page)}"></iframe>'
-        for name, page in pages.items()
-        for width in (1400, 390)
-    )
-    path = tmp_path_factory.mktemp("pages") / "frames.html"
-    path.write_text(f'<!DOCTYPE html><meta charset="utf-8"><pre></pre>{frames}{MEASURE}', encoding="utf-8")
-    root = ["--no-sandbox", "--disable-gpu", f"--user-data-dir={path.parent}/profile"]
-    done = subprocess.run(
-        [str(CHROMIUM), "--headless", *root, "--dump-dom", "--virtual-time-budget=20000", path.as_uri()],
-        capture_output=True, text=True, check=True, timeout=100,
-    )  # fmt: skip
-    found = re.search(r"<pre>(.*?)</pre>", done.stdout, re.DOTALL)
-    assert found is not None
-    return json.loads(markup.unescape(found.group(1)))
+    return measure(pages, tmp_path_factory.mktemp("pages"))
 
 
 @needs_browser
 @pytest.mark.parametrize("name", ["identify", "weigh", "rest", "excite"])
-@pytest.mark.parametrize("width", [1400, 390])
+@pytest.mark.parametrize("width", [DESK, PHONE])
 def test_no_page_scrolls_sideways(measured, name: str, width: int) -> None:
     seen = measured[f"{name}-{width}"]
     assert seen["width"] >= width - 20  # a scroll bar's
@@ -157,14 +123,22 @@ def test_no_page_scrolls_sideways(measured, name: str, width: int) -> None:
 @needs_browser
 @pytest.mark.parametrize("name", ["identify", "weigh", "rest", "excite"])
 def test_answer_and_trust_are_on_the_first_screen(measured, name: str) -> None:
-    seen = measured[f"{name}-1400"]
-    assert 0 < seen["answer"] < seen["badge"] < 900
+    seen = measured[f"{name}-{DESK}"]
+    assert 0 < seen["answer"] < seen["badge"] < SCREEN
+
+
+@needs_browser
+def test_pages_are_dark_where_the_reader_s_screen_is(pages, measured, tmp_path: Path) -> None:
+    dark = measure({"weigh": pages["weigh"]}, tmp_path, dark=True)[f"weigh-{DESK}"]
+    light = measured[f"weigh-{DESK}"]
+    assert brightness(dark["ink"]) - brightness(dark["paper"]) > 150.0
+    assert brightness(light["paper"]) - brightness(light["ink"]) > 150.0
 
 
 @needs_browser
 def test_figures_that_move_are_drawn(measured) -> None:
     for name in ("identify", "weigh"):
-        assert measured[f"{name}-1400"]["plots"] > 0
+        assert measured[f"{name}-{DESK}"]["plots"] > 0
 
 
 # -- as PDF -----------------------------------------------------------------------------------------------------------

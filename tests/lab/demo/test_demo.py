@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stadera.lab.demo
+from browser import DESK, PHONE, SCREEN, measure, needs_browser
 from stadera.cli import main
 from stadera.errors import StaderaError
 from stadera.lab.demo import DemoResult, DemoSettings, one_run, run_demo
@@ -186,6 +187,17 @@ def test_page_loads_nothing_says_how_it_ended_and_is_small(result: DemoResult):
     assert "<noscript>" in page
     for transition in result.identified.outcome.transitions:
         assert transition.reason.split(":")[0] in page
+
+
+@needs_browser
+def test_page_shows_both_robots_and_play_on_the_first_screen(result: DemoResult, tmp_path: Path):
+    seen = measure({"demo": demo_html(result)}, tmp_path)
+    for width, screen in ((DESK, SCREEN), (PHONE, 660)):
+        found = seen[f"demo-{width}"]
+        assert found["canvas"] == 1
+        assert 0 < found["answer"] < found["play"] < screen
+        assert found["scroll"] <= found["width"]
+        assert (found["wide"], found["boxes"]) == ([], 0)
 
 
 def test_a_stuck_robot_is_called_stuck_everywhere(result: DemoResult):

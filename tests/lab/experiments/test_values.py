@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from stadera.lab.experiments import (
     run_experiments,
 )
 from stadera.lab.experiments.legs.real_logs import MissingDataError, data_folder, real_log
-from stadera.lab.experiments.paper import Steps
+from stadera.lab.experiments.paper import Paper, Steps
 from stadera.logs.examples import example
 from stadera.report.table import Cell, TableData
 
@@ -80,6 +81,15 @@ def test_experiments_are_found_by_name_in_any_case() -> None:
     assert [e.name for e in experiments_named("survival")] == ["survival"]
     with pytest.raises(UnknownNameError, match=r"unknown experiment 'table9'; valid: table1, fig4, .*, all"):
         experiments_named("table9")
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_text_says_what_differs_from_the_paper_and_names_its_equations(name: str) -> None:
+    paper = Paper.of(name)
+    of_the_paper = re.match(r"table|fig|inertial_share", name)
+    assert bool(paper.differs) is bool(of_the_paper)
+    for text in (paper.lead, *paper.differs, *paper.notes):
+        assert not re.search(r"(?<!the paper's )\beqs?\. ", text), "an equation of what?"
 
 
 def test_experiment_without_its_input_is_skipped_among_several_and_an_error_alone() -> None:

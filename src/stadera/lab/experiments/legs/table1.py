@@ -32,7 +32,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     step("simulating the leg on two motions")
     log = runs.recorded(runs.paper_truth, runs.motion)
     second = runs.recorded(runs.paper_truth, runs.second_motion)
-    step("identifying, eq. 5")
+    step("identifying, CAD in the null space")
     exact = Recovery.of(runs.identified_exact(log, "null-space", second), runs.paper_truth)
     step("simulating a physically possible leg")
     log = runs.recorded(runs.physical_truth, runs.motion)

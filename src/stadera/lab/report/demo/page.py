@@ -106,8 +106,8 @@ def _terms(classic: bool) -> dict[str, str]:
     at_rest = {
         "Check": "Near rest, the ground's upward force from joint torques, over the specific force, less the legs; "
         f"tested at {test.deviations:.2f} standard deviations, {test.false_alarms:g} false alarms an hour.",
-        "Weighing": "First the mass (eq. 7), then the centre of mass from the contact forces' line of action, approach "
-        "(c); both have to converge before controller and planner get either.",
+        "Weighing": "First the mass, from the sum of the contact forces, then the centre of mass, from their line of "
+        "action (the paper's approach (c)); both have to converge before controller and planner get either.",
         "Not observed": "A level trunk at rest does not show how high a centre of mass is.",
     }
     on_the_way = {
