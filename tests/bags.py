@@ -67,7 +67,7 @@ def joints(
     topic: str = "/joint_states",
     received: float | None = None,
 ) -> Sent:
-    channels = (np.asarray(values, dtype=float) for values in (position, velocity, effort))
+    channels = (np.ascontiguousarray(values, dtype=float) for values in (position, velocity, effort))
     message = TYPES.types[JOINT_STATE](_header(time, ""), list(names), *channels)
     return _sent(topic, JOINT_STATE, time if received is None else received, message)
 

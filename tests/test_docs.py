@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -15,7 +16,10 @@ from types import ModuleType
 
 import pytest
 
+from bags import of_recording, write_mcap
 from logs_to_play import swing_log, walk_log
+from stadera.cli import main
+from stadera.logs import read, take
 from stadera.robot.catalog import find_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -118,6 +122,57 @@ def test_the_first_five_minutes_run(tmp_path: Path) -> None:
         done = subprocess.run([sys.executable, "-m", *words], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     assert {"payload.html", "legs.html", "identified.urdf"} <= {path.name for path in tmp_path.iterdir()}
+
+
+ELSEWHERE = {
+    "demo": "tests/lab/demo",
+    "reproduce": "tests/lab/experiments, tests/cli/test_reproduce.py",
+    "live": "tests/live",
+    "fleet": "tests/cli/test_fleet.py",
+    "excite": "tests/cli/test_excite.py",
+    "identify": "the README's commands",
+    "--legs": "tests/cli/test_weigh_walking.py",
+    "trot.csv": "docs/start.md",
+    "poses.csv": "tests/weigh/test_without_imu.py",
+    "log.parquet": "tests/cli/test_simulate.py",
+    "--columns": "tests/logs/test_foreign.py: logs of other tools",
+    "--pd": "tests/logs/test_foreign.py: desired positions",
+}
+"""Commands that other tests run, by a word of theirs."""
+
+OWN = {ROOT / "README.md", ROOT / "docs" / "start.md"}
+AT_HAND = {"go2": "hyq", "0:10": "0:1.2", "0:4": "0:1.2"}
+"""What commands name that is not here, and what is."""
+
+
+def remaining(page: Path) -> Iterator[list[str]]:
+    """Commands of a page that nothing else runs, on the robot and the logs at hand; simulations are shorter."""
+    for words in () if page in OWN else commands(page):
+        if any(word in ELSEWHERE for word in words):
+            continue
+        words = [AT_HAND.get(word, word) for word in words[1:]]
+        yield [*words, "--duration", "3.5"] if words[0] == "simulate" else words
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs of HyQ by the names that the pages give them: `start.md` makes the real ones."""
+    made = tmp_path_factory.mktemp("pages")
+    walk = read(walk_log(made / "walk.csv"))
+    (made / "log.csv").write_bytes((made / "walk.csv").read_bytes())
+    write_mcap(of_recording(walk), made / "walk.mcap")
+    for name, rows in (("empty.mcap", slice(0, 700)), ("loaded.mcap", slice(800, None))):
+        write_mcap(of_recording(take(walk, rows)), made / name)
+    return made
+
+
+@pytest.mark.parametrize("page", [page for page in CURRENT if any(remaining(page))], ids=ids)
+def test_commands_of_the_other_pages_run(page: Path, logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(logs)
+    for words in remaining(page):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert not ended.value.code, words
 
 
 def test_the_site_is_built(tmp_path: Path) -> None:
