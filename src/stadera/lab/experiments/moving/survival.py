@@ -237,9 +237,11 @@ def _way_records(study: SurvivalSettings, identify: bool, walks: Sequence[Outcom
     left = [(o["least_margin"] or 0.0) < 0.0 for o in walks]
     yield PAPER.record(case, f"fell {of}", "1", _number(fell), bound=none)
     yield PAPER.record(case, f"stuck or fell {of}", "1", _number(o["outcome"] != WALKED for o in walks), bound=none)
-    bound, kind = (0.0, "at most") if identify else (count, "at least")
-    out = _number(any(each) for each in zip(fell, left, strict=True))
-    yield Record(PAPER.name, case, f"fell or left the support polygon {of}", "1", out, None, bound, kind)
+    out, metric = _number(any(each) for each in zip(fell, left, strict=True)), f"fell or left the support polygon {of}"
+    if identify:
+        yield PAPER.record(case, metric, "1", out, bound=0.0)
+    else:
+        yield Record(PAPER.name, case, metric, "1", out, None, count, "at least")
     for key, name in (("least_margin", ""), ("least_margin_ever", ", steps before it can be noticed included")):
         least = 100.0 * min((o[key] for o in walks if o[key] is not None), default=0.0)
         yield PAPER.record(case, f"least margin {way}{name}", "cm", least)
