@@ -1,11 +1,12 @@
-"""Reads mutants of every kind of file (`tests/mutants.py`) for so many minutes; each ends right or in a StaderaError.
+"""Reads mutants of every kind of file (`tests/mutants.py`) for so many minutes of processor time; each ends right or in
+a StaderaError.
 
-Whatever else happens is a finding: another exception, a message of several lines, more memory or time than allowed, a
-process that dies. A finding is printed as KIND:SEED once for each place in the code it comes from; that file is made
-and read again, with the traceback, by `python benchmarks/fuzz.py --case KIND:SEED`.
+Whatever else happens is a finding: another exception, a message of several lines, more memory or processor time than
+allowed, a process that dies. It is printed as KIND:SEED once for each place in the code it comes from; that file is
+made and read again, with the traceback, by `python benchmarks/fuzz.py --case KIND:SEED`.
 
-Run `nice python benchmarks/fuzz.py --minutes 30 [--kinds csv,mcap] [--first SEED] [--json F]`. Exit code 1 if there
-were findings.
+Run `nice python benchmarks/fuzz.py --minutes 30 [--kinds csv,mcap] [--first SEED] [--json F]`; with `--resume F` it
+goes on at the seed after that file's last, and adds to it. Exit code 1 if there were findings.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ import time
 import traceback
 import warnings
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -32,6 +35,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from stadera.errors import StaderaError
 from stadera.files import written_together
 
+_IMPORTS = 30.0  # s, of processor time that a process takes before its first case
+_ASLEEP = 20.0  # times the processor time that is allowed, after which a process that waits counts as hanging
+
 ADDRESS_SPACE = 12 << 30
 """[bytes], so that a bomb ends its process and not the machine."""
 
@@ -40,7 +46,7 @@ class Limits(NamedTuple):
     """What one file of under a megabyte may take."""
 
     memory: float  # MB
-    seconds: float
+    seconds: float  # of processor time
 
 
 def ends(kind: str, seed: int, folder: Path) -> tuple[str, str]:
@@ -69,9 +75,9 @@ def work(pipe: Connection, limits: Limits) -> None:
         os.chdir(folder)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # parsers in C print what they think
         while (case := pipe.recv()) is not None:
-            before, began = _peak(reset=True), time.monotonic()
+            before, began = _peak(reset=True), _processor_time()
             found = ends(*case, Path(folder))
-            spent = time.monotonic() - began
+            spent = _processor_time() - began
             if _peak() - before > limits.memory:
                 found = ("memory", f"over {limits.memory:g} MB")
             elif spent > limits.seconds:
@@ -80,6 +86,12 @@ def work(pipe: Connection, limits: Limits) -> None:
                 found = ("left a file", left[0])
                 (Path(folder) / left[0]).unlink()
             pipe.send((*found, spent))
+
+
+def _processor_time() -> float:
+    """Of this process and of those it has waited for [s]: on a loaded machine files take no longer by it."""
+    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 def _peak(*, reset: bool = False) -> float:
@@ -104,26 +116,34 @@ class _Worker:
         self._process = context.Process(target=work, args=(theirs, self._limits), daemon=True)
         self._process.start()
         theirs.close()
-        self._begun = time.monotonic() + 30.0  # for its imports
+        self._allowed = 2.0 * self._limits.seconds + _IMPORTS
 
     def give(self, case: tuple[str, int]) -> None:
         self.case = case
-        self._begun = max(self._begun, time.monotonic())
+        self._begun, self._used = time.monotonic(), self._processor_time()
         self.pipe.send(case)
+
+    def _processor_time(self) -> float:
+        """Of the process and the children it waited for, so far [s]."""
+        with suppress(OSError):
+            fields = Path(f"/proc/{self._process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+            return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+        return 0.0
 
     def answer(self) -> tuple[str, str, float] | None:
         """What it found, or how it ended; None while it works within its time."""
         if self.pipe.poll():
             try:
-                self._begun = 0.0
                 found: tuple[str, str, float] = self.pipe.recv()
+                self._allowed = 2.0 * self._limits.seconds
                 return found
             except (EOFError, OSError):
                 self._process.join()
                 return self._again("died", f"exit code {self._process.exitcode}")
-        if time.monotonic() - self._begun > 2.0 * self._limits.seconds:
+        spent = self._processor_time() - self._used
+        if spent > self._allowed or time.monotonic() - self._begun > _ASLEEP * self._allowed:
             self._process.kill()
-            return self._again("hangs", f"over {2.0 * self._limits.seconds:g} s")
+            return self._again("hangs", f"over {self._allowed:g} s")
         return None
 
     def _again(self, what: str, where: str) -> tuple[str, str, float]:
@@ -134,13 +154,38 @@ class _Worker:
         self._process.kill()
 
 
-def campaign(kinds: list[str], first: int, minutes: float, processes: int, limits: Limits) -> dict[str, Any]:
-    """Hands out cases, one seed of each kind after the other, and gathers how they end."""
-    counts: dict[str, Counter[str]] = {kind: Counter() for kind in kinds}
-    findings: dict[str, dict[str, Any]] = {}
-    slowest = dict.fromkeys(kinds, 0.0)
-    cases = ((kind, seed) for seed in range(first, sys.maxsize) for kind in kinds)
-    until = time.monotonic() + 60.0 * minutes
+class Tally:
+    """How cases ended so far, which a file keeps: counts by kind and end, findings by place, slowest, next seed."""
+
+    def __init__(self, kinds: Sequence[str], first: int, before: Mapping[str, Any] | None = None) -> None:
+        known = before or {}
+        self.counts = {kind: Counter(known.get("counts", {}).get(kind, {})) for kind in kinds}
+        self.findings: dict[str, dict[str, Any]] = dict(known.get("findings", {}))
+        self.slowest = {kind: float(known.get("slowest", {}).get(kind, 0.0)) for kind in kinds}
+        self.first, self.next = int(known.get("first", first)), int(known.get("next", first))
+        self.spent = 0.0  # s, in this run
+
+    def add(self, case: tuple[str, int], how: str, where: str, spent: float) -> None:
+        kind, seed = case
+        self.spent += spent
+        self.counts[kind][how if how in ("read", "refused") else "findings"] += 1
+        self.slowest[kind] = max(self.slowest[kind], spent)
+        self.next = max(self.next, seed + 1)
+        if how not in ("read", "refused"):
+            entry = self.findings.setdefault(f"{kind}: {how}, {where}", {"case": f"{kind}:{seed}", "count": 0})
+            entry["count"] += 1
+            if entry["count"] == 1:
+                print(f"{kind}:{seed}: {how}, {where}", flush=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        counts = {kind: dict(count) for kind, count in self.counts.items()}
+        own = {"first": self.first, "next": self.next, "counts": counts}
+        return {**own, "slowest": self.slowest, "findings": self.findings}
+
+
+def campaign(tally: Tally, minutes: float, processes: int, limits: Limits) -> None:
+    """Hands out cases, one seed of each kind after the other, and gathers how they end; ends early on Ctrl-C."""
+    cases = ((kind, seed) for seed in range(tally.next, sys.maxsize) for kind in tally.counts)
     workers = [_Worker(limits) for _ in range(processes)]
     for worker in workers:
         worker.give(next(cases))
@@ -150,35 +195,30 @@ def campaign(kinds: list[str], first: int, minutes: float, processes: int, limit
             for worker in workers:
                 if worker.case is None or (found := worker.answer()) is None:
                     continue
-                (kind, seed), (how, where, spent) = worker.case, found
-                counts[kind][how if how in ("read", "refused") else "findings"] += 1
-                slowest[kind] = max(slowest[kind], spent)
-                if how not in ("read", "refused"):
-                    entry = findings.setdefault(f"{kind}: {how}, {where}", {"case": f"{kind}:{seed}", "count": 0})
-                    entry["count"] += 1
-                    if entry["count"] == 1:
-                        print(f"{kind}:{seed}: {how}, {where}", flush=True)
+                tally.add(worker.case, *found)
                 worker.case = None
-                if time.monotonic() < until:
+                if tally.spent < 60.0 * minutes:
                     worker.give(next(cases))
+    except KeyboardInterrupt:
+        print("interrupted")
     finally:
         for worker in workers:
             worker.stop()
-    return {"counts": {k: dict(c) for k, c in counts.items()}, "slowest": slowest, "findings": findings}
 
 
 def main() -> int:
     from mutants import KINDS
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--minutes", type=float, default=10.0, help="of processor time spent on files")
     parser.add_argument("--kinds", default=",".join(KINDS), help=f"of {','.join(KINDS)}")
     parser.add_argument("--first", type=int, help="seed to begin with [default: drawn, and printed]")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--memory", type=float, default=1500.0, help="one file may take [MB]")
-    parser.add_argument("--seconds", type=float, default=20.0, help="one file may take [s]")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of processor time that one file may take [s]")
     parser.add_argument("--case", metavar="KIND:SEED", help="make and read this one, here")
     parser.add_argument("--json", type=Path, metavar="F")
+    parser.add_argument("--resume", type=Path, metavar="F", help="goes on after this file's last seed, adds to it")
     asked = parser.parse_args()
     if asked.case:
         kind, seed = asked.case.split(":")
@@ -190,17 +230,18 @@ def main() -> int:
             print(KINDS[kind].read(path))
         return 0
     first = random.randrange(10**9) if asked.first is None else asked.first
-    print(f"seeds from {first} on", flush=True)
-    limits = Limits(asked.memory, asked.seconds)
-    result = campaign(asked.kinds.split(","), first, asked.minutes, asked.processes, limits)
+    before = json.loads(asked.resume.read_text(encoding="utf-8")) if asked.resume and asked.resume.exists() else None
+    tally = Tally(asked.kinds.split(","), first, before)
+    print(f"seeds from {tally.next} on", flush=True)
+    campaign(tally, asked.minutes, asked.processes, Limits(asked.memory, asked.seconds))
     print(f"{'kind':10}{'read':>10}{'refused':>10}{'findings':>10}{'slowest [s]':>14}")
-    for kind, count in result["counts"].items():
+    for kind, count in tally.counts.items():
         figures = "".join(f"{count.get(name, 0):10}" for name in ("read", "refused", "findings"))
-        print(f"{kind:10}{figures}{result['slowest'][kind]:14.2f}")
-    if asked.json:
-        with written_together([asked.json]) as (draft,):
-            draft.write_text(json.dumps({"first": first, **result}, indent=1), encoding="utf-8")
-    return 1 if result["findings"] else 0
+        print(f"{kind:10}{figures}{tally.slowest[kind]:14.2f}")
+    if out := asked.json or asked.resume:
+        with written_together([out]) as (draft,):
+            draft.write_text(json.dumps(tally.to_dict(), indent=1), encoding="utf-8")
+    return 1 if tally.findings else 0
 
 
 if __name__ == "__main__":

@@ -12,10 +12,12 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stadera.errors import StaderaError
 from stadera.files import output_gate, require_writable, written_together
+from stadera.logs import Recording, write_table
 
 
 def write(text: str, *paths: Path, fails: BaseException | None = None) -> None:
@@ -148,3 +150,53 @@ def test_no_path_leads_onto_an_input(tmp_path: Path) -> None:
         assert gate.written == [(tmp_path / "new.json", False), (tmp_path / "new.json", True)]
     assert log.read_text() == "data"
     write("text", log)
+
+
+WRITES = """
+import resource, sys
+from stadera.errors import StaderaError
+from stadera.files import written_together
+from stadera.logs import read, write_table
+logs = {path: read(path) for path in sys.argv[2:]}
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
+for path, log in logs.items():
+    try:
+        write_table(log, path)
+    except StaderaError as error:
+        print(error)
+try:
+    with written_together([sys.argv[1]]) as (draft,):
+        draft.write_text("x" * 100_000)
+except StaderaError as error:
+    print(error)
+"""
+
+
+def test_old_files_outlive_a_disk_that_takes_no_more(tmp_path: Path) -> None:
+    old = [tmp_path / name for name in ("old.json", "old.parquet", "old.csv")]
+    write("first", old[0])
+    for path in old[1:]:
+        write_table(Recording(np.arange(2000) / 500, ("a",), np.random.default_rng(0).normal(size=(2000, 1))), path)
+    before = {path: path.read_bytes() for path in old}
+    done = subprocess.run([sys.executable, "-c", WRITES, *map(str, old)], capture_output=True, text=True)
+    assert [line.split(": ")[0] for line in done.stdout.splitlines()] == [str(old[k]) for k in (1, 2, 0)]
+    assert done.stdout.count("File too large") == 3
+    assert done.stderr == ""
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_the_old_file_outlives_an_interrupted_command(tmp_path: Path) -> None:
+    old, begun = tmp_path / "old.json", tmp_path / "begun"
+    write("first", old)
+    code = (
+        "import time, pathlib\nfrom stadera.files import written_together\n"
+        f"with written_together([{str(old)!r}]) as (draft,):\n"
+        f"    draft.write_text('half'); pathlib.Path({str(begun)!r}).touch(); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL) as process:
+        while not begun.exists():
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+    assert old.read_text() == "first"
+    assert sorted(os.listdir(tmp_path)) == ["begun", "old.json"]

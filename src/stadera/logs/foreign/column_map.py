@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stadera.boundary import foreign, require_input
-from stadera.errors import RecordingError
+from stadera.errors import RecordingError, StaderaError
 from stadera.logs.units import FACTORS, Units, quantity_of
 
 _KEYS = ("about", "base", "joints", "units", "columns", "columns_if_chosen")
@@ -92,16 +92,22 @@ def parsed(text: str, name: str) -> ColumnMap:
     if not isinstance(joints, list) or not all(isinstance(joint, str) for joint in joints):
         raise RecordingError(f"{name}: joints needs a list of names")
     base = _base(content, name)
-    units = _table(content, "units", name)
-    rate = units.pop("rate_hz", None)
     return ColumnMap(
         name,
         {**(base.columns if base else {}), **_sources(_table(content, "columns", name), name)},
         _sources(_table(content, "columns_if_chosen", name), name),
         tuple(joints) or (base.joints if base else ()),
-        Units(units, None if rate is None else float(rate)).over(base.units if base else Units()),
+        _units(_table(content, "units", name), name).over(base.units if base else Units()),
         str(content.get("about", "")),
     )
+
+
+def _units(table: dict[str, Any], name: str) -> Units:
+    rate = table.pop("rate_hz", None)
+    try:
+        return Units(table, None if rate is None else float(rate))
+    except (StaderaError, TypeError, ValueError, OverflowError) as error:
+        raise RecordingError(f"{name}: [units]: {error}") from None
 
 
 def _base(content: Mapping[str, Any], name: str) -> ColumnMap | None:
