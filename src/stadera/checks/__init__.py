@@ -2,7 +2,7 @@
 
 from stadera.checks.diagnosis import contradictions, diagnose, unit_findings
 from stadera.checks.finding import FATAL, Finding
+from stadera.checks.guard import Guard
 from stadera.checks.limits import CheckLimits
-from stadera.checks.mend import Mend
 
-__all__ = ["FATAL", "CheckLimits", "Finding", "Mend", "contradictions", "diagnose", "unit_findings"]
+__all__ = ["FATAL", "CheckLimits", "Finding", "Guard", "contradictions", "diagnose", "unit_findings"]

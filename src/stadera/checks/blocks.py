@@ -57,7 +57,7 @@ class Blocks:
         rows, time = rows[whole], time[whole]
 
         def cut(values: Array) -> Array:
-            return np.asarray(values[: count * n].reshape(count, n, -1)[rows])
+            return np.asarray(values[: count * n].reshape(count, n, values.shape[1])[rows])
 
         def mean(values: Array | None) -> Array | None:
             return None if values is None else cut(values).mean(axis=1)

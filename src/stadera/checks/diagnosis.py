@@ -20,7 +20,6 @@ from stadera.checks.explain import explain, explain_motion
 from stadera.checks.finding import Finding
 from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
-from stadera.checks.mend import Mend, upwards
 from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
 from stadera.checks.units import (
     gravity_findings,
@@ -29,6 +28,7 @@ from stadera.checks.units import (
     time_findings,
     velocity_findings,
 )
+from stadera.logs.mend import Mend, upwards
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.imu import ImuMount

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stadera.checks.mend import Mend
+from stadera.logs.mend import Mend
 
 FATAL = (
     "no_torque",

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.checks.blocks import Blocks
-from stadera.checks.mend import CHANNELS, GYRO, Mend
 from stadera.checks.units import DEGREE
+from stadera.logs.columns import CHANNELS
+from stadera.logs.mend import GYRO, Mend
 from stadera.robot.model import Robot
 from stadera.types import Array
 

@@ -10,8 +10,8 @@ import numpy as np
 from stadera.checks.blocks import Blocks
 from stadera.checks.finding import Finding
 from stadera.checks.limits import CheckLimits
-from stadera.checks.mend import ACCELEROMETER, GYRO, Mend, upwards
 from stadera.constants import GRAVITY
+from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
 from stadera.logs.recording import Imu, Recording
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools

@@ -10,7 +10,9 @@ import typer
 from stadera.cli import parse
 from stadera.cli.options import (
     Columns,
+    Fix,
     Force,
+    GearRatio,
     ImuTopic,
     JointTopic,
     JsonFile,
@@ -74,6 +76,8 @@ def fleet(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    gear: GearRatio = None,
+    fix: Fix = False,
     limit: LimitValues = None,
     force: Force = False,
     workers: Workers = None,
@@ -103,8 +107,8 @@ def fleet(
     from stadera.fleet.pool import Pool
     from stadera.report.fleet.terminal import fleet_tables
 
-    logged = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit)
-    options = FleetOptions(identify, method, springs, imu_frame, logged.topics, logged.reading, force)
+    logged = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
+    options = FleetOptions(identify, method, springs, imu_frame, logged.topics, logged.reading, force, fix)
     if manifest is not None:
         jobs = read_manifest(manifest, robot, options)
     else:

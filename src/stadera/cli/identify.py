@@ -12,7 +12,9 @@ from stadera.cli import parse
 from stadera.cli.options import (
     Columns,
     FigureFiles,
+    Fix,
     Force,
+    GearRatio,
     ImuTopic,
     JointTopic,
     JsonFile,
@@ -73,6 +75,8 @@ def identify(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    gear: GearRatio = None,
+    fix: Fix = False,
     limit: LimitValues = None,
     json: JsonFile = None,
     report: ReportFile = None,
@@ -93,7 +97,7 @@ def identify(
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
     chosen_legs, chosen_terms = parse.names(legs), parse.terms(friction)
     cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
-    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit)
+    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
     share = 1.0 if validate else parse.split(split or "0.5")
 
     from stadera.identify.legs import identify as identify_legs
@@ -111,7 +115,7 @@ def identify(
     training = [reading.log(path) for path in logs]
     validation = [reading.log(path) for path in validate or ()]
     with progress() as watch:
-        result = identify_legs(model, training, settings, validation or None, watch)
+        result = identify_legs(model, training, settings, validation or None, watch, fix=fix, force=force)
     _require_trust(result, force)
     files.write(result)
     show(*identification_tables(result))

@@ -10,6 +10,8 @@ import typer
 from stadera.cli.options import (
     TEMPLATE,
     Columns,
+    Fix,
+    GearRatio,
     ImuTopic,
     JointTopic,
     LimitValues,
@@ -31,13 +33,15 @@ def inspect(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    gear: GearRatio = None,
+    fix: Fix = False,
     limit: LimitValues = None,
 ) -> None:
     """Show what is in a log or a robot model.
 
     Of a robot: legs, links with masses, joints with limits, what the loader assumed. Of a log: joints, duration,
-    rate, gaps, ranges, and the robots it fits; with --robot, what is wrong with it. `--columns` without a value writes
-    a map of a table's columns, filled in as far as they are recognised.
+    rate, gaps, ranges, and the robots it fits; with --robot, what is wrong with it, and whether `weigh` goes through.
+    `--columns` without a value writes a map of a table's columns, filled in as far as they are recognised.
     """
     if columns == TEMPLATE:
         from stadera.logs.foreign.template import template
@@ -54,18 +58,19 @@ def inspect(
     from stadera.logs.summary import summarize
     from stadera.report.inspect import log_contents
 
-    log = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit).log(Path(target))
+    log = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear).log(Path(target))
     if robot is None:
         summary = summarize(stream(log))
         show(*log_contents(summary, _fitting(summary.joints)))
         return
-    from stadera.checks import diagnose
     from stadera.robot import load_robot
+    from stadera.weigh.inspection import inspected
 
     model = load_robot(robot, limits_of(limit))
     summary = summarize(stream(log))
-    found = dict.fromkeys(finding for chunk in stream(log) for finding in diagnose(chunk, model))
-    show(*log_contents(summary, [model.name], tuple(found)))
+    with progress() as watch:
+        found = inspected(model, log, fix=fix, progress=watch)
+    show(*log_contents(summary, [model.name], found))
 
 
 def _is_robot(target: str) -> bool:

@@ -61,6 +61,13 @@ PdGains = Annotated[
     str | None,
     typer.Option("--pd", metavar="KP,KD", help="Make torques of desired positions; hip, thigh, calf: KP,KD/KP,KD/..."),
 ]
+GearRatio = Annotated[
+    str | None,
+    typer.Option("--gear", metavar="RATIO", help="Torques are the motors': times this; or N,N,N for hip, thigh, calf."),
+]
+Fix = Annotated[
+    bool, typer.Option("--fix", help="Mend what is certainly wrong with the log (units, signs, orders), and note it.")
+]
 LimitValues = Annotated[
     list[str] | None,
     typer.Option(
@@ -123,12 +130,13 @@ class LogOptions:
         units: str | None = None,
         pd: str | None = None,
         limit: Sequence[str] | None = None,
+        gear: str | None = None,
     ) -> LogOptions:
         """From the options' texts; raises as `Reading.of`."""
         from stadera.logs.reading import Reading
         from stadera.logs.topics import Topics
 
-        return cls(Topics(joint_topic, imu_topic), Reading.of(columns, units, pd, limits_of(limit)))
+        return cls(Topics(joint_topic, imu_topic), Reading.of(columns, units, pd, limits_of(limit), gear))
 
     def log(self, path: Path) -> LogFile:
         """A log, to be read so."""

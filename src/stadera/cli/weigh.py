@@ -12,7 +12,9 @@ from stadera.cli import parse
 from stadera.cli.options import (
     Columns,
     FigureFiles,
+    Fix,
     Force,
+    GearRatio,
     ImuTopic,
     JointTopic,
     JsonFile,
@@ -70,6 +72,8 @@ def weigh(
     columns: Columns = None,
     units: Units = None,
     pd: PdGains = None,
+    gear: GearRatio = None,
+    fix: Fix = False,
     limit: LimitValues = None,
     truth: Annotated[
         Path | None, typer.Option(metavar="F.truth.json", help="Of a simulated log, to be shown with the result.")
@@ -92,7 +96,7 @@ def weigh(
     is refused (exit code 1) unless --force is given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
-    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit)
+    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
     chosen_tare = None if tare is None else _tare(tare, reading)
 
     from stadera.weigh.settings import check_choice
@@ -112,6 +116,7 @@ def weigh(
             imu_frame=imu_frame,
             stiffness=springs,
             force=force,
+            fix=fix,
             progress=bar,
             watch=watch,
         )

@@ -29,7 +29,7 @@ class FleetOptions:
 
     Attributes:
         identify: whether legs are identified, from logs of robots on a stand; else trunks are weighed.
-        method, stiffness, imu_frame, force: as `stadera.weigh` takes them.
+        method, stiffness, imu_frame, force, fix: as `stadera.weigh` takes them.
         topics: to read, of logs with several.
         reading: what columns are, and their units.
 
@@ -45,6 +45,7 @@ class FleetOptions:
     topics: Topics = field(default_factory=Topics)
     reading: Reading = AS_RECORDED
     force: bool = False
+    fix: bool = False
 
     def __post_init__(self) -> None:
         check_choice(self.method, self.stiffness)

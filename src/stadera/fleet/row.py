@@ -160,6 +160,7 @@ def _weighed(job: LogJob, source: _Source) -> Row:
         imu_frame=options.imu_frame,
         stiffness=options.stiffness,
         force=options.force,
+        fix=options.fix,
     )
     row: Row = {"begin": result.begin, "end": result.end, "changes": len(result.changes)}
     row |= _pair("trunk_mass", result.mass, result.mass_std)
@@ -179,7 +180,7 @@ def _identified(job: LogJob, source: _Source) -> tuple[Row, Mapping[str, Iterabl
     robot = robot_of(source.robot, None, options.reading.limits)
     log = _log(job, source.path)
     legs = tuple(leg.name for leg in robot.legs if has_effort(log, leg.joints))
-    result = identify(robot, log, IdentifySettings(legs=legs or None))
+    result = identify(robot, log, IdentifySettings(legs=legs or None), fix=options.fix, force=options.force)
     if result.trust.verdict == "bad" and not options.force:
         raise UntrustedError(f"{log.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     begin, end = time_span(log, result.legs[0].leg.joints)

@@ -11,8 +11,9 @@ from os import PathLike
 
 import numpy as np
 
+from stadera.checks import Guard
 from stadera.identify.gather import Gathered, gather, with_noise_of
-from stadera.identify.job import Job, LegTask, parts_of, prepare
+from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare
 from stadera.identify.log import Part
 from stadera.identify.observability import Combination, Observability, observability
 from stadera.identify.residuals import LegModels, LegScore, scored
@@ -38,6 +39,9 @@ def identify(
     settings: IdentifySettings | None = None,
     validation: Log | Iterable[Log] | None = None,
     progress: Progress | None = None,
+    *,
+    fix: bool = False,
+    force: bool = False,
 ) -> Identification:
     """Identifies the inertia, rotor inertia and friction of legs that swing freely while the trunk is held.
 
@@ -47,16 +51,24 @@ def identify(
         settings: see `IdentifySettings`.
         validation: separate logs for validation; then all of `logs` is used for training.
         progress: called with the step's name, items done and total (0 if unknown).
+        fix: correct units and signs of the logs that are certainly wrong, and add a note.
+        force: use logs whose units or signs are wrong; `trust` says so.
 
     Raises:
         RecordingError: there are no logs, or they lack a joint or its torque, are too short, or feet carry load.
         UnknownNameError: no such robot, leg or joint.
         ModelError: the model file cannot be read.
+        UntrustedError: units or signs of a log are wrong, and `force` is false.
     """
     fitted = as_logs(logs)
     evaluated = None if validation is None else as_logs(validation)
     model = robot if isinstance(robot, Robot) else load_robot(robot)
-    job = prepare(model, fitted, settings or IdentifySettings(), progress or (lambda *_: None))
+    asked = settings or IdentifySettings()
+    joints = dict.fromkeys(joints_of(model, asked.legs or [leg.name for leg in model.legs]))
+    guard = Guard(model, tuple(joints), on_feet=False)
+    fitted = tuple(guard.admitted(log, fix=fix, force=force) for log in fitted)
+    evaluated = evaluated and tuple(guard.admitted(log, fix=fix, force=force) for log in evaluated)
+    job = prepare(model, fitted, asked, progress or (lambda *_: None))
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
     at_rest = not training.moves(job.drop_below)
     if at_rest:

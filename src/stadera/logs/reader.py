@@ -21,6 +21,7 @@ from stadera.logs.columns import layout
 from stadera.logs.examples import EXAMPLES
 from stadera.logs.frames import columns_of
 from stadera.logs.join import concatenate, take
+from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording
 from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.csv import CsvTable
@@ -124,7 +125,11 @@ def stream(
     log = as_log(log)
     if isinstance(log, Recording):
         return _chunks(_chosen(log, joints, require), rows)
-    return reader_of(log.path).stream(log, joints=joints, require=require, rows=rows)
+    changes = log.reading.changes
+    chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
+    if not changes:
+        return chunks
+    return (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
 
 
 def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:
@@ -132,8 +137,9 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
     log = as_log(log)
     if isinstance(log, Recording):
         return _chosen(log, joints, require)
-    reader = reader_of(log.path)
-    return concatenate(tuple(reader.stream(log, joints=joints, require=require, rows=None)))
+    changes = log.reading.changes
+    chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=None)
+    return changed(concatenate(tuple(chunks)), changes, joints)
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:

@@ -12,6 +12,7 @@ from stadera.logs.units import Units
 
 if TYPE_CHECKING:
     from stadera.logs.foreign.column_map import ColumnMap
+    from stadera.logs.mend import Change, Gear
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,14 @@ class Reading:
         units: that they are in, where neither their names nor the map says so.
         pd: gains that make efforts of desired positions; None for the efforts recorded.
         limits: what reading it may take.
+        changes: of what is read, in order: gears, faults undone.
     """
 
     columns: ColumnMap | None = None
     units: Units = field(default_factory=Units)
     pd: PdGains | None = None
     limits: Limits = DEFAULTS
+    changes: tuple[Change, ...] = ()
 
     @classmethod
     def of(
@@ -37,22 +40,28 @@ class Reading:
         units: str | Units | None = None,
         pd: str | PdGains | None = None,
         limits: Limits = DEFAULTS,
+        gear: str | Gear | None = None,
     ) -> Reading:
-        """From their texts: a preset's name or a map's path, "deg,ms", "20,0.5".
+        """From their texts: a preset's name or a map's path, "deg,ms", "20,0.5", gear ratios "6.33".
 
         Raises:
-            RecordingError: no such preset or file, a file that is no map, gains that are none.
+            RecordingError: no such preset or file, a file that is no map, gains or ratios that are none.
             UnknownNameError: no such unit.
         """
         if isinstance(columns, str | Path):
             from stadera.logs.foreign.column_map import column_map
 
             columns = column_map(columns)
+        if isinstance(gear, str):
+            from stadera.logs.mend import Gear
+
+            gear = Gear.parse(gear)
         return cls(
             columns,
             Units.parse(units) if isinstance(units, str) else units or Units(),
             PdGains.parse(pd) if isinstance(pd, str) else pd,
             limits,
+            () if gear is None else (gear,),
         )
 
 

@@ -14,9 +14,9 @@ from stadera.report.table import Cell, TableData
 from stadera.report.terminal import notes, rich_table
 
 if TYPE_CHECKING:
-    from stadera.checks import Finding
     from stadera.logs.summary import LogSummary
     from stadera.robot.model import Robot
+    from stadera.weigh.inspection import Inspection
 
 _MOST_GAPS = 5
 
@@ -58,7 +58,7 @@ def _limits(robot: Robot, joint: str) -> list[str]:
 
 
 def log_contents(
-    summary: LogSummary, fits: Sequence[str], findings: Sequence[Finding] | None = None
+    summary: LogSummary, fits: Sequence[str], inspection: Inspection | None = None
 ) -> Iterator[RenderableType]:
     """A log's duration, rate, gaps and signals, the robots it fits, and the faults found where they were looked for."""
     yield Text(f"{summary.source}: {summary.duration:.3f} s, {summary.samples} samples", style="bold")
@@ -66,10 +66,19 @@ def log_contents(
     ranges = ((signal.name, number(signal.low), number(signal.high), signal.unit) for signal in summary.ranges)
     yield rich_table(TableData.of("Ranges", ("column", "least", "largest", "unit"), ranges, sides="lrrl"))
     yield from notes(summary.notes)
-    if findings is not None:
-        yield from (Text(f"{f.cause.replace('_', ' ')}: {f.message}", style="bold red") for f in findings)
-        if not findings:
-            yield Text("nothing wrong was found")
+    if inspection is not None:
+        yield from _verdict(inspection)
+
+
+def _verdict(inspection: Inspection) -> Iterator[Text]:
+    yield from (Text(f"{f.cause.replace('_', ' ')}: {f}", style="bold red") for f in inspection.findings)
+    trust = inspection.trust
+    if inspection.refusal and not any(f.message in inspection.refusal for f in inspection.findings):
+        yield Text(f"weigh refuses it: {inspection.refusal}", style="bold red")
+    if trust is not None and trust.verdict != "good":
+        yield from (Text(f"weighed, but {trust.verdict}: {reason}", style="bold red") for reason in trust.reasons)
+    if inspection.sound:
+        yield Text("nothing wrong was found")
 
 
 def _facts(summary: LogSummary, fits: Sequence[str]) -> Table:

@@ -171,10 +171,10 @@ class CheckedLog:
             self._note(finding)
 
     def _note(self, finding: Finding) -> None:
-        text = f"{finding.cause.replace('_', ' ')}: {finding.message}"
+        text = f"{finding.cause.replace('_', ' ')}: {finding}"
         if finding.cause in FATAL:
             if not self._request.force:
-                raise UntrustedError(f"{self.source.source}: {finding.message}")
+                raise UntrustedError(f"{self.source.source}: {finding}")
             self.doubts["bad", finding.message] = None
         elif verdict := _VERDICTS.get(finding.cause):
             self.doubts[verdict, text] = None

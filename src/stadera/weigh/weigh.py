@@ -5,6 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
+from stadera.checks import Guard
 from stadera.errors import UntrustedError
 from stadera.logs import LogFile, Recording
 from stadera.logs.reader import Log, as_log
@@ -27,6 +28,7 @@ def weigh(
     imu_frame: str | None = None,
     stiffness: tuple[float, float, float] | None = None,
     force: bool = False,
+    fix: bool = False,
     settings: WeighSettings | None = None,
     progress: Progress | None = None,
     watch: Watch | None = None,
@@ -43,6 +45,7 @@ def weigh(
         imu_frame: frame of the IMU's values; None for the one named in the log, else the model's.
         stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method "orientation" only.
         force: return a result even if it cannot be trusted; `trust` and every output say so.
+        fix: correct what is certainly wrong with the log (units, signs, order of joints), and add a note.
         settings: None for the defaults.
         progress: called with the step's name, samples done and total.
         watch: called with samples (IMU values in trunk axes) and the estimator, in motion only.
@@ -52,7 +55,7 @@ def weigh(
         RecordingError: the log cannot be read, or lacks a joint, its torque, or the IMU that the method needs.
         IdentificationError: the log contains no usable data, or none within the tare; options that do not fit the
             method.
-        UntrustedError: the log contradicts the model or itself, and `force` is false.
+        UntrustedError: units or signs of the log are wrong, or it contradicts the model or itself, and `force` is false.
     """
     check_choice(method, stiffness)
     model = robot if isinstance(robot, Robot) else load_robot(Path(robot) if isinstance(robot, PathLike) else robot)
@@ -60,6 +63,10 @@ def weigh(
     other: tuple[float, float] | LogFile | Recording | None = tare if isinstance(tare, tuple) else None
     if tare is not None and not isinstance(tare, tuple):
         other = as_log(tare)
+    guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
+    source = guard.admitted(source, fix=fix, force=force)
+    if isinstance(other, LogFile | Recording):
+        other = guard.admitted(other, fix=fix, force=force)
     name = method or choose_method(model, source, other, chosen)
     request = Request(model, source, other, name, imu_frame, stiffness, force, chosen, progress, watch)
     result = weigh_in_motion(request) if name == IN_MOTION else weigh_at_rest(request)

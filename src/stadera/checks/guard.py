@@ -1,0 +1,90 @@
+"""The checks on a log that every command makes before any other: what is wrong with it, and what `fix` makes of it.
+
+Units and signs are checked whatever the robot does. What needs a robot on its feet is checked chunk by chunk where
+logs are weighed (`stadera.weigh.reading`), because a log may begin before the robot stands up, or end in a fall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from stadera.checks.diagnosis import diagnose, unit_findings
+from stadera.checks.finding import Finding
+from stadera.errors import UntrustedError
+from stadera.logs.mend import Mend, changed
+from stadera.logs.reader import stream
+from stadera.logs.recording import Recording
+from stadera.logs.topics import LogFile
+from stadera.robot.model import Robot
+
+_ROUNDS = 4  # a wrong unit hides other faults until it is mended
+
+
+@dataclass(frozen=True, eq=False)
+class Guard:
+    """Checks logs of a robot.
+
+    Attributes:
+        robot: its model.
+        joints: that a log needs to have.
+        on_feet: whether the robot stands or walks; else it is held, legs in the air.
+        imu_frame: frame of the IMU's values; None for the log's own, else the model's.
+    """
+
+    robot: Robot
+    joints: Sequence[str]
+    on_feet: bool = True
+    imu_frame: str | None = None
+
+    def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
+        """What is wrong with units and signs in a log's first chunk."""
+        first = self._first(log)
+        return () if first is None else unit_findings(first, self.robot)
+
+    def findings(self, log: LogFile | Recording) -> tuple[Finding, ...]:
+        """All that is wrong with a log's first chunk.
+
+        Raises:
+            RecordingError: the log cannot be read, or lacks a joint. UnknownNameError: no such frame.
+        """
+        if not self.on_feet:
+            return self.units(log)
+        first = self._first(log)
+        return () if first is None else diagnose(first, self.robot, self.imu_frame)
+
+    def require(self, log: LogFile | Recording) -> None:
+        """Refuses a log whose units or signs are wrong.
+
+        Raises:
+            UntrustedError: they are; names the option that mends it. And as `findings`.
+        """
+        if fatal := [finding for finding in self.units(log) if finding.fatal]:
+            raise UntrustedError(f"{log.source}: {fatal[0]}")
+
+    def mended(self, log: LogFile | Recording) -> LogFile | Recording:
+        """The log with all faults undone that can be without a doubt, and a note on each; errors as `findings`."""
+        for _ in range(_ROUNDS):
+            mends = [finding.mend for finding in self.findings(log) if finding.mend is not None]
+            if not mends:
+                break
+            log = _changed(log, mends)
+        return log
+
+    def admitted(self, log: LogFile | Recording, *, fix: bool, force: bool) -> LogFile | Recording:
+        """The log as it is to be used: mended by `fix`, and checked unless a result is forced; errors as `require`."""
+        if fix:
+            log = self.mended(log)
+        if not force:
+            self.require(log)
+        return log
+
+    def _first(self, log: LogFile | Recording) -> Recording | None:
+        first = next(stream(log, joints=self.joints), None)
+        return first if first is not None and len(first) > 1 else None
+
+
+def _changed(log: LogFile | Recording, mends: Sequence[Mend]) -> LogFile | Recording:
+    if isinstance(log, Recording):
+        return changed(log, mends)
+    return replace(log, reading=replace(log.reading, changes=(*log.reading.changes, *mends)))

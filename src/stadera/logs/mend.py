@@ -1,0 +1,166 @@
+"""Changes of a log while it is read: faults that are undone, torques of motors made those of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite
+
+import numpy as np
+
+from stadera.constants import GRAVITY
+from stadera.errors import RecordingError
+from stadera.joint_words import places
+from stadera.logs.columns import CHANNELS
+from stadera.logs.recording import Imu, Recording
+from stadera.types import Array
+
+GYRO, ACCELEROMETER = "gyro", "accelerometer"
+
+
+@dataclass(frozen=True)
+class Mend:
+    """One operation; fields that are left out change nothing.
+
+    Attributes:
+        text: what is done, for a note.
+        factors: by quantity ("time", a channel of the joints, "gyro", "accelerometer"), what it is multiplied with.
+        joint_factors: the same, by channel and joint.
+        swapped: by channel and joint, the joint in whose columns the values of this one are.
+        turn: rows of the rotation that turns the IMU's values into the axes they should be in.
+        gravity: whether gravity, by the IMU's orientation, is put back into the specific force.
+        quaternion: where w is first: "wxyz"; of the world in the IMU's frame: "inverse".
+    """
+
+    text: str
+    factors: Mapping[str, float] = field(default_factory=dict)
+    joint_factors: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    swapped: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    turn: tuple[tuple[float, float, float], ...] = ()
+    gravity: bool = False
+    quaternion: str = ""
+
+    def sources(self, joints: Iterable[str]) -> tuple[str, ...]:
+        """The joints whose columns are needed for these joints' values."""
+        needed = dict.fromkeys(joints)
+        others = [source for (_, joint), source in self.swapped.items() if joint in needed]
+        return tuple(needed | dict.fromkeys(others))
+
+    def __call__(self, recording: Recording) -> Recording:
+        """The recording as it should be; joints whose columns are swapped need to be in it."""
+        scaled = recording.mapped(self._scaled)
+        channels = {c: getattr(scaled, c) for c in CHANNELS}
+        kept = {c: self._joints(c, v, recording.joints) for c, v in channels.items() if v is not None}
+        imu = None if scaled.imu is None else self._imu(scaled.imu)
+        return replace(scaled, **kept, imu=imu)  # type: ignore[arg-type]
+
+    def _scaled(self, name: str, values: Array) -> Array:
+        quantity = {"imu.angular_velocity": GYRO, "imu.linear_acceleration": ACCELEROMETER}.get(name, name)
+        return values * self.factors[quantity] if quantity in self.factors else values
+
+    def _joints(self, channel: str, values: Array, joints: Sequence[str]) -> Array:
+        order = [joints.index(self.swapped.get((channel, joint), joint)) for joint in joints]
+        factor = np.array([self.joint_factors.get((channel, joint), 1.0) for joint in joints])
+        return np.asarray(values[:, order] * factor)
+
+    def _imu(self, imu: Imu) -> Imu:
+        turn, orientation = np.array(self.turn or np.eye(3)), imu.orientation
+        if orientation is not None and self.quaternion:
+            orientation = orientation[:, [1, 2, 3, 0]] if self.quaternion == "wxyz" else orientation * [-1, -1, -1, 1]
+        force = imu.linear_acceleration
+        if self.gravity and orientation is not None:
+            force = force + GRAVITY * upwards(orientation)
+        if self.turn and orientation is not None:
+            orientation = None  # of a frame that is not the values' any more
+        return replace(imu, angular_velocity=imu.angular_velocity @ turn.T, linear_acceleration=force @ turn.T,
+                       orientation=orientation)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Gear:
+    """Gear ratios, for torques of motors: a joint's torque is the motor's times the ratio.
+
+    Attributes:
+        ratios: one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE), joint's lever included.
+
+    Raises:
+        RecordingError: neither one nor three, or a ratio that is not positive.
+    """
+
+    ratios: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.ratios) not in (1, 3) or not all(isfinite(ratio) and ratio > 0 for ratio in self.ratios):
+            raise RecordingError(f"gear ratios are one or three, for hip, thigh and calf, above 0: got {self.ratios}")
+
+    @classmethod
+    def parse(cls, text: str) -> Gear:
+        """Ratios from "6.33" or "6.33,6.33,9.55".
+
+        Raises:
+            RecordingError: anything else.
+        """
+        try:
+            return cls(tuple(float(part) for part in text.split(",")))
+        except ValueError:
+            raise RecordingError(f"{text!r} is no gear ratio, nor three with commas for hip, thigh and calf") from None
+
+    @property
+    def text(self) -> str:
+        """What is done, for a note."""
+        return f"torques are the motors', times gear ratios of {', '.join(f'{ratio:g}' for ratio in self.ratios)}"
+
+    def sources(self, joints: Iterable[str]) -> tuple[str, ...]:
+        """The joints themselves."""
+        return tuple(joints)
+
+    def __call__(self, recording: Recording) -> Recording:
+        """The recording with torques of joints.
+
+        Raises:
+            RecordingError: three ratios, and a joint whose name does not say which of the leg's it is.
+        """
+        if recording.effort is None:
+            return recording
+        if len(self.ratios) == 1:
+            return replace(recording, effort=recording.effort * self.ratios[0])
+        known = places(recording.joints)
+        if unknown := next((joint for joint in recording.joints if joint not in known), None):
+            raise RecordingError(f"the name of joint {unknown!r} says neither hip, thigh nor calf: give one gear ratio")
+        ratios = np.array([self.ratios[known[joint][1]] for joint in recording.joints])
+        return replace(recording, effort=recording.effort * ratios)
+
+
+Change = Mend | Gear
+"""Of recordings, while a log is read."""
+
+
+def changed(
+    recording: Recording, changes: Sequence[Change], joints: Sequence[str] | None = None, *, first: bool = True
+) -> Recording:
+    """A recording after changes, in order, with notes on them if it is a log's first; of these joints, all for None."""
+    for change in changes:
+        recording = change(recording)
+    if first:
+        recording = replace(recording, notes=(*recording.notes, *(change.text for change in changes)))
+    if joints is None or recording.joints == tuple(joints):
+        return recording
+    found = tuple(joints)
+    kept = {c: recording.channel(c, found) for c in CHANNELS if getattr(recording, c) is not None}
+    return replace(recording, joints=found, **kept)  # type: ignore[arg-type]
+
+
+def sources_of(changes: Sequence[Change], joints: Sequence[str] | None) -> tuple[str, ...] | None:
+    """The joints to read so that these can be had after changes; None for all."""
+    if joints is None:
+        return None
+    found = tuple(joints)
+    for change in reversed(changes):
+        found = change.sources(found)
+    return found
+
+
+def upwards(xyzw: Array) -> Array:
+    """The world's z axis in the body's axes, (samples, 3), of orientations that are not zero."""
+    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
+    return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
