@@ -55,7 +55,7 @@ def weigh(
         RecordingError: the log cannot be read, or lacks a joint, its torque, or the IMU that the method needs.
         IdentificationError: the log contains no usable data, or none within the tare; options that do not fit the
             method.
-        UntrustedError: units or signs of the log are wrong, or it contradicts the model or itself, and `force` is false.
+        UntrustedError: units or signs of the log are wrong, or it contradicts the model or itself, without `force`.
     """
     check_choice(method, stiffness)
     model = robot if isinstance(robot, Robot) else load_robot(Path(robot) if isinstance(robot, PathLike) else robot)
