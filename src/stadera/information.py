@@ -183,12 +183,18 @@ class Information:
             matrix, target: H (rows, n) and y (rows,).
             considered: B (rows, q); None if the considered errors do not affect these rows.
         """
-        n, rows = len(self), len(target)
-        stacked = self._stacked(n + rows, n)
-        stacked[n:, :n], stacked[n:, n] = matrix, target
+        n, rows, q = len(self), len(target), self.G.shape[1]
+        if not rows:
+            return self
+        # the QR of a triangle on top of a rectangle, and its reflections of the right-hand sides
+        R, V, T, _ = lapack.dtpqrt(0, min(_PANEL, n), self.R, matrix)
+        above, below = np.empty((n, 1 + q), order="F"), np.zeros((rows, 1 + q), order="F")
+        above[:, 0], above[:, 1:], below[:, 0] = self.z, self.G, target
         if considered is not None:
-            stacked[n:, n + 1 :] = considered
-        return _triangular(self.unknowns, stacked, self.cost, self.count + rows)
+            below[:, 1:] = considered
+        above, below, _ = lapack.dtpmqrt(0, V, T, above, below, trans="T", overwrite_a=True, overwrite_b=True)
+        cost = self.cost + float(below[:, 0] @ below[:, 0])
+        return Information(self.unknowns, R * _upper(n, n), above[:, 0], above[:, 1:], cost, self.count + rows)
 
     def add_rows(self, rows: Iterable[Rows]) -> Information:
         """Returns the information with rows on named scalar unknowns added."""

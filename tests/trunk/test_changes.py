@@ -37,7 +37,7 @@ def rows(seconds: float, noise: float, load: np.ndarray, at: float, seed: int) -
         matrix = trunk_matrix(signals)
         theta = TRUNK + (load if time >= at else 0.0)
         target = matrix @ theta + noise * rng.standard_normal(6)
-        made.append(WeightedRows(time, matrix, np.zeros((6, ERRORS)), target, 6.0 * noise**2))
+        made.append(WeightedRows.of(time, matrix, np.zeros((6, ERRORS)), target, 6.0 * noise**2))
     return made
 
 
@@ -101,7 +101,7 @@ def test_a_load_far_smaller_than_the_joints_disturbance_is_found_at_its_time() -
         column = np.sign(np.sin(9.0 * r.time)) * 10.0 * load * 9.81 / friction * unit
         errors = np.zeros((6, ERRORS))
         errors[:, place] = column
-        made.append(WeightedRows(r.time, r.matrix, errors, r.target + column * friction, r.white))
+        made.append(WeightedRows.of(r.time, r.matrix, errors, r.target + column * friction, r.white))
     detector = ChangeDetector(settings, SCALE, BLOCK)
     before, known, found = Segment.prior(TRUNK, 50.0 * np.ones(10)), Errors(model, swing, 1.0), []
     for k, r in enumerate(made):
@@ -131,7 +131,7 @@ def test_what_the_rows_show_of_friction_agrees_with_bayes() -> None:
     for r in rows(4.0, 1.0, np.zeros(10), np.inf, 6):
         errors = np.zeros((6, ERRORS))
         errors[:, :36] = rng.standard_normal((6, 36)) / np.sqrt(np.diag(model.covariance)[:36])
-        segment = segment.add(WeightedRows(r.time, r.matrix, errors, r.target + errors @ p, r.white))
+        segment = segment.add(WeightedRows.of(r.time, r.matrix, errors, r.target + errors @ p, r.white))
         columns.append(np.hstack([r.matrix, errors[:, :36]]))
         targets.append(r.target + errors @ p)
     C, b = np.vstack(columns), np.concatenate(targets)

@@ -24,6 +24,7 @@ from math import exp
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from stadera.trunk.considered import Errors
@@ -51,18 +52,32 @@ class Jump:
     reported: bool
 
 
-class Deviation(NamedTuple):
-    """Average over the latest blocks, in units of `scale`.
+class Deviations(NamedTuple):
+    """Averages over the latest blocks, one a window, in units of `scale`.
 
     Attributes:
-        size: δ (4,). by_errors: (4,) variance due to model errors.
-        own, before: (4,) variances due to white noise, of the average and of the earlier estimate.
+        blocks: (windows,) number of blocks.
+        size: δ (windows, 4). by_errors: (windows, 4) variances due to model errors.
+        own, before: (windows, 4) variances due to white noise, of the averages and of the earlier estimate.
     """
 
+    blocks: NDArray[np.intp]
     size: Array
     by_errors: Array
     own: Array
     before: Array
+
+    @classmethod
+    def none(cls) -> Deviations:
+        """No windows."""
+        return cls(np.zeros(0, dtype=np.intp), *np.zeros((4, 0, 4)))
+
+    def __add__(self, others: object) -> Deviations:
+        """These and the deviations of longer windows."""
+        assert isinstance(others, Deviations)
+        if not len(others.blocks):
+            return self
+        return Deviations(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
 
 
 class _Largest(NamedTuple):
@@ -87,29 +102,56 @@ class Spread(NamedTuple):
     usual: Array
     samples: float
 
-    def variance(self, expected: Array) -> Array:
-        """The variance, increased by the part of the present model errors' effect that exceeds the usual one."""
-        return np.asarray(self.square + np.maximum(expected - self.usual, 0.0))
-
 
 class _Blocks:
-    """Ring buffer of the latest blocks' projected rows, contiguous in memory."""
+    """Ring buffer of the latest blocks' projected rows, contiguous in memory, with running sums and reduced rows.
+
+    A sum over any range is the difference of two running sums. The reduced rows (4, 12) hold A, b - C p and the weight:
+    p is constant over many blocks, so a residual costs ten products instead of 157.
+    """
 
     def __init__(self, most: int) -> None:
-        self._most, self._rows, self._end, self.count = most, np.empty((2 * most, 4, PROJECTED)), 0, 0
+        self._most, self._end, self.count = most, 0, 0
+        self._rows = np.empty((2 * most, 4, PROJECTED))
+        self._reduced = np.empty((2 * most, 4, 12))
+        self._sums = np.zeros((2 * most + 1, 4, PROJECTED))
+        self._errors = np.zeros(PROJECTED - 11)
 
-    def push(self, projected: Array) -> None:
+    def push(self, projected: Array, errors: Array) -> None:
+        """Appends a block; p (ERRORS,) are the model errors."""
         if self._end == len(self._rows):
             kept = min(self.count, self._most)
-            self._rows[:kept] = self.last(kept)
+            self._rows[:kept], self._reduced[:kept] = self.last(kept), self._reduced[self._end - kept :]
             self._end = kept
-        self._rows[self._end] = projected
-        self._end += 1
-        self.count = min(self.count + 1, self._most)
+            np.cumsum(self._rows[:kept], axis=0, out=self._sums[1 : kept + 1])
+        at = self._end
+        self._rows[at] = projected
+        self._end, self.count = at + 1, min(self.count + 1, self._most)
+        np.add(self._sums[at], projected, out=self._sums[at + 1])
+        self._reduce(at, errors)
 
     def last(self, n: int) -> Array:
         """(n, 4, PROJECTED)."""
         return self._rows[self._end - n : self._end]
+
+    def totals(self, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+        """(k, 4, PROJECTED), sums over ranges that begin and end so many blocks before the latest (k,)."""
+        return np.asarray(self._sums[self._end - end] - self._sums[self._end - begin])
+
+    def reduced(self, n: int, errors: Array) -> Array:
+        """Reduced rows of the last n blocks, (n, 4, 12)."""
+        self._reduce(self._end, errors)
+        return self._reduced[self._end - n : self._end]
+
+    def _reduce(self, start: int, errors: Array) -> None:
+        """Reduces rows from `start` on, or all of them if p has changed."""
+        if errors is not self._errors:
+            start, self._errors, left = max(self._end - self._most, 0), errors, np.concatenate([[1.0], -errors])
+            self._left = left
+        rows, out = self._rows[start : self._end], self._reduced[start : self._end]
+        if len(rows):
+            out[..., :10], out[..., 11] = rows[..., :10], rows[..., -1]
+            np.matmul(rows[..., 10:-1], self._left, out=out[..., 10])
 
 
 class ChangeDetector:
@@ -133,6 +175,7 @@ class ChangeDetector:
         nothing = Spread(np.full(4, settings.prior**2), np.zeros(4), 0.0)
         self._usual = dict.fromkeys(settings.windows, nothing)  # up to the last change of the load
         self._spreads = self._usual
+        self._gather()
         self._scatter = np.full(4, settings.prior)  # of single blocks
         self._persists = self._likely = 0
         self.suspected = self._missed = np.zeros(4)
@@ -154,9 +197,8 @@ class ChangeDetector:
             scatter: κ, the excess scatter of summed rows.
             held: suppress reports, because the model does not fit.
         """
-        self._blocks.push(rows.projected)
-        deviations = self._since(before, errors, self._short)
-        deviations |= self._since(long_before, errors, self._long)
+        self._blocks.push(rows.projected, errors.mean)
+        deviations = self._since(before, errors, self._short) + self._since(long_before, errors, self._long)
         best = self._largest(deviations, scatter)
         self._suspect(best)
         self._persists = (self._persists + 1) * (best.ratio > self.settings.deviations and not held)
@@ -173,26 +215,39 @@ class ChangeDetector:
         n = self._blocks.count - self.settings.pending
         if n < 2 * min(self.settings.windows):
             return
-        singles, weights, rows = (x[:n] for x in self._singles(self._blocks.count, before, errors))
+        singles, weights = (x[:n] for x in self._singles(self._blocks.count, before, errors))
         self._scatter = np.maximum(1.5 * np.median(np.abs(singles), axis=0), 1e-6)
-        sums = np.cumsum(np.concatenate([np.zeros((1, 4, 2)), self._near(singles, weights)]), axis=0)
-        totals = np.cumsum(rows, axis=0)
-        self._spreads = {}
+        sums = np.zeros((n + 1, 4, 2))
+        near = sums[1:]
+        np.multiply(self._near(singles), weights, out=near[..., 0])
+        near[..., 1] = weights
+        np.cumsum(near, axis=0, out=near)
+        spreads = {}
         for m in self.settings.windows:
             first = np.arange(0, n - m, max(m // 2, 1))
             if not len(first):
-                self._spreads[m] = self._usual[m]
+                spreads[m] = self._usual[m]
                 continue
             parts = sums[first + m] - sums[first]
             squares = (parts[..., 0] / np.maximum(parts[..., 1], 1e-12)) ** 2
             squares = np.minimum(squares, _WILD**2 * np.median(squares, axis=0) / _MEDIAN)
-            expected = self._by_errors(totals[first + m] - totals[first], before, errors)
+            begin = self._blocks.count - first
+            expected = self._by_errors(self._blocks.totals(begin, begin - m), before, errors)
             expected = np.quantile(expected, _MOST, axis=0)
             known, samples = self._usual[m], 0.5 * len(first)
             worth = _PRIOR_SAMPLES + known.samples
             square = (squares.mean(axis=0) * samples + known.square * worth) / (samples + worth)
             usual = (expected * samples + known.usual * known.samples) / (samples + known.samples)
-            self._spreads[m] = Spread(square, usual, samples + known.samples)
+            spreads[m] = Spread(square, usual, samples + known.samples)
+        self._spreads = spreads
+        self._gather()
+
+    def _gather(self) -> None:
+        """Stacks the spreads by window, with Student's factor of each."""
+        spreads = list(self._spreads.values())
+        self._square, self._expected = (np.array([s[k] for s in spreads]) for k in (0, 1))
+        limit = self.settings.deviations
+        self._student = np.array([limit / _student(limit, int(s.samples + _PRIOR_SAMPLES)) for s in spreads])
 
     def _suspect(self, best: _Largest) -> None:
         """Updates `suspected`: a likely change enters the error bars while it lasts. If it persists without being
@@ -205,60 +260,65 @@ class ChangeDetector:
             self._missed = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
         self.suspected = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
 
-    def _largest(self, deviations: dict[int, Deviation], scatter: float) -> _Largest:
-        """The deviation with most standard deviations, among averages whose spread is known."""
-        largest, limit = _Largest(0, 0.0, False, np.zeros(4), np.ones(4)), self.settings.deviations
-        for n, deviation in deviations.items():
-            spread = self._spreads[n]
-            own = np.maximum(spread.variance(deviation.by_errors), deviation.own)
-            variance = own + scatter * deviation.before
-            ratio, reported = self._ratio(n, np.abs(deviation.size), np.sqrt(variance))
-            ratio *= limit / _student(limit, int(spread.samples + _PRIOR_SAMPLES))
-            if ratio > largest.ratio:
-                largest = _Largest(n, ratio, reported, deviation.size, variance)
-        return largest
+    def _largest(self, found: Deviations, scatter: float) -> _Largest:
+        """The deviation with most standard deviations.
 
-    def _ratio(self, n: int, size: Array, std: Array) -> tuple[float, bool]:
-        """Number of standard deviations (0 if the change is too small), and whether the change is to be reported."""
-        large = size > self.settings.least_change
-        if large.any():
-            return float((size / std)[large].max()), True
-        # a smaller change, seen in long averages only, updates the estimate without a report
-        return (float((size / std).max()), False) if 3 * n > self.settings.pending else (0.0, False)
+        A window's variance is its spread, increased by the part of the present model errors' effect that exceeds the
+        usual one. Changes below `least_change` count in long averages only, and update the estimate without a report.
+        """
+        n = len(found.blocks)
+        if not n:
+            return _Largest(0, 0.0, False, np.zeros(4), np.ones(4))
+        at = np.searchsorted(self.settings.windows, found.blocks)
+        spread = self._square[at] + np.maximum(found.by_errors - self._expected[at], 0.0)
+        variance = np.maximum(spread, found.own) + scatter * found.before
+        size = np.abs(found.size)
+        ratios, large = size / np.sqrt(variance), size > self.settings.least_change
+        reported = np.asarray(large.any(axis=1))
+        ratios[reported] *= large[reported]
+        ratio = ratios.max(axis=1) * self._student[at]
+        ratio *= np.logical_or(reported, 3 * found.blocks > self.settings.pending)
+        k = int(np.argmax(ratio))
+        return _Largest(int(found.blocks[k]), float(ratio[k]), bool(reported[k]), found.size[k], variance[k])
 
-    def _since(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> dict[int, Deviation]:
+    def _since(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> Deviations:
         """Deviations from a segment for each full window; none if the segment is too short."""
         windows = tuple(n for n in windows if n <= self._blocks.count)
         if before.blocks * self._block < self.settings.history or not windows:
-            return {}
-        known = np.diag(before.inverse @ before.inverse.T)[:4] / self._scale**2
-        singles, weights, rows = self._singles(max(windows), before, errors)
-        out = {}
-        for n in windows:
-            total = rows[-n:].sum(axis=0)
-            near = self._near(singles[-n:], weights[-n:], _median(singles[-n:])).sum(axis=0)
-            weight = np.maximum(total[:, -1], 1e-12)
-            by_errors = self._by_errors(total[None], before, errors)[0]
-            out[n] = Deviation(near[:, 0] / weight, by_errors, 1.0 / (weight * self._scale**2), known)
-        return out
+            return Deviations.none()
+        blocks = np.array(windows)
+        known = (before.inverse[:4] ** 2).sum(axis=1) / self._scale**2
+        singles, weights = self._singles(windows[-1], before, errors)
+        totals = self._blocks.totals(blocks, np.zeros_like(blocks))
+        near = np.empty((len(windows), 4))
+        for k, n in enumerate(windows):
+            last = singles[-n:]
+            near[k] = (self._near(last, _median(last)) * weights[-n:]).sum(axis=0)
+        weight = np.maximum(totals[..., -1], 1e-12)
+        by_errors = self._by_errors(totals, before, errors)
+        return Deviations(
+            blocks, near / weight, by_errors, 1.0 / (weight * self._scale**2), known + np.zeros_like(near)
+        )
 
-    def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array, Array]:
-        """For the last n blocks (n, 4): each one's own difference in units of `scale`, its weight, and its rows."""
-        rows = self._blocks.last(n)
-        left = np.concatenate([-before.mean(errors.mean), [1.0], -errors.mean, [0.0]])
-        weight = rows[:, :, -1]
-        return (rows @ left) / np.maximum(weight, 1e-12) / self._scale, weight, rows
+    def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array]:
+        """For the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
+        reduced = self._blocks.reduced(n, errors.mean)
+        left = reduced[..., 10] - reduced[..., :10] @ before.mean(errors.mean)
+        weight = reduced[..., 11]
+        return left / (np.maximum(weight, 1e-12) * self._scale), weight
 
-    def _near(self, singles: Array, weights: Array, middle: Array | float = 0.0) -> Array:
-        """(n, 4, 2): weighted blocks (n, 4), clipped at Huber's limit from `middle`, and their weights."""
+    def _near(self, singles: Array, middle: Array | float = 0.0) -> Array:
+        """Single blocks (n, 4), clipped at Huber's limit from `middle`."""
         limit = self.settings.outlier * self._scatter
-        return np.stack([np.clip(singles, middle - limit, middle + limit) * weights, weights], axis=-1)
+        return np.asarray(np.minimum(np.maximum(singles, middle - limit), middle + limit))
 
     def _by_errors(self, totals: Array, before: Segment, errors: Errors) -> Array:
         """(n, 4) variances of averages due to model errors, from summed rows (n, 4, PROJECTED)."""
-        share = totals / (np.maximum(totals[..., -1], 1e-12) * self._scale)[..., None]
-        moved = (share[..., 11:-1] - share[..., :10] @ before.sensitivity) * errors.std
-        return np.asarray((moved**2).sum(axis=-1))
+        flat = totals.reshape(-1, PROJECTED)
+        moved = flat[:, 11:-1] - flat[:, :10] @ before.sensitivity
+        moved *= errors.std
+        square = np.einsum("ne,ne->n", moved, moved).reshape(-1, 4)
+        return np.asarray(square / (np.maximum(totals[..., -1], 1e-12) * self._scale) ** 2)
 
     def _placed(self, best: _Largest, before: Segment, errors: Errors) -> int:
         """Most likely number of blocks since the change.
@@ -267,7 +327,7 @@ class ChangeDetector:
         equally. The likelihood of a change at k is largest where Σ_{i≥k} (x_i - 1/2) is.
         """
         n = min(self._blocks.count, best.blocks + self.settings.pending)
-        singles, _, _ = self._singles(n, before, errors)
+        singles, _ = self._singles(n, before, errors)
         along = best.size / best.variance
         x = np.clip(singles @ along / (best.size @ along), -1.0, 2.0) - _HALF
         return int(np.argmax(np.cumsum(x[::-1]))) + 1

@@ -29,8 +29,8 @@ def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRow
     phases of a step have equal weight.
     """
     unit = _UNIT * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length])
-    errors, white = rows.errors / unit[:, None], float(np.trace(rows.white / np.outer(unit, unit)))
-    return WeightedRows(rows.time, rows.matrix / unit[:, None], errors, rows.target / unit, white)
+    columns = np.hstack([rows.matrix, rows.target[:, None], rows.errors]) / unit[:, None]
+    return WeightedRows(rows.time, columns, float((np.diagonal(rows.white) / unit**2).sum()))
 
 
 @dataclass(frozen=True, eq=False)

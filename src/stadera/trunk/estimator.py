@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import exp
 
 import numpy as np
@@ -50,6 +51,7 @@ from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust
+from stadera.types import Array
 
 _LOST_GROUND = 0.2  # s, of a gap, after which ground normal and gravity are estimated anew
 _OFTEN = 3  # blocks between two checks of a change that is still within its error bars
@@ -66,6 +68,22 @@ class _Change:
     time: float
     noticed: float
     before: Segment
+
+
+class _Reading:
+    """The trunk as known at one time, computed on first use."""
+
+    def __init__(self, of: TrunkEstimator) -> None:
+        self._of, self._segment, self._errors = of, of._current, of._errors
+        self._scatter, self._suspected = of._scatter.value, of._detector.suspected
+
+    @cached_property
+    def parameters(self) -> TrunkParameters:
+        """All ten parameters and their uncertainty."""
+        of, covariance = self._of, self._errors.trunk_covariance(self._segment, self._scatter)
+        covariance[:4, :4] += np.outer(self._suspected, self._suspected)
+        vector = self._segment.mean(self._errors.mean)
+        return TrunkParameters.of(vector, covariance, of._start, of.robot.mass, of._length)
 
 
 class TrunkEstimator:
@@ -111,8 +129,9 @@ class TrunkEstimator:
         self._ground, self._spikes = GroundNormal(self._weight), SpikeFilter()
         mass, le = self.robot.mass, self._length
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
-        self._current = self._aged = self._old = Segment.prior(self._start.vector, self._wide)
         self._recent: deque[WeightedRows] = deque()
+        # estimates before each of them, and with all of them
+        self._known = deque([Segment.prior(self._start.vector, self._wide)])
         scale = mass * np.array([1.0, le, le, le])
         self._detector = ChangeDetector(self.settings.changes, scale, self.settings.block)
         self._finished: tuple[Segment, ...] = ()
@@ -127,8 +146,8 @@ class TrunkEstimator:
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self._blocks, self._learnt, self._since, self._seen_for = 0, np.nan, np.nan, 0.0
         self._status, self._reason = Status.WAITING, ""
-        self._found: TrunkParameters | None = None
-        self._good: TrunkParameters | None = None
+        self._good: _Reading | None = None
+        self._settled = False
         self._shape = self._start
         self._trust: Trust | None = None
 
@@ -187,8 +206,8 @@ class TrunkEstimator:
     # -- asking -----------------------------------------------------------------------------------------------------
     @property
     def trunk(self) -> TrunkParameters:
-        """The trunk's ten parameters, payload included, with their uncertainty."""
-        return self._good or TrunkParameters.unobserved(self._start)
+        """All ten parameters of the trunk, payload included, and how well they are known."""
+        return self._good.parameters if self._good is not None else TrunkParameters.unobserved(self._start)
 
     def parameters(self) -> TrunkParameters:
         """The same as `trunk`."""
@@ -198,7 +217,10 @@ class TrunkEstimator:
         """Mass and centre of mass of the trunk; after a refusal the last good ones, with the reason."""
         found = self.trunk
         covariance = found.covariance if self._good is not None else unobserved()
-        return TrunkEstimate(self._learnt, TrunkModel.of(found.inertial), covariance, self._status, self._reason)
+        status = self._status
+        if status is Status.MOVING and self._settled and found.observed[:3].all():
+            status = Status.CONVERGED
+        return TrunkEstimate(self._learnt, TrunkModel.of(found.inertial), covariance, status, self._reason)
 
     @property
     def payload(self) -> Payload | None:
@@ -247,6 +269,16 @@ class TrunkEstimator:
         return tuple(self._gaps)
 
     # -- inside -----------------------------------------------------------------------------------------------------
+    @property
+    def _current(self) -> Segment:
+        """The present estimate."""
+        return self._known[-1]
+
+    @property
+    def _aged(self) -> Segment:
+        """The estimate without the latest blocks, in which a change may still be detected."""
+        return self._known[max(len(self._recent) - self.settings.changes.pending, 0)]
+
     def _measured(
         self,
         t: float,
@@ -318,18 +350,16 @@ class TrunkEstimator:
         keep = exp(-made.elapsed / self.settings.memory)
         self._scatter.count(rows, self._aged, p)
         self._recent.append(rows)
-        self._current = self._current.add(rows, keep)
-        pending = self.settings.changes.pending
-        if len(self._recent) > pending:
-            self._aged = self._aged.add(self._recent[-pending - 1], keep)
-        if len(self._recent) > 2 * pending:
-            self._old = self._old.add(self._recent.popleft(), keep)
+        self._known.append(self._current.add(rows, keep))
+        if len(self._recent) > 2 * self.settings.changes.pending:
+            self._recent.popleft()
+            self._known.popleft()
         if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
             self._refresh()
         held = self._fit is not None and self._fit.misfit > self.settings.bad
         if self._blocks % _REFRESHED == 0:
             self._detector.learn(self._aged, self._errors)
-        jump = self._detector.look(rows, self._aged, self._old, self._errors, self._scatter.value, held)
+        jump = self._detector.look(rows, self._aged, self._known[0], self._errors, self._scatter.value, held)
         if jump is not None:
             self._jumped(jump, made.time)
         elif self._blocks % _OFTEN == 0:
@@ -351,19 +381,13 @@ class TrunkEstimator:
         """Restarts the trunk with the rows since the change, and keeps the earlier estimate."""
         recent, spoilt = list(self._recent), self.settings.changes.spoilt
         blocks = min(jump.blocks, len(recent))
-        before = self._old
-        for rows in recent[: max(len(recent) - blocks - spoilt, 0)]:
-            before = before.add(rows)
+        before = self._known[max(len(recent) - blocks - spoilt, 0)]
         begun = recent[-blocks].time - self.settings.block
         self._finished = (*self._finished[-3:], before)
-        self._aged = Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)
-        self._current, self._old, self._nested = self._aged, self._aged, False
+        self._known, self._nested = deque([Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)]), False
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
-        pending = self.settings.changes.pending
-        for k, rows in enumerate(self._recent):
-            self._current = self._current.add(rows)
-            if len(self._recent) - k > pending:
-                self._aged = self._current
+        for rows in self._recent:
+            self._known.append(self._current.add(rows))
         self._candidate = _Change(begun, now, before) if jump.reported else None
         self._report(now)
         self._detector.restart(len(self._recent))
@@ -403,40 +427,36 @@ class TrunkEstimator:
             kind = "shifted"
         return LoadChange(change.time, change.noticed, mass, std, kind)
 
-    def _read(self) -> TrunkParameters:
-        if self._found is None:
-            covariance = self._errors.trunk_covariance(self._current, self._scatter.value)
-            covariance[:4, :4] += np.outer(self._detector.suspected, self._detector.suspected)
-            vector = self._current.mean(self._errors.mean)
-            self._found = TrunkParameters.of(vector, covariance, self._start, self.robot.mass, self._length)
-        return self._found
-
     def _adopt(self, time: float) -> None:
-        """Makes the trunk computed from the present information the estimate, if it is plausible."""
-        self._found = None
+        """Adopts the present estimate of the trunk, unless it is implausible."""
         if np.isnan(self._since):
             self._since = time
-        vector = self._current.mean(self._errors.mean)
-        found = self._read()
-        try:
-            if not vector[0] > 0.0:
-                raise ImplausibleError(f"a mass of {vector[0]:.3g} kg")
-            complaint = self.bounds.complaint(TrunkModel.of(found.inertial))
-        except ImplausibleError as error:
-            complaint = str(error)
-        if complaint:
+        vector, read = self._current.mean(self._errors.mean), _Reading(self)
+        if complaint := self._complaint(vector, read):
             self._refuse(f"the estimate runs away: {complaint}")
             return
         trust = self.trust
-        self._good, self._learnt, self._reason = found, time, ""
+        self._good, self._learnt, self._reason = read, time, ""
         if trust.verdict == "bad":
             self._refuse(f"the model does not explain what the sensors say: {trust.reasons[0]}")
             return
-        settled = time - self._since >= self.settings.settled and bool(found.observed[:3].all())
-        settled = settled and trust.misfit <= self.settings.doubtful
-        self._status = Status.CONVERGED if settled else Status.MOVING
+        self._settled = time - self._since >= self.settings.settled and trust.misfit <= self.settings.doubtful
+        self._status = Status.MOVING
         if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
-            self._shape = found.inertial
+            self._shape = read.parameters.inertial
+
+    def _complaint(self, vector: Array, read: _Reading) -> str | None:
+        """Why the trunk (10,), the prior in place of what is not observed, is implausible; None if plausible."""
+        mass = float(vector[0])
+        if not mass > 0.0:
+            return f"a mass of {mass:.3g} kg"
+        bounds, com = self.bounds, vector[1:4] / mass
+        if bounds.mass[0] <= mass <= bounds.mass[1] and ((bounds.low <= com) & (com <= bounds.high)).all():
+            return None  # the prior is inside too, so any mixture of the two is
+        try:
+            return bounds.complaint(TrunkModel.of(read.parameters.inertial))
+        except ImplausibleError as error:
+            return str(error)
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason = Status.REFUSED, reason

@@ -30,7 +30,7 @@ class OddBlocks:
         """Returns the block, weighted, given the estimate and model errors p̂ (ERRORS,)."""
         if known.blocks < CLUSTER:
             return rows
-        residual = rows.target - rows.matrix @ known.mean(errors) - rows.errors @ errors
+        residual = rows.residual(known.mean(errors), errors)
         square = float(residual @ residual)
         if np.isnan(self._usual):
             self._usual = square
@@ -40,13 +40,7 @@ class OddBlocks:
         if not 0 < self._odd <= _ODD:
             return rows
         weight = np.sqrt(limit / square)
-        return replace(
-            rows,
-            matrix=weight * rows.matrix,
-            errors=weight * rows.errors,
-            target=weight * rows.target,
-            white=weight**2 * rows.white,
-        )
+        return replace(rows, columns=weight * rows.columns, white=weight**2 * rows.white)
 
 
 class Scatter:
@@ -70,9 +64,9 @@ class Scatter:
         """Adds a block, given the estimate and model errors p̂ (ERRORS,)."""
         if known.blocks < CLUSTER:
             return
-        moments = rows.moments
-        self._sum += moments[:, 10] - moments[:, :10] @ known.mean(errors) - moments[:, 11:] @ errors
-        self._normal += moments[:, :4]
+        shown = rows.columns[:, :4].T
+        self._sum += shown @ rows.residual(known.mean(errors), errors)
+        self._normal += shown @ shown.T
         self._summed += 1
         if self._summed == CLUSTER:
             ratio = float(self._sum @ np.linalg.solve(self._normal + self._prior, self._sum)) / 4.0

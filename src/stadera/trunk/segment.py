@@ -11,12 +11,11 @@ given by W.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from stadera.inertia import skew
 from stadera.information import Information, Unknowns
 from stadera.trunk.error_model import ERRORS
 from stadera.types import Array
@@ -32,41 +31,52 @@ class WeightedRows:
 
     Attributes:
         time: of the last sample [s].
-        matrix: (6, 10). errors: (6, ERRORS). target: (6,).
+        columns: (6, 10 + 1 + ERRORS), of A, b and C.
         white: variance of the white noise, summed over the six rows [1].
     """
 
     time: float
-    matrix: Array
-    errors: Array
-    target: Array
+    columns: Array
     white: float
 
-    @cached_property
-    def moments(self) -> Array:
-        """Columns of mass and first moment times all columns, (4, 10 + 1 + ERRORS)."""
-        return np.asarray(self.matrix[:, :4].T @ np.hstack([self.matrix, self.target[:, None], self.errors]))
+    @classmethod
+    def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
+        """From A (6, 10), C (6, ERRORS) and b (6,)."""
+        return cls(time, np.hstack([matrix, target[:, None], errors]), white)
+
+    @property
+    def matrix(self) -> Array:
+        """A (6, 10)."""
+        return self.columns[:, :10]
+
+    @property
+    def target(self) -> Array:
+        """b (6,)."""
+        return self.columns[:, 10]
+
+    @property
+    def errors(self) -> Array:
+        """C (6, ERRORS)."""
+        return self.columns[:, 11:]
+
+    def residual(self, trunk: Array, errors: Array) -> Array:
+        """b - A θ - C p (6,), for θ (10,) and p (ERRORS,)."""
+        return np.asarray(self.columns @ np.concatenate([-trunk, [1.0], -errors]))
 
     @cached_property
     def projected(self) -> Array:
         """(4, PROJECTED): the rows projected on the specific force a, for the differences in mass and in first moment:
         a · r_force and a x r_moment of A, b and C, and the square of a.
         """
-        columns = np.hstack([self.matrix, self.target[:, None], self.errors])
-        along = self.matrix[:3, 0]
-        across = np.array([self.matrix[4, 3], self.matrix[5, 1], self.matrix[3, 2]])  # of r_moment = -[across]x h
-        out = np.empty((4, columns.shape[1] + 1))
-        out[0, :-1] = along @ columns[:3]
-        out[1:, :-1] = skew(across) @ columns[3:]
+        A = self.columns
+        along = A[:3, 0]
+        x, y, z = across = np.array([A[4, 3], A[5, 1], A[3, 2]])  # of r_moment = -[across]x h
+        seen = np.array([[*along, 0, 0, 0], [0, 0, 0, 0, -z, y], [0, 0, 0, z, 0, -x], [0, 0, 0, -y, x, 0]])
+        out = np.empty((4, A.shape[1] + 1))
+        np.matmul(seen, A, out=out[:, :-1])
         out[:, -1] = across @ across
         out[0, -1] = along @ along
         return out
-
-    @cached_property
-    def energy(self) -> Array:
-        """Products of target and errors, (1 + ERRORS, 1 + ERRORS)."""
-        columns = np.hstack([self.target[:, None], self.errors])
-        return np.asarray(columns.T @ columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,33 +85,49 @@ class Segment:
 
     Attributes:
         known: R, z and G.
-        energy: (1 + ERRORS, 1 + ERRORS), products of targets and errors, summed.
         white: Σ of the rows' white variance [1].
         begin: time of the first row [s].
         blocks: number of blocks.
     """
 
     known: Information
-    energy: Array
     white: float = 0.0
     begin: float = np.nan
     blocks: int = 0
+    _last: list[tuple[Segment, float, WeightedRows]] = field(default_factory=list, repr=False)
 
     @classmethod
     def prior(cls, mean: Array, std: Array) -> Segment:
         """The prior of the trunk, mean and standard deviation (10,), before any row."""
-        return cls(Information.prior(THETA, mean, std, ERRORS), np.zeros((1 + ERRORS, 1 + ERRORS)))
+        return cls(Information.prior(THETA, mean, std, ERRORS))
 
     def add(self, rows: WeightedRows, keep: float = 1.0) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`."""
         known = self.known if keep == 1.0 else self.known.forget(keep)
         return Segment(
             known.add(rows.matrix, rows.target, rows.errors),
-            keep * self.energy + rows.energy,
             keep * self.white + rows.white,
             rows.time if np.isnan(self.begin) else self.begin,
             self.blocks + 1,
+            [(self, keep, rows)],
         )
+
+    @cached_property
+    def energy(self) -> Array:
+        """(1 + ERRORS, 1 + ERRORS), products of targets and errors, summed.
+
+        Summed on first use, over all blocks since the last segment whose energy is known: one product of stacked rows
+        instead of one a block.
+        """
+        scale, columns, at = 1.0, [], self
+        while at._last and "energy" not in at.__dict__:
+            before, keep, rows = at._last[0]
+            columns.append(np.sqrt(scale) * rows.columns[:, 10:])
+            scale, at = scale * keep, before
+        self._last.clear()
+        known = at.__dict__.get("energy")
+        stacked = np.vstack(columns) if columns else np.zeros((0, 1 + ERRORS))
+        return np.asarray(stacked.T @ stacked + (0.0 if known is None else scale * known))
 
     @cached_property
     def inverse(self) -> Array:
@@ -121,4 +147,4 @@ class Segment:
 
     def mean(self, errors: Array) -> Array:
         """θ̂ (10,), given errors p̂ (ERRORS,)."""
-        return np.asarray(self.inverse @ self.known.z - self.sensitivity @ errors)
+        return np.asarray(self.inverse @ (self.known.z - self.known.G @ errors))
