@@ -1,4 +1,4 @@
-"""Checks on logs, run before anything is estimated, the same for all commands."""
+"""Consistency checks on logs, run before estimation and shared by all commands."""
 
 from stadera.checks.diagnosis import contradictions, diagnose, unit_findings
 from stadera.checks.finding import FATAL, Finding

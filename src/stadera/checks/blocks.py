@@ -1,4 +1,4 @@
-"""A log as the checks look at it: means and slopes over instants of 40 ms, evenly thinned out by the second."""
+"""Reduces a log for the checks: means and slopes over instants of 40 ms, thinned out evenly by whole seconds."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.types import Array
 
-_GROUP = 25  # instants in a row, one second: over which nothing is thinned out
-_AT_LEAST = 3  # samples of an instant that has slopes
-_WHOLE = 1.5  # an instant that lasts longer than this many times its share of the log has a gap in it
+_GROUP = 25  # successive instants, one second, within which nothing is thinned out
+_AT_LEAST = 3  # samples in an instant with slopes
+_WHOLE = 1.5  # an instant longer than this many times its nominal length contains a gap
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Instants of a log, joints in the order asked for.
+    """Instants of a log, joints in the requested order.
 
     Attributes:
-        time: (instants,) [s], their middles.
-        group: (instants,), the stretch of up to a second, without a gap, that each is in.
+        time: (instants,) [s], midpoints.
+        group: (instants,), index of the stretch without gaps, of up to a second, that contains each instant.
         position, effort: (instants, n) [rad, N·m], means.
         rate: (instants, n) [rad/s], slopes of the positions; NaN where an instant has too few samples.
-        velocity: (instants, n) [rad/s], means of what was recorded; None where nothing was.
+        velocity: (instants, n) [rad/s], means of the recorded velocities; None if there are none.
         specific_force, angular_velocity: (instants, 3) [m/s², rad/s], trunk axes, means; None without an IMU.
     """
 
@@ -45,7 +45,7 @@ class Blocks:
 
     @classmethod
     def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Blocks:
-        """Instants of a recording that has these joints; efforts that it has not are zero."""
+        """Computes the instants of a recording that has these joints; missing efforts are zero."""
         chosen = [recording.index(joint) for joint in joints]
         steps = np.diff(recording.time)
         period = float(np.median(steps)) if len(steps) else limits.instant
@@ -85,18 +85,18 @@ class Blocks:
         )
 
     def thinned(self, most: int) -> Blocks:
-        """Evenly thinned out by whole seconds."""
+        """Thinned out evenly to at most `most` instants, by whole seconds."""
         rows = _thinned(len(self), most)
         return self if len(rows) == len(self) else self.at(rows)
 
     def at(self, rows: NDArray[np.int64]) -> Blocks:
-        """Some of the instants."""
+        """A selection of the instants."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})
 
 
 def _thinned(count: int, most: int) -> NDArray[np.int64]:
-    """Indices of at most so many, whole groups evenly over all."""
+    """Indices of at most `most` instants, in whole groups spread evenly."""
     if count <= most:
         return np.arange(count)
     kept = max(most // _GROUP, 1)
@@ -105,7 +105,7 @@ def _thinned(count: int, most: int) -> NDArray[np.int64]:
 
 
 def _groups(time: Array, length: float) -> NDArray[np.int64]:
-    """Stretches without a gap, of up to _GROUP instants of this length [s]."""
+    """Splits the log into stretches without gaps, of up to _GROUP instants of this length [s]."""
     if not len(time):
         return np.empty(0, dtype=np.int64)
     gap = np.concatenate([[0], np.cumsum(np.diff(time) > _WHOLE * length)])

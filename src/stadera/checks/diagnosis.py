@@ -1,12 +1,12 @@
 """Consistency checks on a log, run before estimation. Each finding names the fault and the evidence for it.
 
-Units that are not SI, sensors that fall silent, an IMU that does not show gravity or is turned, joints in another
-order, torques of another sign: each gives a robot of some weight, but not its own. So values are compared with what
-they can be (`units`), a log with what is impossible for a robot on its feet (`statics`) and with how a robot moves
-(`motion`), and the usual mistakes are tried on it (`hypotheses`).
+Units that are not SI, sensors that stop, an IMU that does not show gravity or is rotated, joints in another order,
+torques of another sign: each yields a plausible but wrong weight. So values are compared with what is possible
+(`units`), the log with the statics of a robot on its feet (`statics`) and with its motion (`motion`), and common
+mistakes are tested as explanations (`hypotheses`).
 
-What cannot be seen: on a robot that stands still, left and right or front and hind legs that are swapped, and an IMU
-turned about the vertical, look right until the trunk tilts or the load shifts.
+Undetectable on a robot that stands still: swapped left and right or front and hind legs, and an IMU rotated about the
+vertical. They look right until the trunk tilts or the load shifts.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from stadera.types import Array
 def diagnose(
     recording: Recording, robot: Robot, imu_frame: str | None = None, limits: CheckLimits | None = None
 ) -> tuple[Finding, ...]:
-    """What is wrong with a log of a robot that is on its feet, standing or walking.
+    """Finds faults in a log of a robot that is on its feet, standing or walking.
 
     Args:
-        recording: with all of the robot's joints and efforts for more than dropouts to be found; without an IMU torques
-            are compared with the encoders alone.
+        recording: with all of the robot's joints and efforts, without which only dropouts are found; without an IMU
+            torques are compared with the encoders only.
         robot: its model.
         imu_frame: frame of the IMU's values; None for the recording's own, else the model's.
         limits: None for the defaults.
 
     Returns:
-        Findings, silent sensors first; none where no fault can be seen.
+        Findings, silent sensors first; empty if no fault is detected.
 
     Raises:
         UnknownNameError: no such frame.
@@ -67,11 +67,11 @@ def diagnose(
 
 
 _BLINDING = ("time_unit", "position_unit", "imu_gravity")
-"""Causes that make everything else contradict itself as well."""
+"""Causes that make all other signals contradict each other as well."""
 
 
 def unit_findings(recording: Recording, robot: Robot, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
-    """Values in another unit than SI's, or of another sign than what they are measured of; whatever the robot does."""
+    """Finds values in other units than SI or with the wrong sign, for any motion."""
     limits = limits or CheckLimits()
     found = [*time_findings(recording, limits), *position_findings(recording, robot, limits)]
     joints = tuple(joint for joint in robot.tree.joints if joint in recording.joints)
@@ -83,7 +83,7 @@ def unit_findings(recording: Recording, robot: Robot, limits: CheckLimits | None
 
 
 def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = None) -> tuple[str, ...]:
-    """What is impossible in a log of a robot on its feet, a clause each, without a search for the cause.
+    """Impossible properties of a log of a robot on its feet, one clause each, without a search for the cause.
 
     Arguments and errors as `diagnose`; the recording has all of the robot's joints and their torques.
     """
@@ -116,7 +116,7 @@ def _silences(recording: Recording) -> Iterator[Finding]:
 
 
 def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
-    """Signals that repeat bit for bit for a while, though they do not elsewhere; torques that are zero."""
+    """Finds signals that repeat bit for bit for a while but not elsewhere, and torques that are zero."""
     if recording.effort is not None:
         silent = [j for j, values in zip(recording.joints, recording.effort.T, strict=True) if not values.any()]
         if silent:
@@ -145,7 +145,7 @@ def _signals(recording: Recording) -> Iterator[tuple[str, Array]]:
 
 
 def _longest_repeat(time: Array, values: Array, limits: CheckLimits) -> tuple[float, float] | None:
-    """Begin and end of the longest repetition of a lively signal, if that is too long."""
+    """Begin and end of the longest repetition of a lively signal, if it is too long."""
     changes = np.flatnonzero(np.diff(values))
     edges = np.concatenate([[-1], changes, [len(values) - 1]])
     runs = np.diff(edges)  # samples of equal value
@@ -160,7 +160,7 @@ def _longest_repeat(time: Array, values: Array, limits: CheckLimits) -> tuple[fl
 
 
 def _orientation(imu: Imu, time: Array, limits: CheckLimits) -> Iterator[Finding]:
-    """Up by the orientation against up by the accelerometer, on average in IMU axes."""
+    """Compares the vertical from the orientation with that from the accelerometer, on average in IMU axes."""
     if imu.orientation is None:
         return
     quaternion = _thin(imu.orientation, limits.samples)
@@ -228,10 +228,10 @@ def _in_motion(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding]:
 
 
 def _hanging(blocks: Blocks, now: Consistency, model: ConsistencyModel) -> Finding:
-    """A robot in the air, or torques so small that it seems to be.
+    """Distinguishes a robot in the air from torques that are too small.
 
-    In the air torques carry the legs alone, on the ground, in whatever unit, they follow what a quarter of the robot's
-    weight on each foot takes.
+    In the air the torques only carry the legs; on the ground, in whatever unit, they follow those for a quarter of the
+    robot's weight on each foot.
     """
     footing = Footing(model.robot, blocks)
     columns = footing.legs.columns
@@ -255,7 +255,7 @@ def _hanging(blocks: Blocks, now: Consistency, model: ConsistencyModel) -> Findi
 
 
 def _outlier(now: Consistency) -> str:
-    """Which of the three sources of the vertical disagrees with the two others."""
+    """Names the one of three sources of the vertical that disagrees with the other two."""
     if not now.imu:
         return "; check the joints' names, and the torques' signs and units"
     close, far = np.radians(15.0), np.radians(25.0)

@@ -1,7 +1,8 @@
-"""Which fault hypothesis explains what contradicts: on average over a log, or in how it moves.
+"""Selects the fault hypothesis that explains contradictions, on average over a log or in its motion.
 
-A hypothesis is confirmed if, undone, nothing is impossible any more and the cost falls, on average to a small share, in
-motion by more than chance. Of several, the one of least cost counts, and those that fit as well are named with it.
+A hypothesis is confirmed if undoing the fault removes all impossible properties and reduces the cost: on average to a
+small share, in motion by more than chance. Of several, the one of least cost is chosen, and those that fit equally well
+are named with it.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from stadera.checks.statics import Consistency, ConsistencyModel
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The hypothesis that explains the contradictions best.
+    """The hypothesis that best explains the contradictions.
 
     Attributes:
-        hypothesis: it.
-        without: the figures once it is undone.
-        others: that explain them about as well, at most two.
+        hypothesis: the best one.
+        without: the figures after undoing the fault.
+        others: hypotheses that explain them about as well, at most two.
     """
 
     hypothesis: FaultHypothesis
@@ -35,7 +36,7 @@ class Explanation:
 
 
 def explain(blocks: Blocks, model: ConsistencyModel) -> Explanation | None:
-    """The hypothesis that explains what is impossible on average; None where none does."""
+    """The hypothesis that explains what is impossible on average; None if none does."""
     robot, limits = model.robot, model.limits
     blocks = blocks.thinned(limits.trial_instants)
     now = model.evaluate(Footing(robot, blocks))
@@ -56,13 +57,13 @@ def explain(blocks: Blocks, model: ConsistencyModel) -> Explanation | None:
 
 @dataclass(frozen=True, eq=False)
 class MotionExplanation:
-    """The hypothesis by which the motion fits together better.
+    """The hypothesis that makes the motion more consistent.
 
     Attributes:
-        hypothesis: it.
-        gain: of it.
-        slides, would_slide: median speed of feet that carry, as recorded and otherwise [m/s].
-        others: that gain about as much, at most two.
+        hypothesis: the best one.
+        gain: its reduction of the cost.
+        slides, would_slide: median speed of loaded feet, as recorded and after undoing the fault [m/s].
+        others: hypotheses with about the same gain, at most two.
     """
 
     hypothesis: FaultHypothesis
@@ -73,7 +74,9 @@ class MotionExplanation:
 
 
 def explain_motion(blocks: Blocks, model: ConsistencyModel) -> MotionExplanation | None:
-    """The hypothesis by which a log with an IMU, possible on average, moves more like a robot; None where none does."""
+    """The hypothesis that makes the motion of a log with an IMU, possible on average, more consistent; None if none
+    does.
+    """
     robot, limits = model.robot, model.limits
     if blocks.angular_velocity is None or not np.isfinite(blocks.rate).any():
         return None
@@ -101,6 +104,6 @@ def explain_motion(blocks: Blocks, model: ConsistencyModel) -> MotionExplanation
 
 
 def _speed(costs: MotionCosts, length: float, limits: CheckLimits) -> float:
-    """Median speed at which feet that carry slide [m/s]."""
+    """Median sliding speed of loaded feet [m/s]."""
     middle = float(np.nanmedian(costs.feet)) if np.isfinite(costs.feet).any() else 0.0
     return float(np.sqrt(np.expm1(middle))) * limits.slide * length

@@ -1,4 +1,4 @@
-"""What is wrong with a log, with the evidence and the way to mend it."""
+"""A fault found in a log, with its evidence and remedy."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ FATAL = (
     "joint_order",
     "joint_signs",
 )
-"""Causes that leave nothing to weigh or to identify by."""
+"""Causes that make a log unusable for weighing and identification."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something wrong with a log.
+    """A fault of a log.
 
     Attributes:
-        cause: in one word: one of FATAL, or dropout, stuck, orientation, not_on_feet, contradiction.
+        cause: one word: one of FATAL, or dropout, stuck, orientation, not_on_feet, contradiction.
         message: the fault and the evidence for it, one sentence.
-        option: of the commands, that mends it, such as "--units deg"; empty where there is none but `--fix`.
-        mend: what `--fix` does; None where it cannot be mended.
+        option: command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`.
+        mend: correction applied by `--fix`; None if there is none.
     """
 
     cause: str
@@ -41,12 +41,12 @@ class Finding:
 
     @property
     def fatal(self) -> bool:
-        """Whether nothing can be weighed or identified by such a log."""
+        """True if such a log cannot be used for weighing or identification."""
         return self.cause in FATAL
 
     @property
     def remedy(self) -> str:
-        """The option to add, as the end of a sentence; empty where there is none."""
+        """The option to add, as the end of a sentence; empty if there is none."""
         options = [self.option] if self.option else []
         if self.mend is not None:
             options.append("--fix")

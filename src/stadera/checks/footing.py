@@ -1,4 +1,4 @@
-"""Feet and their forces at the instants of a log, worked out once for all checks."""
+"""Feet and their forces at the instants of a log, computed once for all checks."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Footing:
-    """What the legs do by encoders and torques, trunk frame; legs in the robot's order.
+    """Kinematics and forces of the legs from encoders and torques, trunk frame; legs in the robot's order.
 
-    The forces are those of legs at rest in the specific force at hand (`LegModel.forces_at_rest`): legs'
-    accelerations cancel over steps, and at rest there are none.
+    The forces are those of legs at rest under the actual specific force (`LegModel.forces_at_rest`): the effect of the
+    legs' accelerations cancels over steps, and is zero at rest.
 
     Attributes:
-        robot: its model.
+        robot: the model.
         blocks: the instants, joints in the tree's order.
     """
 
@@ -37,7 +37,7 @@ class Footing:
 
     @cached_property
     def specific_force(self) -> Array:
-        """(instants, 3) [m/s²]; without an IMU along the forces themselves."""
+        """(instants, 3) [m/s²]; without an IMU along the total contact force."""
         b = self.blocks
         if b.specific_force is not None:
             return b.specific_force
@@ -52,33 +52,33 @@ class Footing:
 
     @cached_property
     def pose(self) -> LegPose:
-        """Where the legs are."""
+        """Pose of the legs."""
         return self.legs.pose(self.blocks.position[:, self.legs.columns])
 
     @cached_property
     def force(self) -> Array:
-        """(instants, 4, 3) [N], of the ground on the feet."""
+        """Force of the ground on the feet, (instants, 4, 3) [N]."""
         columns, b = self.legs.columns, self.blocks
         return self.legs.forces_at_rest(b.position[:, columns], b.effort[:, columns], self.specific_force)[0]
 
     @cached_property
     def contact(self) -> Array:
-        """(instants, 4, 3) [m], where the feet touch the ground."""
+        """Contact points, (instants, 4, 3) [m]."""
         return np.asarray(self.legs.contacts(self.pose.feet, self.up.T).transpose(1, 2, 0))
 
     @cached_property
     def load(self) -> Array:
-        """(instants, 4), of each foot along the specific force as a share of the robot's weight."""
+        """Load of each foot along the specific force as a share of the robot's weight, (instants, 4)."""
         return np.asarray(np.einsum("nlk,nk->nl", self.force, self.up) / (self.robot.mass * GRAVITY))
 
     @cached_property
     def speed(self) -> Array:
-        """(instants, 4, 3) [m/s], of the points that touch, seen from the trunk."""
+        """Velocity of the contact points relative to the trunk, (instants, 4, 3) [m/s]."""
         jacobians = self.pose.jacobians(self.contact.transpose(2, 0, 1))
         rate = self.blocks.rate[:, self.legs.columns]
         return np.asarray((jacobians * rate).sum(axis=-1).transpose(1, 2, 0))
 
     @cached_property
     def leg_moment(self) -> Array:
-        """(instants, 3) [kg·m], mass times place of the legs' centre of mass."""
+        """First moment of the legs, (instants, 3) [kg·m]."""
         return np.asarray((self.legs.link_mass * self.legs.centres(self.pose)).sum(axis=(-1, -2)).T)

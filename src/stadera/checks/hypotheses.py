@@ -1,4 +1,4 @@
-"""Fault hypotheses: the usual mistakes in logs whose sensors contradict each other, each as the way to undo it."""
+"""Fault hypotheses: common mistakes in logs whose sensors contradict each other, each with the way to undo it."""
 
 from __future__ import annotations
 
@@ -25,26 +25,28 @@ _BY_NAMES = "--columns MAP.toml with the right names"
 _BY_SIGN = "--columns MAP.toml with factor = -1"
 _BY_FRAME = "--imu-frame NAME"
 _RARE = 8.0
-"""Two legs swapped in the torques or the positions alone: hardly a mistake, and legs that sway alike look so."""
+"""Factor for two legs swapped in the torques or the positions only: an unlikely mistake, and legs that move alike mimic
+it.
+"""
 _SIDES: dict[tuple[int, ...], str] = {
     (1, 0, 3, 2): "left and right legs",
     (2, 3, 0, 1): "front and hind legs",
     (3, 2, 1, 0): "diagonal legs, LF with RH and RF with LH,",
 }
-"""By order of LF, RF, LH, RH."""
+"""By the order of LF, RF, LH, RH."""
 
 
 @dataclass(frozen=True, eq=False)
 class FaultHypothesis:
-    """Something that may be wrong.
+    """A possible fault of a log.
 
     Attributes:
-        cause: in one word: imu_frame, torque_signs, torque_unit, joint_order, joint_signs, gyro_unit.
-        text: what is wrong, a clause.
-        undo: the log as it would be without it, joints in the tree's order.
-        option: of the commands, that mends it.
-        mend: of the recordings; None where it cannot be mended without knowing more.
-        rarity: how many times the usual gain confirms it in motion.
+        cause: one word: imu_frame, torque_signs, torque_unit, joint_order, joint_signs, gyro_unit.
+        text: description of the fault, a clause.
+        undo: makes the log without the fault, joints in the tree's order.
+        option: command-line option that corrects it.
+        mend: correction of the recordings; None if it needs more information.
+        rarity: factor on the gain that confirms it in motion.
     """
 
     cause: str
@@ -56,7 +58,7 @@ class FaultHypothesis:
 
 
 def hypotheses_at_rest(robot: Robot, *, imu: bool = True) -> Iterator[FaultHypothesis]:
-    """Those that show on average, simpler ones first; those of the IMU if there is one."""
+    """Yields hypotheses that show on average, simpler ones first; those of the IMU only with `imu`."""
     yield from _torque_signs(robot)
     yield from _orders(robot)
     if imu:
@@ -64,7 +66,7 @@ def hypotheses_at_rest(robot: Robot, *, imu: bool = True) -> Iterator[FaultHypot
 
 
 def hypotheses_in_motion(robot: Robot) -> Iterator[FaultHypothesis]:
-    """Those that show as the robot moves, of logs with an IMU."""
+    """Yields hypotheses that show in motion, for logs with an IMU."""
     names, place = [leg.name for leg in robot.legs], places(robot)
     for order in _orders_of_four():
         which = tuple(_WHICH) if order in _SIDES or sum(a != b for a, b in enumerate(order)) == 2 else ("",)
@@ -79,18 +81,19 @@ def hypotheses_in_motion(robot: Robot) -> Iterator[FaultHypothesis]:
 
 
 def torque_scales(robot: Robot, loads: Array, lightest: float, heaviest: float) -> Iterator[FaultHypothesis]:
-    """Torques of all legs, of pairs or of one by a factor: of motors before the gear, or in another unit.
+    """Yields hypotheses of scaled torques, of all legs, of pairs or of one: of motors before the gear, or in another
+    unit.
 
     Args:
-        loads: (4,), of each foot upwards as a share of the robot's weight, on average.
-        lightest, heaviest: shares that a robot may weigh, within which a factor is not to be seen.
+        loads: (4,), mean upward load of each foot as a share of the robot's weight.
+        lightest, heaviest: shares of its weight that a robot may have; factors within them cannot be detected.
     """
     place, names = places(robot), [leg.name for leg in robot.legs]
     for count in (4, 2, 1):
         for chosen in combinations(range(4), count):
             carried = float(loads[list(chosen)].sum())
             factor = (1.0 - float(loads.sum()) + carried) / carried if carried else -1.0
-            if count < 4:  # as much as the others
+            if count < 4:  # the load of the others
                 others = float(loads.sum()) - carried
                 factor = others / (4 - count) * count / carried if carried else -1.0
             if factor <= 0 or lightest < 1.0 / factor < heaviest:
@@ -100,7 +103,7 @@ def torque_scales(robot: Robot, loads: Array, lightest: float, heaviest: float) 
 
 
 def places(robot: Robot) -> Places:
-    """(4, 3), where each leg's joints are in the tree."""
+    """Index of each leg's joints in the tree, (4, 3)."""
     return np.array([[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs], dtype=np.int64)
 
 
@@ -170,7 +173,7 @@ def _orders(robot: Robot) -> Iterator[FaultHypothesis]:
 
 
 def _orders_of_four() -> list[tuple[int, ...]]:
-    """Orders of the legs but the right one, those that move fewest first."""
+    """Orders of the legs other than the right one, those with the fewest changes first."""
     return sorted(permutations(range(4)), key=lambda order: sum(a != b for a, b in enumerate(order)))[1:]
 
 
@@ -186,7 +189,7 @@ def _reordered(robot: Robot, what: str, taken: Places, which: Sequence[str]) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Taken:
-    """Values of other joints, in some channels."""
+    """Takes the values of other joints, in some channels."""
 
     order: Places
     channels: tuple[str, ...]
@@ -198,7 +201,7 @@ class _Taken:
 
 
 def _joint_signs(robot: Robot) -> Iterator[FaultHypothesis]:
-    """Joints that turn the other way round than in the model, as where both sides of the robot are mirrored."""
+    """Yields hypotheses of joints with the opposite sign, as if both sides of the robot were mirrored."""
     place = places(robot)
     sides = {"right legs": (1, 3), "left legs": (0, 2), "all legs": (0, 1, 2, 3)}
     for (side, legs), kinds in product(sides.items(), ((0,), (1,), (2,), (1, 2), (0, 1, 2))):
@@ -216,7 +219,7 @@ def _joint_signs(robot: Robot) -> Iterator[FaultHypothesis]:
 
 @dataclass(frozen=True, eq=False)
 class _Mirrored:
-    """Joints turned the other way round, with or without their torques."""
+    """Reverses joints, with or without their torques."""
 
     sign: Array
     torques: bool
@@ -230,7 +233,7 @@ class _Mirrored:
 
 
 def _turns() -> Iterator[FaultHypothesis]:
-    """The accelerometer's sign, and the rotations that take axes to axes."""
+    """Yields the accelerometer's sign, and the rotations that map axes to axes."""
     yield FaultHypothesis(
         "imu_frame",
         "the accelerometer's sign is reversed, gravity instead of the specific force",
@@ -253,7 +256,7 @@ def _turned(turn: Array, text: str) -> FaultHypothesis:
 
 @dataclass(frozen=True, eq=False)
 class _Turn:
-    """The IMU's values in other axes."""
+    """Rotates the IMU's values."""
 
     turn: Array
 

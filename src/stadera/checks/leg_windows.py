@@ -1,13 +1,14 @@
-"""Checks of legs, torques and gyro against each other while the robot moves, window by window.
+"""Checks legs, torques and gyro against each other while the robot moves, window by window.
 
-- A foot that is raised and moves against the standing feet carries nothing. The load by the torques, -up · J^-T τ, has
-  to be on the feet that stand: where it is on the raised ones, torques and encoders belong to different legs.
-- Feet that stand do not move against each other: with foot i at p_i moving by u_i = J_i q̇_i in the trunk, and the trunk
-  turning by ω,
+- A foot that is raised and moves relative to the standing feet carries no load. If the load computed from the torques,
+  -up · J^-T τ, is on raised feet instead of standing ones, torques and encoders belong to different legs.
+- Feet that stand do not move relative to each other: with foot i at p_i moving by u_i = J_i q̇_i in the trunk, and the
+    trunk
+  rotating with ω,
 
       (u_i - u_j) + ω x (p_i - p_j) = 0.
 
-  So the gyro that leaves least of this is the right one: as it is, turned about the vertical, reversed, or none.
+  So the right gyro is the one that leaves least of this: as recorded, rotated about the vertical, reversed, or zero.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
-_RATE = 100.0  # Hz, to which a log is thinned out
-_LEVELLED = 0.5  # s, over which the specific force is averaged to have the vertical
+_RATE = 100.0  # Hz, rate to which a log is thinned out
+_LEVELLED = 0.5  # s, averaging time of the specific force that gives the vertical
 _GYROS = {
     "reads the opposite of its rotation": -np.eye(3),
     "is turned by 90° about the vertical": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
@@ -38,7 +39,7 @@ _GYROS = {
 
 
 class _Feet:
-    """What the legs say at some samples: (samples, 4, ...), trunk axes."""
+    """State of the legs at some samples: (samples, 4, ...), trunk axes."""
 
     def __init__(self, recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> None:
         time = recording.time
@@ -67,7 +68,7 @@ class _Feet:
 
 
 def leg_faults(recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Faults that legs, torques and gyro show together.
+    """Yields faults that show between legs, torques and gyro.
 
     Args:
         recording: with the robot's joints, their velocities and torques, and an IMU.
@@ -83,10 +84,10 @@ def leg_faults(recording: Recording, robot: Robot, mount: ImuMount, limits: Wind
 
 
 def _swinging(feet: _Feet, limits: WindowLimits) -> tuple[Bools, Bools]:
-    """Which feet swing, and which are as low as each comes to be in its window, (samples, 4).
+    """Feet that swing, and feet that are near their lowest position in the window, (samples, 4).
 
-    A foot swings that is higher above its own lowest place than two others are above theirs, by some part of the leg's
-    length, and moves against them.
+    A foot swings if it is higher above its own lowest position than two others are above theirs, by a share of the
+    leg's length, and moves relative to them.
     """
     lowest = np.array(
         [np.percentile(feet.height[feet.windows.of_sample == k], 10, axis=0) for k in range(len(feet.windows))]
@@ -116,7 +117,7 @@ def _loads(feet: _Feet, raised: Bools, low: Bools, robot: Robot, limits: WindowL
     seen = (share_up > limits.share) & (share_down > limits.share)
     wrong = seen & (up > limits.carries[0]) & (up > limits.carries[1] * down)
     often = wrong.sum(axis=0) > limits.often * np.maximum(seen.sum(axis=0), 1)
-    often &= (wrong.sum(axis=0) > 1) & (often.sum() > 1)  # what is swapped are two legs, and not for a moment
+    often &= (wrong.sum(axis=0) > 1) & (often.sum() > 1)  # two legs are swapped, and not just for a moment
     for k, leg in enumerate(robot.legs):
         if often[k]:
             chosen = wrong[:, k]
@@ -128,7 +129,9 @@ def _loads(feet: _Feet, raised: Bools, low: Bools, robot: Robot, limits: WindowL
 
 
 def _gyro(feet: _Feet, standing: Bools, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Which gyro leaves least relative motion of the feet that stand. Samples repeat each other's errors."""
+    """Finds the gyro that leaves least relative motion of the standing feet. Errors of successive samples are
+    correlated.
+    """
     pairs = [(i, j, standing[:, i] & standing[:, j]) for i, j in combinations(range(4), 2)]
     moved = np.concatenate([(feet.motion[:, i] - feet.motion[:, j])[both] for i, j, both in pairs])
     apart = np.concatenate([(feet.place[:, i] - feet.place[:, j])[both] for i, j, both in pairs])

@@ -1,4 +1,4 @@
-"""When a log contradicts itself."""
+"""Limits of the consistency checks."""
 
 from __future__ import annotations
 
@@ -12,48 +12,49 @@ from stadera.errors import require_positive
 class CheckLimits:
     """Limits of the consistency checks.
 
-    They are wide: clean logs of HyQ and Go2, with harsh sensor errors and loads up to 60 % of the robot, stay inside,
-    and every fault that the tests make is outside.
+    They are wide: clean logs of HyQ and Go2, with harsh sensor errors and loads up to 60 % of the robot, stay within
+    them, while every fault injected in the tests exceeds them.
 
     Attributes:
-        lightest, heaviest: share of the robot's mass that the feet may carry on average.
-        hanging: share of it below which the robot is not on its feet.
+        lightest, heaviest: mean load on the feet as a share of the robot's mass.
+        hanging: share of the robot's mass below which it is not on its feet.
         force_angle: between the feet's forces and the accelerometer's vertical [rad].
-        plane_angle: between the feet's plane and the accelerometer's vertical [rad]; a slope is part of it.
-        pull: share of the weight with which a leg may seem to pull at the ground.
-        sliding: sideways force of a foot as a share of its load, `sliding_floor`: plus this share of the weight.
-        off_centre: of the centre of mass from the model's, as a share of half the diagonal between the feet.
+        plane_angle: between the feet's plane and the accelerometer's vertical [rad]; includes a slope.
+        pull: apparent pull of a leg at the ground, as a share of the weight.
+        sliding: horizontal force of a foot as a share of its load; `sliding_floor`: plus this share of the weight.
+        off_centre: distance of the centre of mass from the model's, as a share of half the diagonal between the feet.
         outside: mean angle beyond a joint's limit [rad].
-        block: over which is averaged before tilts are compared [s].
-        quiet: deviation of the specific force from gravity in a block whose tilt counts [m/s²].
-        fewest_blocks: such blocks that a comparison of tilts needs.
-        tilt: of the IMU from which tilts are compared [rad].
-        unlike, like: similarity of the tilts of feet's plane and IMU that is too little, and that is enough if the
-            plane is turned or mirrored.
-        gravity: of the mean specific force from gravity [m/s²].
-        upright: between orientation and accelerometer on where up is [rad].
-        stuck: time for which a value may repeat bit for bit in a signal that elsewhere does not [s].
-        lively: share of its steps at which a signal changes that is measured anew each time.
-        samples: to which signals are thinned out, where instants are not needed.
-        instant: over which signals are averaged and differentiated [s]; a trot's steps last five or more.
-        instants, trial_instants: to which a log is thinned out, and once more for trying fault hypotheses on averages.
-        much_better: share of the cost that may be left where a hypothesis is confirmed.
-        same, similar: differences of cost within which the simpler hypothesis counts, and within which both are named.
-        slide: usual speed of a foot that carries, in lengths of the leg a second: encoder noise, and rolling.
-        carries: share of the weight above which a foot carries for certain, whatever its swing takes.
-        lively_motion: times `slide` above which the robot moves.
-        unbalance: usual wrench that is left over, as a share of the weight.
-        lively_share: of the instants in which the robot moves, above which it is not at rest.
-        gain, gain_at_rest: by which a hypothesis lowers the cost of an instant (see `motion`) to be confirmed. In clean
-            logs of eight robots in motion none gains more than 0.05, and 0.2 at rest, where constant errors count.
-        deviations: of that gain from zero.
-        alike: share of the largest gain from which another hypothesis is named with it.
-        slow: step between samples from which time is not in seconds [s].
-        turns: angle beyond the limits from which a position is in degrees, if it is within them once converted [rad].
+        block: averaging time before tilts are compared [s].
+        quiet: deviation of the specific force from gravity in a block whose tilt is used [m/s²].
+        fewest_blocks: number of such blocks needed to compare tilts.
+        tilt: of the IMU above which tilts are compared [rad].
+        unlike, like: similarity of the tilts of feet's plane and IMU below which they contradict each other, and above
+            which they agree after rotating or mirroring the plane.
+        gravity: deviation of the mean specific force from gravity [m/s²].
+        upright: angle between the verticals from orientation and accelerometer [rad].
+        stuck: time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s].
+        lively: share of steps with a change above which a signal counts as newly measured at each sample.
+        samples: number to which signals are thinned out, for checks that do not need instants.
+        instant: over which signals are averaged and differentiated [s]; a step of a trot has five or more.
+        instants, trial_instants: numbers to which a log is thinned out, and again for testing hypotheses on averages.
+        much_better: largest share of the cost that remains under a confirmed hypothesis.
+        same, similar: differences in cost within which the simpler hypothesis is chosen, and within which both are
+            named.
+        slide: usual sliding speed of a loaded foot, in leg lengths per second: encoder noise, and rolling.
+        carries: share of the weight above which a foot is certainly loaded, despite the torques of its swing.
+        lively_motion: multiple of `slide` above which the robot moves.
+        unbalance: usual residual wrench, as a share of the weight.
+        lively_share: share of instants with motion above which the robot is not at rest.
+        gain, gain_at_rest: decrease of an instant's cost (see `motion`) that confirms a hypothesis. In clean logs of
+            eight robots no hypothesis gains more than 0.05 in motion, and 0.2 at rest, where constant errors count.
+        deviations: of that gain from zero, in standard deviations.
+        alike: share of the largest gain above which another hypothesis is named with it.
+        slow: step between samples above which time is not in seconds [s].
+        turns: angle beyond the limits above which a position is in degrees, if it is within them once converted [rad].
         turning: root mean square of velocities above which they are compared with slopes of positions [rad/s].
-        correlation: of velocities and slopes below which they are not each other's.
-        standing_torques: correlation of torques with those of a robot on its feet, above which it is on its feet.
-        unit_tolerance: of a ratio from that of two units, as a share.
+        correlation: between velocities and slopes below which they do not belong to the same joint.
+        standing_torques: correlation of torques with those of a standing robot above which it is on its feet.
+        unit_tolerance: relative deviation of a ratio from that of two units.
     """
 
     lightest: float = 0.6
@@ -108,29 +109,34 @@ class WindowLimits:
     """Limits of the checks over windows, wide enough for the noise, lags and quantisation of real logs.
 
     Attributes:
-        length: of a window [s]. fewest: samples that a window needs.
-        step: over which velocity and change of position are compared [s].
-        moving: speed of a joint from which they are [rad/s], and `above` times what noise makes of a joint at rest.
-        still: share of the other's size below which one of the two stands still.
-        correlation: of the two, at least. Velocities that are 20 ms late keep 0.95 at a trot of 2 Hz.
-        gain: of the two, least and largest.
-        spike: times the usual difference of the two, from which a sample is a wild one; few: share of such samples.
-        jump: step of a position beyond the velocity [rad]; undone: samples within which the end of a spike undoes it.
-        kept: share of the step that must still be there then.
-        beyond: share of a drive's limit above which a torque is none; models often state a third of what drives give.
-        weights: torque that no drive gives, in weights of the robot at the length of a leg.
-        own_limit: share within which the largest torque is the drive's own limit, which is no fault.
-        repeats: samples at the largest torque that are no coincidence, and `crowd` times those at the next smaller.
-        lively: share of steps at which a signal changes that is measured anew each time.
-        white, coloured: correlation from sample to sample of a torque that is only noise, and of the other torques.
-        raised: height of a foot above its lowest that a swinging one has, as a share of the leg's length, and its speed
-            against the standing feet [m/s].
-        carries: share of the weight that a raised foot must seem to carry, and of what it carries when it is low.
-        share: of a window that samples of raised and of low feet need each; often: of such windows that show the fault.
+        length: of a window [s]. fewest: least number of samples in a window.
+        step: time over which velocity and change of position are compared [s].
+        moving: speed of a joint above which they are compared [rad/s], at least `above` times the noise of a joint at
+            rest.
+        still: share of the other's magnitude below which one of the two stands still.
+        correlation: least correlation of the two. Velocities that are 20 ms late keep 0.95 at a trot of 2 Hz.
+        gain: least and largest gain between the two.
+        spike: multiple of the usual difference between the two above which a sample is an outlier; few: share of
+            outliers.
+        jump: step of a position beyond the velocity [rad]; undone: samples within which the end of a spike reverses it.
+        kept: share of the step that must remain then.
+        beyond: multiple of a drive's limit above which a torque is impossible; models often state a third of the true
+            limit.
+        weights: torque that no drive gives, in robot weights times leg length.
+        own_limit: relative tolerance within which the largest torque is the drive's own limit, which is not a fault.
+        repeats: number of samples at the largest torque that is no coincidence, at least `crowd` times the number at
+            the next.
+        lively: share of steps with a change above which a signal counts as newly measured at each sample.
+        white, coloured: sample-to-sample correlation of a torque that is only noise, and of the other torques.
+        raised: height of a swinging foot above its lowest position, as a share of the leg's length, and its speed
+            relative to the standing feet [m/s].
+        carries: apparent load of a raised foot, as a share of the weight, and as a share of its load when low.
+        share: of a window that raised and low samples of a foot must each cover; often: share of such windows with the
+            fault.
         slip: relative speed of standing feet beyond which they slip [m/s].
-        repeated: samples at 100 Hz that repeat one error. evidence: χ² from which another gyro is the right one.
-        better: share of the feet's relative motion that may be left where they turn less than the gyro says.
-        left_out: share of the log that may be left out for faults in part of it.
+        repeated: samples at 100 Hz that share one error. evidence: χ² above which another gyro is the right one.
+        better: remaining share of the feet's relative motion if they rotate less than the gyro reads.
+        left_out: largest share of the log that may be excluded because of faults in part of it.
     """
 
     length: float = 1.0

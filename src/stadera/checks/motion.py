@@ -1,22 +1,22 @@
-"""How well a log's motion fits together: feet that carry do not slide, and the trunk's centre of mass stays in it.
+"""Consistency of a log's motion: loaded feet do not slide, and the trunk's centre of mass does not move in the trunk.
 
-Two sums of squares for each instant. **Feet.** A foot l on the ground, at p_l in the trunk frame and moving at s_l as
-seen from it, does not move in the world, so s_l + ω x p_l is the same for all feet that carry. Weighted with their
+The cost of an instant has two sums of squares. **Feet.** A foot l on the ground, at p_l in the trunk frame and moving
+at s_l relative to it, does not move in the world, so s_l + ω x p_l is the same for all loaded feet. Weighted with their
 loads w_l, the variance of
 
     u_l = s_l + ω x p_l
 
-is what they slide. It needs encoders and gyro to agree on how the trunk turns, and torques on which feet carry.
-**Balance.** In a second the trunk's mass m and first moment h are constant, and with what the feet do to the robot,
-less the legs' weight,
+is their sliding. It tests whether encoders and gyro agree on the trunk's rotation, and torques on the loaded feet.
+**Balance.** Within a second the trunk's mass m and first moment h are constant, and with the forces on the feet minus
+the legs' weight,
 
     Σ f - m_l a = m a,    Σ p x f - h_l x a = h x a,
 
-four unknowns for six equations an instant. It needs torques, encoders and accelerometer to agree on how the load moves
-from foot to foot as the trunk sways. Legs' accelerations are left out.
+four unknowns for six equations per instant. It tests whether torques, encoders and accelerometer agree on how the load
+moves from foot to foot as the trunk sways. The legs' accelerations are neglected.
 
-The cost of an instant is log(1 + square / usual²), so that feet that touch down or slip, and swinging legs, count for
-little. What is usual cancels where a log is compared with itself, changed by a hypothesis: `Gain`.
+The cost of an instant is log(1 + square / usual²), which limits the influence of feet that touch down or slip and of
+swinging legs. The usual value cancels when a log is compared with itself under a hypothesis: `Gain`.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from stadera.constants import GRAVITY
 from stadera.inertia import skews
 from stadera.types import Array
 
-_FEWEST = 6  # instants in which a second's trunk can be fitted
-_SEGMENT = 12  # instants whose mean gain counts as one draw: gains of neighbours are alike
+_FEWEST = 6  # instants needed to fit a second's trunk
+_SEGMENT = 12  # instants whose mean gain counts as one draw, since neighbouring gains are correlated
 
 
 @dataclass(frozen=True, eq=False)
 class MotionCosts:
-    """Costs by instant; NaN where an instant does not count.
+    """Costs by instant; NaN for instants that are not used.
 
     Attributes:
         feet, balance: (instants,).
-        lively: share of the instants in which the robot moves.
+        lively: share of instants in which the robot moves.
     """
 
     feet: Array
@@ -50,23 +50,23 @@ class MotionCosts:
 
     @property
     def total(self) -> Array:
-        """(instants,), their sum, NaN counted as nothing."""
+        """Sum of both, (instants,), with NaN counted as zero."""
         return np.asarray(np.nan_to_num(self.feet) + np.nan_to_num(self.balance))
 
     @classmethod
     def of(cls, footing: Footing, limits: CheckLimits) -> MotionCosts:
-        """Of a log with an IMU."""
+        """Computes the costs of a log with an IMU."""
         feet, lively = _slide(footing, limits)
         return cls(feet, _unbalance(footing, limits), lively)
 
 
 @dataclass(frozen=True)
 class Gain:
-    """By how much a hypothesis lowers the costs.
+    """Reduction of the costs by a hypothesis.
 
     Attributes:
         mean: over the instants.
-        deviations: the mean over its standard deviation, by the scatter of half seconds.
+        deviations: the mean divided by its standard deviation, from the scatter of half seconds.
     """
 
     mean: float
@@ -74,7 +74,7 @@ class Gain:
 
     @classmethod
     def of(cls, now: MotionCosts, other: MotionCosts) -> Gain:
-        """Of costs as they are against those under a hypothesis. A part that only one of them has counts in neither."""
+        """Compares costs with those under a hypothesis. A part available for only one of them is ignored."""
         counted = [np.isfinite(a) & np.isfinite(b) for a, b in ((now.feet, other.feet), (now.balance, other.balance))]
         gain = np.where(counted[0], now.feet - other.feet, 0.0) + np.where(counted[1], now.balance - other.balance, 0.0)
         gain = gain[counted[0] | counted[1]]
@@ -88,7 +88,7 @@ class Gain:
 
 
 def _slide(footing: Footing, limits: CheckLimits) -> tuple[Array, float]:
-    """Costs of feet that slide, and the share of instants in which anything moves."""
+    """Costs of sliding feet, and the share of instants with motion."""
     omega, length = footing.blocks.angular_velocity, footing.legs.length
     assert omega is not None
     usual = limits.slide * length
@@ -100,7 +100,7 @@ def _slide(footing: Footing, limits: CheckLimits) -> tuple[Array, float]:
     weight = (load / np.where(enough, load.sum(axis=1), 1.0)[:, None])[..., None]
     velocity = speed + np.cross(omega[:, None], footing.contact)
     spread = (weight * (velocity - (weight * velocity).sum(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
-    # the variance of a weighted mean of few takes one degree of freedom
+    # the variance of a weighted mean of few loses one degree of freedom
     spread /= np.maximum(1.0 - (weight**2).sum(axis=(1, 2)), 1e-3)
     cost = np.where(moving, np.log1p(spread / usual**2), 0.0)
     known = enough & np.isfinite(footing.speed).all(axis=(1, 2))

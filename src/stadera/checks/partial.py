@@ -1,4 +1,4 @@
-"""Faults in part of a log: found by all checks over windows, and what is to be done about each."""
+"""Faults in part of a log: finds them by all checks over windows, and decides what to do about each."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from stadera.robot.model import Robot
 from stadera.trust import Verdict
 
 _SURVIVED = {"position"}
-"""Channels whose lasting faults change geometry alone, which the error bars contain up to a few degrees."""
+"""Channels whose lasting faults only change geometry, which the error bars cover up to a few degrees."""
 
 
 def window_faults(
     recording: Recording, robot: Robot, imu_frame: str | None = None, limits: WindowLimits | None = None
 ) -> tuple[WindowFault, ...]:
-    """What the signals of a log say against each other, window by window.
+    """Finds contradictions between the signals of a log, window by window.
 
     Args:
-        recording: with all of the robot's joints; velocities as they were measured, None where they were not.
+        recording: with all of the robot's joints; velocities as measured, None if they were not.
         robot: its model.
         imu_frame: frame of the IMU's values; None for the recording's own, else the model's.
         limits: None for the defaults.
@@ -42,9 +42,9 @@ def window_faults(
 def judged(
     faults: Sequence[WindowFault], duration: float, limits: WindowLimits
 ) -> Iterator[tuple[WindowFault, Verdict | None]]:
-    """Each fault with the verdict that the log falls to; None where its windows are left out instead.
+    """Yields each fault with its verdict on the log; None if its windows are skipped instead.
 
-    Windows are left out while all that are left out come to a small part of the log [s].
+    Windows are skipped as long as all skipped ones cover a small part of the log [s].
     """
     out: set[tuple[float, float]] = set()
     for fault in sorted(faults, key=lambda fault: len(fault.windows)):

@@ -1,12 +1,12 @@
-"""Whether encoders, torques and IMU agree, on average over a log of a robot on its feet.
+"""Checks whether encoders, torques and IMU agree, on average over a log of a robot on its feet.
 
-Three independent sources give the vertical in trunk axes: the accelerometer, along â; the ground's forces by the joint
-torques, Σ f = m a on average; and the plane through the feet by the encoders, up to the ground's slope. The forces also
-give the robot's weight, Σ f · â / |a|, the load of each leg, and by their moment the centre of mass. Without an IMU two
-sources are left, and â is along the forces themselves. `Consistency` holds these figures, its `faults` are the
-impossible ones, its `cost` how unlikely they are together.
+Three independent sources give the vertical in trunk axes: the accelerometer, along â; the contact forces from the joint
+torques, Σ f = m a on average; and the plane through the feet from the encoders, up to the ground's slope. The forces
+also give the robot's weight, Σ f · â / |a|, the load of each leg, and by their moment the centre of mass. Without an
+IMU two sources remain, and â is along the forces themselves. `Consistency` holds these figures, its `faults` are the
+impossible ones, and its `cost` measures how unlikely they are together.
 
-Legs' accelerations are left out: over steps they cancel, and at rest there are none.
+The legs' accelerations are neglected: their effect cancels over steps, and is zero at rest.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Tilts:
-    """How the trunk tilts about its mean attitude by the IMU, and by the plane through the feet.
+    """Tilt of the trunk about its mean attitude, from the IMU and from the plane through the feet.
 
     Attributes:
-        size: by the IMU [rad].
+        size: from the IMU [rad].
         similarity: of the two: 1 the same, 0 unrelated, -1 opposite.
-        turned: the largest similarity if the plane is turned by a multiple of 90° or mirrored.
+        turned: the largest similarity after rotating the plane by a multiple of 90° or mirroring it.
     """
 
     size: float = 0.0
@@ -42,12 +42,12 @@ class Tilts:
     turned: float = 1.0
 
     def contradict(self, limits: CheckLimits) -> bool:
-        """Whether the plane tilts as the IMU does only if turned or mirrored."""
+        """True if the plane tilts like the IMU only after rotating or mirroring it."""
         return self.size > limits.tilt and self.similarity < limits.unlike and self.turned > limits.like
 
     @classmethod
     def of(cls, time: Array, specific_force: Array, contact: Array, limits: CheckLimits) -> Tilts:
-        """By the means of blocks in which the trunk is hardly accelerated, trunk's x-y; none if these are too few."""
+        """Computed from the means of blocks with little acceleration, trunk's x-y; zero if there are too few."""
         block = blocks_of(time, limits.block)
         deviation = np.zeros(block[-1] + 1)
         np.maximum.at(deviation, block, np.abs(np.linalg.norm(specific_force, axis=1) - GRAVITY))
@@ -70,22 +70,22 @@ class Tilts:
 
 @dataclass(frozen=True, eq=False)
 class Consistency:
-    """The figures that the sensors give together, trunk axes.
+    """Figures computed from all sensors together, trunk axes.
 
     Attributes:
-        robot: its model.
-        limits: what is impossible.
-        carried: size of all forces on the feet together [N], in whatever direction.
-        weighs: their part upwards [kg].
+        robot: the model.
+        limits: beyond which a figure is impossible.
+        carried: magnitude of the total contact force [N], in any direction.
+        weighs: upward part of it [kg].
         loads: (4,) [N], of each foot along the accelerometer's vertical. sideways: (4,) [N], across it.
         force_angle: between forces and accelerometer [rad].
         plane_angle: between the feet's plane and the accelerometer [rad].
         plane_force_angle: between the feet's plane and the forces [rad].
-        off_centre: (3,) [m], of the centre of mass from the model's, level.
-        outside: (n,) [rad], beyond the joints' limits, on average.
+        off_centre: (3,) [m], horizontal distance of the centre of mass from the model's.
+        outside: (n,) [rad], mean angle beyond the joints' limits.
         tilts: of IMU and feet's plane.
         size: half the diagonal between the feet in the nominal stance [m].
-        imu: whether there is one; else the forces' direction stands for the accelerometer's.
+        imu: False if there is none, and the forces' direction replaces the accelerometer's.
     """
 
     robot: Robot
@@ -105,18 +105,18 @@ class Consistency:
 
     @property
     def weight(self) -> float:
-        """The model's [N]."""
+        """Weight of the model [N]."""
         return self.robot.mass * GRAVITY
 
     @property
     def hangs(self) -> bool:
-        """Whether the feet carry next to nothing, all together and each."""
+        """True if the feet carry almost nothing, in total and individually."""
         least = self.limits.hanging * self.weight
         return self.carried < least and bool((np.hypot(self.loads, self.sideways) < least).all())
 
     @property
     def cost(self) -> float:
-        """How unlikely: squares of the figures in units in which one is usual."""
+        """Sum of squares of the figures, each in units of its usual size."""
         mass = (self.weighs / self.robot.mass - 1.0) / 0.2
         tilt = self.tilts.size * (1.0 - self.tilts.similarity) / np.radians(1.5)
         terms = [
@@ -129,7 +129,7 @@ class Consistency:
         return float(sum(term @ term for term in terms))
 
     def faults(self) -> Iterator[str]:
-        """What is impossible, one clause each."""
+        """Yields the impossible figures, one clause each."""
         yield from self._joint_faults()
         yield from self._load_faults()
         yield from self._direction_faults()
@@ -164,7 +164,7 @@ class Consistency:
 
 
 class ConsistencyModel:
-    """Evaluates logs of one robot."""
+    """Evaluates the consistency of one robot's logs."""
 
     def __init__(self, robot: Robot, limits: CheckLimits) -> None:
         self.robot, self.limits = robot, limits
@@ -178,7 +178,7 @@ class ConsistencyModel:
         self._com = np.asarray(trunk.com)
 
     def evaluate(self, footing: Footing) -> Consistency:
-        """The figures of some instants of a log."""
+        """Computes the figures for some instants of a log."""
         blocks, a = footing.blocks, footing.specific_force
         mean_a = a.mean(axis=0)
         up = mean_a / np.linalg.norm(mean_a)
@@ -187,7 +187,7 @@ class ConsistencyModel:
         loads = legs @ up
         weight = float(total @ up)
         moment = np.cross(footing.contact, footing.force).sum(axis=1).mean(axis=0)
-        # at rest Σ p x f = c x Σ f; what is across the vertical, from the model's trunk in the middle of its legs
+        # at rest Σ p x f = c x Σ f; across the vertical, relative to the model's trunk in the middle of its legs
         centre = np.cross(up, moment) / (weight if abs(weight) > 1e-6 else 1e-6)
         middle = footing.contact.mean(axis=(0, 1))
         model = self._share * self._com + (1.0 - self._share) * middle
@@ -217,13 +217,13 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def _plane(contact: Array) -> Array:
-    """Unit normal (3,) of the plane through the feet's mean places, on the trunk's side."""
+    """Unit normal (3,) of the plane through the feet's mean positions, on the trunk's side."""
     feet = contact.mean(axis=0)
     return np.asarray(ground_normal(feet, np.ones(4, dtype=bool), -feet.mean(axis=0)))
 
 
 def blocks_of(time: Array, length: float) -> NDArray[np.int64]:
-    """(samples,), the number of the block of this length [s] that each sample is in, counted from 0."""
+    """Index, from 0, of the block of this length [s] that contains each sample, (samples,)."""
     return np.unique(np.floor((time - time[0]) / length).astype(np.int64), return_inverse=True)[1].astype(np.int64)
 
 

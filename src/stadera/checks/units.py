@@ -1,4 +1,4 @@
-"""Units of a log's values, by what only one unit can be: joints within limits, gravity, slopes of the positions."""
+"""Checks the units of a log's values, by joint limits, gravity and slopes of the positions."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from stadera.types import Array, Bools
 DEGREE = np.pi / 180.0
 _TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _STEPS = (5e-5, 0.2)  # s, between samples of any log of a robot
-_UNLIMITED = 1.2 * np.pi  # rad, of a joint whose model states no limits
+_UNLIMITED = 1.2 * np.pi  # rad, for a joint whose model states no limits
 _RATIOS = {"deg/s": 1.0 / DEGREE, "rpm": 30.0 / np.pi, "rad/ms": 1e-3, "mrad/s": 1e3}
 _GRAVITIES = {"g": 9.80665, "mg": 9.80665e-3}
 
 
 def time_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
-    """Time that is not in seconds."""
+    """Detects time that is not in seconds."""
     if len(recording) < 2:
         return
     step = float(np.median(np.diff(recording.time)))
@@ -37,13 +37,13 @@ def time_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding
 
 
 def position_findings(recording: Recording, robot: Robot, limits: CheckLimits) -> Iterator[Finding]:
-    """Joint positions in degrees, of all legs or of some: beyond the limits, and within them once converted."""
+    """Detects joint positions in degrees, of all legs or of some: beyond the limits, and within them once converted."""
     degrees = []
     legs = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
     for leg in legs:
         beyond = [_beyond(recording, robot, joint, 1.0) for joint in leg.joints]
         converted = [_beyond(recording, robot, joint, DEGREE) for joint in leg.joints]
-        # a hip stays within a few degrees; thigh and knee do not
+        # a hip stays within a few degrees, thigh and knee do not
         if min(beyond[1:]) > limits.turns and max(converted) < 0.5 * limits.turns:
             degrees.append(leg)
     if not degrees:
@@ -65,7 +65,7 @@ def position_findings(recording: Recording, robot: Robot, limits: CheckLimits) -
 
 
 def _beyond(recording: Recording, robot: Robot, joint: str, factor: float) -> float:
-    """How far a joint is beyond its limits for half of the time [rad]."""
+    """Angle by which a joint is beyond its limits for half of the time [rad]."""
     found = robot.limits[joint]
     lower, upper = max(found.lower, -2 * _UNLIMITED), min(found.upper, 2 * _UNLIMITED)
     if not np.isfinite([found.lower, found.upper]).all():
@@ -75,7 +75,7 @@ def _beyond(recording: Recording, robot: Robot, joint: str, factor: float) -> fl
 
 
 def velocity_findings(blocks: Blocks, joints: Sequence[str], limits: CheckLimits) -> Iterator[Finding]:
-    """Joint velocities against the slopes of the positions: unit, sign, order."""
+    """Compares joint velocities with the slopes of the positions: unit, sign, order."""
     if blocks.velocity is None or not len(blocks) or not np.isfinite(blocks.rate).all():
         return
     rate, velocity = _without_spikes(blocks.rate), _without_spikes(blocks.velocity)
@@ -100,7 +100,7 @@ def velocity_findings(blocks: Blocks, joints: Sequence[str], limits: CheckLimits
 
 
 def _without_spikes(values: Array) -> Array:
-    """Values (instants, n) clipped at three times what all but a twentieth of each column stay below."""
+    """Values (instants, n) clipped at three times the 95 % quantile of each column."""
     largest = 3.0 * np.quantile(np.abs(values), 0.95, axis=0)
     return np.clip(values, -largest, largest)
 
@@ -150,7 +150,7 @@ def _names(chosen: Bools, joints: Sequence[str], most: int = 3) -> str:
 
 
 def gravity_findings(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
-    """Whether the specific force is gravity's on average: its unit, and whether it was taken out."""
+    """Checks that the mean specific force is gravity: its unit, and whether gravity was removed."""
     size = float(np.median(np.linalg.norm(imu.linear_acceleration, axis=1)))
     mean = float(np.linalg.norm(imu.linear_acceleration.mean(axis=0)))
     if min(abs(size - GRAVITY), abs(mean - GRAVITY)) < limits.gravity:
@@ -172,13 +172,13 @@ def gravity_findings(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
 
 
 def gyro_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
-    """The gyro against how the IMU's orientation turns: its unit, and its sign."""
+    """Compares the gyro with the rotation of the IMU's orientation: unit and sign."""
     imu = recording.imu
     if imu is None or imu.orientation is None or len(recording) < 2:
         return
     up = _vector_blocks(recording, upwards(imu.orientation), limits)
     omega = _vector_blocks(recording, imu.angular_velocity, limits).position
-    turning = -np.cross(omega, up.position)  # of the world's vertical, seen from the IMU
+    turning = -np.cross(omega, up.position)  # of the world's vertical, in the IMU's frame
     speed = float(np.sqrt((up.rate**2).sum(axis=1).mean())) if len(up) else 0.0
     if not np.isfinite(speed) or speed < limits.turning:
         return
@@ -201,7 +201,7 @@ def gyro_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding
 
 
 def _vector_blocks(recording: Recording, values: Array, limits: CheckLimits) -> Blocks:
-    """Instants of vectors (samples, 3) in the place of joint positions."""
+    """Instants of vectors (samples, 3), stored in place of joint positions."""
     axes = ("x", "y", "z")
     bare = replace(recording, joints=axes, position=values, velocity=None, acceleration=None, effort=None)
     return Blocks.of(bare, axes, None, limits)

@@ -1,14 +1,13 @@
-"""Checks of a log's signals against each other, window by window, so that a fault has a channel, a joint and a time.
+"""Checks a log's signals against each other, window by window, to locate a fault by channel, joint and time.
 
 Joint by joint, in windows of a second:
 
-- velocity against change of position. Over steps of T = 20 ms, D = Δq / T and M = ∫ q̇ dt / T are the same but for
+- velocity against change of position. Over steps of T = 20 ms, D = Δq / T and M = ∫ q̇ dt / T are equal except for
   noise. Their correlation ρ = Σ DM / √(Σ D² Σ M²) and gain g = Σ DM / Σ D² are 1 wherever the joint moves.
-- position that jumps: a single step of q that ∫ q̇ dt does not have, and that is not undone soon after.
-- torque beyond what the drive gives: several times its limit.
-- torque that stands at its largest value: a signal that changes with every sample elsewhere and repeats its maximum
-  bit for bit is clipped.
-- torque that is only noise: without correlation from sample to sample, while the other torques have it.
+- jump of the position: a single step of q that is missing in ∫ q̇ dt, and that is not reversed soon after.
+- impossible torque: several times the drive's limit.
+- clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
+- torque that is only noise: uncorrelated from sample to sample, while the other torques are correlated.
 
 Checks of the legs together are in `stadera.checks.leg_windows`.
 """
@@ -30,7 +29,7 @@ from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
 _MEDIAN_OF_CHI2 = 0.455
-_MOST = 20  # steps of one joint that are looked at
+_MOST = 20  # largest number of steps of one joint that are examined
 _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
 
 
@@ -41,9 +40,9 @@ class WindowFault:
     Attributes:
         channel: velocity, position, effort, imu or legs.
         what: joint, leg or sensor.
-        evidence: what is wrong with it, a clause that goes on after `what`.
-        windows: (k, 2) begin and end of the windows that show it [s], each as a pair, in order.
-        lasting: whether it spoils all that comes after it, and not these windows alone.
+        evidence: description of the fault, a clause that continues `what`.
+        windows: (k, 2) begin and end of the affected windows [s], each as a pair, in order.
+        lasting: True if it affects everything after it, not only these windows.
     """
 
     channel: str
@@ -54,7 +53,7 @@ class WindowFault:
 
     @property
     def message(self) -> str:
-        """One clause with what, where and when."""
+        """One clause with location, description and time."""
         begin, end, count = self.windows[0][0], self.windows[-1][1], len(self.windows)
         when = f"from {begin:.2f} to {end:.2f} s" if count > 1 else f"at {begin:.2f} to {end:.2f} s"
         return f"{self.what} {self.evidence}, {when}"
@@ -62,10 +61,10 @@ class WindowFault:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of a log.
+    """Division of a log into windows.
 
     Attributes:
-        edges: (windows + 1,) [s]. of_sample: (samples,), number of each sample's window.
+        edges: (windows + 1,) [s]. of_sample: (samples,), index of each sample's window.
     """
 
     edges: Array
@@ -73,7 +72,7 @@ class Windows:
 
     @classmethod
     def of(cls, time: Array, length: float) -> Windows:
-        """As many of about this length [s] as fit."""
+        """As many windows of about this length [s] as fit."""
         count = max(1, round(float(time[-1] - time[0]) / length))
         edges = np.linspace(time[0], time[-1], count + 1)
         return cls(edges, np.clip(np.searchsorted(edges, time, side="right") - 1, 0, count - 1))
@@ -92,10 +91,10 @@ class Windows:
 
 
 def joint_faults(recording: Recording, robot: Robot, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Faults of single joints.
+    """Yields faults of single joints.
 
     Args:
-        recording: with the robot's joints; velocities only where they were measured.
+        recording: with the robot's joints; velocities only if they were measured.
         robot: its model.
         limits: see `WindowLimits`.
     """
@@ -148,17 +147,19 @@ def _velocity(
 
 
 def _white(values: Array) -> Array:
-    """Standard deviation of the white noise of each column, by third differences, which smooth motion hardly has."""
+    """Standard deviation of each column's white noise, from third differences, to which smooth motion hardly
+    contributes.
+    """
     return np.sqrt(np.median(np.diff(values, 3, axis=0) ** 2, axis=0) / (20.0 * _MEDIAN_OF_CHI2))
 
 
 def _jumps(
     apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits
 ) -> Iterator[WindowFault]:
-    """Steps of the position that the velocity does not have; of a spike, whose end undoes its beginning, none.
+    """Yields steps of the position that the velocity lacks, except spikes, whose end reverses their beginning.
 
     Args:
-        apart: (samples, n), position less ∫ q̇ dt [rad]. way: (samples - 1, n), steps of the latter.
+        apart: (samples, n), position minus ∫ q̇ dt [rad]. way: (samples - 1, n), steps of the latter.
     """
     step, gaps = np.diff(apart, axis=0), np.diff(time)
     usual, period = np.median(np.abs(step), axis=0), np.median(gaps)
@@ -196,7 +197,7 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
             if at.sum() < limits.repeats or own or not len(others):
                 continue
             lively = np.count_nonzero(others) >= limits.lively * len(others)
-            next_to_it = values[~at][np.argmin(np.abs(values[~at] - end))]  # of a quantised signal the next level
+            next_to_it = values[~at][np.argmin(np.abs(values[~at] - end))]  # for a quantised signal the next level
             crowded = at.sum() > limits.crowd * np.count_nonzero(values == next_to_it)
             if lively and crowded and (at[1:] & at[:-1]).any():
                 chosen = np.bincount(windows.of_sample[at], minlength=len(windows)) > 0
@@ -206,7 +207,7 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
 
 
 def _noise(effort: Array, joints: tuple[str, ...], windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)²."""
+    """Detects noise by the correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)²."""
     count = np.maximum(np.bincount(windows.of_sample, minlength=len(windows)), 1)[:, None]
     mean = windows.sums(effort) / count
     away = windows.sums((effort - mean[windows.of_sample]) ** 2)

@@ -1,4 +1,4 @@
-"""From batches of a table's columns to recordings: dropouts removed, every value checked, chunks of even length."""
+"""Converts batches of a table's columns to recordings: drops rows with blanks, checks every value, cuts even chunks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_VALUES = 1 << 22
 
 
 def rows_at_once(columns: int) -> int:
-    """Rows of a batch: fewer of a wide table."""
+    """Number of rows in a batch, smaller for wide tables."""
     return max(1, min(MOST_ROWS, _MOST_VALUES // max(columns, 1)))
 
 
@@ -34,7 +34,7 @@ class Batch:
 
     Attributes:
         values: (columns, rows), one row of the array for each of `Layout.columns`.
-        blank: (columns, rows), the cells without a value; None if there are none.
+        blank: (columns, rows), cells without a value; None if there are none.
     """
 
     values: Array
@@ -48,7 +48,7 @@ class Batch:
 
     @classmethod
     def joined(cls, batches: Sequence[Batch]) -> Batch:
-        """One batch of consecutive ones."""
+        """Joins consecutive batches."""
         if len(batches) == 1:
             return batches[0]
         values = np.concatenate([batch.values for batch in batches], axis=1)
@@ -59,14 +59,14 @@ class Batch:
 
 
 def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
-    """Recordings of `rows` samples each (the last one shorter; None: a single one) from batches of any length.
+    """Yields recordings of `rows` samples each (the last one shorter; None: a single one) from batches of any length.
 
-    A blank cell is a dropout: its row is removed, counted and named in the notes. NaN or infinity is an error. For time
-    that does not increase see `RowClock`.
+    A blank cell is a dropout: its row is removed, counted and reported in the notes. NaN or infinity is an error. For
+    time that does not increase see `RowClock`.
 
     Raises:
-        RecordingError: a value that is not a finite number, time that is no clock, fewer than two samples. Names the
-            source, the column and the sample, counted from 0 over the whole log.
+        RecordingError: a value is not a finite number, time is not that of a clock, or there are fewer than two
+            samples. Names the source, the column and the sample, counted from 0 over the whole log.
     """
     clock, row, samples = RowClock(source), 0, 0
     for batch in _rebatched(in_si(batches, layout), rows):
@@ -81,10 +81,10 @@ def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int 
 
 
 def within(batches: Iterable[Batch], budget: Budget, rows: int | None) -> Iterator[Batch]:
-    """The same, as far as the budget allows; with `rows` None they are kept in memory.
+    """Yields the batches within the budget; with `rows` None they count as kept in memory.
 
     Raises:
-        LimitError: they take more.
+        LimitError: the budget is exceeded.
     """
     for batch in budget.timed(batches):
         if rows is None:
@@ -93,7 +93,7 @@ def within(batches: Iterable[Batch], budget: Budget, rows: int | None) -> Iterat
 
 
 def in_si(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
-    """The same, every column multiplied with its factor."""
+    """Yields the batches with every column multiplied by its factor."""
     if not layout.factors:
         yield from batches
         return
@@ -130,11 +130,11 @@ def _recording(batch: Batch, layout: Layout, source: str, first: int, clock: Row
 
 
 def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:
-    """The recording that a layout makes of its columns, `values` (columns, samples)."""
+    """Makes a recording from a layout and its columns, `values` (columns, samples)."""
     place = {name: i for i, name in enumerate(layout.columns)}
 
     def block(columns: tuple[str, ...]) -> Array:
-        start = place[columns[0]]  # the columns of a block follow each other
+        start = place[columns[0]]  # the columns of a block are contiguous
         return values[start : start + len(columns)].T
 
     imu = {key: block(columns) for key, columns in layout.imu.items()}
@@ -154,7 +154,7 @@ def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: 
 
 
 def _with_pd_effort(recording: Recording, pd: PdGains, desired: dict[str, Array]) -> Recording:
-    """Efforts by the law of the joints' controllers, which is what they were asked for and not what they gave."""
+    """Computes efforts from the joint controllers' law: the commanded torques, not the actual ones."""
     moving = with_velocity(recording)
     if moving.velocity is None:
         raise RecordingError(f"{recording.source}: too few samples for joint velocities, which --pd needs")
@@ -173,7 +173,7 @@ def _imu(quantities: Mapping[str, Array], frame: str | None) -> Imu:
 def _without_dropouts(
     batch: Batch, columns: Sequence[str], first: int
 ) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
-    """The rows without blank cells, their numbers in the log, and a note on the others."""
+    """The rows without blank cells, their indices in the log, and a note on the others."""
     samples = np.arange(first, first + len(batch))
     if batch.blank is None or not batch.blank.any():
         return batch.values, samples, ()

@@ -1,4 +1,4 @@
-"""The clock of a log's rows: few rows whose time repeats are left out, and where it is set back the log is split."""
+"""Corrects the time of a log's rows: skips the few that repeat, and splits the log where the clock was set back."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from stadera.logs.sampling import GAP_FACTOR
 from stadera.types import Array, Bools
 
 MOST_WRONG = 0.01
-"""Share of the samples so far that may repeat or run back; above it the column is no clock."""
+"""Share of the samples so far that may repeat or run back; above it the column is not a clock."""
 
 
 @dataclass
 class RowClock:
-    """Makes the time of consecutive chunks of one log strictly increasing, sample by sample.
+    """Makes the time of consecutive chunks of one log strictly increasing.
 
-    A sample at most GAP_FACTOR mean steps earlier than the one before is left out: a repeated row, or one out of order.
-    After one that is further back, the clock was set back: there is no second one to say by how much, so what follows
-    is put after a gap.
+    A sample at most GAP_FACTOR mean steps earlier than the previous one is skipped: a repeated row, or one out of
+    order. If it is further back, the clock was set back. The amount cannot be known without a second clock, so the
+    samples that follow are placed after a gap.
 
     Attributes:
-        source: for messages.
+        source: name of the log, for messages.
     """
 
     source: str
     _first: float = np.nan  # s
-    _last: float = -np.inf  # s, of the samples kept, after shifts
+    _last: float = -np.inf  # s, of the last sample kept, after shifts
     _shift: float = 0.0  # s
     _wrong: int = 0
 
     def __call__(self, time: Array, samples: NDArray[np.int64]) -> tuple[Array, Bools, tuple[str, ...]]:
-        """The time of a chunk, which of its samples to keep, and notes.
+        """Corrects a chunk. Returns its time, the samples to keep, and notes.
 
         Args:
             time: (samples,) [s].
-            samples: their numbers in the log.
+            samples: their indices in the log.
 
         Raises:
-            RecordingError: too many that repeat or run back.
+            RecordingError: too many samples repeat or run back.
         """
         raw, time, kept = time, time + self._shift, np.ones(len(time), dtype=bool)
         self._first = float(time[0]) if np.isnan(self._first) else self._first
@@ -68,7 +68,7 @@ class RowClock:
         return time, kept, tuple(notes)
 
     def _set_back(self, time: float, sample: int) -> float:
-        """By how much later a sample and all after it are put [s]; 0 where it is one that is out of order."""
+        """Shift for this sample and all after it [s]; 0 for a single sample out of order."""
         gap = GAP_FACTOR * (self._last - self._first) / sample
         return 0.0 if time >= self._last - gap else self._last + 2.0 * gap - time
 

@@ -1,4 +1,4 @@
-"""The flat table's column names: which column of a log is what. Pure names, no file access."""
+"""Assigns a log's columns to the flat table's, by name. No file access."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ IMU_COLUMNS: dict[str, tuple[str, ...]] = {
     "orientation": tuple(f"imu.orientation.{axis}" for axis in "xyzw"),
 }
 IMU_FRAME = "imu.frame"
-"""Key of a Parquet table's metadata: the frame that the IMU's values are in."""
+"""Key of the IMU frame's name in a Parquet table's metadata."""
 _LEG_JOINTS = 3
 REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Which columns of a table are read, and as what.
+    """Assignment of a table's columns.
 
     Attributes:
-        joints: in the order of the asked joints, or of the table's columns.
-        channels: by channel, one column for each joint; channels that are not recorded are absent.
-        imu: by quantity, its three or four columns; empty where there is no complete IMU.
+        joints: in the order requested, or else in that of the table's columns.
+        channels: by channel, one column for each joint; channels that were not recorded are absent.
+        imu: by quantity, its three or four columns; empty without a complete IMU.
         force: by foot, the x, y, z columns.
         contact: by foot, its column.
-        notes: what was kept out and why, what was recognised and converted.
-        imu_frame: name of the frame that the IMU's values are in, None where the log does not say.
-        sources: by column, the log's own name for it, where that is another.
-        factors: by column, what makes SI units of the log's, where that is not 1.
-        stamped: whether the unit of time was said.
-        rate_hz: of a log without a column of time, its rows a second.
-        pd: gains that make the efforts of the desired positions among the channels.
+        notes: columns that were excluded and why, and columns that were recognised and converted.
+        imu_frame: frame of the IMU's values, None if the log does not name it.
+        sources: the log's own column names where they differ.
+        factors: factors to SI units, by column, where they are not 1.
+        stamped: True if the unit of time is given.
+        rate_hz: rows per second of a log without a column of time.
+        pd: gains for computing efforts from the desired positions among the channels.
     """
 
     joints: tuple[str, ...]
@@ -62,13 +62,13 @@ class Layout:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Every column of the flat table, time first."""
+        """All columns of the flat table, time first."""
         groups = (*self.channels.values(), *self.imu.values(), *self.force.values(), tuple(self.contact.values()))
         return (TIME, *(name for group in groups for name in group))
 
     @property
     def recorded(self) -> tuple[str, ...]:
-        """The log's own names of the columns to read, in their order; without time where its rows are counted."""
+        """The log's own names of the columns to read, in their order; without time if it is computed from a rate."""
         columns = self.columns if self.rate_hz is None else self.columns[1:]
         return tuple(self.sources.get(name, name) for name in columns)
 
@@ -82,20 +82,20 @@ def layout(
     topics: Topics | None = None,
     kind: str = "table",
 ) -> Layout:
-    """Sort a table's column names into a layout.
+    """Assigns a table's columns.
 
     Args:
         names: the table's header.
         source: the file, for messages.
         joints: the joints to read, in this order; None for all that have a position.
-        require: what each of these joints must have: any of position, velocity, acceleration, effort; and "imu".
-        reading: which columns are what, in which units, where their names do not say.
-        topics: to choose among, where columns have topics in their names; None where those were chosen before.
+        require: what each of these joints needs: any of position, velocity, acceleration, effort; and "imu".
+        reading: assignment and units of columns, if their names do not state them.
+        topics: the topics to choose, if columns have topics in their names; None if they were chosen before.
         kind: of the log, for messages.
 
     Raises:
-        RecordingError: a column that is there twice, missing or misspelled; names it and the closest ones.
-        UnknownNameError: `require` holds something else.
+        RecordingError: a column is duplicate, missing or misspelled; names it and the closest ones.
+        UnknownNameError: `require` contains something else.
     """
     if other := next((item for item in require if item not in REQUIRABLE), None):
         raise UnknownNameError("channel", other, REQUIRABLE)
@@ -118,7 +118,7 @@ def _layout(
     pd: PdGains | None,
     help_: str,
 ) -> Layout:
-    """The layout of a header whose columns are translated."""
+    """The layout of a header with translated columns."""
     renamed = _by_leg_and_part(table.sources, joints or ())
     sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
     known = dict.fromkeys(sources)
@@ -140,7 +140,7 @@ def _layout(
 
 
 def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:
-    """A note on the log's columns that are no channel's; those of joints that were not asked for are no surprise."""
+    """A note on the log's columns that belong to no channel, except those of joints that were not requested."""
     used = {sources[name] for name in found.columns if name in sources}
     used.update(own for name, own in sources.items() if _is_joint_column(name))
     unknown = [name for name in names if name not in used]
@@ -148,7 +148,7 @@ def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -
 
 
 def _by_leg_and_part(names: Collection[str], joints: Sequence[str]) -> dict[str, str]:
-    """By joint of the log that is called otherwise, the joint asked for: all those of a leg or more, or none."""
+    """Maps joints of the log with other names to the requested ones: all those of one leg or more, or none."""
     there = _prefixes(names, ".position")
     if len(joints) < _LEG_JOINTS or set(joints) & set(there):
         return {}
@@ -192,7 +192,7 @@ def _channels(
     pd: PdGains | None,
     help_: str,
 ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-    """Columns of each channel. One that only some joints have is an error for effort, else left out with a note."""
+    """Columns of each channel. If only some joints have one, effort raises, and others are skipped with a note."""
     needed, possible = {"position", *require}, CHANNELS
     if pd is not None:
         _require_no_effort(names, source, joints)
@@ -218,7 +218,7 @@ def _require_no_effort(names: Collection[str], source: str, joints: tuple[str, .
 
 
 def _no_effort(channel: str, names: Collection[str]) -> str:
-    """What to do about a log without any torques."""
+    """Advice for a log without torques."""
     if channel != "effort" or any(name.endswith(".effort") for name in names):
         return ""
     if any(name.endswith(f".{DESIRED[0]}") for name in names):

@@ -1,4 +1,4 @@
-"""A cut-off for the low-pass filter where the user gives none, from the motion's own spectrum."""
+"""Suggests the cut-off of the low-pass filter from the motion's spectrum."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class CutoffSettings:
-    """What counts as motion.
+    """Criteria for motion in a spectrum.
 
     Attributes:
-        power_share: share of the velocity's power that shall pass unchanged.
-        lowest_hz: no lower cut-off is suggested [Hz]: Coulomb friction changes sign at once, whatever the motion's
+        power_share: share of the velocity's power that the filter must pass unchanged.
+        lowest_hz: lowest cut-off suggested [Hz]: Coulomb friction changes sign abruptly, whatever the motion's
             frequency.
         stretch: length of the stretches whose spectra are averaged [s]; 10 s resolve 0.1 Hz.
-        noise_factor: position power below this multiple of the noise floor counts as noise.
+        noise_factor: multiple of the noise floor below which position power counts as noise.
     """
 
     power_share: float = 0.99
@@ -35,22 +35,22 @@ class CutoffSettings:
 def suggest_cutoff(
     recording: Recording, joints: Sequence[str] | None = None, settings: CutoffSettings | None = None
 ) -> float | None:
-    """The cut-off below which the motion passes unchanged and the noise does not.
+    """Suggests a cut-off that passes the motion unchanged and rejects noise.
 
-    The power spectrum P(f) of every joint's position (Welch) has a floor, the median over the upper half of the band:
-    encoder noise and resolution. What stands out of it, up to the highest cut-off that the sampling rate allows, is
+    The power spectrum P(f) of every joint's position (Welch) has a floor, the median over the upper half of the band,
+    due to encoder noise and resolution. Power above it, up to the highest cut-off that the sampling rate allows, is
     motion, with velocity power (2π f)² P(f). The filter is flat up to half its cut-off, so the cut-off is twice the
-    frequency below which 99 % of that power lies, for the fastest joint; not below 5 Hz, not above an eighth of the
+    frequency below which 99 % of that power lies, for the fastest joint; at least 5 Hz and at most an eighth of the
     sampling rate.
 
     Args:
         recording: the log, or the beginning of a long one.
-        joints: the joints that matter; None for all.
+        joints: the joints to consider; None for all.
         settings: see `CutoffSettings`.
 
     Returns:
-        Cut-off [Hz] for `Preprocessing`; None where accelerations are recorded, which only a simulation does: there is
-        nothing to filter.
+        Cut-off [Hz] for `Preprocessing`; None if accelerations are recorded, which only simulations do, so that no
+        filter is needed.
 
     Raises:
         RecordingError: fewer than two samples.

@@ -1,15 +1,15 @@
 """Zero-delay low-pass filtering and differentiation by finite, symmetric kernels.
 
-Every kernel is an odd number of taps around the sample, so the delay is zero and a sample depends on its neighbours
-within half a window alone: filtering a log in overlapping chunks gives what filtering the whole gives, and samples
-without a full window are known and can be trimmed.
+Every kernel has an odd number of taps around the sample, so the delay is zero and a sample depends only on neighbours
+within half a window: filtering overlapping chunks gives the same result as filtering the whole log, and samples without
+a full window are known and can be trimmed.
 
 Position q, its derivatives and every other signal x go through the same low-pass filter h:
 
     q_f = h * q,    dq_f = d1 * (h * q),    ddq_f = d2 * (h * q),    x_f = h * x,
 
-d1 and d2 being the 9-point central differences. An equation that is linear in the signals and their derivatives holds
-for the filtered ones as it does for the raw ones.
+with d1 and d2 the 9-point central differences. An equation that is linear in the signals and their derivatives also
+holds for the filtered ones.
 """
 
 from __future__ import annotations
@@ -27,9 +27,11 @@ STOP_BAND_DB = 70.0
 WIDTH = 4.34
 """Taps per (rate / cut-off): Kaiser's estimate for STOP_BAND_DB and a transition band as wide as the cut-off."""
 RATES_PER_CUTOFF = 8.0
-"""The least ratio of sampling rate to cut-off: up to there the central differences are right to 3e-4."""
+"""Least ratio of sampling rate to cut-off, for which the central differences are accurate to 3e-4."""
 RATE_TOLERANCE = 5e-4
-"""By how much the rates of two parts of one log may differ: stamps rounded to 1 ms, over 1000 samples at 500 Hz."""
+"""Relative difference of rates within one log that is tolerated: stamps rounded to 1 ms, over 1000 samples at 500
+Hz.
+"""
 
 _FIRST_HALF = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND_HALF = np.array([8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -46,8 +48,8 @@ class Kernels:
         value: the filter itself.
         first: its first derivative [1/s].
         second: its second derivative [1/s²].
-        late: the filter, giving what the signal was a set time before.
-        half: samples on each side that a sample needs.
+        late: the filter applied to the signal a fixed time earlier.
+        half: samples needed on each side of a sample.
     """
 
     value: Array
@@ -58,13 +60,13 @@ class Kernels:
 
 
 def kernels(rate_hz: float, cutoff_hz: float | None, *, derivatives: bool = True, delay: float = 0.0) -> Kernels:
-    """The kernels for a sampling rate; without a cut-off the filter is the identity.
+    """Computes the kernels for a sampling rate; without a cut-off the filter is the identity.
 
     Args:
         rate_hz: sampling rate [Hz].
-        cutoff_hz: where the amplitude is down to 1/√2 (-3 dB) [Hz]; None: no filter.
-        derivatives: False leaves out the room that the central differences need; the derivatives are then zero.
-        delay: by how much `late` looks back [s]; negative looks ahead.
+        cutoff_hz: frequency where the amplitude is 1/√2 (-3 dB) [Hz]; None for no filter.
+        derivatives: False omits the taps that the central differences need; the derivatives are then zero.
+        delay: by which `late` looks back [s]; negative looks ahead.
 
     Raises:
         RecordingError: a cut-off that is not positive or above an eighth of the sampling rate.
@@ -82,9 +84,9 @@ def kernels(rate_hz: float, cutoff_hz: float | None, *, derivatives: bool = True
 
 
 def shift(steps: float) -> Array:
-    """The kernel that gives the signal `steps` samples later: Lagrange's polynomial through the eight samples around.
+    """Kernel that shifts a signal by `steps` samples: Lagrange's polynomial through the eight samples around.
 
-    Right to 3e-4 for signals up to an eighth of the sampling rate.
+    Accurate to 3e-4 for signals up to an eighth of the sampling rate.
     """
     nodes = math.floor(steps) + np.arange(-3, 5)
     weights = [np.prod([(steps - b) / (a - b) for b in nodes if b != a]) for a in nodes]
@@ -97,8 +99,8 @@ def shift(steps: float) -> Array:
 def low_pass(rate_hz: float, cutoff_hz: float) -> Array:
     """A symmetric windowed-sinc low-pass filter with unit gain at rest and -3 dB at the cut-off.
 
-    Kaiser window for 70 dB. Up to half the cut-off amplitudes pass within 0.05 %; from one and a half times the cut-off
-    on they are below 0.05 %. The window is 4.34 / cut-off long [s].
+    Kaiser window for 70 dB. Up to half the cut-off amplitudes are within 0.05 %; above one and a half times the cut-off
+    they are below 0.05 %. The window is 4.34 / cut-off long [s].
 
     Raises:
         RecordingError: a cut-off that is not positive or above an eighth of the sampling rate (within RATE_TOLERANCE).
@@ -123,7 +125,7 @@ def low_pass(rate_hz: float, cutoff_hz: float) -> Array:
 
 
 def apply(kernel: Array, values: Array) -> Array:
-    """Correlate rows with a kernel where the whole window is there.
+    """Correlates rows with a kernel, wherever the whole window is available.
 
     Args:
         kernel: (2 half + 1,).

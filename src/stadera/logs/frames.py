@@ -1,6 +1,6 @@
-"""Recordings as columns in memory: from data frames of pandas, polars and pyarrow, and back to named columns.
+"""Converts data frames of pandas, polars and pyarrow to recordings, and recordings to named columns.
 
-None of these libraries is imported: a data frame is whatever has columns with names and gives each by its name.
+None of these libraries is imported: a data frame is any object that provides columns by name.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def from_dataframe(
 
 
 def columns_of(recording: Recording) -> dict[str, Array]:
-    """The flat table's columns of a recording by name, each (samples,)."""
+    """Columns of a recording by their flat-table names, each (samples,)."""
     found: dict[str, Array] = {}
     for name, values in recording.arrays().items():
         table = values.astype(np.float64, copy=False).reshape(len(recording), -1)

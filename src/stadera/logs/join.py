@@ -1,4 +1,4 @@
-"""Cutting recordings in time and putting them together again."""
+"""Cuts and concatenates recordings in time."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Rows = slice | Bools | NDArray[np.int64]
 
 
 def take(recording: Recording, rows: Rows) -> Recording:
-    """The samples that `rows` (slice, mask or increasing indices) picks, of everything recorded."""
+    """Selects samples of all channels by `rows` (slice, mask or increasing indices)."""
     return recording.mapped(lambda _, values: values[rows])
 
 
 def concatenate(recordings: Sequence[Recording]) -> Recording:
-    """One recording of consecutive ones that hold the same things; notes are put one after the other.
+    """Concatenates recordings with the same channels; their notes are joined.
 
     Raises:
-        RecordingError: none given, joints or channels that differ, time that does not increase.
+        RecordingError: none given, different joints or channels, or time that does not increase.
     """
     if not recordings:
         raise RecordingError("nothing to concatenate")

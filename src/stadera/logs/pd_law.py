@@ -1,4 +1,4 @@
-"""Joint torques made of a position controller's commands, for logs that hold no measured ones."""
+"""Computes joint torques from a position controller's commands, for logs without measured ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stadera.joint_words import places
 from stadera.types import Array
 
 DESIRED: tuple[str, ...] = ("position_desired", "velocity_desired", "effort_desired")
-"""Columns of a flat table that this law reads, `<joint>.position_desired` and so on; the last two may be absent."""
+"""Columns of a flat table used by this law, `<joint>.position_desired` and so on; the last two may be absent."""
 PD_DOUBT = (
     "joint torques are not measured but made of the controller's commands (--pd): what drives lose to friction and "
     "saturation counts as torque of the joint"
@@ -29,7 +29,7 @@ class PdGains:
         kd: [N·m·s/rad], as many.
 
     Raises:
-        RecordingError: neither one nor three, numbers of gains that differ, a gain below 0, or all of kp 0.
+        RecordingError: neither one nor three gains, different numbers of kp and kd, a gain below 0, or kp all 0.
     """
 
     kp: tuple[float, ...]
@@ -43,10 +43,10 @@ class PdGains:
 
     @classmethod
     def parse(cls, text: str) -> PdGains:
-        """Gains from "20,0.5" or, for hip, thigh and calf, "20,0.5/30,1/40,1.5".
+        """Parses gains from "20,0.5" or, for hip, thigh and calf, "20,0.5/30,1/40,1.5".
 
         Raises:
-            RecordingError: anything else.
+            RecordingError: another format.
         """
         try:
             pairs = [(float(kp), float(kd)) for kp, kd in (pair.split(",") for pair in text.split("/"))]
@@ -58,15 +58,15 @@ class PdGains:
         return cls(tuple(kp for kp, _ in pairs), tuple(kd for _, kd in pairs))
 
     def effort(self, position: Array, velocity: Array, joints: Sequence[str], desired: dict[str, Array]) -> Array:
-        """τ = kp (q_d - q) + kd (q̇_d - q̇) + τ_d, (samples, n) [N·m]: what the controller asks its drives for.
+        """τ = kp (q_d - q) + kd (q̇_d - q̇) + τ_d, (samples, n) [N·m]: the torque commanded by the controller.
 
         Args:
             position, velocity: (samples, n) [rad, rad/s], measured.
-            joints: their names, n of them.
-            desired: by name of `DESIRED`, (samples, n); q̇_d and τ_d are 0 where absent.
+            joints: names of the n joints.
+            desired: (samples, n) by name in `DESIRED`; q̇_d and τ_d are 0 if absent.
 
         Raises:
-            RecordingError: three gains, and a joint whose name does not say which of the leg's it is.
+            RecordingError: three gains are given, and a joint's name does not identify hip, thigh or calf.
         """
         kp, kd = self._by_joint(joints)
         zero = np.zeros(1)

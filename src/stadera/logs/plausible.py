@@ -1,4 +1,4 @@
-"""The largest value that a quantity of a walking robot can have: far above any sensor's range, far below overflow."""
+"""Largest plausible values for a walking robot: far above any sensor's range, far below overflow."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ LARGEST: dict[str, float] = {
     "orientation": 1e3,
     "force": 1e7,
 }
-"""By quantity, SI units. For comparison: drives turn at 50 rad/s and give 500 N·m, MEMS sensors end at 70 rad/s and
-2000 m/s². A position may have counted thousands of turns, a quaternion need not be normalised."""
+"""By quantity, SI units. For comparison: drives reach 50 rad/s and 500 N·m, MEMS sensors 70 rad/s and 2000 m/s². A
+position may include thousands of turns, and a quaternion need not be normalised.
+"""
 
 ANY = 1e15
-"""Of whatever else: time, contact."""
+"""For all other quantities: time, contact."""
 
 
 def largest_of(column: str) -> float:
-    """The largest value of a column of the flat table: `<joint>.<quantity>`, `imu.<quantity>.<axis>`, ..."""
+    """Largest plausible value of a column of the flat table: `<joint>.<quantity>`, `imu.<quantity>.<axis>`, ..."""
     parts = column.split(".")
     return next((LARGEST[part] for part in reversed(parts[-2:]) if part in LARGEST), ANY)

@@ -1,7 +1,8 @@
-"""From a log to the signals that regressors take: even, filtered, differentiated, without the samples at rest.
+"""Prepares a log for regressors: even sampling, filtering, differentiation, removal of samples at rest.
 
-After section IV.B of Tournois et al. (IROS 2017): all variables through one zero-delay low-pass filter, samples with
-all joints at rest removed (their friction is undetermined). A log read in chunks gives what the whole log gives.
+After section IV.B of Tournois et al. (IROS 2017): all variables go through one zero-delay low-pass filter, and samples
+with all joints at rest are removed (their friction is undetermined). Reading in chunks gives the same result as reading
+the whole log.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Processed:
-    """Signals of the chosen joints, all through the same filter.
+    """Signals of the selected joints, all through the same filter.
 
     Attributes:
         time: (samples,) [s]; steps are uneven where samples were dropped.
-        joints: names, n of them.
+        joints: names of the n joints.
         position, velocity, acceleration: (samples, n) [rad, rad/s, rad/s²].
         effort: (samples, n) [N·m], None where not recorded.
-        report: what was done so far; the last chunk's covers the whole log.
+        report: on the processing so far; the last chunk's covers the whole log.
         source: of the log.
         notes: the log's own and the report's.
     """
@@ -51,7 +52,7 @@ class Processed:
 
 
 def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[str] | None = None) -> Processed:
-    """Preprocess a whole recording.
+    """Preprocesses a whole recording.
 
     Args:
         recording: the log.
@@ -59,7 +60,7 @@ def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[s
         joints: the joints to keep, in this order; None for all.
 
     Raises:
-        RecordingError: too few samples for the filter, a cut-off too high for the rate.
+        RecordingError: too few samples for the filter, or a cut-off too high for the rate.
         UnknownNameError: a joint that is not recorded.
     """
     parts = tuple(preprocess_stream([recording], settings, joints))
@@ -69,9 +70,10 @@ def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[s
 def preprocess_stream(
     chunks: Iterable[Recording], settings: Preprocessing, joints: Sequence[str] | None = None
 ) -> Iterator[Processed]:
-    """Preprocess consecutive chunks of one log; the results put together are those of the whole log.
+    """Preprocesses consecutive chunks of one log; the concatenated results equal those of the whole log.
 
-    Memory is flat in the log's length. The rate, and whether stamps are uneven, is decided on the first 4096 samples.
+    Memory does not grow with the log's length. The rate, and whether stamps are uneven, are determined from the first
+    4096 samples.
     Arguments and errors as `preprocess`.
     """
     head, rest = _head(iter(chunks))
@@ -83,7 +85,7 @@ def preprocess_stream(
 
 @dataclass(frozen=True, eq=False)
 class _Preparation:
-    """What a log's first chunk decides for all of it."""
+    """Settings derived from a log's first chunk."""
 
     joints: tuple[str, ...]
     channels: tuple[str, ...]  # stacked in this order, each with a row for every joint
@@ -94,7 +96,7 @@ class _Preparation:
 
 @dataclass
 class _Tally:
-    """What one run has seen so far."""
+    """Counts over one run."""
 
     report: PreprocessingReport
     notes: dict[str, None] = field(default_factory=dict)
@@ -158,7 +160,7 @@ def _run(chunks: Iterator[Recording], plan: _Preparation) -> Iterator[Processed]
                 yield pending
             pending = result
         elif pending is None or not len(pending):
-            pending = result  # nothing moves so far: an empty result still says what was done
+            pending = result  # nothing moves so far: an empty result still carries the report
     if pending is None:
         window = tally.report.window
         raise RecordingError(
@@ -170,7 +172,7 @@ def _run(chunks: Iterator[Recording], plan: _Preparation) -> Iterator[Processed]
 
 
 def _counted(blocks: Iterable[Block], window: int, tally: _Tally) -> Iterator[Block]:
-    """The same blocks; segments are counted, and those shorter than a window."""
+    """Yields the same blocks; counts segments, and those shorter than a window."""
     samples = 0
     for block in blocks:
         samples = len(block.time) + (0 if block.start else samples)
@@ -179,7 +181,7 @@ def _counted(blocks: Iterable[Block], window: int, tally: _Tally) -> Iterator[Bl
 
 
 def _differentiated(block: Block, plan: _Preparation) -> dict[str, Array]:
-    """Every channel filtered, velocity and acceleration by the derived kernels where they are not stacked."""
+    """Every channel filtered; velocity and acceleration by the derivative kernels if they are not recorded."""
     half, window = plan.window.half, plan.window
     raw = dict(zip(plan.channels, np.split(block.values, len(plan.channels)), strict=True))
     out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}

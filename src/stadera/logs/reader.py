@@ -1,6 +1,6 @@
-"""Opening a log of any known kind, a file or a recording in memory.
+"""Opens a log of any known format, a file or a recording in memory.
 
-A new kind of file is one module with a reader and one line in READERS.
+A new file format is one module with a reader and one line in READERS.
 """
 
 from __future__ import annotations
@@ -30,36 +30,36 @@ from stadera.logs.tables.refused import refusal
 from stadera.logs.topics import LogFile
 
 Log = str | PathLike[str] | Recording
-"""A log, wherever one is taken: a path, a LogFile (a path with topics), or a recording in memory."""
+"""A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory."""
 
 CHUNK_ROWS = 65536
 
 
 class Reader(Protocol):
-    """What a kind of log must offer."""
+    """Protocol of a reader of one format."""
 
     @property
     def name(self) -> str:
-        """What it reads, for messages."""
+        """Name of the format, for messages."""
         ...
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """File name endings, lower case, that promise this kind; may be none."""
+        """Lower-case file name suffixes of this format; may be empty."""
         ...
 
     def accepts(self, path: Path) -> bool:
-        """Whether the content at `path` (not its name) is of this kind; looks at the beginning only."""
+        """True if the content at `path` (not its name) has this format; reads the beginning only."""
         ...
 
     def stream(
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
     ) -> Iterator[Recording]:
-        """As the module's `stream`; `rows` None: all in one. A kind without topics refuses any asked for."""
+        """Like the module's `stream`; `rows` None: all in one. A format without topics refuses requested ones."""
         ...
 
 
-# The first that accepts reads: those with magic bytes stand before those that take any text.
+# The first reader that accepts is used: formats with magic bytes come before those that accept any text.
 READERS: tuple[Reader, ...] = (
     ParquetTable(),
     BagLog(McapFile()),
@@ -72,7 +72,7 @@ READERS: tuple[Reader, ...] = (
 
 
 def as_log(log: Log) -> LogFile | Recording:
-    """A log in one of its two forms, each of which has `source` and `name` for messages.
+    """Converts a log to one of two forms, each of which has `source` and `name` for messages.
 
     Raises:
         RecordingError: neither a path nor a recording.
@@ -86,10 +86,10 @@ def as_log(log: Log) -> LogFile | Recording:
 
 
 def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
-    """One log or several as a tuple.
+    """Converts one log or several to a tuple.
 
     Raises:
-        RecordingError: none given, or something that is neither a path nor a recording.
+        RecordingError: none given, or one that is neither a path nor a recording.
     """
     several = isinstance(logs, Iterable) and not isinstance(logs, str | PathLike | Recording | bytes)
     if several and not hasattr(logs, "columns"):
@@ -108,17 +108,18 @@ def stream(
     require: Collection[str] = (),
     rows: int = CHUNK_ROWS,
 ) -> Iterator[Recording]:
-    """A log as consecutive recordings of `rows` samples each. Memory is flat in the length of a file.
+    """Reads a log as consecutive recordings of `rows` samples each. Memory does not grow with the length of a file.
 
     Args:
-        log: a path, a LogFile, which chooses among the topics of a bag, or a recording in memory.
+        log: a path, a LogFile, which selects topics of a bag, or a recording in memory.
         joints: the joints to read, in this order; None for all.
-        require: what each of these joints must have: velocity, acceleration, effort; and "imu".
-        rows: samples a chunk; the last one is shorter.
+        require: what each of these joints needs: velocity, acceleration, effort; and "imu".
+        rows: samples in a chunk; the last one is shorter.
 
     Raises:
-        RecordingError: at once if the file is not there, of no known kind or lacks a column; on iterating if a
-            value is not a finite number or time does not increase. Names the file, the column and the sample.
+        RecordingError: immediately if the file does not exist, has an unknown format or lacks a column; during
+            iteration if a value is not a finite number or time does not increase. Names the file, the column and the
+            sample.
     """
     if rows < 1:
         raise RecordingError(f"a chunk needs at least one row, got {rows}")
@@ -133,7 +134,7 @@ def stream(
 
 
 def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:
-    """A whole log as one recording. Arguments and errors as `stream`."""
+    """Reads a whole log as one recording. Arguments and errors as `stream`."""
     log = as_log(log)
     if isinstance(log, Recording):
         return _chosen(log, joints, require)
@@ -143,7 +144,7 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:
-    """The joints asked for, checked as the columns of a table are."""
+    """Selects the requested joints, with the same checks as for a table's columns."""
     found = layout(tuple(columns_of(recording)), recording.source, joints, require)
     if len(recording) < 2:
         raise RecordingError(f"{recording.source}: too few samples: {len(recording)}, at least 2 are needed")
@@ -160,10 +161,10 @@ def _chunks(recording: Recording, rows: int) -> Iterator[Recording]:
 
 
 def reader_of(path: Path) -> Reader:
-    """The reader for what is at `path`, by content.
+    """Finds the reader for a path by its content.
 
     Raises:
-        RecordingError: nothing there, nothing in it, of no known kind, or of another kind than its name says.
+        RecordingError: the path does not exist, is empty, has an unknown format, or another one than its name says.
     """
     accepted = "accepted: " + ", ".join(f"{reader.name} ({', '.join(reader.suffixes)})" for reader in READERS)
     require_input(path, folder=True, hint=f"; logs that come with stadera: {', '.join(EXAMPLES)}")

@@ -1,4 +1,4 @@
-"""How a log's columns are to be understood where the log itself does not say."""
+"""How to interpret a log's columns if the log itself does not state it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reading:
-    """How a log's columns are to be understood.
+    """Interpretation of a log's columns.
 
     Attributes:
-        columns: which of them are what; None to find out by their names.
-        units: that they are in, where neither their names nor the map says so.
-        pd: gains that make efforts of desired positions; None for the efforts recorded.
-        limits: what reading it may take.
-        changes: of what is read, in order: gears, faults undone.
+        columns: assignment of columns; None to recognise them by their names.
+        units: of the columns, if neither their names nor the map states them.
+        pd: gains for computing efforts from desired positions; None to use recorded efforts.
+        limits: for reading.
+        changes: applied to what is read, in order: gear ratios, corrections of faults.
     """
 
     columns: ColumnMap | None = None
@@ -42,10 +42,10 @@ class Reading:
         limits: Limits = DEFAULTS,
         gear: str | Gear | None = None,
     ) -> Reading:
-        """From their texts: a preset's name or a map's path, "deg,ms", "20,0.5", gear ratios "6.33".
+        """Parses the options' texts: a preset's name or a map's path, "deg,ms", "20,0.5", gear ratios "6.33".
 
         Raises:
-            RecordingError: no such preset or file, a file that is no map, gains or ratios that are none.
+            RecordingError: no such preset or file, an invalid map, or invalid gains or ratios.
             UnknownNameError: no such unit.
         """
         if isinstance(columns, str | Path):
@@ -66,4 +66,4 @@ class Reading:
 
 
 AS_RECORDED = Reading()
-"""By the names of the columns, in SI units where they say nothing else."""
+"""Interprets columns by their names, in SI units unless the names state others."""

@@ -29,8 +29,8 @@ class Imu:
     Attributes:
         angular_velocity: (samples, 3) [rad/s].
         linear_acceleration: (samples, 3) [m/s²], the specific force: at rest +9.81 upwards.
-        orientation: (samples, 4) quaternion xyzw of the IMU frame in the world, None where there is none.
-        frame: name of the IMU frame, None where the log does not say.
+        orientation: (samples, 4) quaternion xyzw of the IMU frame in the world, None if there is none.
+        frame: name of the IMU frame, None if the log does not state it.
     """
 
     angular_velocity: Array
@@ -47,19 +47,19 @@ class Recording:
         time: (samples,) [s].
         joints: names, n of them.
         position: (samples, n) [rad].
-        velocity: (samples, n) [rad/s], None where not recorded.
-        acceleration: (samples, n) [rad/s²], None where not recorded.
-        effort: (samples, n) [N·m], what the actuator does to the joint, None where not recorded.
-        imu: None where there is none.
-        foot_force: by foot, (samples, 3) [N], what the ground does to the foot, world axes.
+        velocity: (samples, n) [rad/s], None if not recorded.
+        acceleration: (samples, n) [rad/s²], None if not recorded.
+        effort: (samples, n) [N·m], torque of the actuator on the joint, None if not recorded.
+        imu: None if there is none.
+        foot_force: by foot, (samples, 3) [N], force of the ground on the foot, world axes.
         foot_contact: by foot, (samples,) bool.
-        source: where it came from, for messages.
-        notes: what the reader and later steps changed, one sentence each.
-        doubts: why a result that is made of it is doubtful at best, one sentence each.
+        source: origin of the recording, for messages.
+        notes: changes made by the reader and later steps, one sentence each.
+        doubts: reasons why a result from this recording is doubtful at best, one sentence each.
 
     Raises:
-        RecordingError: shapes that do not fit together, a value that is not finite, time that does not increase; the
-            message names the source, the column and the sample.
+        RecordingError: inconsistent shapes, a value that is not finite, or time that does not increase; the message
+            names the source, the column and the sample.
     """
 
     time: Array
@@ -76,7 +76,7 @@ class Recording:
     doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validated where made: see the class's Raises."""
+        """Validates the values; see the class's Raises."""
         if self.time.ndim != 1:
             raise RecordingError(f"{self.source}: time needs shape (samples,), got {self.time.shape}")
         joint, times = Counter(self.joints).most_common(1)[0] if self.joints else ("", 0)
@@ -104,22 +104,22 @@ class Recording:
         foot_contact: Mapping[str, ArrayLike] | None = None,
         source: str = "recording",
     ) -> Recording:
-        """A recording of own data: arrays or lists of numbers, copied to float64 where they are not.
+        """Makes a recording from arrays or lists of numbers, copied to float64 if necessary.
 
         Args:
             time: (samples,) [s], strictly increasing.
             position: (samples, n) [rad].
             velocity: (samples, n) [rad/s].
-            effort: (samples, n) [N·m], what the actuator does to the joint.
+            effort: (samples, n) [N·m], torque of the actuator on the joint.
             joints: names of the n columns, as in the robot's model.
             acceleration: (samples, n) [rad/s²].
             imu: its arrays may be lists as well.
-            foot_force: by foot, (samples, 3) [N], what the ground does to the foot, world axes.
+            foot_force: by foot, (samples, 3) [N], force of the ground on the foot, world axes.
             foot_contact: by foot, (samples,), non-zero in contact.
             source: a name for messages.
 
         Raises:
-            RecordingError: values that are not numbers, and all that the class raises.
+            RecordingError: values that are not numbers, and the errors of the class.
         """
         if isinstance(joints, str):
             raise RecordingError(f"{source}: joints needs a list of names, got {joints!r}")
@@ -155,24 +155,24 @@ class Recording:
         units: str | Units | None = None,
         pd: str | PdGains | None = None,
     ) -> Recording:
-        """A recording from a data frame whose columns are named as those of the flat table, or as others name them.
+        """Makes a recording from a data frame, with column names of the flat table or of a known other format.
 
-        Rows with a missing value (null, NaN) are dropouts: they are removed and noted. Unknown columns are kept out
-        and noted.
+        Rows with a missing value (null, NaN) are dropouts: they are removed and noted. Unknown columns are ignored and
+        noted.
 
         Args:
             df: a pandas or polars DataFrame, a pyarrow Table, or a mapping of column names to arrays. `time` [s] may be
                 the index of a pandas DataFrame.
-            joints: the joints to take, in this order; None for all.
-            require: what each of these joints must have: velocity, acceleration, effort; and "imu".
-            imu_frame: frame of the IMU's values; None for that in a pyarrow table's metadata.
+            joints: the joints to use, in this order; None for all.
+            require: what each of these joints needs: velocity, acceleration, effort; and "imu".
+            imu_frame: frame of the IMU's values; None for the one in a pyarrow table's metadata.
             source: a name for messages.
             columns: a map of columns or its file, or a preset's name; None to recognise them by their names.
-            units: of the columns, such as "deg,ms", where their names or the map do not say.
-            pd: gains "kp,kd" that make efforts of desired positions, where no efforts are recorded.
+            units: of the columns, such as "deg,ms", if neither their names nor the map states them.
+            pd: gains "kp,kd" for computing efforts from desired positions, if no efforts are recorded.
 
         Raises:
-            RecordingError: a column that is missing, misspelled or not of numbers, time that does not increase.
+            RecordingError: a column is missing, misspelled or not numeric, or time does not increase.
             UnknownNameError: an unknown unit.
         """
         from stadera.logs.frames import from_dataframe
@@ -189,7 +189,7 @@ class Recording:
         return PurePath(self.source).name
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything that is recorded, by name: "time", "position", "imu.angular_velocity", "<foot>.force" ..."""
+        """All recorded arrays by name: "time", "position", "imu.angular_velocity", "<foot>.force" ..."""
         found: dict[str, NDArray[Any] | None] = {TIME: self.time}
         found |= {name: getattr(self, name) for name in CHANNELS}
         if self.imu is not None:
@@ -208,7 +208,7 @@ class Recording:
         return tuple(f"{name}.{axis}" for axis in "xyz") if quantity == "force" else (name,)
 
     def mapped(self, change: Callable[[str, NDArray[Any]], NDArray[Any]]) -> Recording:
-        """A recording of the same things, each of `arrays` replaced by what `change` makes of its name and values."""
+        """Returns a recording with the same channels, each of `arrays` replaced by `change(name, values)`."""
         new: dict[str, Any] = {name: change(name, values) for name, values in self.arrays().items()}
         return replace(
             self,
@@ -222,7 +222,7 @@ class Recording:
         """One of position, velocity, acceleration, effort for the named joints, (samples, len(joints)).
 
         Raises:
-            UnknownNameError: a joint that is not recorded.
+            UnknownNameError: a joint is not recorded.
             RecordingError: the channel is not recorded.
         """
         values: Array | None = getattr(self, name)
@@ -231,10 +231,10 @@ class Recording:
         return values[:, [self.index(joint) for joint in joints]]
 
     def index(self, joint: str) -> int:
-        """The column of a joint.
+        """Column index of a joint.
 
         Raises:
-            UnknownNameError: not recorded.
+            UnknownNameError: it is not recorded.
         """
         if joint not in self.joints:
             raise UnknownNameError("joint", joint, self.joints, self.source)

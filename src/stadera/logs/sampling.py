@@ -1,4 +1,4 @@
-"""How a log is sampled: its rate, whether its stamps are even, where it has gaps; and putting it on an even grid."""
+"""Sampling of a log: its rate, evenness and gaps; and resampling to an even grid."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from stadera.errors import RecordingError
 from stadera.types import Array, Bools
 
 HEAD = 4096
-"""Samples at the beginning of a log that decide on its rate and evenness, be it read whole or in chunks."""
+"""Samples at the beginning of a log that determine its rate and evenness, whether read whole or in chunks."""
 EVEN_SHARE = 0.999
-"""An even log is one where this share of the steps is; the few others cut it instead of having it interpolated."""
+"""Share of even steps in an even log; the few others split it instead of causing interpolation."""
 GAP_FACTOR = 5.0
-"""A step of more than this many periods is a gap: a cubic bridges three or four samples of a motion that is slow
-against the sampling rate; beyond, it invents data."""
+"""A step of more than this many periods is a gap: a cubic interpolates three or four samples of a motion that is slow
+compared with the sampling rate; longer gaps would contain invented data.
+"""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a log is sampled.
+    """Sampling of a log.
 
     Attributes:
-        period: the mean of its steps, of an even log's even ones, of an uneven log's all but gaps [s].
-        even: whether it can be filtered without interpolation.
-        tolerance: the share of a period that a step of an even log may be off.
-        gap_factor: the number of periods above which a step of an uneven log is a gap.
+        period: mean step [s], over the even steps of an even log, or over all steps except gaps of an uneven one.
+        even: True if it can be filtered without interpolation.
+        tolerance: deviation of a step of an even log, as a share of the period.
+        gap_factor: number of periods above which a step of an uneven log is a gap.
     """
 
     period: float
@@ -39,11 +40,11 @@ class Sampling:
 
     @property
     def rate_hz(self) -> float:
-        """Samples a second [Hz]."""
+        """Sampling rate [Hz]."""
         return 1.0 / self.period
 
     def breaks(self, steps: Array) -> Bools:
-        """Which steps cut the log in two."""
+        """Steps that split the log."""
         if self.even:
             return np.asarray(np.abs(steps - self.period) > self.tolerance * self.period)
         return np.asarray(steps > self.gap_factor * self.period)
@@ -52,12 +53,12 @@ class Sampling:
 def sampling_of(
     time: Array, tolerance: float, gap_factor: float, even: bool | None = None, source: str = "recording"
 ) -> Sampling:
-    """The sampling of a log from the beginning of its time stamps (the first HEAD of them are looked at).
+    """Determines the sampling of a log from its first HEAD time stamps.
 
     Args:
         time: (samples,) [s], increasing.
         tolerance, gap_factor: see Sampling.
-        even: True or False where that is not left to the stamps.
+        even: True or False to override the stamps.
         source: of the log, for messages.
 
     Raises:
@@ -76,12 +77,12 @@ def sampling_of(
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A stretch of signals without a gap: a segment, or consecutive blocks that are one.
+    """A stretch of signals without a gap: a segment, or a part of one.
 
     Attributes:
         time: (samples,) [s].
-        values: (channels, samples), one signal after the other in memory.
-        start, end: whether a segment begins and ends with it.
+        values: (channels, samples), each signal contiguous in memory.
+        start, end: whether it is the first, and the last, part of its segment.
     """
 
     time: Array
@@ -90,7 +91,7 @@ class Block:
     end: bool
 
     def after(self, earlier: Block | None) -> Block:
-        """This block with what was kept of an earlier one of the same segment put before it."""
+        """This block, preceded by samples kept from an earlier one of the same segment."""
         if earlier is None or self.start:
             return self
         time = np.concatenate([earlier.time, self.time])
@@ -102,9 +103,9 @@ class Block:
 
 
 def segments(stacks: Iterable[tuple[Array, Array]], sampling: Sampling) -> Iterator[Block]:
-    """Blocks from consecutive (time, values) stacks, cut where `sampling` says so.
+    """Yields blocks from consecutive (time, values) stacks, split at the breaks of `sampling`.
 
-    The last block of a stack is held back until the next stack shows whether its segment goes on.
+    The last block of a stack is held back until the next stack shows whether its segment continues.
     """
     held: Block | None = None
     for time, values in stacks:
@@ -121,11 +122,11 @@ def segments(stacks: Iterable[tuple[Array, Array]], sampling: Sampling) -> Itera
 
 
 def resampled(blocks: Iterable[Block], period: float) -> Iterator[Block]:
-    """Every segment on an even grid that begins with it, by cubic Hermite interpolation.
+    """Resamples every segment to an even grid that starts with it, by cubic Hermite interpolation.
 
-    Slopes are second-order differences on the uneven stamps (Catmull-Rom's choice). Linear interpolation would be off
-    by ddq T²/8, 1e-4 rad at 40 rad/s² and 200 Hz, as much as an encoder's noise; this one by less than 1e-5 of that
-    motion's amplitude, and unlike a spline's, a value hangs on four samples alone, so chunks give what the whole gives.
+    Slopes are second-order differences on the uneven stamps (Catmull-Rom). The error of linear interpolation is ddq
+    T²/8, 1e-4 rad at 40 rad/s² and 200 Hz, as much as an encoder's noise; that of this one is below 1e-5 of the
+    amplitude. Unlike a spline's, a value depends on four samples only, so chunks give the same result as the whole log.
     """
     kept: Block | None = None
     origin, count = 0.0, 0
@@ -151,10 +152,10 @@ def resampled(blocks: Iterable[Block], period: float) -> Iterator[Block]:
 
 
 def windows(blocks: Iterable[Block], half: int) -> Iterator[Block]:
-    """Blocks long enough for a kernel of `half` samples on each side.
+    """Yields blocks long enough for a kernel of `half` samples on each side.
 
-    Each overlaps the one before, of its segment, by 2 half samples, so that correlating every block where the window is
-    whole gives each sample once. Segments shorter than a window are left out.
+    Each overlaps the previous one of its segment by 2 half samples, so that correlating every block where the window is
+    complete yields each sample once. Segments shorter than a window are skipped.
     """
     kept: Block | None = None
     for fresh in blocks:

@@ -1,4 +1,4 @@
-"""What preprocessing is asked to do, and what it says it did."""
+"""Settings and report of preprocessing."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from stadera.errors import RecordingError
 from stadera.logs.sampling import GAP_FACTOR
 
 LONGEST_DELAY = 0.2
-"""[s]; more is not a delay but another recording's clock."""
+"""Longest plausible delay [s]; a larger one indicates another recording's clock."""
 
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """What is done to a log before regressors are made of it.
+    """Settings for preparing a log for regressors.
 
     Attributes:
-        cutoff_hz: where the low-pass filter is at -3 dB [Hz]. None: no filter; recorded velocities and accelerations
-            are taken as they are, missing ones are central differences.
-        drop_below: samples with all joint velocities below this are dropped [rad/s]; 0 keeps all.
-        derive_from: with a filter, the signal whose derivatives the others are: "position" (velocity and acceleration
-            are its derivatives) or "velocity" (the acceleration is its derivative).
-        effort_delay: how much later than its stamp the recorded effort acts on the joint [s]: above 0 for commands that
-            reach the motor late, below 0 for sensors that report late.
-        resample: "auto" puts a log of uneven stamps on an even grid, "always" and "never" do as they say.
-        tolerance: the share of a period that an even log's steps may be off.
-        gap_factor: a step of more periods than this is a gap.
+        cutoff_hz: -3 dB frequency of the low-pass filter [Hz]. None for no filter: recorded velocities and
+            accelerations are used unchanged, and missing ones are computed by central differences.
+        drop_below: samples with all joint velocities below this are removed [rad/s]; 0 keeps all.
+        derive_from: with a filter, the signal that is differentiated: "position" (for velocity and acceleration) or
+            "velocity" (for the acceleration).
+        effort_delay: delay of the effort at the joint relative to its stamp [s]: positive for commands that reach the
+            motor late, negative for sensors that report late.
+        resample: "auto" resamples a log with uneven stamps to an even grid; or "always", "never".
+        tolerance: largest deviation of an even log's steps, as a share of a period.
+        gap_factor: number of periods above which a step is a gap.
 
     Raises:
-        RecordingError: a setting out of its range.
+        RecordingError: a setting is out of its range.
     """
 
     cutoff_hz: float | None
@@ -43,7 +43,7 @@ class Preprocessing:
     gap_factor: float = GAP_FACTOR
 
     def __post_init__(self) -> None:
-        """Validated where made."""
+        """Validates the settings."""
         if self.cutoff_hz is not None and not (np.isfinite(self.cutoff_hz) and self.cutoff_hz > 0):
             raise RecordingError(f"cut-off needs to be above 0 Hz, got {self.cutoff_hz:g}")
         if not self.drop_below >= 0:
@@ -63,20 +63,20 @@ class Preprocessing:
 
 @dataclass(frozen=True)
 class PreprocessingReport:
-    """What was done to a log, up to and including the chunk that carries this report.
+    """Report on the preprocessing of a log, up to and including the chunk that carries it.
 
     Attributes:
         rate_hz: of the result [Hz].
         cutoff_hz: -3 dB [Hz], None where not filtered.
-        resampled: whether values were interpolated onto an even grid.
-        samples_in: read.
+        resampled: True if values were interpolated to an even grid.
+        samples_in: samples read.
         segments: stretches without a gap.
-        short_segments: of these, too short for one window of the filter, and dropped.
-        window: samples that the filter and the differences need for one.
+        short_segments: segments shorter than the filter's window, which were dropped.
+        window: samples that the filter and the differences need for each output sample.
         drop_below: threshold of rest [rad/s].
-        effort_delay: by which the effort was moved [s].
-        filtered: samples after filtering, before those at rest were dropped.
-        at_rest: dropped, all joints slower than the threshold.
+        effort_delay: by which the effort was shifted [s].
+        filtered: samples after filtering, before removal of those at rest.
+        at_rest: samples removed because all joints were slower than the threshold.
     """
 
     rate_hz: float

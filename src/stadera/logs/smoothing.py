@@ -1,9 +1,9 @@
-"""Low-pass filtering and thinning of equations: regressor rows and what they explain, through the same filter.
+"""Low-pass filters and thins equations: regressor rows and their targets, through the same filter.
 
-An equation A(t) θ = b(t) that holds at every time holds for filtered A and b. Filtering it after the regressors were
-made of lightly filtered signals keeps right what is not linear in the motion (the Coulomb column, sign(dq), above all),
-which filtering the signals hard beforehand does not. Thinned to twice the cut-off, the noise of neighbouring rows is
-nearly independent, as the covariance of least squares supposes, and there are fewer rows to add.
+An equation A(t) θ = b(t) that holds at every time also holds for filtered A and b. Filtering after the regressors were
+computed from lightly filtered signals preserves terms that are nonlinear in the motion (above all the Coulomb column,
+sign(dq)), which strong filtering of the signals would distort. After thinning to twice the cut-off, the noise of
+neighbouring rows is nearly independent, as least squares assumes, and there are fewer rows to add.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from stadera.types import Array
 def smooth_rows(
     chunks: Iterable[tuple[Array, Array]], rate_hz: float, cutoff_hz: float, every: int | None = None
 ) -> Iterator[tuple[Array, Array]]:
-    """Filter consecutive chunks of rows over time without delay, keep one in `every`.
+    """Filters consecutive chunks of rows over time without delay, and keeps one row in `every`.
 
-    Chunks give what the whole gives; nothing is filtered across a gap. Rows without a full window (2.17 / cut-off
-    before and after [s]) are left out.
+    Chunks give the same result as the whole; nothing is filtered across a gap. Rows without a full window (2.17 /
+    cut-off before and after [s]) are dropped.
 
     Args:
-        chunks: time (samples,) [s] at an even rate but for gaps, and values (samples, ...).
+        chunks: time (samples,) [s], even except for gaps, and values (samples, ...).
         rate_hz: of the samples [Hz].
         cutoff_hz: -3 dB [Hz].
-        every: one row in so many is kept, counted from the first of each stretch; None: as many as leave twice the
+        every: keeps one row in this many, counted from the first of each stretch; None: so that the rate is twice the
             cut-off.
 
     Yields:
         time (kept,) and values (kept, ...).
 
     Raises:
-        RecordingError: a cut-off that is not positive or above an eighth of the rate, `every` below one.
+        RecordingError: a cut-off that is not positive or above an eighth of the rate, or `every` below one.
     """
     kernel = low_pass(rate_hz, cutoff_hz)
     step = max(1, int(rate_hz / (2 * cutoff_hz))) if every is None else every
@@ -66,7 +66,7 @@ def smooth_rows(
 
 
 def _correlate_every(kernel: Array, values: Array, step: int) -> Array:
-    """Every step-th of the correlations where the whole window is there, the first among them; kernel symmetric."""
+    """Every step-th correlation with a complete window, starting with the first; the kernel is symmetric."""
     lead = -(len(kernel) - 1) % step  # so that the first whole window is one of those computed
     padded = np.pad(values, ((0, 0), (lead, 0)))
     full: Array = signal.upfirdn(kernel, padded, down=step, axis=1)

@@ -1,4 +1,4 @@
-"""What is in a log: columns, duration, rate, gaps and ranges, found in one pass with memory flat in its length."""
+"""Summarises a log: columns, duration, rate, gaps and ranges, in one pass with memory independent of its length."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _UNITS = {
     "force": "N",
 }
 MOST_GAPS = 1000
-"""Gaps that are listed; all are counted."""
+"""Largest number of gaps that are listed; all are counted."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """One signal's least and largest value, with its unit."""
+    """Least and largest value of a signal, with its unit."""
 
     name: str
     low: float
@@ -40,20 +40,20 @@ class Range:
 
 @dataclass(frozen=True)
 class LogSummary:
-    """What is in a log.
+    """Summary of a log.
 
     Attributes:
-        source: the log.
-        samples: how many.
+        source: name of the log.
+        samples: number of samples.
         start, end: first and last time stamp [s].
         period: median step between the first stamps [s].
         uneven: share of all steps that differ from the period by more than a tenth of it.
-        gaps: steps of more than five periods: when each begins and how long it is [s]; the first MOST_GAPS.
-        gap_count: all of them.
+        gaps: steps of more than five periods: begin and duration of each [s]; the first MOST_GAPS.
+        gap_count: number of all gaps.
         joints, feet: names.
-        channels: what is recorded of the joints.
-        has_imu: whether there is one.
-        imu_frame: that its values are in, None where the log does not say.
+        channels: recorded channels of the joints.
+        has_imu: whether there is an IMU.
+        imu_frame: frame of its values, None if the log does not state it.
         ranges: of every signal.
         notes: the reader's.
     """
@@ -81,7 +81,7 @@ class LogSummary:
 
 
 def summarize(chunks: Iterable[Recording]) -> LogSummary:
-    """Sum up consecutive chunks of one log, such as `stream` gives.
+    """Summarises consecutive chunks of one log, such as from `stream`.
 
     Raises:
         RecordingError: fewer than two samples.
@@ -129,7 +129,7 @@ def summarize(chunks: Iterable[Recording]) -> LogSummary:
 
 
 def _widen(extremes: dict[str, tuple[Array, Array]], chunk: Recording) -> None:
-    """Least and largest values of everything that has a unit, with a chunk's taken in."""
+    """Updates the least and largest values of all signals with a chunk."""
     for name, values in chunk.arrays().items():
         if name.rpartition(".")[-1] in _UNITS:
             low, high = extremes.get(name, (values[0], values[0]))

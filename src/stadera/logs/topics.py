@@ -1,4 +1,4 @@
-"""Which topics of a log are read, and a log's path together with that choice."""
+"""The path of a log together with the topics to read from it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stadera.logs.reading import AS_RECORDED, Reading
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics to read of a log that has topics; None: the only one of its type.
+    """The topics to read from a log with topics; None for the only one of its type.
 
     Attributes:
         joint: of sensor_msgs/JointState.
@@ -24,10 +24,10 @@ class Topics:
     imu: str | None = None
 
     def refuse(self, source: str, kind: str) -> None:
-        """For logs without topics.
+        """Raises for logs without topics.
 
         Raises:
-            RecordingError: a topic is asked for.
+            RecordingError: a topic is requested.
         """
         for option, topic in (("--joint-topic", self.joint), ("--imu-topic", self.imu)):
             if topic is not None:
@@ -36,12 +36,12 @@ class Topics:
 
 @dataclass(frozen=True)
 class LogFile(PathLike[str]):
-    """A log on disk, and how to read it; taken wherever the path of a log is.
+    """A log on disk with instructions for reading it; accepted wherever a log's path is.
 
     Attributes:
-        path: of the file or folder; the name of one of `EXAMPLES`, where there is no such file, stands for its file.
-        topics: to read, for bags and for tables that were made of them.
-        reading: what its columns are, and their units.
+        path: of the file or folder, or a name from `EXAMPLES` if there is no such file.
+        topics: to read, for bags and for tables converted from them.
+        reading: assignment and units of its columns.
     """
 
     path: Path
@@ -54,7 +54,7 @@ class LogFile(PathLike[str]):
 
     @classmethod
     def of(cls, log: str | PathLike[str]) -> LogFile:
-        """A plain path as a log with topics left open; a LogFile as it is."""
+        """Makes a LogFile with unspecified topics from a plain path; returns a LogFile unchanged."""
         return log if isinstance(log, LogFile) else cls(Path(log))
 
     @property

@@ -23,7 +23,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "accelerometer": {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
     "force": {"N": 1.0, "kN": 1e3},
 }
-"""By quantity, the factor of each unit to the first one, which is SI's. g is the standard acceleration of free fall."""
+"""By quantity, the factor of each unit to the first one, the SI unit. g is the standard acceleration of free fall."""
 _QUANTITY = {
     "position_desired": "position",
     "velocity_desired": "velocity",
@@ -33,21 +33,21 @@ _QUANTITY = {
 }
 _LABEL = re.compile(r"^(?P<name>.*\S)\s*[\[(](?P<unit>[^\[\]()]+)[\])]$")
 _UNIX = (1.0e9, 4.1e9)
-"""s, from 2001 to 2099."""
+"""Unix time from 2001 to 2099 [s]."""
 _STEPS = (1e-5, 10.0)
-"""s, between samples of any log; tells milliseconds since 1970 from nanoseconds since the robot was switched on."""
+"""Steps between samples of any log [s]; distinguishes milliseconds since 1970 from nanoseconds since power-on."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """The units of a log that does not say them.
+    """Units of a log that does not state them.
 
     Attributes:
-        of: by quantity (a key of `FACTORS`), its unit; SI where it is not named.
-        rate_hz: of a log without a column of time, its rows a second; None where there is time.
+        of: unit by quantity (a key of `FACTORS`); SI for the others.
+        rate_hz: rows per second of a log without a column of time; None if there is time.
 
     Raises:
-        UnknownNameError: a quantity, or a unit that it does not have.
+        UnknownNameError: an unknown quantity, or a unit that it does not have.
         RecordingError: a rate that is not positive.
     """
 
@@ -65,9 +65,9 @@ class Units:
 
     @classmethod
     def parse(cls, text: str) -> Units:
-        """Units from a list such as "deg,ms,gyro=deg/s,200Hz".
+        """Parses units from a list such as "deg,ms,gyro=deg/s,200Hz".
 
-        A unit without a quantity holds for every quantity that has it: deg/s for joint velocities and for the gyro.
+        A unit without a quantity applies to every quantity that has it: deg/s to joint velocities and to the gyro.
 
         Raises:
             UnknownNameError: no such unit or quantity.
@@ -83,12 +83,12 @@ class Units:
         return cls(of, rate)
 
     def factor(self, column: str) -> float:
-        """To SI, of a column of the flat table."""
+        """Factor to SI for a column of the flat table."""
         quantity = quantity_of(column)
         return FACTORS[quantity][self.of[quantity]] if quantity in self.of else 1.0
 
     def over(self, other: Units) -> Units:
-        """These units, and those of another where these say nothing."""
+        """These units, completed by another's where they are unspecified."""
         return Units({**other.of, **self.of}, other.rate_hz if self.rate_hz is None else self.rate_hz)
 
     def __str__(self) -> str:
@@ -104,14 +104,14 @@ def quantity_of(column: str) -> str:
 
 
 def labelled(names: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """By column, its name and unit where it ends in a known unit in brackets, such as "FL_hip.position [deg]"."""
+    """By column, its name and unit if it ends in a known unit in brackets, such as "FL_hip.position [deg]"."""
     found = {name: match for name in names if (match := _LABEL.match(name))}
     known = {unit for units in FACTORS.values() for unit in units}
     return {name: (match["name"], unit) for name, match in found.items() if (unit := match["unit"].strip()) in known}
 
 
 def unix_unit(stamps: Array) -> str:
-    """The unit of Unix time stamps that are no seconds, by their size; empty for seconds and for other clocks."""
+    """Unit of Unix time stamps other than seconds, from their size; empty for seconds and for other clocks."""
     if len(stamps) < 2:
         return ""
     step = float(np.median(np.diff(stamps)))

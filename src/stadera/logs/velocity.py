@@ -1,4 +1,4 @@
-"""Joint velocities of a log that records positions alone."""
+"""Computes joint velocities for a log that records positions only."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy import signal
 from stadera.logs.recording import Recording
 
 WINDOW = 0.02
-"""s, over which a parabola is laid through the positions; a trot's joints move at up to about 15 Hz."""
+"""Length of the window through which a parabola is fitted [s]; a trot's joints move at up to about 15 Hz."""
 
 
 def with_velocity(recording: Recording) -> Recording:
-    """The recording with joint velocities; where it has none, slopes of the positions (Savitzky and Golay, 1964).
+    """Adds joint velocities if the recording has none: slopes of the positions (Savitzky and Golay, 1964).
 
-    Each slope is that of the parabola through the positions of 20 ms around a sample, at least five of them, so it is
-    not delayed. A recording of fewer samples is left without velocities.
+    Each slope is that of the parabola fitted to the positions within 20 ms around a sample, at least five of them, so
+    it is not delayed. A recording with fewer samples stays without velocities.
     """
     if recording.velocity is not None or len(recording) < 5:
         return recording

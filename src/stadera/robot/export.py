@@ -1,9 +1,9 @@
 """Writes a robot's inertial parameters and joint dynamics back into a copy of its model file.
 
-An identification knows the sum of all bodies that move with a link. So this sum is written on the moving link, and the
-inertials of the bodies fixed to it are removed. A body behind a joint that belongs to no leg (an arm) keeps its own,
-and is subtracted from the sum. Links and joints whose values are the file's own stay as they are, and so does
-everything else in the file.
+Identification determines the sum of all bodies that move with a link. So this sum is written to the moving link, and
+the inertials of the bodies fixed to it are removed. A body behind a joint that belongs to no leg (an arm) keeps its
+inertial, which is subtracted from the sum. Links and joints with unchanged values, and everything else in the file,
+stay as they are.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ _READ_BACK = 1e-9  # relative, by the size of each link's own mass, first moment
 
 
 def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None, note: str = "") -> None:
-    """Write `robot.source` with the robot's inertias and joint dynamics to `path`: URDF to URDF, MJCF to MJCF.
+    """Writes `robot.source` with the robot's inertias and joint dynamics to `path`: URDF to URDF, MJCF to MJCF.
 
-    A URDF has no place for rotor inertia (armature) and for torque offsets, an MJCF none for offsets: a comment
-    at the file's top lists them. Mesh paths (package://...) stay as they are; an MJCF written to another
-    folder names the folder of its assets in full. The file is read back and compared before it takes its place.
+    URDF cannot represent rotor inertia (armature) and torque offsets, MJCF cannot represent offsets: a comment at the
+    top of the file lists them. Mesh paths (package://...) are unchanged; an MJCF written to another folder states the
+    absolute path of its assets. The file is read back and compared before it replaces an existing one.
 
     Args:
-        robot: what is written.
-        path: where.
-        payload: a further link, fixed to the trunk; the trunk's own values do not contain it. None for none.
-        note: what whoever reads the file should know; a comment at the file's top, none where empty.
+        robot: the robot to write.
+        path: the file to write.
+        payload: an additional link fixed to the trunk, not included in the trunk's values. None for none.
+        note: information for readers of the file, written as a comment at its top; none if empty.
 
     Raises:
-        ModelError: the robot has no source file, the suffix is not the source's format, a value that the format
-            cannot hold (mass not positive, friction negative; in MJCF an inertia that no body has), a payload's name
-            that is taken.
-        StaderaError: a folder that is not there or cannot be written.
+        ModelError: the robot has no source file, the suffix is not that of the source's format, a value that the format
+            cannot represent (mass not positive, friction negative; in MJCF an impossible inertia), or a payload whose
+            name is taken.
+        StaderaError: the folder does not exist or is not writable.
     """
     target = Path(path)
     source, is_urdf = check_export(robot, target)
@@ -75,7 +75,7 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
 
 
 def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
-    """What can be known before the values are: the model file to write into, and whether it is a URDF.
+    """Checks what does not depend on the values: returns the model file to use, and True if it is a URDF.
 
     Raises:
         ModelError: the robot has no source file, or the path's suffix is not the source's format.
@@ -101,7 +101,7 @@ def _check_not_negative(dynamics: Mapping[str, JointDynamics], kinds: tuple[str,
 
 
 def _changed_inertias(robot: Robot, prior: Robot, file: ModelFile) -> dict[str, InertialParameters]:
-    """For each link that differs from the file: its lump without what hangs on it by locked joints."""
+    """For each link that differs from the file: its combined inertia without the bodies behind locked joints."""
     changed = {}
     for k, link in enumerate(prior.tree.links):
         if robot.inertias[link] == prior.inertias[link]:
@@ -115,7 +115,7 @@ def _changed_inertias(robot: Robot, prior: Robot, file: ModelFile) -> dict[str, 
 
 
 def _fixed_bodies(prior: Robot, file: ModelFile) -> dict[str, list[str]]:
-    """By moving link, the names of the other bodies of the file that are fixed to it."""
+    """By moving link, the names of the other bodies in the file that are fixed to it."""
     joints = {1: prior.trunk} | {
         file.model.getJointId(joint): link for joint, link in zip(prior.tree.joints, prior.tree.links[1:], strict=True)
     }

@@ -13,12 +13,12 @@ from stadera.robot.model import Frame, Shape
 from stadera.types import Array
 
 _FOOT_NAME = re.compile(r"foot|toe", re.IGNORECASE)
-_SPHERE_SEARCH = 0.2  # a sphere this near the foot frame, as a share of the frame's distance from the knee, is the foot
+_SPHERE_SEARCH = 0.2  # distance of the foot's sphere from the foot frame, as a share of that from the knee to the frame
 
 
 @dataclass(frozen=True)
 class Foot:
-    """A foot sphere in the frame of its link [m]; `note` says what was assumed, empty where the file states it."""
+    """A foot sphere in the frame of its link [m]; `note` states assumptions, and is empty if the file defines it."""
 
     frame: str
     position: tuple[float, float, float]
@@ -27,13 +27,13 @@ class Foot:
 
 
 def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -> Foot:
-    """The foot of `link`.
+    """Finds the foot of `link`.
 
-    A frame on it whose name says foot or toe (the farthest out, if several), with the sphere next to it as the foot's;
+    Uses a frame on it whose name contains foot or toe (the farthest out, if several), with the sphere nearest to it;
     else the farthest sphere; else the far end of the farthest other primitive shape.
 
     Raises:
-        ModelError: none of these is there.
+        ModelError: none of these exists.
     """
     own = [shape for shape in shapes if shape.link == link]
     spheres = [shape for shape in own if shape.kind == "sphere"]
@@ -64,7 +64,7 @@ def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape]) -> Foot:
 
 
 def _far_end(shape: Shape) -> tuple[Array, float]:
-    """Outermost of the ends of a shape's longest axis, and the radius of the sphere that ends it (0: a flat end)."""
+    """The outermost end of a shape's longest axis, and the radius of the sphere there (0: a flat end)."""
     if shape.kind == "box":
         axis = int(np.argmax(shape.size))
         half, radius = 0.5 * shape.size[axis], 0.0

@@ -1,4 +1,4 @@
-"""Where the IMU sits on the trunk: the one place where its values are turned into trunk axes and moved to the origin.
+"""Pose of the IMU on the trunk: the only place where its values are rotated to trunk axes and moved to the origin.
 
 The IMU at r (trunk frame) reads the specific force a_imu; at the trunk's origin it is, for a rigid trunk::
 
@@ -31,7 +31,8 @@ class ImuMount:
 
     @classmethod
     def of(cls, robot: Robot, frame: str | None = None) -> ImuMount:
-        """The mount of the named frame; of None, of the trunk's only frame with "imu" in its name, else the trunk.
+        """Mount of the named frame; for None, of the trunk's only frame with "imu" in its name, else of the trunk
+        frame.
 
         Raises:
             UnknownNameError: no such frame.
@@ -50,7 +51,7 @@ class ImuMount:
         return cls(np.array(pose.rotation), np.array(pose.translation), frame)
 
     def in_trunk_axes(self, values: Array) -> Array:
-        """Vectors (..., 3) in the IMU's axes, turned into the trunk's."""
+        """Rotates vectors (..., 3) from the IMU's axes to the trunk's."""
         return np.asarray(values.dot(self.rotation.T))
 
     def trunk_rotation(self, imu_rotation: Array) -> Array:
@@ -66,8 +67,8 @@ def force_at_origin(
     Args:
         specific_force: (..., 3) [m/s²], at the IMU, trunk axes.
         angular_velocity: (..., 3) [rad/s], trunk axes.
-        lever: (3,) [m], the IMU's place in the trunk frame.
-        angular_acceleration: (..., 3) [rad/s²]; None where it is not known: α x r is then left in.
+        lever: (3,) [m], position of the IMU in the trunk frame.
+        angular_acceleration: (..., 3) [rad/s²]; None if unknown: the term α x r is then not removed.
     """
     w = angular_velocity
     centripetal = w * w.dot(lever)[..., None] - lever * (w * w).sum(axis=-1)[..., None]  # ω x (ω x r)

@@ -1,4 +1,4 @@
-"""Forward kinematics over arrays of configurations, everything in the trunk frame.
+"""Forward kinematics over arrays of configurations, in the trunk frame.
 
 Joint i turns its link by q_i about its unit axis a_i, so with its fixed pose (R_i, p_i) in the parent link λ::
 

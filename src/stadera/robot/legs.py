@@ -1,4 +1,6 @@
-"""Finds the four legs of a Pinocchio model: chains of three revolute joints on the trunk, named by names or places."""
+"""Finds the four legs of a Pinocchio model: chains of three revolute joints on the trunk, identified by name or
+position.
+"""
 
 from __future__ import annotations
 
@@ -26,15 +28,15 @@ class Chain:
 
 
 def find_legs(file: ModelFile) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
-    """The four legs in the order LF, RF, LH, RH, and notes on what had to be assumed.
+    """The four legs in the order LF, RF, LH, RH, and notes on assumptions made.
 
-    A leg is a chain of exactly three revolute joints that starts on the trunk (branches off it, such as rotors, are
-    not followed). Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); where these are unclear or
-    clash, from the place of its hip (x forward, y left in the trunk frame). Where names and places disagree, the
-    names win, because a log's columns carry them, and a note says so.
+    A leg is a chain of exactly three revolute joints that starts at the trunk (branches, such as rotors, are ignored).
+    Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); if these are unclear or clash, from the
+    position of its hip (x forward, y left in the trunk frame). If names and positions disagree, the names are used,
+    because a log's columns carry them, and a note says so.
 
     Raises:
-        ModelError: not four such chains.
+        ModelError: there are not four such chains.
     """
     chains = [_longest_chain(file.model, child) for child in file.model.children[_TRUNK_JOINT]]
     legs = {tuple(chain): _name_from_words(file, chain) for chain in chains if _is_leg(file.model, chain)}
@@ -65,7 +67,7 @@ def _choose_names(
 
 
 def _longest_chain(model: Any, joint: int) -> list[int]:
-    """The longest path outwards from a joint; of two as long, the one with the heavier end."""
+    """The longest path outwards from a joint; of two equally long ones, that with the heavier end."""
     tails = [_longest_chain(model, child) for child in model.children[joint]]
     return [joint, *max(tails, key=lambda tail: (len(tail), model.inertias[tail[-1]].mass), default=[])]
 
@@ -75,7 +77,7 @@ def _is_leg(model: Any, chain: Sequence[int]) -> bool:
 
 
 def _name_from_words(file: ModelFile, chain: Sequence[int]) -> str:
-    """The leg that a chain's joint and link names agree on; empty if there is none, or several."""
+    """The leg that a chain's joint and link names indicate; empty if none or several."""
     names = [file.model.names[j] for j in chain]
     return leg_of([*names, *(file.links[name] for name in names)])
 
@@ -89,7 +91,9 @@ def _hip(model: Any, chain: Sequence[int]) -> Array:
 
 
 def _names_from_places(hips: Array) -> list[str]:
-    """Leg names by place: two in front, two behind, of each pair one left of the other; empty where this is unclear."""
+    """Leg names by position: two in front, two behind, and in each pair one left of the other; empty if this is
+    unclear.
+    """
     by_x = np.argsort(-hips[:, 0])
     if hips[by_x[1], 0] - hips[by_x[2], 0] < 1e-3:
         return []

@@ -1,4 +1,4 @@
-"""Loads a robot: from a name of the catalog, or from a URDF or MJCF file."""
+"""Loads a robot by name from the catalogue, or from a URDF or MJCF file."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no 
 
 
 def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -> Robot:
-    """The quadruped of that name or file; a robot is returned as it is.
+    """Loads the quadruped of that name or file; a robot is returned unchanged.
 
-    Trunk, legs, feet and joint order are found from the model itself; what had to be assumed is in `Robot.notes`.
-    Joints are ordered by leg, LF, RF, LH, RH, and in each from the trunk outwards: HAA, HFE, KFE. Inertias are those
-    of the moving links with everything fixed to them lumped in, as the file has them, physical or not.
+    Trunk, legs, feet and joint order are determined from the model itself; assumptions are listed in `Robot.notes`.
+    Joints are ordered by leg, LF, RF, LH, RH, and in each from the trunk outwards: HAA, HFE, KFE. Inertias are those of
+    the moving links including everything fixed to them, as in the file, physically possible or not.
 
     Args:
         source: a name of `stadera.robot.catalog`, or a path to a URDF or MJCF file.
-        limits: that a file has to keep to.
+        limits: for reading the file.
 
     Raises:
         UnknownNameError: neither a known name nor a file.
-        LimitError: a file beyond the limits.
-        MissingExtraError: the package that brings this named robot, or MuJoCo for an MJCF, is not installed.
-        ModelError: the file cannot be read, or is no quadruped with point feet and three revolute joints a leg.
+        LimitError: the file exceeds the limits.
+        MissingExtraError: the package that contains this named robot, or MuJoCo for an MJCF, is not installed.
+        ModelError: the file cannot be read, or is not a quadruped with point feet and three revolute joints per leg.
     """
     if isinstance(source, Robot):
         return source
@@ -55,10 +55,10 @@ def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -
 
 
 def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
-    """Read a URDF or MJCF, distinguished by the root element.
+    """Reads a URDF or MJCF, distinguished by the root element.
 
     Raises:
-        LimitError: a file beyond the limits.
+        LimitError: the file exceeds the limits.
         ModelError: not a file, not XML, or XML of another kind.
     """
     root = parse_xml(path, limits)
@@ -78,10 +78,10 @@ def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
 
 
 def parse_xml(path: Path, limits: Limits = DEFAULTS) -> ET.Element:
-    """The root element of a robot file, <robot> or <mujoco>; of a xacro that of its expansion.
+    """The root element of a robot file, <robot> or <mujoco>; for a xacro that of its expansion.
 
     Raises:
-        LimitError: more elements, or deeper in each other, than the limits allow.
+        LimitError: more elements, or deeper nesting, than the limits allow.
         ModelError: not a file, not XML, or XML of another kind.
     """
     require_input(path, ModelError)
@@ -119,7 +119,7 @@ def _understand(file: ModelFile) -> Robot:
 
 
 def _without_other_joints(model: Any, chains: tuple[Chain, ...]) -> tuple[Any, list[str]]:
-    """The model with all joints but the legs' held at zero, and a note that says so."""
+    """The model with all joints except the legs' fixed at zero, and a note on them."""
     locked = sorted(set(range(2, model.njoints)).difference(*(chain.joints for chain in chains)))
     if not locked:
         return model, []
@@ -154,7 +154,7 @@ def _inertias(file: ModelFile, model: Any, tree: Tree, order: list[int]) -> dict
 
 
 def _frames(model: Any, order: list[int], tree: Tree) -> dict[str, Frame]:
-    """Every link and site of the file as a frame on the moving link that carries it."""
+    """Every link and site of the file as a frame on its moving link."""
     link_of_joint = dict(zip([1, *order], tree.links, strict=True))
     frames = {}
     for frame in model.frames:
@@ -165,7 +165,7 @@ def _frames(model: Any, order: list[int], tree: Tree) -> dict[str, Frame]:
 
 
 def _on_moving_links(file: ModelFile, frames: dict[str, Frame]) -> list[Shape]:
-    """The file's shapes, each moved from its own link to the moving link that carries it."""
+    """The file's shapes, each moved from its own link to its moving link."""
     moved = []
     for shape in file.shapes:
         frame = frames.get(shape.link)

@@ -1,4 +1,4 @@
-"""What a quadruped is to this package: plain frozen values, free of the library that read the file.
+"""Model of a quadruped as plain frozen values, independent of the library that read the file.
 
 Frames: the trunk frame is the floating base's. A link's frame is its joint's frame, fixed to the link: for a URDF the
 link frame; for an MJCF the body's axes with the origin at the joint's anchor.
@@ -24,12 +24,12 @@ LEG_NAMES: tuple[str, ...] = ("LF", "RF", "LH", "RH")
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """The kinematic tree: a trunk and revolute joints, in topological order, as arrays.
+    """Kinematic tree as arrays: a trunk and revolute joints, in topological order.
 
     Attributes:
-        links: names; `links[0]` is the trunk, `links[i + 1]` is what `joints[i]` moves.
-        joints: names, n of them.
-        parents: `parents[i]` is the index in `links` of the link that joint i hangs on.
+        links: names; `links[0]` is the trunk, and `joints[i]` moves `links[i + 1]`.
+        joints: names of the n joints.
+        parents: `parents[i]` is the index in `links` of the parent link of joint i.
         rotations: (n, 3, 3), R of joint i's frame in its parent link's frame, at zero angle.
         translations: (n, 3) [m], origin of joint i's frame in its parent link's frame.
         axes: (n, 3), unit vector of joint i's rotation, in its own frame.
@@ -53,14 +53,14 @@ class Tree:
             raise ModelError("tree joints are not in topological order")
 
     def ancestors(self, joint: int) -> tuple[int, ...]:
-        """Indices of the joints from the trunk to joint `joint`, itself included."""
+        """Indices of the joints from the trunk to joint `joint`, inclusive."""
         chain = [joint]
         while (parent := self.parents[chain[-1]]) > 0:
             chain.append(parent - 1)
         return tuple(reversed(chain))
 
     def restricted(self, joints: tuple[str, ...]) -> Tree:
-        """The tree of these joints alone, their ancestors among them; the trunk stays.
+        """The tree of these joints only, including their ancestors; the trunk stays.
 
         Raises:
             UnknownNameError: a name is not a joint of this tree.
@@ -84,7 +84,7 @@ class Tree:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of one joint; infinite where the model states none."""
+    """Limits of one joint; infinite if the model states none."""
 
     lower: float = -np.inf  # rad
     upper: float = np.inf  # rad
@@ -94,7 +94,7 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class JointDynamics:
-    """What a joint adds to the rigid bodies' torque: I_a q̈ + b q̇ + τ_c sign(q̇) + offset."""
+    """Joint-side torque in addition to the rigid bodies': I_a q̈ + b q̇ + τ_c sign(q̇) + offset."""
 
     armature: float = 0.0  # kg·m², rotor inertia seen at the joint
     viscous: float = 0.0  # N·m·s/rad
@@ -109,9 +109,9 @@ class Leg:
     Attributes:
         name: LF, RF, LH or RH.
         joints, links: names in the model file, from the trunk outwards.
-        foot: the foot frame's name in the model file, or "<last link>_foot" where the file has none.
+        foot: the foot frame's name in the model file, or "<last link>_foot" if the file has none.
         foot_position: (3,) [m], centre of the foot sphere in the last link's frame; it may lie off the foot frame.
-        foot_radius: [m], 0 where unknown.
+        foot_radius: [m], 0 if unknown.
     """
 
     name: str
@@ -133,10 +133,10 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A primitive shape fixed to a link, for pictures and clearance; its pose is in the link's frame.
+    """A primitive shape fixed to a link, for figures and clearance; its pose is in the link's frame.
 
     `size` is (radius,) for a sphere, (radius, length) for a capsule or cylinder along its own z (a capsule's length is
-    that between the centres of its caps), and the three full edge lengths for a box [m].
+    the distance between the centres of its caps), and the three full edge lengths for a box [m].
     """
 
     link: str
@@ -151,16 +151,16 @@ class Robot:
     """A quadruped: tree, legs, prior inertial parameters and joint dynamics, limits, frames and simple shapes.
 
     Attributes:
-        name: as asked for, or the model file's own.
-        tree: all leg joints; joints that belong to no leg are held at zero and their links lumped into their parent.
+        name: as requested, or the model file's own.
+        tree: all leg joints; other joints are fixed at zero and their links merged into the parents.
         legs: LF, RF, LH, RH in this order.
         inertias: prior (CAD) parameters by link, in the link's frame, with everything fixed to the link included.
         dynamics: prior joint dynamics by joint.
         limits: by joint.
-        frames: fixed frames by name (feet and IMUs among them).
+        frames: fixed frames by name, including feet and IMUs.
         shapes: primitive shapes.
         source: the model file, None for a robot made in memory.
-        notes: what the loader had to assume or mend, one sentence each.
+        notes: the loader's assumptions and corrections, one sentence each.
     """
 
     name: str
@@ -183,7 +183,7 @@ class Robot:
         object.__setattr__(self, "frames", MappingProxyType(dict(self.frames)))
 
     def __repr__(self) -> str:
-        """A line for the robot and one for each leg."""
+        """One line for the robot and one for each leg."""
         joints = len(self.tree.joints)
         lines = [f"Robot {self.name!r}: {self.mass:.2f} kg, trunk {self.trunk!r}, {joints} joints, from {self.source}"]
         return "\n".join(lines + [f"  {leg.name}: {', '.join(leg.joints)}, foot {leg.foot}" for leg in self.legs])
@@ -209,14 +209,14 @@ class Robot:
             if wanted == leg.name:
                 return leg
         for leg in self.legs:
-            # the robot's own prefix ends where the name's first separator stands: FL_hip_joint, fl.hx
+            # the robot's own prefix ends at the name's first separator: FL_hip_joint, fl.hx
             own = leg.joints[0].upper()
             if own.startswith(wanted) and not own[len(wanted) : len(wanted) + 1].isalpha():
                 return leg
         raise UnknownNameError("leg", name, (leg.name for leg in self.legs), self.name)
 
     def with_inertias(self, inertias: Mapping[str, InertialParameters]) -> Robot:
-        """The same robot with other inertial parameters for these links (in the links' frames).
+        """Returns the robot with other inertial parameters for these links (in the links' frames).
 
         Raises:
             UnknownNameError: a name is not a link of the tree.
@@ -225,7 +225,7 @@ class Robot:
         return replace(self, inertias={**self.inertias, **inertias})
 
     def with_dynamics(self, dynamics: Mapping[str, JointDynamics]) -> Robot:
-        """The same robot with other joint dynamics for these joints.
+        """Returns the robot with other joint dynamics for these joints.
 
         Raises:
             UnknownNameError: a name is not a joint of the tree.

@@ -1,4 +1,4 @@
-"""What a reader hands to the loader: one model file as a Pinocchio model, and what Pinocchio does not keep."""
+"""Output of the model readers: one file as a Pinocchio model, with the data that Pinocchio does not keep."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model file, read but not yet understood as a quadruped.
+    """A model file that has been read but not yet interpreted as a quadruped.
 
     Attributes:
         path: the file.
         name: the model's own name.
-        model: `pinocchio.Model`; its joint 1 is the free-flyer of the trunk; a BODY frame for every link of the file.
+        model: `pinocchio.Model`; its joint 1 is the trunk's free-flyer, and every link of the file has a BODY frame.
         trunk: name of the trunk link.
         links: name of the link that each joint moves, by joint name.
-        masses: mass of every single link of the file [kg], before any lumping.
+        masses: mass of every single link of the file [kg], before any merging.
         shapes: primitive shapes, each on a link of the file and in that link's frame.
     """
 

@@ -1,4 +1,4 @@
-"""A payload to be written into a model file: a link fixed to the trunk, its frame in the payload's centre of mass."""
+"""Payload to be written to a model file: a link fixed to the trunk, with its frame in the payload's centre of mass."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class PayloadLink:
-    """What is fixed to the trunk.
+    """The link to add.
 
     Attributes:
-        body: its ten parameters, in the trunk frame. A tensor of zero about its centre of mass makes it a point mass.
+        body: its ten parameters, in the trunk frame. With a zero tensor about its centre of mass it is a point mass.
         name: of the link.
-        note: what a reader of the file should know about the numbers; one sentence, or empty.
+        note: one sentence on the accuracy of the values for readers of the file, or empty.
 
     Raises:
-        ModelError: a mass that is not positive.
+        ModelError: the mass is not positive.
     """
 
     body: InertialParameters
@@ -34,11 +34,13 @@ class PayloadLink:
 
     @property
     def tensor(self) -> Array:
-        """About its centre of mass, trunk axes, (3, 3) [kg·m²]; what rounding leaves of a point mass is zero."""
+        """Inertia about its centre of mass, trunk axes, (3, 3) [kg·m²]; rounding errors of a point mass are set to
+        zero.
+        """
         tensor = self.body.inertia_com
         return np.where(np.abs(tensor) < 1e-12 * np.abs(self.body.inertia).max(), 0.0, tensor)
 
     @property
     def comment(self) -> str:
-        """The comment in front of the link."""
+        """The comment before the link."""
         return f" {self.name}: the load that was weighed. {self.note} "

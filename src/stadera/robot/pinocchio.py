@@ -1,4 +1,4 @@
-"""A robot as a Pinocchio model, its inertias and joint dynamics those of the value, not of the file."""
+"""Converts a robot to a Pinocchio model, with the robot's inertias and joint dynamics instead of the file's."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from stadera.types import Array
 def pinocchio_model(robot: Robot) -> Any:
     """`pinocchio.Model` with a free-flyer and the tree's joints in the tree's order.
 
-    So q = [position, quaternion xyzw, joint angles in tree order] and v = [linear, angular velocity of the trunk in
-    its own frame, joint velocities]. Link i of the tree is joint i + 1. Armature, damping, dry friction and limits
-    are set; every link is a BODY frame and every other frame of the robot an OP_FRAME, by their names.
+    Hence q = [position, quaternion xyzw, joint angles in tree order] and v = [linear, angular velocity of the trunk in
+    its own frame, joint velocities]. Link i of the tree is joint i + 1. Armature, damping, dry friction and limits are
+    set; every link is a BODY frame and every other frame of the robot an OP_FRAME, by their names.
 
     Raises:
         ModelError: a link has zero mass and non-zero moments.
@@ -47,7 +47,7 @@ def _joint_model(axis: Array) -> Any:
 
 
 def _set_joint_values(robot: Robot, model: Any) -> None:
-    """Joint dynamics and limits; the free-flyer's are zero and infinite."""
+    """Sets joint dynamics and limits; the free-flyer's are zero and infinite."""
     joints = robot.tree.joints
     armature, viscous, coulomb, _ = np.array([astuple(robot.dynamics[joint]) for joint in joints]).T
     lower, upper, velocity, effort = np.array([astuple(robot.limits[joint]) for joint in joints]).T

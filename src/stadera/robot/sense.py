@@ -1,4 +1,4 @@
-"""Whether a model's numbers make sense: units that were mixed up, limits that leave no room, bodies without inertia."""
+"""Plausibility checks on a model's numbers: wrong units, joint limits without range, bodies without inertia."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from stadera.robot.model import JointLimits, Robot
 
 @dataclass(frozen=True)
 class ModelLimits:
-    """Beyond these a number is in another unit. The lightest and heaviest known quadrupeds weigh 0.2 and 590 kg.
+    """Limits beyond which a number is in another unit. The lightest and heaviest known quadrupeds weigh 0.2 and 590 kg.
 
     Attributes:
         lightest, heaviest: robot [kg].
         distance: between joints, and from a joint to a centre of mass [m].
-        leg: longest and shortest way from hip to foot [m].
+        leg: longest and shortest distance from hip to foot [m].
         gyration: largest radius of gyration of a link [m].
         angle: largest limit of a joint's position [rad].
     """
@@ -32,10 +32,10 @@ class ModelLimits:
 
 
 def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, ...]:
-    """Notes on what is odd.
+    """Returns notes on unusual values.
 
     Raises:
-        ModelError: a number that no quadruped has; names it and the unit it may be in.
+        ModelError: a number is impossible for a quadruped; names it and the unit it may be in.
     """
     limits = limits or ModelLimits()
     where = f"{robot.source}: " if robot.source else ""
@@ -45,10 +45,10 @@ def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, .
 
 
 def checked_limits(joint: str, lower: float, upper: float) -> tuple[float, float, str]:
-    """Limits of a joint's position [rad], and a note where they were left away because they leave no room.
+    """Limits of a joint's position [rad], and a note if they were ignored because they leave no range.
 
     Raises:
-        ModelError: the lower one is above the upper one.
+        ModelError: the lower limit is above the upper one.
     """
     if lower > upper:
         raise ModelError(f"joint {joint!r}: its lower limit {lower:g} rad is above its upper limit {upper:g} rad")

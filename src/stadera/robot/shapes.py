@@ -1,4 +1,4 @@
-"""Simple shapes for links whose model file has meshes alone: fitted along the link, from kinematics."""
+"""Fits simple shapes to links whose model file has meshes only, from kinematics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TRUNK_FLATNESS = 0.6  # height of a fitted trunk box, as a share of its width
 
 
 def fitted_shapes(tree: Tree, legs: tuple[Leg, ...], shapes: tuple[Shape, ...]) -> Iterator[Shape]:
-    """A capsule or box for every link, and a sphere for every foot, that `shapes` lack.
+    """Yields a capsule or box for every link, and a sphere for every foot, that `shapes` lacks.
 
     A leg link gets a capsule from its joint to the next joint or foot; the trunk a box that spans the hips.
     """
@@ -26,7 +26,7 @@ def fitted_shapes(tree: Tree, legs: tuple[Leg, ...], shapes: tuple[Shape, ...]) 
 
 def _leg_shapes(tree: Tree, leg: Leg, own: Sequence[Shape]) -> Iterator[Shape]:
     last, foot = leg.links[2], np.array(leg.foot_position)
-    spheres = [shape for shape in own if shape.link == last and shape.kind == "sphere"]  # a foot covers no link
+    spheres = [shape for shape in own if shape.link == last and shape.kind == "sphere"]  # a foot is no shape of a link
     covered = {shape.link for shape in own if shape not in spheres}
     hip, knee = (tree.translations[tree.joints.index(name)] for name in leg.joints[1:])
     for link, end in zip(leg.links, (hip, knee, foot), strict=True):

@@ -1,4 +1,4 @@
-"""A nominal stance for any quadruped: feet under the hips, legs bent a little."""
+"""Nominal stance of any quadruped: feet under the hips, legs slightly bent."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Leg, Robot, Tree
 from stadera.types import Array
 
-# height of the HFE joint above the foot, as a share of the stretched leg; tried in turn, for limits may forbid some
+# height of the HFE joint above the foot, as a share of the extended leg; tried in turn, since limits may forbid some
 _EXTENSIONS = (0.8, 0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)
 _NEWTON_STEPS = 30
 _LARGEST_STEP = 0.3  # rad
 _SOLVED = 1e-8  # m and sine of an angle
-_GRID = (3, 4, 5)  # starts for HAA, HFE, KFE
+_GRID = (3, 4, 5)  # starting points for HAA, HFE, KFE
 
 
 def standing_configuration(robot: Robot) -> Array:
     """Joint angles of a plausible stance, in the tree's order [rad], shape (n,).
 
-    In each leg the foot is right below the HFE joint's x, the leg's plane is vertical (HFE axis horizontal) and the
-    feet are at one height, 80 % of the stretched leg below the hips (as near to it as the limits allow). Of the
-    solutions within the limits the one is taken whose HAA is nearest to the middle of its range, and of those the one
-    with the knee towards the robot's middle.
+    In each leg the foot is below the HFE joint in x, the leg's plane is vertical (HFE axis horizontal) and the feet are
+    at one height, 80 % of the extended leg below the hips (or as close to it as the limits allow). Of the solutions
+    within the limits, the one with HAA closest to the middle of its range is chosen, and among those the one with the
+    knee towards the robot's middle.
 
     Raises:
-        ModelError: no such stance within the joints' limits.
+        ModelError: there is no such stance within the joints' limits.
     """
     heights = _hips(robot)[:, 2]
     stretched = np.array([_stretched(robot, leg) for leg in robot.legs])
@@ -44,7 +44,7 @@ def standing_configuration(robot: Robot) -> Array:
 
 
 def _hips(robot: Robot) -> Array:
-    """Origins of the HFE joints with vertical leg planes, nearly: at the middle of the HAA ranges; (4, 3)."""
+    """Approximate origins of the HFE joints with vertical leg planes: at the middle of the HAA ranges; (4, 3)."""
     q = np.zeros((1, len(robot.tree.joints)))
     for leg in robot.legs:
         q[0, robot.tree.joints.index(leg.joints[0])] = 0.5 * sum(_range(robot, leg.joints[0]))
@@ -54,14 +54,14 @@ def _hips(robot: Robot) -> Array:
 
 
 def _stretched(robot: Robot, leg: Leg) -> float:
-    """Thigh plus shank: the farthest the foot gets from the HFE joint in the plane normal to its axis [m]."""
+    """Thigh plus shank: the largest distance of the foot from the HFE joint in the plane normal to its axis [m]."""
     hfe, kfe = (robot.tree.joints.index(name) for name in leg.joints[1:])
     thigh, shank = robot.tree.translations[kfe], np.array(leg.foot_position)
     return sum(float(np.linalg.norm(np.cross(robot.tree.axes[j], v))) for j, v in ((hfe, thigh), (kfe, shank)))
 
 
 def _range(robot: Robot, joint: str) -> tuple[float, float]:
-    """The joint's range, or one turn about zero where it has none or more."""
+    """The joint's range, or one turn around zero if it has none or a larger one."""
     limit = robot.limits[joint]
     if limit.upper - limit.lower > 2 * np.pi:
         return max(-np.pi, limit.lower), min(np.pi, limit.upper)
@@ -69,7 +69,7 @@ def _range(robot: Robot, joint: str) -> tuple[float, float]:
 
 
 def _solve_leg(robot: Robot, leg: Leg, ground: float) -> Array | None:
-    """Angles (3,) of a leg with its foot at height `ground` in the trunk frame; None where there are none."""
+    """Angles (3,) of a leg with its foot at height `ground` in the trunk frame; None if there are none."""
     low, high = np.array([_range(robot, joint) for joint in leg.joints]).T
     starts = [np.linspace(a, b, count + 2)[1:-1] for a, b, count in zip(low, high, _GRID, strict=True)]
     q = np.stack(np.meshgrid(*starts, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -85,7 +85,7 @@ def _solve_leg(robot: Robot, leg: Leg, ground: float) -> Array | None:
 
 
 def _error(tree: Tree, leg: Leg, q: Array, ground: float) -> tuple[Array, Array]:
-    """What a stance wants to be zero (N, 3), [foot x - HFE x, HFE axis z, foot z - ground], and its slope (N, 3, 3)."""
+    """Residual of a stance (N, 3), [foot x - HFE x, HFE axis z, foot z - ground], and its derivative (N, 3, 3)."""
     rotations, translations = forward_kinematics(tree, q)
     origins = translations[:, 1:]
     foot = translations[:, 3] + rotations[:, 3] @ np.array(leg.foot_position)
@@ -100,7 +100,9 @@ def _error(tree: Tree, leg: Leg, q: Array, ground: float) -> tuple[Array, Array]
 
 
 def _preferred(tree: Tree, q: Array, middle: Array) -> Array:
-    """The solution (3,) with the least HAA, then the knee towards the middle, then the least turning of the others."""
+    """The solution (3,) with the least HAA, then with the knee towards the middle, then with the least rotation
+    otherwise.
+    """
     _, translations = forward_kinematics(tree, q)
     hip, knee = translations[:, 2, 0], translations[:, 3, 0]
     away = np.abs(q - middle)

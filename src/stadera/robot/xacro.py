@@ -1,4 +1,4 @@
-"""The URDF that a xacro file stands for, by the package xacro (the extra of that name)."""
+"""Expands a xacro file to its URDF, with the package xacro (the extra of that name)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from stadera.limits import DEFAULTS, Limits
 from stadera.robot.xmltree import tree_of
 
 _NAMESPACES = ("xmlns:xacro=", "ros.org/wiki/xacro", "ros.org/xacro")
-_HEAD = 4096  # bytes in which the root element begins
+_HEAD = 4096  # bytes that contain the start of the root element
 
 
 def is_xacro(path: Path) -> bool:
-    """Whether a file is to be expanded: by its name, or by the namespace of its root element."""
+    """True if a file must be expanded: by its name, or by the namespace of its root element."""
     if path.name.lower().endswith(".xacro"):
         return True
     with path.open("rb") as file:
@@ -26,16 +26,16 @@ def is_xacro(path: Path) -> bool:
 
 
 def expanded(path: Path) -> str:
-    """The text of a URDF or MJCF, expanded where it is a xacro, with the arguments' defaults.
+    """The text of a URDF or MJCF, a xacro expanded with its arguments' defaults.
 
     Raises:
-        MissingExtraError: a xacro, and the package is not installed.
-        ModelError: xacro cannot expand it: an argument without a default, a package that is not found.
+        MissingExtraError: the file is a xacro, and the package is not installed.
+        ModelError: xacro cannot expand it, for example because of an argument without a default or a missing package.
     """
     if not is_xacro(path):
         return path.read_text(encoding="utf-8-sig")
     by_hand = f"expand it where its packages are: xacro {path.name} > {path.name.split('.')[0]}.urdf"
-    write = Element.writexml  # which xacro replaces for the whole process by one that drops white space
+    write = Element.writexml  # xacro replaces this for the whole process by a version that drops white space
     try:
         import xacro
     except ModuleNotFoundError as error:
@@ -44,9 +44,9 @@ def expanded(path: Path) -> str:
         Element.writexml = write  # type: ignore[method-assign]
     said = StringIO()
     try:
-        with redirect_stderr(said):  # where xacro prints warnings
+        with redirect_stderr(said):  # xacro prints warnings there
             return str(xacro.process_file(str(path)).toxml())
-    except (Exception, SystemExit) as error:  # of many kinds, and it exits on its own for some
+    except (Exception, SystemExit) as error:  # of many kinds, and for some errors it exits
         why = " ".join(f"{said.getvalue()} {error}".split())[:300]
         raise ModelError(f"{path}: xacro cannot expand it ({why}); {by_hand}") from error
 

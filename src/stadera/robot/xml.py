@@ -16,7 +16,7 @@ _UNITS = {"armature": "kg m^2", "offset": "N m"}
 
 
 def parse_document(path: Path) -> minidom.Document:
-    """The whole file, comments included; a xacro as it is expanded.
+    """Parses a whole file, comments included; a xacro after expansion.
 
     Raises:
         ModelError: not XML.
@@ -37,10 +37,10 @@ def root_of(document: minidom.Document) -> minidom.Element:
 
 
 def named(document: minidom.Document, tag: str, name: str, source: Path) -> minidom.Element:
-    """The element of that tag and name.
+    """The element with that tag and name.
 
     Raises:
-        ModelError: it is not there, as with bodies that a model attaches from another file.
+        ModelError: there is none, as for bodies that a model attaches from another file.
     """
     for element in document.getElementsByTagName(tag):
         if element.getAttribute("name") == name:
@@ -52,7 +52,7 @@ def check_free(document: minidom.Document, tag: str, name: str) -> None:
     """Checks that no element of that tag has this name.
 
     Raises:
-        ModelError: one has.
+        ModelError: there is one.
     """
     if any(node.getAttribute("name") == name for node in document.getElementsByTagName(tag)):
         raise ModelError(f"the model has a {tag} {name!r} already; a payload needs a name of its own")
@@ -64,7 +64,7 @@ def children(element: minidom.Element, tag: str) -> list[minidom.Element]:
 
 
 def put_child(parent: minidom.Element, child: minidom.Element) -> None:
-    """Put a child in the place of the first of its tag, or first of all; further ones of its tag go."""
+    """Replaces the first child of the same tag, or inserts the child first; further children of its tag are removed."""
     present = children(parent, child.tagName)
     if present:
         parent.replaceChild(child, present[0])
@@ -87,7 +87,7 @@ def element(
 
 
 def numbers(*values: float | Iterable[float] | Array) -> str:
-    """Numbers in full precision, as XML attributes of both formats want them."""
+    """Numbers in full precision, for XML attributes of both formats."""
     flat = [v for value in values for v in (value if isinstance(value, Iterable) else (value,))]
     return " ".join(repr(float(value)) for value in flat)
 
@@ -95,7 +95,7 @@ def numbers(*values: float | Iterable[float] | Array) -> str:
 def append_after_comment(
     document: minidom.Document, parent: minidom.Element, text: str, nodes: Iterable[minidom.Element]
 ) -> None:
-    """Append a comment and elements, each on a line of its own."""
+    """Appends a comment and elements, each on its own line."""
     pieces: list[minidom.Comment | minidom.Element] = [comment(document, text), *nodes]
     for node in pieces:
         parent.appendChild(document.createTextNode("\n  "))
@@ -109,7 +109,9 @@ def describe(
     dynamics: Mapping[str, JointDynamics],
     without_place: tuple[str, ...],
 ) -> None:
-    """A comment in front of the root: what was written, and the joint values that the format cannot hold."""
+    """Adds a comment before the root: the links and joints written, and joint values that the format cannot
+    represent.
+    """
     lines = [
         "Written by stadera. Inertial values of these links are those of all that moves with the link, and the "
         f"inertials of the bodies fixed to it were taken away: {', '.join(links) or 'none'}.",
@@ -128,6 +130,6 @@ def comment(document: minidom.Document, text: str) -> minidom.Comment:
 
 
 def remark(document: minidom.Document, *lines: str) -> None:
-    """Puts a comment in front of the root."""
+    """Inserts a comment before the root."""
     text = "\n  ".join(lines)
     document.insertBefore(comment(document, f"\n  {text}\n"), document.documentElement)

@@ -1,4 +1,4 @@
-"""XML of robot models, read within limits: elements, depth, and no entities, which can multiply without end."""
+"""Reads XML of robot models within limits: elements, nesting depth, and no entities, which can expand without bound."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _SIZED = {"size", "numeric", "hfield"}
 """Elements of MJCF whose numbers are sizes of arrays."""
 _LARGEST_ARRAY = 1_000_000
 _FILES = {"include", "model"}
-"""Elements of MJCF that bring in another model's elements."""
+"""Elements of MJCF that include another model's elements."""
 
 
 class _Counted(ET.TreeBuilder):
-    """Builds a tree, and counts."""
+    """Builds a tree, and counts elements."""
 
     def __init__(self, path: Path, limits: Limits) -> None:
         super().__init__()
@@ -40,10 +40,10 @@ class _Counted(ET.TreeBuilder):
 
 
 def tree_of(path: Path, text: str | None = None, limits: Limits = DEFAULTS) -> ET.Element:
-    """The root element of a file, or of a text that stands for it.
+    """The root element of a file, or of a text in its place.
 
     Raises:
-        LimitError: more elements, or deeper in each other, than the limits allow.
+        LimitError: more elements, or deeper nesting, than the limits allow.
         ModelError: it has a DOCTYPE.
         ElementTree.ParseError, LookupError: not XML, an unknown encoding.
     """
@@ -61,10 +61,10 @@ def _pieces(path: Path) -> Iterator[bytes]:
 
 
 def require_depth(joints: Iterable[ET.Element], path: Path, limits: Limits) -> None:
-    """Checks how many joints of a URDF are one behind the other.
+    """Checks the length of the chains of joints in a URDF.
 
     Raises:
-        LimitError: too many.
+        LimitError: a chain is too long.
     """
     links = ((joint.find("parent"), joint.find("child")) for joint in joints)
     above = {c.get("link"): p.get("link") for p, c in links if p is not None and c is not None}
@@ -80,7 +80,7 @@ def require_depth(joints: Iterable[ET.Element], path: Path, limits: Limits) -> N
 
 
 def require_size(root: ET.Element, path: Path, limits: Limits) -> None:
-    """Checks what an MJCF asks a compiler to make: included files, copies, arrays.
+    """Checks the sizes that an MJCF requests from a compiler: included files, copies, arrays.
 
     Raises:
         LimitError: too many elements, or an array that is too large.
@@ -90,7 +90,7 @@ def require_size(root: ET.Element, path: Path, limits: Limits) -> None:
 
 
 def _elements(element: ET.Element, path: Path, limits: Limits, seen: set[Path]) -> float:
-    """Elements below and with this one, each as often as it is to be copied."""
+    """Number of elements in this one, itself included, with all copies."""
     own = 1.0 + sum(_elements(child, path, limits, seen) for child in element)
     if element.tag in _SIZED:
         largest = max((_number(value) for name, value in element.items() if name != "memory"), default=0.0)
@@ -103,7 +103,9 @@ def _elements(element: ET.Element, path: Path, limits: Limits, seen: set[Path]) 
 
 
 def _of_file(path: Path, limits: Limits, seen: set[Path]) -> float:
-    """Of a further file; nothing where it is not there or no XML, which the compiler says better."""
+    """Number of elements in another file; zero if it does not exist or is not XML, which the compiler reports
+    better.
+    """
     if path.resolve() in seen or not path.is_file():
         return 0.0
     seen.add(path.resolve())

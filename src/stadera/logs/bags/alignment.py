@@ -1,7 +1,7 @@
-"""Streams with stamps of their own, merged at the stamps of one of them.
+"""Merges streams with different time stamps, at the stamps of one of them.
 
-Between two samples a stream is interpolated linearly, a quaternion along the great circle. Across a gap, before its
-beginning and after its end it has no value.
+Between two samples a stream is interpolated linearly, a quaternion along the great circle. A stream has no value in a
+gap, before its beginning or after its end.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ Stamps = NDArray[np.int64]
 
 
 class Track:
-    """One stream. Samples that are no longer needed are dropped.
+    """One stream. Samples that are no longer needed are discarded.
 
     Attributes:
         name: for messages.
         columns: names of its values.
-        seen, out_of_order: samples so far, and those left out because their stamps repeat or run back.
+        seen, out_of_order: number of samples so far, and of those skipped because their stamps repeat or run back.
         gaps, longest: steps of more than `GAP_FACTOR` periods, and the longest step [ns].
         first, newest: stamps [ns].
         period: median step of the beginning [ns].
-        clock: that repairs the stamps.
-        apart: of the reference's clock from this one [s], where that is corrected; the largest so far.
+        clock: repairs the stamps.
+        apart: largest correction so far of this clock relative to the reference's [s].
         stamps, values: of the samples kept, (kept,) [ns] and (kept, columns).
     """
 
@@ -62,20 +62,20 @@ class Track:
         return f"{rate:.5g} Hz{gaps}"
 
     def add(self, stamp: int, values: Array, received: int | None = None) -> None:
-        """Add a sample (columns,) at its stamp [ns], recorded then or later; it counts from the next `settle` on."""
+        """Adds a sample (columns,) with its stamp [ns] and time of recording; used from the next `settle` on."""
         self._waiting.append((stamp, stamp if received is None else received, values))
 
     def take(self, sample: Sample) -> None:
-        """Add a sample whose columns are in any order."""
+        """Adds a sample with its columns in any order."""
         if (order := self._order.get(sample.columns)) is None:
             order = self._order[sample.columns] = [sample.columns.index(name) for name in self.columns]
         self.add(sample.stamp, sample.values[order], sample.received)
 
     def settle(self, reference: Track | None = None) -> None:
-        """Take in the samples added since the last call; their clock follows that of the reference, if there is one.
+        """Processes the samples added since the last call; the clock follows the reference's, if given.
 
         Raises:
-            RecordingError: stamps that are no clock.
+            RecordingError: the stamps are not those of a clock.
         """
         if not self._waiting or (reference is not None and np.isnan(reference.clock.delay)):
             return
@@ -88,10 +88,10 @@ class Track:
         self.extend(stamps, values)
 
     def extend(self, stamps: Stamps, values: Array) -> None:
-        """Take in samples (samples, columns) at these stamps [ns].
+        """Adds samples (samples, columns) at these stamps [ns].
 
         Raises:
-            RecordingError: stamps that are no clock.
+            RecordingError: the stamps are not those of a clock.
         """
         if not len(stamps):
             return
@@ -115,7 +115,7 @@ class Track:
         self.values = np.concatenate([self.values, values])
 
     def _behind(self, other: HeaderClock) -> float:
-        """By how much this clock is behind the other one [s]; 0 where that is no more than delays differ by."""
+        """Delay of this clock relative to the other one [s]; 0 if within the scatter of the delays."""
         at_first = self.clock.first_delay - other.first_delay
         behind = self.clock.delay - other.delay
         if abs(at_first) <= self._settings.clocks_apart:
@@ -135,7 +135,7 @@ class Track:
             )
 
     def at(self, stamps: Stamps) -> Array:
-        """Values at these stamps, (stamps, columns); NaN where it has none."""
+        """Values at these stamps, (stamps, columns); NaN where there is none."""
         out = np.full((len(stamps), self.values.shape[1]), np.nan)
         if not len(self.stamps):
             return out
@@ -155,16 +155,16 @@ class Track:
         return out
 
     def drop(self, count: int) -> None:
-        """Drop the oldest samples."""
+        """Discards the oldest samples."""
         self.stamps, self.values = self.stamps[count:], self.values[count:]
 
 
 class Alignment:
-    """Streams merged at the stamps of the first.
+    """Merges streams at the stamps of the first.
 
     Args:
-        tracks: the first is the one whose stamps count.
-        settings: its patience bounds the memory.
+        tracks: the streams; the first one's stamps are used.
+        settings: `patience` bounds the memory.
     """
 
     def __init__(self, tracks: Sequence[Track], settings: BagSettings = DEFAULTS) -> None:
@@ -175,7 +175,7 @@ class Alignment:
         """The rows completed since the last call: stamps (rows,) [ns], values of all streams (rows, columns).
 
         Args:
-            final: nothing more is to come.
+            final: True if no more samples follow.
         """
         self.reference.settle()
         for track in self.others:
@@ -193,12 +193,12 @@ class Alignment:
 
 
 def _slerp(low: Array, high: Array, share: Array) -> Array:
-    """Quaternions a share (n, 1) of the way from one to the other, (n, 4); NaN where one of them is none."""
+    """Interpolates quaternions by a share (n, 1) of the way between two, (n, 4); NaN if either is missing."""
     out = np.full(low.shape, np.nan)
     good = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1) & low.any(axis=1) & high.any(axis=1)
     if good.any():
         start, end = Rotation.from_quat(low[good]), Rotation.from_quat(high[good])
         turned = (start * Rotation.from_rotvec(share[good] * (start.inv() * end).as_rotvec())).as_quat()
-        # the sign of the sample before: a quaternion and its negative are the same rotation
+        # same sign as the previous sample: a quaternion and its negative are the same rotation
         out[good] = turned * np.where((turned * low[good]).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     return out

@@ -1,4 +1,4 @@
-"""What the beginning of a bag decides about all of it: which topics are read, who publishes which columns."""
+"""Determines from the beginning of a bag which topics are read and which publisher provides which columns."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ Columns = tuple[str, ...]
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """A bag's first messages, and what they decide. Columns are named as in the flat table.
+    """A bag's first messages and the layout derived from them. Columns are named as in the flat table.
 
     Attributes:
         samples: the messages.
-        joints: for each publisher of joints, by the columns of its samples in any order: those that ever have a value.
-            The publisher whose stamps count comes first.
-        imu: columns of the IMU's own topic; None without one that can be used.
+        joints: for each publisher of joints, identified by its samples' columns, the columns that ever have a value.
+            The publisher whose stamps are used comes first.
+        imu: columns of the IMU's own topic; None without a usable one.
         imu_frame: frame_id of its messages, None if empty.
-        imu_fault: why an IMU that is there cannot be used; empty if it can.
-        clock_offset: of the IMU's stamps against the joints', by the time of recording [s]; NaN without an IMU.
+        imu_fault: why an existing IMU cannot be used; empty if it can.
+        clock_offset: of the IMU's stamps relative to the joints', from the times of recording [s]; NaN without an IMU.
     """
 
     samples: tuple[Sample, ...]
@@ -38,14 +38,14 @@ class Beginning:
 
     @property
     def columns(self) -> Columns:
-        """Of all publishers."""
+        """Columns of all publishers."""
         return (*(name for columns in self.joints.values() for name in columns), *(self.imu or ()))
 
 
 def first_samples(
     samples: Iterable[Sample], joint_topic: str, imu_topic: str | None, settings: BagSettings
 ) -> tuple[Sample, ...]:
-    """The first messages: so many of joints, and one of an IMU if it has a topic."""
+    """The first messages: a number of joints' messages, and one of an IMU if it has a topic."""
     head: list[Sample] = []
     counts = {joint_topic: 0, imu_topic: imu_topic is None}
     for sample in samples:
@@ -59,10 +59,10 @@ def first_samples(
 def beginning_of(
     head: Sequence[Sample], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
 ) -> Beginning:
-    """What the first messages, some of joints among them, decide for the joints asked for (None: all).
+    """Derives the layout for the requested joints (None: all) from the first messages.
 
     Raises:
-        RecordingError: publishers that do not agree.
+        RecordingError: the publishers contradict each other.
     """
     of_joints = [sample for sample in head if sample.topic == joint_topic]
     of_imu = [sample for sample in head if sample.topic == imu_topic]
@@ -80,15 +80,15 @@ def beginning_of(
 
 
 def joints_in(columns: Iterable[str]) -> Columns:
-    """The joints that have a position among these columns."""
+    """Joints with a position among these columns."""
     return tuple(name.removesuffix(".position") for name in columns if name.endswith(".position"))
 
 
 def _publishers(samples: Sequence[Sample], joints: Sequence[str] | None, *, imu: bool) -> dict[frozenset[str], Columns]:
-    """The publishers of one topic, the one with most of the joints asked for first.
+    """Publishers of one topic, the one with most of the requested joints first.
 
-    Publishers of none of these joints are left out, unless it is all of them. Columns of an IMU in the same messages
-    are kept with `imu`.
+    Publishers of none of these joints are skipped, unless all are. With `imu`, columns of an IMU in the same messages
+    are kept.
     """
     groups = _grouped(samples)
     if not groups:
@@ -103,7 +103,7 @@ def _publishers(samples: Sequence[Sample], joints: Sequence[str] | None, *, imu:
 
 
 def _grouped(samples: Iterable[Sample]) -> dict[frozenset[str], list[Sample]]:
-    """By their columns in any order; samples without any are left out."""
+    """Groups samples by their columns in any order; samples without columns are skipped."""
     groups: dict[frozenset[str], list[Sample]] = {}
     for sample in samples:
         groups.setdefault(frozenset(sample.columns), []).append(sample)
@@ -112,7 +112,7 @@ def _grouped(samples: Iterable[Sample]) -> dict[frozenset[str], list[Sample]]:
 
 
 def _check_agreement(named: Sequence[Columns], topic: str) -> None:
-    """Raises if publishers have a joint in common, or one names a joint twice."""
+    """Raises if two publishers have a joint in common, or one names a joint twice."""
     for k, names in enumerate(named):
         if len(set(names)) < len(names):
             twice, _ = Counter(names).most_common(1)[0]
@@ -126,7 +126,7 @@ def _check_agreement(named: Sequence[Columns], topic: str) -> None:
 
 
 def _known(samples: Sequence[Sample]) -> Columns:
-    """The columns that ever have a value, of samples with the same columns in any order."""
+    """Columns that ever have a value, for samples with the same columns in any order."""
     values = [dict(zip(sample.columns, np.isfinite(sample.values).tolist(), strict=True)) for sample in samples]
     return tuple(name for name in samples[0].columns if any(known[name] for known in values))
 
@@ -142,5 +142,5 @@ def _fault(samples: Sequence[Sample]) -> str:
 
 
 def _delay(samples: Sequence[Sample]) -> float:
-    """From stamp to recording, median [s]; NaN of none."""
+    """Median time from stamp to recording [s]; NaN without samples."""
     return 1e-9 * float(np.median([s.received - s.stamp for s in samples])) if samples else float("nan")

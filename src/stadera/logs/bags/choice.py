@@ -1,4 +1,4 @@
-"""Which topics of a bag are read: found by type, chosen by the joints asked for and by namespace, else asked about."""
+"""Chooses the topics of a bag: by type, by the requested joints and by namespace; else the user must choose."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stadera.logs.bags.settings import BagSettings
 from stadera.logs.topics import Topics
 
 _SLOW_TWIN = "lf"
-"""Unitree's robots publish /lf/lowstate, the same at a lower rate, beside /lowstate."""
+"""Unitree's robots publish /lf/lowstate, the same messages at a lower rate, in addition to /lowstate."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Choice:
     """The topics to read.
 
     Attributes:
-        joint: of the joints' states.
-        imu: of the IMU; None if there is none, or if the joints' messages have it.
-        notes: what was chosen, and what was left.
+        joint: topic of the joints' states.
+        imu: topic of the IMU; None if there is none, or if the joints' messages include it.
+        notes: the topics chosen, and others available.
     """
 
     joint: str
@@ -34,7 +34,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A topic that may be meant: its rate [Hz], NaN where unknown, and the joints of its first message."""
+    """A candidate topic: its rate [Hz], NaN if unknown, and the joints of its first message."""
 
     name: str
     kind: str
@@ -50,13 +50,13 @@ class _Candidate:
 def choose(
     bag: Bag, found: Mapping[str, Topic], topics: Topics, joints: Sequence[str] | None, settings: BagSettings
 ) -> Choice:
-    """The topic of joints and that of the IMU.
+    """Chooses the topics of joints and IMU.
 
-    Of several topics of joints, Unitree's slow copies are left out, then those without the joints asked for. Of several
+    Of several topics of joints, Unitree's slow copies are excluded, then those without the requested joints. Of several
     IMUs, the one in the joints' namespace is read.
 
     Raises:
-        RecordingError: a topic that is not there or of another type, none of joints, several that fit.
+        RecordingError: a topic does not exist or has another type, there is none of joints, or several match.
     """
     source = str(bag.path)
     states = _states(found, bag.container.encoding, topics.joint)
@@ -79,7 +79,7 @@ def _own(topic: Topic) -> str:
 
 
 def _states(found: Mapping[str, Topic], encoding: str, asked: str | None) -> list[str]:
-    """The topics of joints' states; of unusual types where there are no others, or where one is asked for."""
+    """Topics of joints' states; those of unusual types only if there are no others or one is requested."""
     usual = [name for name, topic in found.items() if topic.kind == JOINT_STATE or is_low_state(topic)]
     if usual and asked in (None, *usual):
         return sorted(usual)
@@ -121,7 +121,7 @@ def _imu_topic(
     if asked is not None:
         _check_asked(found, fitting, asked, "--imu-topic", IMU, str(bag.path))
         return asked
-    # an IMU belongs to the topic of joints that it shares most of its namespace with
+    # the IMU belongs to the topic of joints with which it shares most of its namespace
     own = [name for name in fitting if all(_shared(name, joint) >= _shared(name, other) for other in states)]
     nearest = max((_shared(name, joint) for name in own), default=0)
     own = [name for name in own if _shared(name, joint) == nearest]
@@ -131,13 +131,13 @@ def _imu_topic(
 
 
 def _fast_twin(name: str) -> str:
-    """The topic that this one may be the slow copy of."""
+    """The topic of which this one may be the slow copy."""
     parts = name.split("/")
     return "/".join(part for part in parts if part != _SLOW_TWIN) if _SLOW_TWIN in parts[:-1] else ""
 
 
 def _shared(one: str, other: str) -> int:
-    """The number of namespaces that two topics have in common."""
+    """Number of namespaces that two topics have in common."""
     parts = zip(one.strip("/").split("/")[:-1], other.strip("/").split("/")[:-1], strict=False)
     return next((k for k, (a, b) in enumerate(parts) if a != b), min(one.count("/"), other.count("/")) - 1)
 
@@ -165,14 +165,14 @@ def _measured(
     joints: Sequence[str] | None,
     settings: BagSettings,
 ) -> list[_Candidate]:
-    """The candidates with their rates, by the beginning of the bag."""
+    """The candidates with their rates, measured at the beginning of the bag."""
     first: dict[str, list[Message]] = {name: [] for name in names}
     for message in islice(bag.messages(names), settings.most_ahead):
         if len(first[message.topic]) < settings.head:
             first[message.topic].append(message)
         elif all(len(messages) > 1 for messages in first.values()):
             break
-    bag.damage.clear()  # found again when the bag is read
+    bag.damage.clear()  # reported again when the bag is read
     return [_candidate(name, found[name], bag.container.encoding, first[name], joints, settings) for name in names]
 
 
@@ -193,12 +193,12 @@ def _candidate(
 def _joints(
     topic: Topic, encoding: str, messages: Sequence[Message], joints: Sequence[str] | None, settings: BagSettings
 ) -> Iterator[str]:
-    """The joints of the first messages that can be read."""
+    """Joints in the first readable messages."""
     decode = decoder(topic, encoding, joints, settings)
     seen: dict[str, None] = {}
     for message in messages[:8]:
         try:
             seen |= dict.fromkeys(joints_in(decode(message).columns))
-        except Exception:  # the libraries meet damaged bytes with errors of many kinds
+        except Exception:  # the libraries raise many kinds of errors on damaged bytes
             continue
     yield from seen

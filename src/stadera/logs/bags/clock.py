@@ -1,8 +1,8 @@
-"""Stamps of a topic's messages, repaired where its clock and the recorder's tell which of the two is wrong.
+"""Repairs the stamps of a topic's messages by comparing its clock with the recorder's.
 
 A message cannot be recorded before it was stamped, so the least delay so far, received - stamp, is the offset of the
-recorder's clock from the sender's. A queue only adds to a delay; so a delay below the least one, or a stamp that runs
-back by more than messages overtake each other, follows a step of a clock.
+recorder's clock from the sender's. Queues only add to a delay. So a delay below the least one, or a stamp that runs
+back by more than messages overtake each other, indicates a step of a clock.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from stadera.logs.sampling import GAP_FACTOR
 Stamps = NDArray[np.int64]
 
 _ENOUGH = 32
-"""Messages at once that show a period."""
+"""Number of messages needed to determine a period."""
 
 
 class HeaderClock:
-    """Stamps of headers, each step of their clock undone; times of recording where they repeat or run back.
+    """Stamps from headers with steps of their clock removed; times of recording if the stamps repeat or run back.
 
     Attributes:
-        steps: of the headers' clock that were undone.
+        steps: number of steps of the headers' clock that were removed.
         furthest: the largest of them [s].
-        silent: whether the headers' stamps are no clock, and the times of recording are used.
-        delay: least delay in the newest whole window [s], and in the first.
+        silent: True if the headers' stamps are not those of a clock, and times of recording are used.
+        delay: least delay in the latest complete window [s], and in the first.
     """
 
     def __init__(self, settings: BagSettings = DEFAULTS) -> None:
@@ -41,7 +41,7 @@ class HeaderClock:
         self._window_start, self._window_least, self._windows = 0, np.inf, 0
 
     def __call__(self, stamps: Stamps, received: Stamps) -> Stamps:
-        """The stamps to use for the next messages [ns], from their headers and the times of their recording."""
+        """The stamps to use for the next messages [ns], given their headers and times of recording."""
         if not self._seen:
             self._stamp, self._received = int(stamps[0]) - 1, int(received[0])
             self._least, self._window_start = int(received[0] - stamps[0]), self._received
@@ -52,7 +52,7 @@ class HeaderClock:
         return undone
 
     def _decide(self, stamps: Stamps) -> None:
-        """Whether the stamps are a clock, by the beginning of the log."""
+        """Decides from the beginning of the log whether the stamps are those of a clock."""
         if self._seen < self._settings.head:
             first, self._seen = not self._seen, self._seen + len(stamps)
             self._wrong += int(np.count_nonzero(np.diff(stamps, prepend=self._stamp) <= 0))
@@ -60,7 +60,7 @@ class HeaderClock:
             self.silent = enough and self._wrong > self._settings.out_of_order * self._seen
 
     def _watch_delay(self, stamps: Stamps, received: Stamps) -> None:
-        """Least delays of windows: a clock's drift, without what queues add."""
+        """Updates the least delays of windows, which show a clock's drift without the effect of queues."""
         self._window_least = min(self._window_least, 1e-9 * float((received - stamps).min()))
         whole = received[-1] - self._window_start > 1e9 * self._settings.drift_window
         if not self._windows:
@@ -71,18 +71,18 @@ class HeaderClock:
             self._windows, self._window_start, self._window_least = self._windows + 1, int(received[-1]), np.inf
 
     def _without_steps(self, stamps: Stamps, received: Stamps) -> Stamps:
-        """The stamps with the corrections for all steps so far and for those in them."""
+        """The stamps corrected for all steps so far, including those among them."""
         advance, passed = np.diff(stamps, prepend=self._stamp), np.diff(received, prepend=self._received)
         self._period = max(int(np.median(advance)), 1) if len(advance) >= _ENOUGH else self._period
         back, ahead = advance < -self._jump, advance > max(self._jump, GAP_FACTOR * self._period)
-        # crystals drift apart, so the least delay may rise
+        # clocks drift apart, so the least delay may rise
         self._least += round(self._settings.counter_drift * max(int(received[-1]) - self._received, 0))
         out, start = stamps + self._correction, 0
         for k in (*np.flatnonzero(back | ahead).tolist(), len(stamps)):
             self._least = min(self._least, int((received - out)[start:k].min(initial=self._least)))
             start = k
             if k == len(stamps) or (ahead[k] and received[k] - out[k] > self._least - self._jump):
-                continue  # the end; or a pause, or a queue that empties: the delay is what it was
+                continue  # the end, a pause, or an emptying queue: the delay is unchanged
             step = int(advance[k]) - max(int(passed[k]), self._period)
             out[k:] -= step
             self._correction -= step
@@ -91,7 +91,7 @@ class HeaderClock:
         return out
 
     def notes(self, topic: str) -> Iterator[str]:
-        """What was done to the stamps, one sentence each."""
+        """Yields notes on the corrections, one sentence each."""
         if self.silent:
             yield f"the stamps of {topic} repeat or run back: times of recording are used"
         if self.steps:
@@ -102,13 +102,13 @@ class HeaderClock:
 
 
 class TickClock:
-    """Stamps for messages without any: when they were recorded, corrected by the robot's counter of milliseconds.
+    """Stamps for messages without any: the times of recording, corrected by the robot's millisecond counter.
 
-    A stamp more than `counter_late` after the least delay is a late message or a step of the recorder's clock, and
-    gets the counter's time. A counter that stands still or starts anew corrects nothing.
+    A stamp more than `counter_late` after the least delay is a late message or a step of the recorder's clock, and gets
+    the counter's time. A counter that stands still or restarts is ignored.
 
     Attributes:
-        repaired: stamps that were changed.
+        repaired: number of stamps that were changed.
         furthest: the largest change [s].
     """
 
@@ -136,6 +136,6 @@ class TickClock:
         return stamp
 
     def notes(self, topic: str) -> Iterator[str]:
-        """What was done to the stamps, one sentence each."""
+        """Yields notes on the corrections, one sentence each."""
         if self.repaired:
             yield f"{self.repaired} stamps of {topic} corrected by its counter, by at most {1e3 * self.furthest:.3g} ms"

@@ -1,4 +1,4 @@
-"""Bags as files: topics and messages of one file or a folder of files, damaged ones read as far as possible."""
+"""Files of a bag: topics and messages of one file or a folder; damaged files are read as far as possible."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ class Message(NamedTuple):
 
 
 class Topic(NamedTuple):
-    """Message type of a topic, in ROS 2's notation, and its definition; empty where the file has none."""
+    """Message type of a topic, in ROS 2's notation, and its definition; empty if the file has none."""
 
     kind: str
     definition: str = ""
 
 
 class Container(Protocol):
-    """A file format of bags.
+    """Protocol of a bag's file format.
 
     Attributes:
         name: of the format, for messages.
-        suffix, magic: how its files end and begin.
+        suffix, magic: file name suffix and first bytes.
         encoding: of its messages, "cdr" or "ros1".
     """
 
@@ -45,15 +45,15 @@ class Container(Protocol):
     encoding: str
 
     def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
-        """The topics of a file by name, those in `encoding`.
+        """Topics of a file by name, restricted to those in `encoding`.
 
         Raises:
-            RecordingError: nothing of the file can be read.
+            RecordingError: no part of the file can be read.
         """
         ...
 
     def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
-        """Messages of these topics as recorded. What cannot be read is left out and reported in `damage`."""
+        """Yields messages of these topics as recorded. Unreadable parts are skipped and reported in `damage`."""
         ...
 
 
@@ -65,8 +65,8 @@ class Bag:
         path: of the file or folder.
         container: the format of its files.
         files: its files.
-        budget: what reading it may take.
-        damage: what could not be read, one sentence each; grows while messages are read.
+        budget: limits for reading it.
+        damage: parts that could not be read, one sentence each; grows while messages are read.
     """
 
     path: Path
@@ -77,7 +77,7 @@ class Bag:
 
     @classmethod
     def at(cls, path: Path, container: Container, limits: Limits = DEFAULTS) -> Bag:
-        """The file, or a folder's files in the order of the numbers in their names.
+        """Opens a file, or a folder's files in the order of the numbers in their names.
 
         Raises:
             RecordingError: a file of the folder is compressed as a whole.
@@ -92,7 +92,7 @@ class Bag:
         return cls(path, container, files, Budget(path, limits), [missing] if missing else [])
 
     def topics(self) -> dict[str, Topic]:
-        """The topics of all files.
+        """Topics of all files.
 
         Raises:
             RecordingError: no file can be read.
@@ -111,7 +111,7 @@ class Bag:
         return found
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """All messages of these topics, file after file."""
+        """Yields all messages of these topics, file after file."""
         for path in self.files:
             yield from self.container.messages(path, topics, self.damage, self.budget)
 
@@ -124,17 +124,18 @@ def salvaged(
     damage: list[str],
     budget: Budget,
 ) -> Iterator[Part]:
-    """The parts of a file's records, as far as they can be read.
+    """Yields the parts of a file's records, as far as they can be read.
 
     The libraries raise errors of many kinds on damaged bytes: all are caught here.
 
     Args:
         path: the file.
-        records: in the file's order. An error ends them: there is no way to find the next one.
-        unpack: the parts of a record: of a chunk many, of another itself. An error leaves out the record.
-        read_so_far: what of the file was read, by the number of records, for the report.
-        damage: gets a sentence for whatever could not be read.
-        budget: what reading may take; LimitError where it takes more.
+        records: in the file's order. An error ends them, since the next record cannot be located.
+        unpack: splits a record into parts: a chunk into its messages, others into themselves. On an error the record is
+            skipped.
+        read_so_far: describes how much of the file was read, given the number of records, for the report.
+        damage: receives a sentence for each part that could not be read.
+        budget: limits for reading; raises LimitError if they are exceeded.
     """
     read, broken, reason = 0, 0, ""
     while True:
@@ -168,7 +169,7 @@ def _why(error: Exception) -> str:
 
 
 def _missing_parts(files: Collection[Path]) -> str:
-    """A sentence on numbers left out in a bag's file names; empty if there are none."""
+    """A sentence on missing numbers in a bag's file names; empty if there are none."""
     numbered = [int(m.group(1)) for p in files if (m := re.search(r"_(\d+)$", p.stem))]
     left_out = sorted(set(range(max(numbered, default=-1) + 1)) - set(numbered))
     return f"parts of the bag are missing: number {', '.join(map(str, left_out))}" if left_out else ""

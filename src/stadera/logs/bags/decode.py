@@ -1,4 +1,4 @@
-"""Values of messages from their bytes: joints' states and Imu of ROS 1 and 2, and Unitree's LowState."""
+"""Decodes messages: joints' states and Imu of ROS 1 and 2, and Unitree's LowState."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ IMU = "sensor_msgs/msg/Imu"
 IMU_NAMES = tuple(name for names in IMU_COLUMNS.values() for name in names)
 
 _LARGEST_MESSAGE = 1 << 24
-"""Bytes of a message that does not state its size."""
+"""Largest size of a message that does not state its size [bytes]."""
 _ZSTD = b"\x28\xb5\x2f\xfd"
-"""How a message begins that was compressed on its own."""
+"""First bytes of a message that was compressed individually."""
 
 
 class Sample(NamedTuple):
@@ -35,8 +35,8 @@ class Sample(NamedTuple):
 
     Attributes:
         topic: of the message.
-        received: when it was recorded [ns].
-        stamp: when it was measured [ns].
+        received: time of recording [ns].
+        stamp: time of measurement [ns].
         frame: of the IMU, without a leading slash; may be empty.
         columns: names of the flat table.
         values: (columns,); NaN where the message marks them as unknown.
@@ -54,13 +54,13 @@ Decoder = Callable[[Message], Sample]
 
 
 def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings) -> Decoder:
-    """The decoder of a topic's messages. It raises errors of many kinds on damaged ones.
+    """Returns the decoder of a topic's messages. On damaged ones it raises errors of many kinds.
 
     Args:
         topic: its type and definition.
         encoding: "cdr" or "ros1".
-        joints: that are asked for; motors without names are mapped to these.
-        settings: how stamps are corrected.
+        joints: the requested joints, to which motors without names are mapped.
+        settings: for the correction of stamps.
     """
     if is_low_state(topic):
         from stadera.logs.bags.unitree import LowStates
@@ -85,20 +85,20 @@ def is_low_state(topic: Topic) -> bool:
 
 
 def has_states(topic: Topic, encoding: str) -> bool:
-    """Whether messages other than a JointState or LowState have joints' states in a layout that is known."""
+    """True if messages other than JointState or LowState contain joints' states in a known layout."""
     if "position" not in topic.definition and topic.kind not in PUBLISHED and "Statistic" not in topic.definition:
         return False
     try:
         return finder(_types(topic, encoding).fielddefs, topic.kind) is not None
-    except Exception:  # of many kinds: a definition that is damaged or in another language
+    except Exception:  # of many kinds, if the definition is damaged or in another language
         return False
 
 
 def uncompressed(data: bytes) -> bytes:
-    """A message's bytes, unpacked if it was compressed on its own.
+    """A message's bytes, unpacked if it was compressed individually.
 
     Raises:
-        LimitError: it unpacks to more than any message has.
+        LimitError: it unpacks to more than any message contains.
     """
     if data[:4] != _ZSTD:
         return data
@@ -113,12 +113,12 @@ def uncompressed(data: bytes) -> bytes:
 
 @cache
 def joint_columns(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The columns of joints' positions, velocities and efforts."""
+    """Columns of the joints' positions, velocities and efforts."""
     return tuple(f"{name}.{channel}" for channel in CHANNELS for name in names)
 
 
 def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Sample]:
-    """Reads messages that have joints' states."""
+    """Returns a decoder of messages that contain joints' states."""
     if find is None:
         raise RecordingError(f"a {kind} in this log has no joints' states: its definition is another one")
 
@@ -137,7 +137,7 @@ def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Sample]:
 
 
 def _imu(message: Message, content: Any) -> Sample:
-    """A covariance that begins with -1, or a quaternion of zeros, marks unknown values (sensor_msgs/Imu)."""
+    """Decodes an Imu, in which a covariance that begins with -1, or a quaternion of zeros, marks unknown values."""
     gyro, force, turn = content.angular_velocity, content.linear_acceleration, content.orientation
     values = np.array([gyro.x, gyro.y, gyro.z, force.x, force.y, force.z, turn.x, turn.y, turn.z, turn.w])
     if content.angular_velocity_covariance[0] == -1:
@@ -156,7 +156,9 @@ def _stamp(content: Any) -> int:
 
 @cache
 def _types(topic: Topic, encoding: str) -> Typestore:
-    """A release's definitions, with JointState and Imu as in all of ROS 2 or all of ROS 1, and the topic's own."""
+    """Type definitions of a release, with JointState and Imu as in all of ROS 2 or all of ROS 1, and the topic's
+    own.
+    """
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)

@@ -1,7 +1,7 @@
-"""Bags as logs: the joints of one topic and an IMU, put together at the joints' stamps.
+"""Reads bags as logs: the joints of one topic and an IMU, merged at the joints' stamps.
 
-Stamps are those of the messages' headers. Streams with stamps of their own are interpolated (`alignment`). Samples at
-which one of them has no value are dropped and reported, as blank cells of a table are.
+Stamps are taken from the messages' headers. Streams with other stamps are interpolated (`alignment`). Samples at which
+one of the streams has no value are dropped and reported, like blank cells of a table.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from stadera.logs.topics import LogFile
 from stadera.logs.units import Units
 
 _EARLIEST, _LATEST = -(1 << 61), 1 << 62
-"""[ns], of a stamp: up to the year 2116. Differences of such stamps do not overflow."""
+"""Range of a stamp [ns], up to the year 2116. Differences of such stamps do not overflow."""
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,16 @@ class BagLog:
 
     @property
     def name(self) -> str:
-        """What it reads, for messages."""
+        """Name of the format, for messages."""
         return self.container.name
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """File name endings that promise this kind."""
+        """File name suffixes of this format."""
         return (self.container.suffix,)
 
     def accepts(self, path: Path) -> bool:
-        """A file that begins with the format's magic bytes, or a folder with files that are called so."""
+        """True for a file that begins with the format's magic bytes, or a folder with files of its suffix."""
         suffix, magic = self.container.suffix, self.container.magic
         if path.is_dir():
             files = (p for p in path.iterdir() if p.is_file())
@@ -95,16 +95,16 @@ class BagLog:
 
 
 def _stamped(reading: Reading) -> Reading:
-    """Without a unit of time: stamps of messages are seconds and nanoseconds."""
+    """The reading without a unit of time: stamps of messages are in seconds and nanoseconds."""
     units = {quantity: unit for quantity, unit in reading.units.of.items() if quantity != TIME}
     return replace(reading, units=Units(units))
 
 
 class _Samples:
-    """The values of a bag's messages, in the order of recording; damaged messages are counted.
+    """Values of a bag's messages, in the order of recording; damaged messages are counted.
 
     Attributes:
-        damaged: by topic, messages that could not be read.
+        damaged: by topic, number of messages that could not be read.
     """
 
     def __init__(self, bag: Bag, decoders: dict[str, Decoder]) -> None:
@@ -119,7 +119,7 @@ class _Samples:
                 self.bag.budget.require_columns(sample.columns)
             except LimitError:
                 raise
-            except Exception:  # the libraries meet damaged bytes with errors of many kinds
+            except Exception:  # the libraries raise many kinds of errors on damaged bytes
                 self.damaged[message.topic] += 1
                 continue
             if all(_EARLIEST <= time < _LATEST for time in (sample.stamp, sample.received)):
@@ -141,7 +141,7 @@ def _batches(samples: _Samples, start: Beginning, merging: Merging, batch: int) 
 
 
 def _notes(samples: _Samples, merging: Merging, topic: str) -> Iterator[str]:
-    """What is known of the whole at its end, one sentence each."""
+    """Yields notes on the whole log after its end, one sentence each."""
     yield from samples.bag.damage
     for name, count in samples.damaged.items():
         yield f"left out {count} damaged message{'s' * (count > 1)} of {name}"
@@ -151,7 +151,7 @@ def _notes(samples: _Samples, merging: Merging, topic: str) -> Iterator[str]:
 
 
 def _with_final_notes(chunks: Iterator[Recording], notes: Iterator[str]) -> Iterator[Recording]:
-    """The same chunks; the last one notes what is known of the whole."""
+    """Yields the same chunks; the last one includes the notes on the whole log."""
     waiting = next(chunks, None)
     for chunk in chunks:
         if waiting is not None:

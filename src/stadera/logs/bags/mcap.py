@@ -1,4 +1,4 @@
-"""MCAP files, read record by record."""
+"""Reads MCAP files record by record."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ class McapFile:
 
 
 def _summary(path: Path) -> list[McapRecord]:
-    """Schemas and channels by the file's index; none if it has no index that can be read."""
+    """Schemas and channels from the file's index; empty if it has no readable one."""
     from mcap.reader import SeekingReader
 
     try:
         with path.open("rb") as file:
             summary = SeekingReader(file).get_summary()
-    except Exception:  # of many kinds, at a damaged end; the records themselves are read instead
+    except Exception:  # of many kinds, if the end is damaged; the records are read instead
         return []
     return [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
 

@@ -1,4 +1,4 @@
-"""Messages of joints and an IMU merged into rows at the joints' stamps, of a bag or of a running robot."""
+"""Merges messages of joints and an IMU into rows at the joints' stamps, from a bag or a running robot."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ class Merging:
     """Merges one pass of messages.
 
     Args:
-        start: what the first messages decided.
-        topic: of the joints. imu_topic: of the IMU; None where the joints' messages have it.
+        start: layout determined from the first messages.
+        topic: of the joints. imu_topic: of the IMU; None if the joints' messages include it.
         columns: of the flat table, chosen from `start.columns`, time first.
         settings: of bags.
 
     Attributes:
-        tracks: the streams; the first is the one whose stamps count.
-        strangers: messages of the joints' topic that name other joints, which are left out.
+        tracks: the streams; the first one's stamps are used.
+        strangers: number of messages of the joints' topic that name other joints, which are skipped.
     """
 
     def __init__(
@@ -46,20 +46,20 @@ class Merging:
         self._chosen = [names.index(name) for name in columns]
 
     def take(self, sample: Sample) -> bool:
-        """Adds a message's values; whether they belong to one of the streams."""
+        """Adds a message's values. Returns True if they belong to one of the streams."""
         track = self._imu if sample.topic != self._topic else self._of_joints(sample)
         if track is not None:
             track.take(sample)
         return track is not None
 
     def batch(self, *, final: bool = False) -> Batch | None:
-        """The rows completed since the last call, blank where a stream has no value; None of none.
+        """Rows completed since the last call, blank where a stream has no value; None if there are none.
 
         Args:
-            final: nothing more is to come.
+            final: True if no more messages follow.
 
         Raises:
-            RecordingError: stamps that are no clock.
+            RecordingError: the stamps are not those of a clock.
         """
         stamps, values = self._alignment.rows(final=final)
         if not len(stamps):
@@ -68,7 +68,7 @@ class Merging:
         return Batch(cells, np.isnan(cells))
 
     def notes(self) -> Iterator[str]:
-        """What is known of the whole at its end, one sentence each."""
+        """Yields notes on the whole log after its end, one sentence each."""
         if self.strangers:
             yield f"left out {self.strangers} messages of {self._topic} that are of other joints"
         reference, *others = self.tracks

@@ -1,8 +1,8 @@
-"""JointState and Imu of ROS 2 by the places of their numbers, as long as messages are laid out like the one before.
+"""Decodes JointState and Imu of ROS 2 by the positions of their numbers, while messages have the same layout.
 
-In CDR a header is a stamp of 8 bytes and the frame's name. What follows up to the first number (names of joints among
-it) is the same in message after message of a publisher, so the numbers stay in their places: doubles, aligned to 8
-bytes behind the four of the encapsulation. Anything else is left to a decoder that reads every field.
+In CDR a header is a stamp of 8 bytes and the frame's name. Everything up to the first number (including names of
+joints) is the same in successive messages of a publisher, so the numbers keep their positions: doubles, aligned to 8
+bytes after the four of the encapsulation. Other messages are passed to a decoder that reads every field.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from stadera.logs.bags.decode import Sample
 
 _LITTLE = b"\0\1\0\0"
-_STAMP = 12  # where the frame's name begins: behind encapsulation and stamp
-_IMU = 37  # numbers: quaternion, rates, specific force, each with nine of its covariance
+_STAMP = 12  # start of the frame's name: after encapsulation and stamp
+_IMU = 37  # numbers: quaternion, rates and specific force, each followed by nine of its covariance
 _IMU_ORDER = np.array([13, 14, 15, 25, 26, 27, 0, 1, 2, 3])
-_UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covariances that begin with -1, and of what
+_UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covariances that begin with -1, and their values
 
 
 class Repeated:
-    """A decoder that learns from each message how the next one will be laid out.
+    """A decoder that learns the layout of the next message from each message.
 
     Args:
-        decode: reads every field.
-        is_imu: whether the messages are Imu, and not JointState.
+        decode: decoder that reads every field.
+        is_imu: True for Imu messages, False for JointState.
     """
 
     def __init__(self, decode: Callable[[Message], Sample], *, is_imu: bool) -> None:
@@ -40,7 +40,7 @@ class Repeated:
         self._like: Sample | None = None
         self._prefix, self._length, self._first, self._count = b"", 0, 0, 0
         self._gaps: tuple[slice, ...] = ()
-        self._joints = b""  # their number, as it stands before each array
+        self._joints = b""  # their number, as encoded before each array
         self._order: NDArray[np.intp] = _IMU_ORDER
 
     def __call__(self, message: Message) -> Sample:
@@ -66,17 +66,17 @@ class Repeated:
         )
 
     def _learn(self, data: bytes, sample: Sample) -> None:
-        """Where the next message's numbers are, if it is laid out like this one."""
+        """Determines the numbers' positions in the next message, if it has the same layout."""
         self._like = None
         if data[:4] != _LITTLE:
             return
         joints = 0 if self._is_imu else len(sample.columns) // 3
         count = (
             _IMU if self._is_imu else 3 * joints + 2
-        )  # before the second and third array stand 8 bytes with its length
+        )  # the second and third array are preceded by 8 bytes with their length
         first = len(data) - 8 * count
         if (first - 4) % 8 or first <= _STAMP or not (joints or self._is_imu):
-            return  # something follows, or an array is empty
+            return  # more data follows, or an array is empty
         self._prefix, self._length, self._first, self._count = data[_STAMP:first], len(data), first, count
         if not self._is_imu:
             self._joints = struct.pack("<I", joints)
@@ -88,7 +88,7 @@ class Repeated:
 
 
 def _blank_unknown(values: Array, numbers: NDArray[Any]) -> None:
-    """Values that sensor_msgs/Imu marks as unknown become NaN: by a covariance, or a quaternion of zeros."""
+    """Sets values that sensor_msgs/Imu marks as unknown, by a covariance or a quaternion of zeros, to NaN."""
     for covariance, part in _UNKNOWN:
         if numbers[covariance] == -1.0:
             values[part] = np.nan

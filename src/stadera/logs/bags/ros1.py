@@ -1,4 +1,4 @@
-"""ROS 1's bag files, format 2.0 (https://wiki.ros.org/Bags/Format/2.0), read record by record."""
+"""Reads ROS 1's bag files, format 2.0 (https://wiki.ros.org/Bags/Format/2.0), record by record."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class _Record(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """A connection, which has a topic and its type, or a message, which has a time [ns] and data."""
+    """A connection (topic and type), or a message (time [ns] and data)."""
 
     connection: int
     topic: str = ""
@@ -50,7 +50,7 @@ class Ros1File:
         try:
             with Reader(path) as reader:
                 return {c.topic: Topic(c.msgtype, c.msgdef.data) for c in reader.connections}
-        except Exception:  # of many kinds, at a damaged end; the records themselves are read instead
+        except Exception:  # of many kinds, if the end is damaged; the records are read instead
             connections = [part for part in _parts(path, [], budget) if part.topic]
             found = {part.topic: Topic(normalize_msgtype(part.type), part.definition) for part in connections}
         if not found:
@@ -84,7 +84,7 @@ def _unpacked(record: _Record, budget: Budget) -> list[_Part]:
 
 
 def _parts_of(record: _Record) -> list[_Part]:
-    """Of a record that is no chunk."""
+    """Parts of a record that is not a chunk."""
     from rosbags.rosbag1.reader import Header
 
     kind, header, data = record

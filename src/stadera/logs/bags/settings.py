@@ -1,4 +1,4 @@
-"""How the messages of a bag become one log."""
+"""Settings for reading a bag's messages as one log."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ class BagSettings:
     """Limits and tolerances, chosen for robots' logs of 50 Hz to 1 kHz.
 
     Attributes:
-        head: messages of joints at the beginning that decide which columns there are.
-        most_ahead: messages to look through for the first one of an IMU.
+        head: messages of joints at the beginning that determine the columns.
+        most_ahead: messages searched for the first one of an IMU.
         batch: messages processed at a time.
-        clocks_apart: difference of two topics' clocks above which one is set by the other [s]; a second is far above
-            any latency and far below the difference of clocks that were set independently.
-        drift: of two topics' clocks since the beginning, above which it is corrected [s]: above what delays scatter by,
-            below what weighing feels.
-        drift_window: over which a clock's delays are compared [s]: queues are empty once in it.
-        header_jump: a stamp that is so much further than the recorder's clock says, or runs so far back, follows a step
-            of the clock [s]; ntpd steps a clock by 0.128 s or more and slews it by less.
-        patience: how long a sample waits for the other topics [s]; bounds the memory.
-        out_of_order: share of stamps that may repeat or run back; above it they are no clock, and the times of
-            recording are used.
-        out_of_order_from: samples from which that share is evaluated.
-        counter_late: stamps up to so much later than the robot's counter are kept [s]: it counts in milliseconds.
-        counter_jump: a stamp that is further off the counter follows a step of one of the clocks [s].
-        counter_drift: how much faster the robot's clock may run than the recorder's (crystals: 20 to 100 ppm).
+        clocks_apart: difference between two topics' clocks above which one is set from the other [s]; one second is far
+            above any latency and far below the difference of independently set clocks.
+        drift: of two topics' clocks since the beginning above which it is corrected [s]: above the scatter of the
+            delays, below what affects weighing.
+        drift_window: over which a clock's delays are compared [s]; queues are empty at least once in it.
+        header_jump: difference from the recorder's clock, or run back, above which a stamp indicates a step of the
+            clock [s]; ntpd steps a clock by 0.128 s or more and slews it by less.
+        patience: time for which a sample waits for the other topics [s]; bounds the memory.
+        out_of_order: share of stamps that repeat or run back above which they are not those of a clock, and the times
+            of recording are used.
+        out_of_order_from: samples needed to evaluate that share.
+        counter_late: stamps up to this much later than the robot's counter are kept [s]: it counts in milliseconds.
+        counter_jump: difference between stamp and counter above which one of the clocks has stepped [s].
+        counter_drift: relative rate by which the robot's clock may run faster than the recorder's (crystals: 20 to 100
+            ppm).
     """
 
     head: int = 2000

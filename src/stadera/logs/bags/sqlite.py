@@ -1,4 +1,4 @@
-"""rosbag2's sqlite3 files."""
+"""Reads rosbag2's sqlite3 files."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.bags.container import Message, Topic, salvaged
 
-_OPERATIONS = 100_000  # of sqlite's virtual machine, between two looks at the time
-_LONGEST = 1_000_000_000  # bytes, that sqlite allows itself
+_OPERATIONS = 100_000  # of sqlite's virtual machine, between two checks of the time
+_LONGEST = 1_000_000_000  # bytes, sqlite's own limit
 
 
 class SqliteFile:
@@ -41,7 +41,7 @@ class SqliteFile:
 
 
 def _message(row: tuple[str, object, object]) -> tuple[Message]:
-    """The columns of a sqlite table hold values of any type."""
+    """Converts a row; the columns of a sqlite table hold values of any type."""
     topic, received, data = row
     if not (isinstance(received, int) and isinstance(data, bytes)):
         raise RecordingError(f"a message is {type(data).__name__} at {type(received).__name__}")
@@ -52,7 +52,7 @@ def _rows(path: Path, topics: Collection[str], budget: Budget) -> Iterator[tuple
     with closing(_open(path, budget)) as database:
         names = {number: str(name) for number, name in database.execute("SELECT id, name FROM topics")}
         wanted = [number for number, name in names.items() if name in topics]
-        # in the order of the rows, which is that of recording: an index might be what is damaged
+        # in the order of the rows, which is that of recording: an index might be damaged
         query = (
             f"SELECT topic_id, timestamp, data FROM messages WHERE +topic_id IN ({','.join('?' * len(wanted))}) "
             "ORDER BY id"
@@ -62,17 +62,17 @@ def _rows(path: Path, topics: Collection[str], budget: Budget) -> Iterator[tuple
 
 
 def _open(path: Path, budget: Budget) -> sqlite3.Connection:
-    """The database, in which no value is longer than the budget allows and no query takes longer.
+    """Opens the database such that no value is longer and no query takes longer than the budget allows.
 
     Raises:
-        RecordingError: topics or messages are no plain table: a view or a virtual one computes its rows, without end if
-            it was made so.
+        RecordingError: topics or messages are not plain tables: a view or virtual table computes its rows, possibly
+            without end.
     """
     database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(int(budget.limits.unpacked), _LONGEST))
     database.set_progress_handler(lambda: budget.is_over, _OPERATIONS)
     database.execute("PRAGMA trusted_schema=OFF")
-    # without this, sqlite refuses a file that is shorter than its header says altogether
+    # without this, sqlite rejects a file that is shorter than its header states
     database.execute("PRAGMA writable_schema=ON")
     stored = dict(database.execute("SELECT name, type = 'table' AND rootpage > 0 FROM sqlite_master"))
     if computed := next((name for name in ("topics", "messages") if not stored.get(name, 1)), None):

@@ -1,4 +1,4 @@
-"""Joints' states in messages of any type: found by the names of their fields.
+"""Finds joints' states in messages of any type by the names of their fields.
 
 Known layouts, at the top of a message or in one of its parts:
 
@@ -21,10 +21,10 @@ from stadera.types import Array
 
 CHANNELS = ("position", "velocity", "effort")
 States = tuple[tuple[str, ...], Mapping[str, Array]]
-"""Names of joints, and by channel their values (joints,), NaN where a message has none; channels may lack."""
+"""Names of joints, and by channel their values (joints,), NaN for missing ones; channels may be absent."""
 
 Find = Callable[[Any], States]
-"""The joints' states of a decoded message."""
+"""Extracts the joints' states from a decoded message."""
 
 _NAMES = ("name", "names", "joint_names", "joint_name")
 _WORDS = {
@@ -48,12 +48,12 @@ https://github.com/pal-robotics/pal_statistics)."""
 
 
 def finder(types: Mapping[str, Any], kind: str, depth: int = 2) -> Find | None:
-    """What finds the joints' states in messages of a type; None where they are in none of the known layouts.
+    """Returns the function that finds the joints' states in messages of a type; None if the layout is not known.
 
     Args:
-        types: definitions of this type and of those it is made of, as rosbags has them.
+        types: definitions of this type and of its parts, in rosbags' format.
         kind: the type.
-        depth: how deep in parts of the message to look.
+        depth: number of nested parts to search.
     """
     fields = dict(types[kind][1]) if kind in types else {}
     found = _arrays(types, fields) or _interfaces(types, fields) or _structs(types, fields)
@@ -66,7 +66,7 @@ def finder(types: Mapping[str, Any], kind: str, depth: int = 2) -> Find | None:
 
 
 def _arrays(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
-    """Arrays of names and values, the values here or in a part that holds what is measured."""
+    """Arrays of names and values, the values here or in a part with the measured ones."""
     names = _first(_NAMES, [name for name in fields if _element(fields[name]) == "string"])
     if names is None:
         return None
@@ -102,7 +102,7 @@ def _interfaces(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | N
 
 
 def _structs(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
-    """An array of parts, each with a name and values, or with a name that says what its one value is."""
+    """An array of parts, each with a name and values, or with a name that states what its one value is."""
     for field, description in fields.items():
         part = _element(description)
         inside = [name for name, _ in types[part][1]] if part in types else []
@@ -122,7 +122,7 @@ def _structs(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None
 
 
 def _named(numbers: Any) -> States:
-    """Joints' states of numbers whose names end in a joint and a channel; commands are left out."""
+    """Joints' states from numbers whose names end in a joint and a channel; commands are skipped."""
     found: dict[str, dict[str, float]] = {}
     for number in numbers:
         if (match := _STATISTIC.match(number.name)) and not _COMMAND.search(number.name):

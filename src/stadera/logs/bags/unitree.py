@@ -1,4 +1,6 @@
-"""LowState of Unitree's robots: motors without names and an IMU in one message, with a counter and no header."""
+"""Decodes LowState of Unitree's robots: motors without names and an IMU in one message, with a counter and no
+header.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,11 @@ from stadera.logs.bags.settings import DEFAULTS, BagSettings
 
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
-"""Unitree's order, and the joints' names in its models."""
+"""Unitree's order of the motors, and the joints' names in its models."""
 _PARTS = {"hip": ("hip", "haa", "abad", "hx"), "thigh": ("thigh", "hfe", "hy"), "calf": ("calf", "kfe", "knee", "kn")}
 _LEGS = {"FR": ("fr", "rf"), "FL": ("fl", "lf"), "RR": ("rr", "rh", "hr"), "RL": ("rl", "lh", "hl")}
 _MOST_NUMBERS = 10_000
-"""Of a LowState; Unitree's have under a thousand."""
+"""Largest number of fields in a LowState; Unitree's have under a thousand."""
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 _IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
 PUBLISHED = {
@@ -37,15 +39,15 @@ PUBLISHED = {
     f"{_SEPARATOR}unitree_hg/MotorState\nuint8 mode\nfloat32 q\nfloat32 dq\nfloat32 ddq\nfloat32 tau_est\n"
     "int16[2] temperature\nfloat32 vol\nuint32[2] sensor\nuint32 motorstate\nuint32[4] reserve\n",
 }
-"""Unitree's definitions (https://github.com/unitreerobotics/unitree_ros2), as far as they are read here."""
+"""Unitree's definitions (https://github.com/unitreerobotics/unitree_ros2), restricted to the fields read here."""
 
 
 class LowStates:
     """Decoder of one topic's messages.
 
     Attributes:
-        clock: that repairs their stamps.
-        motors: with values in the first message.
+        clock: repairs their stamps.
+        motors: number of motors with values in the first message.
     """
 
     def __init__(
@@ -86,7 +88,7 @@ class LowStates:
             np.maximum(self._most, counts, out=self._most)
 
     def notes(self, topic: str) -> Iterator[str]:
-        """What was done to its messages, one sentence each."""
+        """Yields notes on the messages, one sentence each."""
         yield from self.clock.notes(topic)
         if self.motors > len(MOTORS):
             yield f"{topic} has {self.motors} motors: the legs' twelve are read, {', '.join(MOTORS[:3])} and so on"
@@ -97,25 +99,25 @@ class LowStates:
 
 
 def _offsets(topic: Topic, *, aligned: bool) -> dict[str, int]:
-    """As `offsets`, by the definition in the log, else Unitree's."""
+    """Like `offsets`, from the definition in the log, else Unitree's."""
     published = PUBLISHED.get(topic.kind, "")
     try:
         return offsets(topic.kind, topic.definition or published, aligned=aligned)
     except RecordingError:
         raise
-    except Exception:  # of many kinds: a definition that is damaged or in another language
+    except Exception:  # of many kinds, if the definition is damaged or in another language
         if not published:
             raise RecordingError(f"the definition of {topic.kind} in this log cannot be read") from None
         return offsets(topic.kind, published, aligned=aligned)
 
 
 def _bytes(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
-    """(numbers, size), where the bytes of some numbers are."""
+    """Positions of the bytes of some numbers, (numbers, size)."""
     return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
 
 
 def motor_names(joints: Sequence[str] | None) -> tuple[str, ...]:
-    """The motors' names: among the joints asked for, those of the same leg and part; else Unitree's own."""
+    """Names of the motors: among the requested joints those of the same leg and part; else Unitree's own."""
     return tuple(_match(motor, joints or ()) for motor in MOTORS)
 
 
@@ -130,13 +132,14 @@ def _match(motor: str, joints: Sequence[str]) -> str:
 
 
 def offsets(kind: str, definition: str, *, aligned: bool = True) -> dict[str, int]:
-    """Where each number of a message is in its body [bytes], by path, such as "motor_state.3.q".
+    """Position of each number in a message's body [bytes], by path, such as "motor_state.3.q".
 
-    In CDR numbers are aligned to their own size (OMG CDR), in ROS 1's encoding not. What comes after a field of unknown
-    size is left out. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are given as those of ROS 2.
+    In CDR numbers are aligned to their own size (OMG CDR), in ROS 1's encoding they are not. Fields after one of
+    unknown size are skipped. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are converted to those of
+    ROS 2.
 
     Raises:
-        RecordingError: a definition without the fields of a LowState.
+        RecordingError: the definition lacks fields of a LowState.
     """
     from rosbags.typesys import get_types_from_msg
 
@@ -154,7 +157,7 @@ def offsets(kind: str, definition: str, *, aligned: bool = True) -> dict[str, in
 
 
 def _renamed(path: str) -> str:
-    """In ROS 2's names: snake case, and imu_state for imu."""
+    """Converts to ROS 2's names: snake case, and imu_state for imu."""
     snake = re.sub(r"(?<=[a-z])([A-Z])", lambda match: f"_{match[1].lower()}", path)
     return re.sub(r"^imu\.", "imu_state.", snake)
 

@@ -1,4 +1,4 @@
-"""Compressed parts of bags, unpacked as far as a budget allows: four megabytes of zeros may be a hundred bytes."""
+"""Unpacks compressed parts of bags within a budget: four megabytes of zeros can take a hundred bytes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class _Readable(Protocol):
 
 
 def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
-    """A chunk or message.
+    """Unpacks a chunk or message.
 
     Args:
         data: as stored.

@@ -1,1 +1,1 @@
-"""Columns of others: maps of their names and units to those of the flat table."""
+"""Logs with other column names: maps of their names and units to those of the flat table."""

@@ -1,4 +1,4 @@
-"""A map of a log's columns to those of the flat table: a TOML file of a user's, or a preset of this package."""
+"""Maps a log's columns to those of the flat table, given a user's TOML file or a preset of this package."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ TEMPLATE_HINT = "`stadera inspect LOG --columns` writes a template"
 
 @dataclass(frozen=True)
 class Source:
-    """Where a column of the flat table comes from.
+    """Source of a column of the flat table.
 
     Attributes:
-        pattern: of the log's column, see `stadera.logs.foreign.pattern`.
+        pattern: for the log's column, see `stadera.logs.foreign.pattern`.
         unit: of its values, empty for the map's.
-        factor: that they are multiplied with besides: a sign, or the ratio of a gear.
+        factor: additional factor, such as a sign or a gear ratio.
     """
 
     pattern: str
@@ -36,16 +36,16 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class ColumnMap:
-    """Which columns of a log are what.
+    """Assignment of a log's columns.
 
     Attributes:
         name: of the preset, or of the map's file.
-        columns: by column of the flat table, with {joint} and {axis} for all joints and axes, where it may come from,
-            the likeliest first.
-        chosen: the same, only where the map is asked for by name: names that could as well be another robot's.
-        joints: the names that {i} and {n} count.
+        columns: by column of the flat table, with {joint} and {axis} for all joints and axes, its possible sources, the
+            likeliest first.
+        chosen: more of these that apply only if the map is requested by name, since the names could be another robot's.
+        joints: names to which {i} and {n} refer.
         units: of the log.
-        about: what kind of log it is.
+        about: description of the kind of log.
     """
 
     name: str
@@ -56,16 +56,16 @@ class ColumnMap:
     about: str = ""
 
     def asked(self) -> ColumnMap:
-        """With the names that count only where the map is asked for."""
+        """The map including the names that apply only on request."""
         merged = {key: (*self.columns.get(key, ()), *more) for key, more in self.chosen.items()}
         return replace(self, columns={**self.columns, **merged}, chosen={})
 
 
 def column_map(given: str | Path) -> ColumnMap:
-    """A preset by its name, or a map by the path of its TOML file.
+    """Loads a preset by its name, or a map by the path of its TOML file.
 
     Raises:
-        RecordingError: neither, or a file that is not such a map.
+        RecordingError: neither, or not a valid map.
     """
     path = Path(given)
     if str(given) in preset_names():
@@ -81,7 +81,7 @@ def column_map(given: str | Path) -> ColumnMap:
 
 
 def parsed(text: str, name: str) -> ColumnMap:
-    """A map from the text of a TOML file. Raises: see `column_map`."""
+    """Parses a map from the text of a TOML file. Raises as `column_map`."""
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -149,7 +149,7 @@ def _source(column: str, given: Any, name: str) -> Source:
 
 
 def _check_places(column: str, pattern: str, name: str) -> None:
-    """What the flat table's name leaves open, the log's has to say."""
+    """Checks that the log's pattern provides every place left open in the flat table's name."""
     for place, said in (("{joint}", ("{joint}", "{i}", "{n}")), ("{axis}", ("{axis}", "{xyz}", "{wxyz}", "{xyzw}"))):
         if (place in column) != any(word in pattern for word in said):
             raise RecordingError(f"{name}: {column!r} = {pattern!r}: {place} and one of {', '.join(said)} go together")
@@ -157,7 +157,7 @@ def _check_places(column: str, pattern: str, name: str) -> None:
 
 @cache
 def preset_names() -> tuple[str, ...]:
-    """The presets, in the order in which a log's columns are compared with them."""
+    """Names of the presets, in the order in which they are tried."""
     files = (resources.files(__package__) / "presets").iterdir()
     found = sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
     return tuple(sorted(found, key=lambda name: name == "names"))  # the most general one last

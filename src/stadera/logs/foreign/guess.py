@@ -1,4 +1,4 @@
-"""What may be meant by columns that no preset recognises without being asked for: for errors and templates."""
+"""Suggests assignments for unrecognised columns, for errors and templates."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from stadera.logs.topics import Topics
 from stadera.logs.units import Units
 
 _NUMBERED = tuple(f"joint_{k}" for k in range(32))
-"""Names for joints of a preset that does not know their order."""
+"""Names for joints in a preset that does not define their order."""
 
 
 def guessed(names: Sequence[str], reading: Reading) -> Translation:
-    """What columns may be: as the first preset has it that fits, asked for or not.
+    """Translates columns with the first preset that fits, including those that apply on request only.
 
-    Joints whose order nothing says are called joint_0, joint_1 and so on.
+    Joints of unknown order are called joint_0, joint_1 and so on.
     """
     found = translated(names, "", reading, Topics())
     if found.recognised:
@@ -31,7 +31,7 @@ def guessed(names: Sequence[str], reading: Reading) -> Translation:
 
 
 def hint(names: Sequence[str], reading: Reading) -> str:
-    """What to do about columns that are not recognised, for the end of an error."""
+    """Advice for unrecognised columns, as the end of an error message."""
     fitting = {name: one for name in preset_names() if (one := _fitting(preset(name), names, reading)) is not None}
     chosen = [preset(name) for name in fitting if preset(name).chosen]
     ways = []
@@ -51,7 +51,7 @@ def _timed(found: Translation) -> bool:
 
 
 def _fitting(chosen: ColumnMap, names: Sequence[str], reading: Reading) -> Translation | None:
-    """What the columns are by a preset that is asked for; None where it does not fit."""
+    """Translates columns with a requested preset; None if it does not fit."""
     asked = replace(chosen.asked(), joints=chosen.joints or _NUMBERED)
     try:
         return translated(names, "", Reading(asked, reading.units.over(Units())), Topics())

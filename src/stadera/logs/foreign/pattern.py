@@ -1,15 +1,15 @@
 """Patterns of column names.
 
-A pattern is a column's name with places to be filled in:
+A pattern is a column's name with placeholders:
 
     {joint}                the name of a joint
     {i}, {n}               its number in the map's list of joints, from 0, from 1
     {axis}                 x, y, z or w
-    {xyz}, {wxyz}, {xyzw}  the number of an axis in that order, from 0; in brackets or not
-    {topic}                what comes before, the same for all joints or for all of the IMU; may be absent
-    {_}, {-}               one or more of the signs . _ / - or a blank; any number of them, or none
+    {xyz}, {wxyz}, {xyzw}  the number of an axis in that order, from 0; with or without brackets
+    {topic}                a common prefix of all joints or of the IMU; may be absent
+    {_}, {-}               one or more of the signs . _ / - or a blank; any number of them
 
-Upper and lower case are alike.
+Matching ignores case.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ _ORDERS = {"xyz": "xyz", "wxyz": "wxyz", "xyzw": "xyzw"}
 
 @dataclass(frozen=True)
 class Hit:
-    """A column that fits a pattern.
+    """A column that matches a pattern.
 
     Attributes:
-        joint: its joint's name, or its number where the pattern counts them; empty for a column of no joint.
-        axis: x, y, z or w; empty for a column of no axis.
-        topic: empty where there is none.
+        joint: its joint's name, or its number if the pattern counts joints; empty for a column without a joint.
+        axis: x, y, z or w; empty for a column without an axis.
+        topic: empty if there is none.
     """
 
     joint: str | int
@@ -53,7 +53,7 @@ class Hit:
 
 
 def hits(pattern: str, names: Mapping[str, str]) -> Iterator[tuple[str, Hit]]:
-    """The columns that fit, and what fills the pattern's places.
+    """Yields the columns that match, with the values of the placeholders.
 
     Args:
         pattern: see the module.
@@ -85,7 +85,7 @@ def _hit(said: Mapping[str, str | None]) -> Hit:
 
 @cache
 def _compiled(pattern: str) -> re.Pattern[str]:
-    """Raises RecordingError: a place that is not known."""
+    """Raises RecordingError for an unknown placeholder."""
     parts = re.split(r"\{([^{}]*)\}", pattern)
     if unknown := next((place for place in parts[1::2] if place not in _PLACES), None):
         raise RecordingError(f"{pattern!r}: unknown place {{{unknown}}}; known: {{{'}, {'.join(_PLACES)}}}")

@@ -1,4 +1,4 @@
-"""A map of a log's columns to begin with, filled in as far as the columns are recognised."""
+"""Writes a template for a map of a log's columns, filled in as far as the columns are recognised."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _UNITS = {"time": "s", "position": "rad", "velocity": "rad/s", "effort": "Nm", "
 
 
 def template(path: Path, reading: Reading) -> str:
-    """The text of a map of columns for a log.
+    """Text of a map of columns for a log.
 
     Raises:
-        RecordingError: not a table, or a log that cannot be read.
+        RecordingError: not a table, or the log cannot be read.
     """
     reader = reader_of(path)
     header = getattr(reader, "header", None)

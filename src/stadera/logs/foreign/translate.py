@@ -1,4 +1,4 @@
-"""From a log's columns to those of the flat table: by a map that is given, or by the presets' patterns."""
+"""Translates a log's columns to those of the flat table, by a given map or by the presets' patterns."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from stadera.logs.units import FACTORS, Units, labelled, quantity_of
 
 _GENERAL = "names"
 _NO_JOINTS = frozenset({"des", "desired", "cmd", "command", "ref", "target", "error", "err", "raw", "foot"})
-"""Words that make a name something else than a joint's: q_des_FL_hip."""
+"""Words that exclude a name from being a joint's, as in q_des_FL_hip."""
 _GROUPS = {"joint": ("--joint-topic", "joints"), "imu": ("--imu-topic", "IMUs")}
 
 
 @dataclass(frozen=True)
 class Translation:
-    """Where the columns of the flat table come from.
+    """Sources of the flat table's columns.
 
     Attributes:
-        sources: by column of the flat table, the log's.
-        factors: by column of the flat table, what makes SI units of the log's; absent where it is 1.
-        stamped: whether the unit of time was said.
-        rate_hz: of a log without time, its rows a second.
-        notes: what was recognised and converted, one sentence each.
-        recognised: whether the names say what is in the columns.
-        topics: whether the names have topics to choose from.
+        sources: the log's column for each column of the flat table.
+        factors: factors to SI units by column of the flat table; absent if 1.
+        stamped: True if the unit of time is given.
+        rate_hz: rows per second of a log without time.
+        notes: columns that were recognised and converted, one sentence each.
+        recognised: True if the names identify the columns.
+        topics: True if the names contain topics to choose from.
     """
 
     sources: Mapping[str, str]
@@ -46,7 +46,7 @@ class Translation:
 
 @dataclass(frozen=True)
 class _Found:
-    """One column that may be one of the flat table's."""
+    """A column that may be one of the flat table's."""
 
     flat: str
     column: str
@@ -62,17 +62,17 @@ class _Found:
 def translated(
     names: Sequence[str], source: str, reading: Reading, topics: Topics, joints: Collection[str] = ()
 ) -> Translation:
-    """What the columns of a log are.
+    """Translates the columns of a log.
 
     Args:
         names: of its columns.
         source: the log, for messages.
-        reading: a map of them, where there is one, and their units.
-        topics: to choose among, where the names have topics.
-        joints: names that are joints though they do not look like it.
+        reading: a map of the columns, if given, and their units.
+        topics: the topics to choose, if the names contain topics.
+        joints: names that are joints although they do not look like it.
 
     Raises:
-        RecordingError: a map that does not fit, several topics and none chosen.
+        RecordingError: the map does not fit, or there are several topics and none was chosen.
     """
     labels = labelled(names)
     plain = {name: labels[name][0] if name in labels else name for name in names}
@@ -105,7 +105,7 @@ def _as_is(
     labels: Mapping[str, tuple[str, str]],
     units: Units,
 ) -> Translation:
-    """Columns that are already called as in the flat table, or that nothing is known about."""
+    """Columns that already have the flat table's names, or that are unknown."""
     count = Counter(plain.values())
     sources = {plain[name] if count[plain[name]] == 1 else name: name for name in names}
     known = {flat: _Found(flat, name, Source(name), "", 0) for flat, name in sources.items()}
@@ -138,7 +138,7 @@ def _in_units(
 def _factors(
     found: Mapping[str, _Found], mapped: Units, labels: Mapping[str, tuple[str, str]], asked: Units
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """By column its factor to SI: the unit of its own in the map, else that asked for, its label's, the map's."""
+    """Factors to SI by column: from the column's unit in the map, else the requested unit, its label's, the map's."""
     factors: dict[str, float] = {}
     converted: Counter[str] = Counter()
     for flat, one in found.items():
@@ -160,14 +160,14 @@ def _lacks_an_order(chosen: ColumnMap) -> bool:
 
 
 def _conversion(quantity: str, unit: str, factor: float) -> str:
-    """For a note: "position deg times -1"."""
+    """Description for a note: "position deg times -1"."""
     return " ".join([quantity, *([unit] if unit else []), *([f"times {factor:g}"] if factor != 1.0 else [])])
 
 
 def _mapped(
     chosen: ColumnMap, plain: Mapping[str, str], source: str, topics: Topics, joints: Collection[str]
 ) -> dict[str, _Found]:
-    """By column of the flat table, the log's column that fits best."""
+    """The best-fitting column of the log for each column of the flat table."""
     by_column: dict[str, tuple[int, _Found]] = {}
     for found in _candidates(chosen, plain, joints):
         literal = len(re.sub(r"\{[^{}]*\}", "", found.source.pattern))
@@ -198,7 +198,7 @@ def _candidates(chosen: ColumnMap, plain: Mapping[str, str], joints: Collection[
 
 
 def _joint(hit: Hit, chosen: ColumnMap, joints: Collection[str]) -> str | None:
-    """The name of a hit's joint, empty for none; None where it is not a joint."""
+    """Name of a hit's joint, empty if it has none; None if it is not a joint."""
     if isinstance(hit.joint, int):
         return chosen.joints[hit.joint] if 0 <= hit.joint < len(chosen.joints) else None
     if not hit.joint or hit.joint in joints or chosen.name != _GENERAL:
@@ -207,7 +207,7 @@ def _joint(hit: Hit, chosen: ColumnMap, joints: Collection[str]) -> str | None:
 
 
 def _topic_of(group: str, found: Sequence[_Found], topics: Topics, source: str) -> str:
-    """The topic that a group's columns are taken from."""
+    """The topic from which a group's columns are taken."""
     option, what = _GROUPS[group]
     asked = topics.joint if group == "joint" else topics.imu
     counts = Counter(one.topic for one in found if one.group == group)
@@ -224,7 +224,7 @@ def _topic_of(group: str, found: Sequence[_Found], topics: Topics, source: str) 
 
 
 def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[str, str], source: str) -> None:
-    """A map that is asked for has to fit; columns that it names have to be there."""
+    """Checks that a requested map fits and that the columns it names exist."""
     listed = ", ".join(list(plain)[:8]) + (f" and {len(plain) - 8} more" if len(plain) > 8 else "")
     absent = (flat for flat in chosen.columns if "{" not in flat and flat not in found and flat != "time")
     if flat := next(absent, None):

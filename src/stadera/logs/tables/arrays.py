@@ -1,4 +1,4 @@
-"""Named arrays as a table: NumPy's .npz, read row by row, and MATLAB's .mat.
+"""Reads named arrays as a table: NumPy's .npz, row by row, and MATLAB's .mat.
 
 An array of shape (samples,) is a column. One of shape (samples, k) is k columns: of the joints that the array `joints`
 names for position, velocity, acceleration, effort and their desired values; x, y, z (w) for an IMU's vectors and a
@@ -34,14 +34,14 @@ from stadera.types import Array
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
 _JOINTS = "joints"
 _NUMBERS = "fiub"
-_ROWS = 16384  # of an archive read at a time
-_MAT_COPIES = 4  # of a MATLAB file's arrays that unpacking it holds
+_ROWS = 16384  # rows of an archive read at a time
+_MAT_COPIES = 4  # copies of a MATLAB file's arrays in memory while unpacking
 _DAMAGED_NPZ = "damaged NumPy file"
 
 
 @dataclass(frozen=True)
 class Column:
-    """Where a column is: an array's name, and which of its columns; None for an array of one."""
+    """Location of a column: an array's name, and the index in it; None for a one-dimensional array."""
 
     array: str
     index: int | None = None
@@ -50,7 +50,7 @@ class Column:
 def columns_of_arrays(
     shapes: Mapping[str, tuple[int, ...]], joints: Sequence[str], budget: Budget
 ) -> dict[str, Column]:
-    """The columns that arrays of these shapes are, by name. Samples are along the longer side."""
+    """Names of the columns in arrays of these shapes. Samples are along the longer side."""
     found: dict[str, Column] = {}
     for name, shape in shapes.items():
         sizes = [size for size in shape if size != 1]
@@ -70,13 +70,13 @@ def _split(name: str, width: int, joints: Sequence[str]) -> list[str]:
 
 
 class NpzTable:
-    """Reads NumPy's .npz; memory is flat in its length for arrays of NumPy's own order."""
+    """Reads NumPy's .npz, with memory independent of its length for arrays in C order."""
 
     name = "NumPy table"
     suffixes = (".npz",)
 
     def accepts(self, path: Path) -> bool:
-        """A zip file of arrays."""
+        """True for a zip file of arrays."""
         if not path.is_file() or not zipfile.is_zipfile(path):
             return False
         with zipfile.ZipFile(path) as archive:
@@ -98,13 +98,13 @@ class NpzTable:
 
 
 class MatTable:
-    """Reads MATLAB's .mat up to version 7, whole; fields of structs are named struct.field."""
+    """Reads MATLAB's .mat up to version 7, as a whole; fields of structs are named struct.field."""
 
     name = "MATLAB table"
     suffixes = (".mat",)
 
     def accepts(self, path: Path) -> bool:
-        """A file that begins as MATLAB's of version 5 to 7."""
+        """True for a file with the header of MATLAB version 5 to 7."""
         if not path.is_file():
             return False
         with path.open("rb") as file:
@@ -129,7 +129,7 @@ class MatTable:
 
 
 def _batch(values: Array) -> Batch:
-    """NaN is a blank cell: arrays have no other."""
+    """Makes a batch; NaN marks a blank cell, since arrays have no other mark."""
     blank = np.isnan(values)
     return Batch(values, blank if blank.any() else None)
 
@@ -185,7 +185,7 @@ def _npz_columns(budget: Budget) -> dict[str, Column]:
 
 
 class _Member:
-    """One array of an archive, read from its beginning on."""
+    """One array of an archive, read sequentially."""
 
     def __init__(self, archive: zipfile.ZipFile, name: str, stack: ExitStack, budget: Budget) -> None:
         self._file = stack.enter_context(archive.open(f"{name}.npy"))
@@ -194,14 +194,14 @@ class _Member:
         self.samples = max(sizes)
         self.width = min(sizes) if len(sizes) == 2 else 1
         self._whole: NDArray[Any] | None = None
-        if len(sizes) == 2 and (header.fortran or sizes[0] < sizes[1]):  # samples do not follow each other
+        if len(sizes) == 2 and (header.fortran or sizes[0] < sizes[1]):  # a sample's values are not contiguous
             budget.require_unpacked(archive.getinfo(f"{name}.npy").file_size, "an array")
             flat = np.frombuffer(self._file.read(), header.dtype)
             array = flat.reshape(sizes[::-1]).T if header.fortran else flat.reshape(sizes)
             self._whole = array if sizes[0] >= sizes[1] else array.T
 
     def rows(self, first: int, count: int) -> NDArray[Any]:
-        """The next samples, (count, width)."""
+        """Reads the next samples, (count, width)."""
         if self._whole is not None:
             return self._whole[first : first + count]
         count = min(count, self.samples - first)
@@ -223,7 +223,7 @@ def _npz_batches(columns: Sequence[Column], budget: Budget) -> Iterator[Batch]:
 
 # -- MATLAB -----------------------------------------------------------------------------------------------------------
 def _mat_arrays(budget: Budget) -> dict[str, NDArray[Any]]:
-    """Unpacked by another process, which a damaged file may end (see `unpack_mat`)."""
+    """Reads the arrays in another process, which a damaged file may crash (see `unpack_mat`)."""
     path = budget.path
     script = Path(__file__).with_name("unpack_mat.py")
     with foreign(path, "damaged MATLAB file"), TemporaryDirectory() as folder:
@@ -243,7 +243,7 @@ def _mat_arrays(budget: Budget) -> dict[str, NDArray[Any]]:
 
 
 def _mat_columns(arrays: Mapping[str, NDArray[Any]], budget: Budget) -> dict[str, Column]:
-    """A char matrix or a cell array `joints` names the joints."""
+    """Columns of the arrays; a char matrix or cell array `joints` names the joints."""
     joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
     return columns_of_arrays(shapes, joints, budget)

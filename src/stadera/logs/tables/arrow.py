@@ -1,4 +1,4 @@
-"""Batches of numbers from Arrow's, for the readers of CSV and Parquet. Arrow is imported where it is used."""
+"""Converts Arrow's record batches to batches of numbers, for CSV and Parquet. Arrow is imported lazily."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batch:
-    """These columns of a record batch. A null is a blank cell.
+    """Selects these columns of a record batch. A null is a blank cell.
 
     Raises:
-        RecordingError: a column that does not hold numbers. Integers are rounded to the nearest double.
+        RecordingError: a column is not numeric. Integers are rounded to the nearest double.
     """
     values = np.empty((len(columns), table.num_rows))
     blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None

@@ -1,4 +1,6 @@
-"""The flat table as CSV: one header line, blank cells for dropouts; as it is, or packed by gzip, bzip2 or zstd."""
+"""Reads the flat table from CSV: one header line, blank cells for dropouts; plain or compressed by gzip, bzip2 or
+zstd.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ _SEPARATORS = (";", "\t", "|")
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a table is written.
+    """Format of a table.
 
     Attributes:
         header: names of the columns.
@@ -49,7 +51,7 @@ class CsvTable:
     suffixes = (".csv", ".csv.gz", ".csv.bz2", ".csv.zst")
 
     def accepts(self, path: Path) -> bool:
-        """A file whose beginning, unpacked, is UTF-8 text."""
+        """True for a file whose beginning, unpacked, is UTF-8 text."""
         if not path.is_file():
             return False
         head = _head(path, 4096)
@@ -76,7 +78,7 @@ class CsvTable:
 
 
 def _head(path: Path, size: int) -> bytes:
-    """The first bytes of a file, unpacked; empty where they cannot be."""
+    """The first bytes of a file, unpacked; empty if they cannot be read."""
     import pyarrow as pa
 
     with path.open("rb") as file:
@@ -89,7 +91,7 @@ def _head(path: Path, size: int) -> bytes:
         with pa.input_stream(str(path), compression=packed) as unpacked:
             while len(found) < size and (some := unpacked.read(_PIECE_BYTES)):
                 found += some
-    except (pa.ArrowException, OSError):  # damaged, or cut off: what comes before is the beginning all the same
+    except (pa.ArrowException, OSError):  # damaged or cut off: the part before it is still the beginning
         pass
     return bytes(found[:size])
 
@@ -99,7 +101,7 @@ def _packed(head: bytes) -> str | None:
 
 
 def _dialect(path: Path) -> Dialect:
-    """Comment lines (#) before the header are left out. Tables with ; may have decimals with a comma."""
+    """Determines the format. Comment lines (#) before the header are skipped; tables with ; may use decimal commas."""
     lines = _head(path, BLOCK_BYTES).decode("utf-8-sig", errors="ignore").splitlines()
     skip = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
     first, second = [*lines[skip : skip + 2], "", ""][:2]
@@ -114,7 +116,7 @@ def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
-    # one thread: Arrow then names the row of a bad cell
+    # with one thread Arrow names the row of a bad cell
     reading = pacsv.ReadOptions(
         use_threads=False, block_size=BLOCK_BYTES, column_names=dialect.header, skip_rows=dialect.skip
     )
@@ -140,7 +142,7 @@ def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator
 
 
 def _explained(text: str, path: Path, dialect: Dialect) -> RecordingError:
-    """Arrow's message in the words of the log: its column by name, its row as a sample."""
+    """Rewrites Arrow's message in terms of the log: column by name, row as a sample."""
     before = dialect.skip + 1
     if cell := re.search(r"column #(\d+): (?:Row #(\d+): )?.*invalid value '(.*)'", text, re.S):
         column, row, value = cell.groups()

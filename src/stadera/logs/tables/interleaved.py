@@ -1,4 +1,4 @@
-"""Tables in which joints and IMU have rows of their own, as PlotJuggler writes topics of differing stamps."""
+"""Tables with separate rows for joints and IMU, as PlotJuggler writes topics with different stamps."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from stadera.types import Bools
 
 INTERLEAVED = "rows without joint positions are left out; the IMU is interpolated at the stamps of the others"
 _FEW = 0.5
-"""Share of rows below which complete ones are the exception: more blanks than this are no dropouts of a sensor."""
+"""Share of complete rows below which a table counts as interleaved: more blanks than this are not a sensor's
+dropouts.
+"""
 
 
 def is_interleaved(batch: Batch, layout: Layout) -> bool:
-    """Whether most rows of the log's beginning lack either the joints' values or the IMU's."""
+    """True if most rows at the log's beginning lack either the joints' values or the IMU's."""
     if batch.blank is None:
         return False
     joints, imu = _complete(batch, layout)
@@ -29,7 +31,7 @@ def is_interleaved(batch: Batch, layout: Layout) -> bool:
 
 
 def aligned(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
-    """The rows of the joints, each with the IMU's values at its stamp; blank where the IMU has a gap.
+    """Yields the joints' rows, with the IMU's values interpolated at their stamps; blank where the IMU has a gap.
 
     Args:
         batches: in SI units.
@@ -58,7 +60,7 @@ def aligned(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
 
 
 def _complete(batch: Batch, layout: Layout) -> tuple[Bools, Bools]:
-    """The rows in which all the joints' columns have values, and those in which all the IMU's have."""
+    """Rows in which all of the joints' columns have values, and rows in which all of the IMU's have."""
     blank = np.zeros(batch.values.shape, dtype=bool) if batch.blank is None else batch.blank
     imu = {name for names in layout.imu.values() for name in names}
     is_imu = np.array([name in imu for name in layout.columns])

@@ -1,4 +1,4 @@
-"""Sizes that the pages of a Parquet file claim, checked before a library allocates them.
+"""Checks the sizes that pages of a Parquet file state before a library allocates memory for them.
 
 A page's header (https://parquet.apache.org/docs/file-format/data-pages) is a struct in Thrift's compact protocol: a
 field is a byte, the difference to the last field's number above its type; integers are zigzag varints. Fields 2 and 3
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 _STOP, _TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY, _LIST, _SET, _STRUCT = 0, 1, 2, 3, 7, 8, 9, 10, 12
 _INTEGERS = (4, 5, 6)
 _UNPACKED, _STORED = 2, 3
-_HEADER = 1 << 16  # bytes of a page's header looked at, statistics among them
-_DEEPEST = 20  # structs in each other
+_HEADER = 1 << 16  # bytes of a page's header that are read, including statistics
+_DEEPEST = 20  # nested structs
 
 
 def check_pages(path: Path, metadata: parquet.FileMetaData, columns: Iterable[str], budget: Budget) -> None:
     """Checks the pages of these columns.
 
     Raises:
-        LimitError: a page claims to unpack to more than the budget allows.
-        RecordingError: a page that is longer than its column.
+        LimitError: a page's stated unpacked size exceeds the budget.
+        RecordingError: a page is longer than its column.
     """
     wanted = set(columns)
     with path.open("rb") as file:
@@ -58,13 +58,13 @@ def _check_chunk(file: BinaryIO, start: int, size: int, budget: Budget) -> None:
 
 
 class _Thrift:
-    """Reads Thrift's compact protocol. IndexError or ValueError on what is none."""
+    """Reads Thrift's compact protocol. Raises IndexError or ValueError for other data."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self.at = data, 0
 
     def integers(self, deep: int = 0) -> dict[int, int]:
-        """The integers of a struct by field; other fields are passed over."""
+        """The integers of a struct by field; other fields are skipped."""
         if deep > _DEEPEST:
             raise ValueError("structs are nested too deeply")
         found: dict[int, int] = {}

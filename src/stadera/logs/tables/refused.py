@@ -1,4 +1,4 @@
-"""Files that are not read, and how to make logs of them: pickles, which can run any code, and what has no names."""
+"""Files that are not read, with advice on converting them: pickles, which can run any code, and unnamed arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _UNSAFE = "a pickle can run any code and is not read; where you trust it, make a
 
 
 def refusal(path: Path) -> str:
-    """Why a file is not read, with the lines that convert it; empty for any other."""
+    """Why a file is not read, with code that converts it; empty for any other file."""
     if not path.is_file():
         return ""
     with path.open("rb") as file:

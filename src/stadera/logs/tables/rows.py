@@ -1,4 +1,4 @@
-"""From the rows of a table to recordings: stamps made or converted, rows of differing stamps put together."""
+"""Converts rows of a table to recordings: computes or converts stamps, merges rows with different stamps."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from stadera.types import Array
 
 
 def table_recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
-    """As `recordings`, of batches whose rows are the columns that the log records (`Layout.recorded`).
+    """Like `recordings`, for batches whose rows are the columns that the log records (`Layout.recorded`).
 
-    Stamps that are whole milliseconds, microseconds or nanoseconds since 1970 are recognised where no unit is said. A
-    table without time gets the stamps of its rate. Where joints and IMU have stamps of their own, and so rows of their
-    own, blank in the other's columns, the IMU is interpolated at the joints' stamps.
+    Stamps in whole milliseconds, microseconds or nanoseconds since 1970 are recognised if no unit is given. A table
+    without time gets stamps from its rate. If joints and IMU have different stamps, and so separate rows, blank in the
+    other's columns, the IMU is interpolated at the joints' stamps.
     """
     batches = iter(batches)
     if layout.rate_hz is not None:

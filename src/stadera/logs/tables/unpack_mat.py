@@ -1,7 +1,7 @@
-"""A MATLAB file as a NumPy archive: run as a script, in a process of its own.
+"""Converts a MATLAB file to a NumPy archive. Run as a script, in a separate process.
 
-SciPy's reader can end the process that it runs in on a damaged file, and takes as much memory as the file says. So it
-gets a process with limits, which imports nothing of this package.
+On a damaged file SciPy's reader can crash its process, and allocates as much memory as the file states. So it runs in a
+process with limits, which imports nothing of this package.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 
 def arrays_in(path: str) -> dict[str, NDArray[Any]]:
-    """Its arrays by name; fields of structs are named struct.field, cells become texts."""
+    """Arrays of a file by name; fields of structs are named struct.field, cells become texts."""
     from scipy import io
 
     found: dict[str, NDArray[Any]] = {}
@@ -38,7 +38,7 @@ def _flatten(name: str, value: Any, found: dict[str, NDArray[Any]]) -> None:
 
 
 def main() -> None:
-    """Arguments: the MATLAB file, the archive to write, bytes of memory and seconds of processor time it may take."""
+    """Arguments: the MATLAB file, the archive to write, and limits of memory [bytes] and processor time [s]."""
     path, target, memory, seconds = sys.argv[1:]
     _limit(int(memory), int(seconds))
     try:
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def _limit(memory: int, seconds: int) -> None:
-    with suppress(ImportError, OSError, ValueError):  # where the system has no such limits
+    with suppress(ImportError, OSError, ValueError):  # if the system has no such limits
         import resource
 
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))

@@ -1,4 +1,4 @@
-"""Writing recordings as the flat table, whole or not at all."""
+"""Writes recordings as the flat table; a file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ ROW_GROUP = 65536
 
 
 def write_table(recording: Recording | Iterable[Recording], path: str | PathLike[str]) -> Path:
-    """Write a recording, or consecutive chunks of one, as a flat table; the suffix says CSV or Parquet.
+    """Writes a recording, or consecutive chunks of one, as a flat table, CSV or Parquet according to the suffix.
 
-    Values come back bit for bit. The name of the IMU frame goes into the metadata of Parquet; a CSV table, which has
-    no place for it, loses it. The file appears whole or not at all; what was there before stays until then.
+    Values are preserved bit for bit. The name of the IMU frame is stored in the metadata of Parquet, and lost in CSV.
+    The file is written completely or not at all; an existing file stays until then.
 
     Raises:
-        RecordingError: another suffix, no recording, chunks with differing columns.
-        StaderaError: a folder that is not there or cannot be written to.
+        RecordingError: another suffix, no recording, or chunks with different columns.
+        StaderaError: the folder does not exist or is not writable.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:

@@ -1,12 +1,12 @@
-"""MuJoCo's warnings, kept out of the working folder: by default it appends them to a file MUJOCO_LOG.TXT there."""
+"""Keeps MuJoCo's warnings out of the working folder, where by default they are appended to MUJOCO_LOG.TXT."""
 
 from __future__ import annotations
 
 
 def keep_quiet() -> None:
-    """Drops MuJoCo's warnings, unless this process handles them in its own way.
+    """Discards MuJoCo's warnings, unless this process has its own handler.
 
-    What they warn of is found by this package itself: a model that does not compile, a motion that runs away.
+    This package detects their causes itself: a model that does not compile, a motion that diverges.
     """
     import mujoco
 

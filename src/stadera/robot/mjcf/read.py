@@ -1,7 +1,7 @@
-"""Reads an MJCF with MuJoCo's own compiler, into a Pinocchio model.
+"""Reads an MJCF into a Pinocchio model, with MuJoCo's own compiler.
 
-MuJoCo's compiler is what defines MJCF (defaults, includes, frames, angles, actuators). Pinocchio's parser of it knows
-no actuator ranges and, with a joint anchor off the body's origin, puts fixed child bodies in the wrong place.
+MuJoCo's compiler defines MJCF (defaults, includes, frames, angles, actuators). Pinocchio's parser ignores actuator
+ranges and, with a joint anchor off the body's origin, misplaces fixed child bodies.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _PRIMITIVES = {
 
 
 def read_mjcf(path: Path) -> ModelFile:
-    """Read an MJCF.
+    """Reads an MJCF.
 
     Raises:
         ModelError: MuJoCo cannot compile it, or it has no body with joints.
@@ -54,7 +54,7 @@ def read_mjcf(path: Path) -> ModelFile:
 
 
 def compile_mjcf(path: Path) -> Any:
-    """MuJoCo's compiled model; meshes are left out where no inertia hangs on them, so their files need not be there."""
+    """MuJoCo's compiled model; meshes that do not affect inertias are omitted, so their files need not exist."""
     keep_quiet()
     with foreign(path, "not an MJCF that MuJoCo can compile", ModelError):
         spec = mujoco.MjSpec.from_file(str(path))
@@ -89,7 +89,9 @@ def _model_name(mj: Any, path: Path) -> str:
 
 
 class _Builder:
-    """Builds the Pinocchio model body by body; a joint's frame has its body's axes and lies at the joint's anchor."""
+    """Builds the Pinocchio model body by body; a joint's frame has its body's axes and its origin at the joint's
+    anchor.
+    """
 
     def __init__(self, path: Path, mj: Any) -> None:
         self.path, self.mj = path, mj
@@ -108,7 +110,7 @@ class _Builder:
         return str(self.mj.joint(joint).name) or f"{self.body_name(int(self.mj.jnt_bodyid[joint]))}_joint"
 
     def _robot_bodies(self) -> list[int]:
-        """Bodies of the tree that has the most hinges, its root first."""
+        """Bodies of the tree with the most hinges, its root first."""
         mj = self.mj
         hinges = [int(mj.jnt_bodyid[j]) for j in range(mj.njnt) if mj.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
         count = Counter(int(mj.body_rootid[body]) for body in hinges)
@@ -130,7 +132,7 @@ class _Builder:
         self._attach(trunk, joint, pin.SE3.Identity())
 
     def add_body(self, body: int) -> None:
-        """Add a body with its joints: none (fixed to its parent), one, or several in a row."""
+        """Adds a body with its joints: none (fixed to its parent), one, or several in a row."""
         mj = self.mj
         parent_body = int(mj.body_parentid[body])
         parent = self._joint_of_body[parent_body]
@@ -149,7 +151,7 @@ class _Builder:
         self._attach(body, parent, placement)
 
     def _joint_model(self, j: int) -> tuple[Any, Any]:
-        """Pinocchio's joint, and the turn that makes its zero MuJoCo's zero (the file's pose is at `ref`)."""
+        """Pinocchio's joint, and the rotation that makes its zero MuJoCo's zero (the file's pose is at `ref`)."""
         axis = np.array(self.mj.jnt_axis[j])
         identity = pin.SE3.Identity()
         match self.mj.jnt_type[j]:
@@ -197,7 +199,7 @@ class _Builder:
         model.upperVelocityLimit, model.lowerVelocityLimit = np.full(model.nv, np.inf), np.full(model.nv, -np.inf)
 
     def _effort(self, j: int) -> float:
-        """Largest torque [N·m] the joint's own limit and its actuators' ranges allow."""
+        """Largest torque [N·m] allowed by the joint's own limit and its actuators' ranges."""
         mj = self.mj
         limit = float(np.abs(mj.jnt_actfrcrange[j]).max()) if mj.jnt_actfrclimited[j] else np.inf
         actuators = [
@@ -218,7 +220,7 @@ class _Builder:
 
     # -- shapes ---------------------------------------------------------------------------------------------------
     def shapes(self) -> Iterator[Shape]:
-        """Primitive shapes: a body's colliding ones, or all where none collides."""
+        """Primitive shapes: a body's colliding ones, or all if none collides."""
         mj = self.mj
         for body in self.bodies:
             geoms = [

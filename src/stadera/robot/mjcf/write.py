@@ -27,21 +27,21 @@ def write_mjcf(
     fixed: Mapping[str, list[str]],
     dynamics: Mapping[str, JointDynamics],
 ) -> minidom.Document:
-    """The MJCF `source` with these inertias, those of `fixed` bodies zero, and these joints' dynamics.
+    """Writes these inertias, zero ones for `fixed` bodies, and these joints' dynamics into the MJCF `source`.
 
-    Included files are drawn in, which is what an include means. Default classes stay: what is written here is stated
-    on the element itself and overrides them.
+    Included files are merged, as an include means. Default classes stay: values are written to the elements themselves,
+    which overrides them.
 
     Args:
         source: the file.
-        target: where it will be written; elsewhere than the source, relative asset folders become absolute.
+        target: the file to be written; if it is in another folder, relative asset folders become absolute.
         inertias: by moving link, in the link's frame (the body's axes, origin at the joint's anchor).
         origins: by moving link, the body's origin in the link's frame [m].
         fixed: by moving link, the bodies fixed to it.
-        dynamics: by joint; offset goes to a comment.
+        dynamics: by joint; the offset goes into a comment.
 
     Raises:
-        ModelError: an inertia that MuJoCo would refuse, or a file whose inertias are all made from its shapes.
+        ModelError: an inertia that MuJoCo would refuse, or a file whose inertias are all computed from its shapes.
     """
     document = xml.parse_document(source)
     _draw_in_includes(document, source.parent)
@@ -66,7 +66,7 @@ def write_mjcf(
 
 
 def add_payload(document: minidom.Document, trunk: minidom.Element, origin: Array, payload: PayloadLink) -> None:
-    """Adds the payload as a body without joints to the trunk's, whose origin (3,) [m] is given in the trunk frame.
+    """Adds the payload as a body without joints to the trunk, whose body origin (3,) [m] is given in the trunk frame.
 
     Raises:
         ModelError: the file has a body of that name already.
@@ -118,7 +118,7 @@ def _check_compiler(document: minidom.Document, source: Path) -> None:
 
 
 def _point_to_assets(document: minidom.Document, folder: Path) -> None:
-    """Make the folders of meshes and textures absolute; both are the model's own folder where nothing is said."""
+    """Makes the folders of meshes and textures absolute; both default to the model's own folder."""
     root = xml.root_of(document)
     if not document.getElementsByTagName("asset"):
         return

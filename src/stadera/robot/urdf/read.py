@@ -1,7 +1,7 @@
 """Reads a URDF: bodies and joints through Pinocchio, shapes and single links from the XML.
 
-urdfdom drops an inertial that it cannot parse (ixx="0,05") and goes on. So every number that is used is parsed here
-as well, and what Pinocchio made of each moving link is compared with the sum of the links fixed to it.
+urdfdom ignores an inertial that it cannot parse (ixx="0,05"). So every number that is used is parsed here as well, and
+Pinocchio's inertia of each moving link is compared with the sum over the links fixed to it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from stadera.robot.modelfile import ModelFile
 from stadera.robot.xacro import expanded, is_xacro
 from stadera.types import Array
 
-_DUMMY_MASS_RATIO = 1e-3  # a root this light next to what is fixed to it is there for the tree's sake alone
+_DUMMY_MASS_RATIO = 1e-3  # a root this light compared with its fixed child is only the root of the tree
 _AGREES = 1e-6  # relative; sums of rounded numbers
 _JOINT_NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -40,7 +40,7 @@ _SIZES: dict[_Kind, tuple[tuple[str, int], ...]] = {
 
 
 def read_urdf(path: Path, root: ET.Element) -> ModelFile:
-    """Read a URDF whose XML is already parsed.
+    """Reads a URDF whose XML has been parsed.
 
     Raises:
         ModelError: Pinocchio cannot build a model from it, a number is malformed, or a link's mass is negative.
@@ -98,7 +98,9 @@ def _check_bodies(model: Any, bodies: Mapping[str, InertialParameters]) -> None:
 
 
 def _trunk_name(model: Any, masses: Mapping[str, float], meshed: set[str], shaped: set[str]) -> str:
-    """The root link; where that is a dummy (no mass, no mesh), the heaviest link with a shape fixed at identity."""
+    """The root link; if that is a dummy (no mass, no mesh), the heaviest link with a shape that is fixed to it at
+    identity.
+    """
     fixed = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == 1]
     root: str = fixed[0].name
     bodies = [f.name for f in fixed if f.placement.isIdentity(1e-9) and f.name in meshed | shaped]
@@ -148,7 +150,7 @@ def _body(link: ET.Element) -> InertialParameters:
 
 
 def _link_shapes(link: ET.Element) -> list[Shape]:
-    """Primitive shapes of one link: its collision shapes, or its visual ones where it has no primitive collision."""
+    """Primitive shapes of one link: its collision shapes, or its visual ones if it has no primitive collision."""
     for kind in ("collision", "visual"):
         shapes = [shape for element in link.findall(kind) if (shape := _shape(link, element))]
         if shapes:
@@ -174,7 +176,7 @@ def _pose(owner: ET.Element, origin: ET.Element | None) -> tuple[Array, Array]:
 def _numbers(
     owner: ET.Element, element: ET.Element, attribute: str, count: int, required: bool = False
 ) -> tuple[float, ...]:
-    """The numbers of an attribute; zeros where it is absent."""
+    """The numbers of an attribute; zeros if it is absent."""
     text = element.get(attribute)
     if text is None and not required:
         return (0.0,) * count

@@ -20,13 +20,13 @@ def write_urdf(
     fixed: Mapping[str, list[str]],
     dynamics: Mapping[str, JointDynamics],
 ) -> minidom.Document:
-    """The URDF `source` with these inertias, without those of `fixed` bodies, and with these joints' friction.
+    """Writes these inertias, none for `fixed` bodies, and these joints' friction into the URDF `source`.
 
     Args:
         source: the file.
         inertias: by moving link, in the link's frame.
         fixed: by moving link, the links fixed to it.
-        dynamics: by joint; armature and offset go to a comment.
+        dynamics: by joint; armature and offset go into a comment.
     """
     document = xml.parse_document(source)
     for link, inertia in inertias.items():
@@ -50,7 +50,7 @@ def add_payload(document: minidom.Document, trunk: str, payload: PayloadLink) ->
     """Adds the payload's link, and the fixed joint that connects it to the trunk.
 
     Raises:
-        ModelError: the file has a link or a joint of that name already.
+        ModelError: the file already has a link or a joint of that name.
     """
     joint_name = f"{payload.name}_joint"
     xml.check_free(document, "link", payload.name)
@@ -71,7 +71,7 @@ def add_payload(document: minidom.Document, trunk: str, payload: PayloadLink) ->
 def _inertial(
     document: minidom.Document, mass: float, com: Array | tuple[float, ...], tensor: Array
 ) -> minidom.Element:
-    """URDF states the inertia about the centre of mass, here in the link's own axes."""
+    """The <inertial> element; URDF states the inertia about the centre of mass, here in the link's own axes."""
     components = {f"i{'xyz'[i]}{'xyz'[j]}": numbers(tensor[i, j]) for i in range(3) for j in range(i, 3)}
     return element(
         document,
