@@ -1,7 +1,7 @@
-"""The command line: parses, calls a pure function, prints. One module a command.
+"""Command line: parses arguments, calls a pure function, prints. One module for each command.
 
-Exit codes: 0 done; 1 a user's error or a result not to be trusted, in one line; 2 bad usage. Any other exception is a
-fault of the program: one line says how to report it, and `--debug` (or STADERA_DEBUG=1) shows the traceback.
+Exit codes: 0 done; 1 a user's error or a result that cannot be trusted, in one line; 2 bad usage. Any other exception
+is a bug: one line says how to report it, and `--debug` (or STADERA_DEBUG=1) shows the traceback.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import sys
 from collections.abc import Sequence
 
 DEBUG = "--debug"
-"""Taken anywhere on the command line."""
+"""Accepted anywhere on the command line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command that the arguments (None: the process's) name, and exit.
+    """Runs the command given by the arguments (None: the process's), and exits.
 
     Raises:
         SystemExit: with the exit code.
@@ -43,5 +43,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _printable(text: str) -> str:
-    """What no terminal takes for a command: names in messages come out of files."""
+    """Escapes characters that a terminal would interpret, since names in messages come from files."""
     return "".join(c if c.isprintable() or c.isspace() else c.encode("unicode_escape").decode() for c in text)

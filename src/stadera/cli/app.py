@@ -1,6 +1,6 @@
-"""The commands. A new one is one module with a function, and one line here.
+"""Registers the commands. A new one is one module with a function, and one line here.
 
-Command modules import what they compute with inside their functions, so that help and errors of usage come at once.
+Command modules import their dependencies inside functions, so that help and usage errors appear immediately.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`stadera demo`: a load lands on a robot that walks, with and without identification."""
+"""`stadera demo`: a load is put on a walking robot, with and without identification."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _REPORT = Path("out") / "demo.html"
 
 
 def demo(
-    report: Annotated[Path, typer.Option(metavar="F.html", help="Write the report, to open in a browser.")] = _REPORT,
+    report: Annotated[Path, typer.Option(metavar="F.html", help="Write an HTML report.")] = _REPORT,
     json: JsonFile = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the sensors' errors.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the sensor errors.")] = 0,
     classic: Annotated[
-        bool, typer.Option("--classic", help="Stop, weigh at rest and walk on, as the paper does; not on the way.")
+        bool, typer.Option("--classic", help="Stop and weigh at rest, as in the paper, instead of while walking.")
     ] = False,
     nonstop: Annotated[bool, typer.Option("--nonstop", hidden=True)] = False,  # the default now; once an option
 ) -> None:
-    """HyQ crawls, and a box of 30 kg lands on a corner of its back: without identification it falls.
+    """HyQ crawls, and a 30 kg box lands on a corner of its back: without identification it falls.
 
-    With it, it weighs the box on the way and walks on. Takes half a minute on two cores. The report has both walks to
-    watch.
+    With identification it weighs the box while walking and walks on. Takes half a minute on two cores. The report shows
+    both walks as animations.
     """
     from stadera.lab import require_lab
 

@@ -1,4 +1,4 @@
-"""`stadera excite`: the most informative motion of one leg, as a table a controller can play."""
+"""`stadera excite`: the most informative motion of one leg, as a table for a controller."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from stadera.cli.terminal import progress, show
 
 def excite(
     robot: RobotName,
-    leg: Annotated[str, typer.Option(metavar="RH", help="LF, RF, LH or RH in any case.")],
+    leg: Annotated[str, typer.Option(metavar="RH", help="LF, RF, LH or RH, in any case.")],
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the motion as a table, .csv or .parquet.")
     ] = None,
-    duration: Annotated[float, typer.Option(metavar="S", help="From rest to rest [s].")] = 180.0,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Of the table, and of the log to come [Hz].")] = 500.0,
+    duration: Annotated[float, typer.Option(metavar="S", help="Duration from rest to rest [s].")] = 180.0,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the table and of the log [Hz].")] = 500.0,
     seed: Annotated[int, typer.Option(metavar="N", help="The same seed gives the same motion.")] = 0,
     random: Annotated[
         bool, typer.Option("--random", help="The paper's random sinusoids instead of the optimum.")
     ] = False,
     leg_only: Annotated[
-        bool, typer.Option("--leg-only", help="A table of this leg's joints alone, without the others standing still.")
+        bool, typer.Option("--leg-only", help="Write this leg's joints only, without the others at rest.")
     ] = False,
     stand_height: Annotated[
-        float | None, typer.Option(metavar="M", help="Trunk's origin over a level ground to stay clear of [m].")
+        float | None, typer.Option(metavar="M", help="Height of the trunk's origin above level ground to avoid [m].")
     ] = None,
     report: ReportFile = None,
     json: JsonFile = None,
@@ -45,10 +45,10 @@ def excite(
     latex: LatexFile = None,
     limit: LimitValues = None,
 ) -> None:
-    """Design the motion of one leg in the air, trunk on a stand, that is most informative about its parameters.
+    """Design the most informative motion of one leg in the air, with the trunk on a stand.
 
-    Optimised within the joints' position, velocity and torque limits, clear of trunk, other legs and ground as far
-    as the model has shapes; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
+    Optimised within the joints' position, velocity and torque limits, avoiding trunk, other legs and ground as far as
+    the model has shapes; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
     """
     from stadera.excite.design import ExciteSettings, motion_table
     from stadera.excite.design import excite as design

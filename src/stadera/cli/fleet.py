@@ -1,4 +1,4 @@
-"""`stadera fleet`: many logs weighed, one table."""
+"""`stadera fleet`: weighs many logs into one table."""
 
 from __future__ import annotations
 
@@ -35,20 +35,23 @@ if TYPE_CHECKING:
 
 
 def fleet(
-    out: Annotated[Path, typer.Option(metavar="F.parquet", help="The table; what it holds already is not done again.")],
+    out: Annotated[
+        Path, typer.Option(metavar="F.parquet", help="The table; logs that it already contains are skipped.")
+    ],
     logs: Annotated[
         list[str] | None, typer.Argument(metavar="[LOG_OR_GLOB]...", help="Paths, URLs, or globs of them.")
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option(metavar="R", help="A robot's name, or a path to a URDF or MJCF [default: as each log says]."),
+        typer.Option(metavar="R", help="A robot's name, or a path to a URDF or MJCF [default: from each log]."),
     ] = None,
     manifest: Annotated[
-        Path | None, typer.Option(metavar="F.csv", help="A log a line: log, and where known robot, tare, legs, name.")
+        Path | None,
+        typer.Option(metavar="F.csv", help="One log per line: log, and optionally robot, tare, legs, name."),
     ] = None,
     names: Annotated[
         str | None,
-        typer.Option(metavar="REGEX", help="Which of several like robots: the first group found in a log's path."),
+        typer.Option(metavar="REGEX", help="Names the individual robot: the first group matched in a log's path."),
     ] = None,
     identify: Annotated[
         bool, typer.Option("--identify", help="Identify legs, from logs of robots on a stand, instead of weighing.")
@@ -57,20 +60,20 @@ def fleet(
         Path | None,
         typer.Option(
             metavar="LEGS.json",
-            help="With --identify: each robot's legs by all its logs, for `weigh --legs`; LEGS-NAME.",
+            help="With --identify: each robot's legs from all its logs, for `weigh --legs`; LEGS-NAME.",
         ),
     ] = None,
     tare: Annotated[
         str | None, typer.Option(metavar="T0:T1|LOG", help="Time [s] in each log, or another log, without the payload.")
     ] = None,
-    legs: Annotated[Path | None, typer.Option(metavar="F.json", help="Legs as `identify --json` found them.")] = None,
+    legs: Annotated[Path | None, typer.Option(metavar="F.json", help="Legs from `identify --json`.")] = None,
     method: Annotated[
-        str | None, typer.Option(metavar="walking|contact|...", help="As of `weigh` [default: chosen for each log].")
+        str | None, typer.Option(metavar="walking|contact|...", help="As in `weigh` [default: chosen for each log].")
     ] = None,
     stiffness: Annotated[
-        str | None, typer.Option(metavar="KX,KY,KZ", help="As of `weigh`, for the method 'orientation'.")
+        str | None, typer.Option(metavar="KX,KY,KZ", help="As in `weigh`, for the method 'orientation'.")
     ] = None,
-    imu_frame: Annotated[str | None, typer.Option(metavar="NAME", help="Frame that the IMUs' values are in.")] = None,
+    imu_frame: Annotated[str | None, typer.Option(metavar="NAME", help="Frame of the IMUs' values.")] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
     columns: Columns = None,
@@ -85,13 +88,13 @@ def fleet(
     json: JsonFile = None,
     report: ReportFile = None,
     memory: Annotated[
-        float, typer.Option(metavar="GB", help="Of a worker on this machine, above which it is ended and tries anew.")
+        float, typer.Option(metavar="GB", help="Memory of a local worker, above which it is restarted.")
     ] = 2.0,
 ) -> None:
-    """Weigh the logs of many robots, on all cores or a Dask cluster, and write one table with a row a log.
+    """Weigh the logs of many robots, on all cores or a Dask cluster, and write one table with a row per log.
 
-    A log that fails is a row with its error. Rows are safe as they come in: what is broken off goes on with the same
-    command, and what is done is not done again while log, options and version stay the same.
+    A log that fails becomes a row with its error. Rows are saved as they arrive: after an interruption the same command
+    resumes, and finished logs are skipped while log, options and version are unchanged.
     """
     if (manifest is None) == (not logs):
         raise typer.BadParameter("name logs or a --manifest", param_hint="LOG_OR_GLOB")
@@ -124,7 +127,7 @@ def fleet(
 
 
 def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
-    """Raises: StaderaError: broken off by Ctrl-C; what is done is kept."""
+    """Runs the fleet. Raises StaderaError after Ctrl-C; finished rows are kept."""
     from stadera.errors import StaderaError
     from stadera.fleet.run import run_fleet
 
@@ -136,7 +139,7 @@ def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
 
 
 def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:
-    """A file a robot; of a single one by the path itself, else with the robot's name in it."""
+    """Writes one file per robot: for a single one to the path itself, else with the robot's name in it."""
     from stadera.fleet.merge import merge_fleet
 
     merged = merge_fleet(table, jobs)
@@ -147,7 +150,7 @@ def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:
 
 
 def _require_any(table: FleetTable) -> None:
-    """Where every log failed, something is wrong with the call."""
+    """Raises if every log failed, since then the call is probably wrong."""
     from stadera.errors import StaderaError
 
     if all(row["status"] == "failed" for row in table.rows):

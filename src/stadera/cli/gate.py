@@ -1,4 +1,4 @@
-"""Commands whose outputs pass a gate: none is written on an input of the command, and each is named at the end."""
+"""Guards a command's outputs: none may overwrite an input, and each is reported at the end."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any
 from typer.core import TyperCommand
 
 OUTPUTS = frozenset({"json", "report", "export", "out", "model", "latex", "figure", "keep", "merge", "record", "rrd"})
-"""Parameters that name what a command writes. Whatever else names a file is an input."""
+"""Parameters that name outputs. All other parameters that name files are inputs."""
 
 REPLAY = "replay:"
-"""Before the path of a log that stands for a running robot."""
+"""Prefix of the path of a log that is replayed in place of a running robot."""
 
 
 class GatedCommand(TyperCommand):
-    """A command. Its inputs are found among its parameters, so that none can be forgotten."""
+    """A command whose inputs are derived from its parameters, so that none can be forgotten."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Runs it in the gate, and names the files that it wrote."""
+        """Runs the command within the gate, and reports the files written."""
         from stadera.files import output_gate
 
         with output_gate(inputs_of(ctx.params)) as gate:
@@ -28,14 +28,14 @@ class GatedCommand(TyperCommand):
             from stadera.cli.terminal import show
 
             written: dict[Path, bool] = {}
-            for path, replaced in gate.written:  # what is written again and again is named once
+            for path, replaced in gate.written:  # files written repeatedly are reported once
                 written.setdefault(path, replaced)
             show(*(f"wrote {path}{' in place of the one before' * replaced}" for path, replaced in written.items()))
         return value
 
 
 def inputs_of(parameters: Mapping[str, Any]) -> Iterator[Path]:
-    """The files that parameters name, those of a named robot and of what a model includes among them."""
+    """The files that parameters name, including those of a named robot and files included by a model."""
     for name, value in parameters.items():
         if name in OUTPUTS:
             continue

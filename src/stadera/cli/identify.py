@@ -1,4 +1,4 @@
-"""`stadera identify`: links, friction and rotor inertia of legs from logs of a robot on a stand."""
+"""`stadera identify`: identifies links, friction and rotor inertia of legs from logs of a robot on a stand."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Solver(StrEnum):
-    """How the parameters are solved for."""
+    """Solution methods."""
 
     CONSISTENT = "consistent"
     NULL_SPACE = "null-space"
@@ -48,11 +48,11 @@ def identify(
     ] = None,
     validate: Annotated[
         list[Path] | None,
-        typer.Option(metavar="LOG", help="Validate on this log, not on a part of LOG; repeatable."),
+        typer.Option(metavar="LOG", help="Validate on this log instead of a part of LOG; repeatable."),
     ] = None,
     split: Annotated[
         str | None,
-        typer.Option(metavar="SHARE", help="Share of each LOG to fit [default: 0.5]; 'none': all, nothing held out."),
+        typer.Option(metavar="SHARE", help="Share of each LOG to fit [default: 0.5]; 'none': fit all."),
     ] = None,
     method: Annotated[
         Solver, typer.Option(help="Physically consistent, or CAD in the null space.")
@@ -62,13 +62,16 @@ def identify(
         typer.Option(metavar="TERMS", help="Joint terms to fit: some of armature,viscous,coulomb,offset; or 'none'."),
     ] = "armature,viscous,coulomb,offset",
     cutoff: Annotated[
-        str, typer.Option(metavar="HZ|auto|none", help="Low-pass cut-off; 'auto' takes it from the motion.")
+        str, typer.Option(metavar="HZ|auto|none", help="Low-pass cut-off; 'auto' chooses it from the motion.")
     ] = "auto",
     torque_lag: Annotated[
-        str, typer.Option(metavar="SECONDS|auto", help="How much later torques act than stamped; 'auto' finds it.")
+        str,
+        typer.Option(
+            metavar="SECONDS|auto", help="Delay of the torques relative to their stamps; 'auto' estimates it."
+        ),
     ] = "auto",
     up: Annotated[
-        str, typer.Option(metavar="X,Y,Z|auto", help="The vertical in the trunk's axes; 'auto': the IMU's, else level.")
+        str, typer.Option(metavar="X,Y,Z|auto", help="The vertical in trunk axes; 'auto': from the IMU, else level.")
     ] = "auto",
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
@@ -89,9 +92,9 @@ def identify(
 ) -> None:
     """Identify legs from logs of a robot on a stand, legs in the air.
 
-    Finds mass, centre of mass and inertia of each link as far as the motion shows them, and each joint's rotor
-    inertia, friction and torque offset; says what could not be determined, and how well torques are predicted. A
-    log that the model does not explain is refused (exit code 1) unless --force is given.
+    Estimates mass, centre of mass and inertia of each link as far as the motion determines them, and each joint's rotor
+    inertia, friction and torque offset. Reports which parameters are not determined, and how well torques are
+    predicted. A log that the model does not explain is refused (exit code 1) unless --force is given.
     """
     if validate and split is not None:
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
@@ -122,7 +125,7 @@ def identify(
 
 
 def _require_trust(result: Identification, force: bool) -> None:
-    """A result that is not to be trusted is given by force only."""
+    """Raises if the result cannot be trusted, unless forced."""
     from stadera.errors import UntrustedError
 
     if result.trust.verdict == "bad" and not force:

@@ -1,4 +1,4 @@
-"""`stadera inspect`: what is in a robot model or in a log."""
+"""`stadera inspect`: shows the content of a robot model or a log."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from stadera.cli.terminal import progress, show
 def inspect(
     target: Annotated[str, typer.Argument(metavar="LOG|ROBOT", help="A log, a robot's name, or a URDF or MJCF.")],
     robot: Annotated[
-        str | None, typer.Option("--robot", metavar="R", help="Check the log against this robot, on its feet.")
+        str | None, typer.Option("--robot", metavar="R", help="Check the log against this robot, standing or walking.")
     ] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
@@ -37,10 +37,10 @@ def inspect(
     fix: Fix = False,
     limit: LimitValues = None,
 ) -> None:
-    """Show what is in a log or a robot model.
+    """Show the content of a log or a robot model.
 
-    Of a robot: legs, links with masses, joints with limits, what the loader assumed. Of a log: joints, duration,
-    rate, gaps, ranges, and the robots it fits; with --robot, what is wrong with it, and whether `weigh` goes through.
+    For a robot: legs, links with masses, joints with limits, assumptions of the loader. For a log: joints, duration,
+    rate, gaps, ranges, and matching robots; with --robot, faults found in it, and whether `weigh` would accept it.
     `--columns` without a value writes a map of a table's columns, filled in as far as they are recognised.
     """
     if columns == TEMPLATE:
@@ -74,7 +74,7 @@ def inspect(
 
 
 def _is_robot(target: str) -> bool:
-    """A name of a robot, or XML; whatever else is there is a log.
+    """True for a robot's name or an XML file; any other file is a log.
 
     Raises:
         StaderaError: neither a name nor a file.
@@ -100,7 +100,7 @@ def _is_robot(target: str) -> bool:
 
 
 def _fitting(joints: tuple[str, ...]) -> list[str]:
-    """Robots known by name, of those installed, of which the log has all joints of one leg or more."""
+    """Installed robots known by name, of which the log contains all joints of one leg or more."""
     from stadera.errors import StaderaError
     from stadera.robot import CATALOG, load_robot
 

@@ -1,4 +1,4 @@
-"""`stadera live`: a robot weighed while it runs, its topics over Zenoh."""
+"""`stadera live`: weighs a running robot, with its topics over Zenoh."""
 
 from __future__ import annotations
 
@@ -23,42 +23,44 @@ if TYPE_CHECKING:
 
 def live(
     robot: RobotName,
-    source: Annotated[str, typer.Argument(metavar="zenoh|replay:LOG", help="Where the messages come from.")] = "zenoh",
+    source: Annotated[str, typer.Argument(metavar="zenoh|replay:LOG", help="Source of the messages.")] = "zenoh",
     connect: Annotated[
         list[str] | None,
-        typer.Option(metavar="ENDPOINT", help="Zenoh endpoint to reach; repeatable [default: tcp/localhost:7447]."),
+        typer.Option(
+            metavar="ENDPOINT", help="Zenoh endpoint to connect to; repeatable [default: tcp/localhost:7447]."
+        ),
     ] = None,
     listen: Annotated[
-        list[str] | None, typer.Option(metavar="ENDPOINT", help="Zenoh endpoint to be reached by; repeatable.")
+        list[str] | None, typer.Option(metavar="ENDPOINT", help="Zenoh endpoint to listen on; repeatable.")
     ] = None,
     config: Annotated[Path | None, typer.Option(metavar="F.json5", help="Zenoh configuration file.")] = None,
-    rate: Annotated[float, typer.Option(metavar="X", min=0.001, help="Of a replay: X times as fast; inf.")] = 1.0,
+    rate: Annotated[
+        float, typer.Option(metavar="X", min=0.001, help="Speed of a replay: X times as fast; or inf.")
+    ] = 1.0,
     joint_topic: Annotated[
-        str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Of joint states, where several are seen.")
+        str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Topic of joint states, if there are several.")
     ] = None,
     imu_topic: Annotated[
-        str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Of the IMU, where several are seen.")
+        str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Topic of the IMU, if there are several.")
     ] = None,
     imu_frame: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Frame that the IMU's values are in [default: the messages' own]."),
+        typer.Option(metavar="NAME", help="Frame of the IMU's values [default: the messages' own]."),
     ] = None,
     legs: Annotated[
         Path | None,
-        typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia as `identify --json` found."),
+        typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia from `identify --json`."),
     ] = None,
-    record: Annotated[
-        Path | None, typer.Option(metavar="F.mcap", help="Record what comes in and what is sent.")
-    ] = None,
+    record: Annotated[Path | None, typer.Option(metavar="F.mcap", help="Record received and sent messages.")] = None,
     view: View = False,
     rrd: RrdFile = None,
     limit: LimitValues = None,
 ) -> None:
-    """Weigh a robot while it runs: its joint states and IMU in, its trunk and payload out, until Ctrl-C.
+    """Weigh a running robot: joint states and IMU in, trunk and payload out, until Ctrl-C.
 
-    In: sensor_msgs/JointState and Imu, or Unitree's LowState, of rmw_zenoh or zenoh-bridge-ros2dds, found by type. Out,
-    ten times a second: stadera/trunk and stadera/payload (InertiaStamped), stadera/state (JSON), stadera/diagnostics;
-    the services stadera/tare and stadera/reset.
+    In: sensor_msgs/JointState and Imu, or Unitree's LowState, from rmw_zenoh or zenoh-bridge-ros2dds, found by type.
+        Out, ten times a second: stadera/trunk and stadera/payload (InertiaStamped), stadera/state (JSON),
+        stadera/diagnostics; and the services stadera/tare and stadera/reset.
     """
     if source != "zenoh" and not source.startswith(REPLAY):
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
@@ -85,7 +87,7 @@ def live(
 
 @contextmanager
 def _until_stopped() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set."""
+    """An event that is set by Ctrl-C and SIGTERM."""
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -97,7 +99,7 @@ def _until_stopped() -> Iterator[threading.Event]:
 
 @contextmanager
 def _shown() -> Iterator[Callable[[LiveState], None]]:
-    """What shows states: one screen on a terminal, else a line for everything that happens."""
+    """Yields the function that shows states: a screen on a terminal, else one line for each event."""
     from stadera.report.live.terminal import live_lines, live_screen
 
     if sys.stdout.isatty():

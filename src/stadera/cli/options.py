@@ -1,4 +1,4 @@
-"""The options that several commands share, declared once."""
+"""Options shared by several commands."""
 
 from __future__ import annotations
 
@@ -22,44 +22,50 @@ RobotName = Annotated[
 JsonFile = Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")]
 ReportFile = Annotated[
     Path | None,
-    typer.Option("--report", metavar="F.html", help="Write a report to open in a browser; F.pdf by Chromium."),
+    typer.Option("--report", metavar="F.html", help="Write an HTML report; F.pdf is printed by Chromium."),
 ]
 FigureFiles = Annotated[
     list[str] | None,
     typer.Option(
         "--figure",
         metavar="[NAME=]F.pdf",
-        help="Draw a figure, .pdf, .png or .svg, the most telling or the one of that name; repeatable.",
+        help="Draw a figure (.pdf, .png or .svg), the main one or the named one; repeatable.",
     ),
 ]
-LatexFile = Annotated[Path | None, typer.Option("--latex", metavar="F.tex", help="Write the tables for LaTeX.")]
+LatexFile = Annotated[Path | None, typer.Option("--latex", metavar="F.tex", help="Write the tables as LaTeX.")]
 Force = Annotated[
-    bool, typer.Option("--force", help="Give a result that is not to be trusted all the same, every figure marked.")
+    bool, typer.Option("--force", help="Give a result even if it is not to be trusted, every figure marked.")
 ]
 JointTopic = Annotated[
-    str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Of a log with several topics of joints.")
+    str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Topic to read, if a log has several of joints.")
 ]
-ImuTopic = Annotated[str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Of a log with several IMUs.")]
+ImuTopic = Annotated[
+    str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Topic to read, if a log has several IMUs.")
+]
 
-View = Annotated[bool, typer.Option("--view", help="Show the robot, and what becomes known of it, in Rerun.")]
-RrdFile = Annotated[Path | None, typer.Option("--rrd", metavar="F.rrd", help="Write what Rerun would show.")]
+View = Annotated[bool, typer.Option("--view", help="Show the robot and its estimates in Rerun.")]
+RrdFile = Annotated[Path | None, typer.Option("--rrd", metavar="F.rrd", help="Write a recording for Rerun.")]
 
 
 Columns = Annotated[
     str | None,
     typer.Option(
         metavar="MAP.toml|PRESET",
-        help="What a table's columns are: a map, or a preset [default: by their names]. "
+        help="Map of a table's columns, or a preset [default: by their names]. "
         "`stadera inspect LOG --columns` writes a map.",
     ),
 ]
 Units = Annotated[
     str | None,
-    typer.Option(metavar="deg,ms,...", help="Units of the log: deg, deg/s, gyro=deg/s, g, ms ...; 200Hz without time."),
+    typer.Option(
+        metavar="deg,ms,...", help="Units of the log: deg, deg/s, gyro=deg/s, g, ms ...; 200Hz if it has no time."
+    ),
 ]
 PdGains = Annotated[
     str | None,
-    typer.Option("--pd", metavar="KP,KD", help="Make torques of desired positions; hip, thigh, calf: KP,KD/KP,KD/..."),
+    typer.Option(
+        "--pd", metavar="KP,KD", help="Compute torques from desired positions; hip, thigh, calf: KP,KD/KP,KD/..."
+    ),
 ]
 GearRatio = Annotated[
     str | None,
@@ -73,34 +79,36 @@ LimitValues = Annotated[
     typer.Option(
         "--limit",
         metavar="NAME=VALUE",
-        help="Raise a limit of reading files, as an error names it: unpacked, seconds, columns ...; repeatable.",
+        help="Raise a limit for reading files that an error names: unpacked, seconds, columns ...; repeatable.",
     ),
 ]
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", metavar="N", min=0, help="Processes on this machine; 0: this one [default: one a core]."),
+    typer.Option(
+        "--workers", metavar="N", min=0, help="Processes on this machine; 0: this one [default: one per core]."
+    ),
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler, whose workers do the work."),
+    typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler whose workers are used."),
 ]
 
 
 def check_workers(workers: int | None, scheduler: str | None) -> None:
-    """Raises: BadParameter: both are given."""
+    """Raises BadParameter if both are given."""
     if scheduler is not None and workers is not None:
         raise typer.BadParameter("a scheduler has its own workers", param_hint="--workers")
 
 
 TEMPLATE = "-"
-"""The value of `--columns` without one: write a map of the columns."""
+"""Value of `--columns` if none is given: write a map of the columns."""
 
 
 class ColumnsMayStandAlone(GatedCommand):
-    """A command whose option `--columns` may stand without a value."""
+    """A command whose option `--columns` needs no value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """The arguments, `--columns` alone made `--columns -`."""
+        """Replaces `--columns` without a value by `--columns -`."""
         given: list[str] = []
         for argument, follower in zip(args, [*args[1:], "--"], strict=True):
             given += [argument, TEMPLATE] if argument == "--columns" and follower.startswith("-") else [argument]
@@ -108,7 +116,7 @@ class ColumnsMayStandAlone(GatedCommand):
 
 
 def limits_of(given: Sequence[str] | None) -> Limits:
-    """Of all `--limit`. Errors as `Limits.parse`."""
+    """Parses all `--limit` options. Raises as `Limits.parse`."""
     from stadera.limits import Limits
 
     return Limits.parse(given or ())
@@ -116,7 +124,7 @@ def limits_of(given: Sequence[str] | None) -> Limits:
 
 @dataclass(frozen=True)
 class LogOptions:
-    """How logs are read, as asked for: parsed once, held for every log of the command."""
+    """Instructions for reading logs, parsed once for all logs of the command."""
 
     topics: Topics
     reading: Reading
@@ -132,14 +140,14 @@ class LogOptions:
         limit: Sequence[str] | None = None,
         gear: str | None = None,
     ) -> LogOptions:
-        """From the options' texts; raises as `Reading.of`."""
+        """Parses the options' texts; raises as `Reading.of`."""
         from stadera.logs.reading import Reading
         from stadera.logs.topics import Topics
 
         return cls(Topics(joint_topic, imu_topic), Reading.of(columns, units, pd, limits_of(limit), gear))
 
     def log(self, path: Path) -> LogFile:
-        """A log, to be read so."""
+        """The log at a path, to be read with these instructions."""
         from stadera.logs.topics import LogFile
 
         return LogFile(path, self.topics, self.reading)

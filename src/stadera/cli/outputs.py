@@ -1,4 +1,4 @@
-"""The files that a command is asked for: checked before the work, written all together or none."""
+"""Output files of a command: checked before the computation, then written all together or not at all."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Writer = Callable[[Path], object]
 
 
 def check_outputs(outputs: Iterable[Path | None]) -> None:
-    """What can be known of the outputs before the work; None is one that was not asked for.
+    """Checks the outputs before the computation; None stands for one that was not requested.
 
     Raises:
-        StaderaError: an output that cannot be written, is named twice, or would replace an input.
+        StaderaError: an output cannot be written, is named twice, or would replace an input.
     """
     taken = set()
     for path in filter(None, outputs):
@@ -36,10 +36,10 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
 
 
 def check_table(path: Path) -> None:
-    """Whether tables are written as files of that name.
+    """Checks that the path's suffix is a format for tables.
 
     Raises:
-        RecordingError: a table of an unknown kind.
+        RecordingError: another suffix.
     """
     from stadera.logs.tables.write import SUFFIXES
 
@@ -48,10 +48,10 @@ def check_table(path: Path) -> None:
 
 
 def check_report(path: Path | None) -> None:
-    """Whether a page can be written as a file of that name, None for none.
+    """Checks that the path's suffix is a format for reports; None for no report.
 
     Raises:
-        StaderaError: neither HTML nor PDF, or a PDF without a browser that prints it.
+        StaderaError: neither HTML nor PDF, or a PDF without a browser to print it.
     """
     if path is None or path.suffix.lower() in (".html", ".htm"):
         return
@@ -64,17 +64,17 @@ def check_report(path: Path | None) -> None:
 
 @dataclass(frozen=True)
 class FigureFile:
-    """A figure that was asked for: its name, None for the most telling, and its file."""
+    """A requested figure: its name (None for the main one) and its file."""
 
     name: str | None
     path: Path
 
     @classmethod
     def of(cls, given: str) -> FigureFile:
-        """From `[NAME=]F.pdf`.
+        """Parses `[NAME=]F.pdf`.
 
         Raises:
-            StaderaError: not a file that figures are written to. MissingExtraError: Matplotlib is not installed.
+            StaderaError: not a format for figures. MissingExtraError: Matplotlib is not installed.
         """
         from stadera.report.figures.paper import check_figure
 
@@ -83,7 +83,7 @@ class FigureFile:
         return cls(name if sign else None, Path(path))
 
     def output(self, make: Callable[[], Mapping[str, Figure | TableData]]) -> tuple[Path, Writer]:
-        """For `write_outputs`; UnknownNameError when it is written and there is no figure of that name."""
+        """The pair for `write_outputs`; writing it raises UnknownNameError if there is no figure of that name."""
 
         def fill(draft: Path) -> None:
             from stadera.report.figures.paper import drawn, save
@@ -94,13 +94,13 @@ class FigureFile:
 
 
 def figure_files(given: Iterable[str] | None) -> tuple[FigureFile, ...]:
-    """Of all `--figure`. Errors as `FigureFile.of`."""
+    """Parses all `--figure` options. Raises as `FigureFile.of`."""
     return tuple(map(FigureFile.of, given or ()))
 
 
 @dataclass(frozen=True)
 class ResultFiles:
-    """The files that a result is written to; None for one that was not asked for."""
+    """Files for a result; None for one that was not requested."""
 
     json: Path | None
     report: Path | None
@@ -109,10 +109,10 @@ class ResultFiles:
     latex: Path | None = None
 
     def check(self, robot: Robot) -> None:
-        """What can be known of them before the work.
+        """Checks the files before the computation.
 
         Raises:
-            StaderaError: see `check_outputs` and `check_report`; ModelError: the robot's model file is of another kind
+            StaderaError: see `check_outputs` and `check_report`. ModelError: the robot's model file has another format
                 than the export.
         """
         drawn = (figure.path for figure in self.figures)
@@ -129,7 +129,7 @@ class ResultFiles:
         page: Callable[[], str] | None = None,
         figures: Callable[[], Mapping[str, Figure | TableData]] | None = None,
     ) -> None:
-        """All of them or none; `page` is the report where it is not the result's own, and `figures` likewise."""
+        """Writes all files or none; `page` and `figures` replace the result's own."""
         write_outputs(
             (self.json, json_of(result.to_dict)),
             (self.report, page_of(page or result.to_html)),
@@ -140,10 +140,10 @@ class ResultFiles:
 
 
 def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:
-    """All outputs or none: every one that was asked for is drafted before the first takes its place.
+    """Writes all outputs or none: each is drafted before the first replaces its target.
 
     Raises:
-        StaderaError: an output that cannot be written.
+        StaderaError: an output cannot be written.
     """
     wanted = [(path, fill) for path, fill in outputs if path is not None]
     with written_together([path for path, _ in wanted]) as drafts:
@@ -152,7 +152,7 @@ def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:
 
 
 def json_of(make: Callable[[], Any]) -> Writer:
-    """Of plain values, as JSON, made only when its file is."""
+    """Writer of plain values as JSON, computed only if the file is requested."""
 
     def fill(draft: Path) -> None:
         from stadera.report.json import json_text
@@ -163,7 +163,7 @@ def json_of(make: Callable[[], Any]) -> Writer:
 
 
 def page_of(make: Callable[[], str]) -> Writer:
-    """Of a page, as HTML or printed as PDF by the file's suffix."""
+    """Writer of a page as HTML, or printed as PDF, according to the file's suffix."""
 
     def fill(draft: Path) -> None:
         if draft.suffix.lower() != ".pdf":
@@ -177,5 +177,5 @@ def page_of(make: Callable[[], str]) -> Writer:
 
 
 def text_of(make: Callable[[], str]) -> Writer:
-    """Of a text that is made only when its file is."""
+    """Writer of a text, computed only if the file is requested."""
     return lambda draft: write_text(draft, make())

@@ -1,4 +1,4 @@
-"""Option values from their text. What is malformed is bad usage (exit 2); what is unknown is left to the callee."""
+"""Parses option values. Malformed values are bad usage (exit 2); unknown names are left to the callee."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 Point = tuple[float, float, float]
 
 LONGEST_LAG = 0.2
-"""s; a torque later than this does not belong to the motion that it was recorded with."""
+"""s; a later torque does not belong to the recorded motion."""
 
 
 def names(value: str | None) -> tuple[str, ...] | None:

@@ -1,4 +1,4 @@
-"""`stadera reproduce`: the paper's tables and figures, done again."""
+"""`stadera reproduce`: recomputes the paper's tables and figures."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ def reproduce(
         str,
         typer.Argument(
             metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|all",
-            help="Which table or figure; all leaves out long studies: survival, walking, alarms, reality, faults.",
+            help="Table or figure; all excludes the long studies survival, walking, alarms, reality, faults.",
         ),
     ],
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of every random draw.")] = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="A short, coarse version, for a first look.")] = False,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of all random draws.")] = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="A short, coarse version.")] = False,
     data: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Of real logs [default: $STADERA_DATA, else ../shared/data]."),
+        typer.Option(metavar="FOLDER", help="Folder of real logs [default: $STADERA_DATA, else ../shared/data]."),
     ] = None,
     keep: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Where long studies keep finished runs, to go on from if broken off."),
+        typer.Option(metavar="FOLDER", help="Folder in which long studies keep finished runs, to resume from."),
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Of walking, alarms, reality, faults: repetitions of the whole grid."),
+        typer.Option(metavar="N", min=1, help="For walking, alarms, reality, faults: repetitions of the whole grid."),
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -90,7 +90,9 @@ def _write(
     latex: Path | None,
     figures: tuple[FigureFile, ...],
 ) -> None:
-    """All outputs or none. Figures of several experiments have the experiment's name in front: fig6-figure-1."""
+    """Writes all outputs or none. Figures of several experiments are prefixed with the experiment's name:
+    fig6-figure-1.
+    """
     from stadera.lab.experiments.result import ExperimentResult
     from stadera.lab.report.experiments.page import experiments_html
     from stadera.report.latex import latex as latex_of

@@ -1,4 +1,4 @@
-"""`stadera simulate`: a run of the test-bed as a log, with the truth."""
+"""`stadera simulate`: a run of the test-bed as a log, with the ground truth."""
 
 from __future__ import annotations
 
@@ -22,50 +22,56 @@ _SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(metavar=_SCENARIOS, help="What the robot does.")],
+    scenario: Annotated[str, typer.Argument(metavar=_SCENARIOS, help="Motion of the robot.")],
     out: Annotated[Path, typer.Option(metavar="LOG", help="Write the log, .csv or .parquet, and the truth.")],
     robot: RobotName = "hyq",
     errors: Annotated[
         str,
-        typer.Option(metavar="ideal|standard|harsh|real|real-unit-gain", help="Of the sensors; real: of everything."),
+        typer.Option(
+            metavar="ideal|standard|harsh|real|real-unit-gain",
+            help="Kind of sensor errors; real: also of the robot and the ground.",
+        ),
     ] = "standard",
     load: Annotated[
         str | None, typer.Option(metavar="5kg|50N", help="A mass on the trunk, or the paper's virtual force.")
     ] = None,
     at: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Where, trunk frame [m] [default: behind, to the left].")
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Position of the load, trunk frame [m] [default: behind, to the left]."),
     ] = None,
     load_time: Annotated[
-        float | None, typer.Option(metavar="S", help="When it lands [s] [default: the scenario's own].")
+        float | None, typer.Option(metavar="S", help="Time at which it lands [s] [default: the scenario's own].")
     ] = None,
     speed: Annotated[
-        float | None, typer.Option(metavar="M/S", help="Of a walk [m/s] [default: the scenario's own].")
+        float | None, typer.Option(metavar="M/S", help="Speed of a walk [m/s] [default: the scenario's own].")
     ] = None,
-    turn: Annotated[float, typer.Option(metavar="DEG/S", help="Of a walk, to the left [°/s].")] = 0.0,
-    leg: Annotated[str | None, typer.Option(metavar="LF|all", help="Which swings, of a swing [default: all].")] = None,
-    amplitude: Annotated[float, typer.Option(metavar="X", help="Of a shake: X times 3°.")] = 1.0,
-    slope: Annotated[float | None, typer.Option(metavar="DEG", help="Of the ground [°].")] = None,
+    turn: Annotated[float, typer.Option(metavar="DEG/S", help="Turning rate of a walk, to the left [°/s].")] = 0.0,
+    leg: Annotated[str | None, typer.Option(metavar="LF|all", help="The leg that swings [default: all].")] = None,
+    amplitude: Annotated[float, typer.Option(metavar="X", help="Amplitude of a shake: X times 3°.")] = 1.0,
+    slope: Annotated[float | None, typer.Option(metavar="DEG", help="Slope of the ground [°].")] = None,
     stones: Annotated[
-        float, typer.Option(metavar="M", help="The ground is stepping stones, their heights within ±M [m].")
+        float, typer.Option(metavar="M", help="Make the ground stepping stones with heights within ±M [m].")
     ] = 0.0,
-    duration: Annotated[float | None, typer.Option(metavar="S", help="[s] [default: the scenario's own].")] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Duration [s] [default: the scenario's own].")
+    ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(metavar="HZ", help="Of the log [Hz]: 1000 over a whole number [default: 250, or as drawn]."),
+        typer.Option(metavar="HZ", help="Rate of the log [Hz]: 1000 over an integer [default: 250, or as drawn]."),
     ] = None,
     limit: LimitValues = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="The same seed gives the same log.")] = 0,
     model: Annotated[
         Path | None,
         typer.Option(
-            "--model", "--believed", metavar="F.urdf", help="Write the model to weigh with; harsh errors alter it."
+            "--model", "--believed", metavar="F.urdf", help="Write the model to weigh with, which harsh errors modify."
         ),
     ] = None,
 ) -> None:
-    """Simulate a robot that stands, walks or swings its legs in the air, and write what its sensors say as a log.
+    """Simulate a robot that stands, walks or swings its legs in the air, and write its sensor values as a log.
 
-    What was true is kept apart: LOG.truth.json has the trunk's mass and centre of mass over time and the controller's
-    stiffness, LOG.truth.csv (or .parquet) the true motion and the ground's forces.
+    The ground truth is written separately: LOG.truth.json has the trunk's mass and centre of mass over time and the
+    controller's stiffness, LOG.truth.csv (or .parquet) the true motion and contact forces.
     """
     amount, place = _load(load, at)
     if leg is not None and scenario != "swing":
@@ -97,7 +103,7 @@ def simulate(
 
 
 def _load(load: str | None, at: str | None) -> tuple[tuple[float, Literal["kg", "N"]] | None, parse.Point | None]:
-    """The load and its place, each where given."""
+    """The load and its position, each if given."""
     if load is None and at is not None:
         raise typer.BadParameter("needs --load", param_hint="--at")
     return None if load is None else parse.load(load), None if at is None else parse.point(at)
@@ -114,7 +120,7 @@ def _run(robot: Robot, scenario: str, settings: SimulateSettings, leg: str | Non
 
 
 def _write(run: Run, out: Path, model: Path | None) -> None:
-    """All files or none."""
+    """Writes all files or none."""
     from stadera.logs import write_table
     from stadera.robot.export import export_model
     from stadera.weigh.truth import truth_json, truth_paths

@@ -1,4 +1,4 @@
-"""What all commands share towards the terminal: tables on stdout, progress on stderr while a person watches."""
+"""Terminal output of all commands: tables on stdout, progress on stderr if it is a terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Progress(Protocol):
-    """Called with what is being done, how many steps of it are done, and how many there are (0: not known)."""
+    """Called with the name of the step, the number of items done, and their total (0 if unknown)."""
 
     def __call__(self, what: str, done: int, total: int, detail: str = "") -> None: ...
 
@@ -23,9 +23,9 @@ _PIPE_WIDTH = 140
 
 
 def show(*renderables: RenderableType) -> None:
-    """Print tables and texts on stdout; at a fixed width, without colours, where that is no terminal.
+    """Prints tables and texts on stdout; with fixed width and without colours if it is not a terminal.
 
-    Who reads a pipe may stop reading: the rest is then left out, and that is no error.
+    If the reader of a pipe stops reading, the rest is discarded without an error.
 
     Raises:
         StaderaError: stdout cannot be written to, such as a full disk.
@@ -37,7 +37,7 @@ def show(*renderables: RenderableType) -> None:
     width = None if sys.stdout.isatty() else _PIPE_WIDTH
     console = Console(highlight=False, markup=False, emoji=False, width=width)
     try:
-        with console.capture() as shown:  # rich has its own way with broken pipes
+        with console.capture() as shown:  # rich handles broken pipes in its own way
             for renderable in renderables:
                 console.print(renderable)
         sys.stdout.write(shown.get())
@@ -50,7 +50,7 @@ def show(*renderables: RenderableType) -> None:
 
 
 def write_nowhere(stream: TextIO) -> None:
-    """Sends what is still in a stream's buffer, and whatever follows, to the null device."""
+    """Redirects a stream, including its buffer, to the null device."""
     with suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -58,7 +58,9 @@ def write_nowhere(stream: TextIO) -> None:
 
 
 def prepare_streams() -> None:
-    """Makes stdout and stderr fit to be written to: one that was closed goes nowhere, and no character is an error."""
+    """Prepares stdout and stderr: a closed stream is redirected to the null device, and unencodable characters are
+    replaced.
+    """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -69,7 +71,7 @@ def prepare_streams() -> None:
 
 @contextmanager
 def progress() -> Iterator[Progress | None]:
-    """Something to report progress to; None, and silence, where stderr is no terminal."""
+    """Yields a progress reporter; None if stderr is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -93,14 +95,14 @@ def progress() -> Iterator[Progress | None]:
         yield report
 
 
-_LONG = 10.0  # s, of work after which a remaining time is shown
+_LONG = 10.0  # s, of work before the remaining time is shown
 
 
 def remaining(elapsed: float, done: int, left: int) -> str:
-    """How long the rest will take if it goes on as so far; nothing before that can be said.
+    """Remaining time if the rate stays the same; empty before it can be estimated.
 
     Args:
-        elapsed: [s]. done: steps made in it, those of an earlier run apart. left: steps to go.
+        elapsed: [s]. done: steps completed in it, excluding those of an earlier run. left: steps to go.
     """
     if done <= 0 or left <= 0 or elapsed < _LONG:
         return ""

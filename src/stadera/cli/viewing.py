@@ -1,4 +1,4 @@
-"""The viewer that commands open, or the file it would show."""
+"""The viewer opened by commands, or the file with its recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 @contextmanager
 def watching(robot: Robot, view: bool, save: Path | None) -> Iterator[Watch | None]:
-    """A viewer's `watch`, None where none was asked for; the file is there when the block ends without an error."""
+    """Yields a viewer's `watch`, None if none was requested; the file is complete when the block ends without an
+    error.
+    """
     if not view and save is None:
         yield None
         return

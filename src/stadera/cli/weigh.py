@@ -1,4 +1,4 @@
-"""`stadera weigh`: mass and centre of mass of a robot's trunk, and of the payload on it."""
+"""`stadera weigh`: mass and centre of mass of a robot's trunk and of its payload."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 def weigh(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Of a robot on its feet, walking or standing.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a robot on its feet, walking or standing.")],
     robot: RobotName,
     method: Annotated[
         str | None,
@@ -53,19 +53,19 @@ def weigh(
     ] = None,
     tare: Annotated[
         str | None,
-        typer.Option(metavar="T0:T1|LOG", help="Time [s] in LOG, or another log, without the payload."),
+        typer.Option(metavar="T0:T1|LOG", help="Time [s] in LOG without the payload, or another log without it."),
     ] = None,
     stiffness: Annotated[
         str | None,
-        typer.Option(metavar="KX,KY,KZ", help="Of the trunk controller about its axes [N·m/rad], for 'orientation'."),
+        typer.Option(metavar="KX,KY,KZ", help="Stiffness of the trunk controller [N·m/rad], for 'orientation'."),
     ] = None,
     legs: Annotated[
         Path | None,
-        typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia as `identify --json` found."),
+        typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia from `identify --json`."),
     ] = None,
     force: Force = False,
     imu_frame: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Frame that the IMU's values are in [default: the model's IMU].")
+        str | None, typer.Option(metavar="NAME", help="Frame of the IMU's values [default: the model's IMU].")
     ] = None,
     joint_topic: JointTopic = None,
     imu_topic: ImuTopic = None,
@@ -76,7 +76,8 @@ def weigh(
     fix: Fix = False,
     limit: LimitValues = None,
     truth: Annotated[
-        Path | None, typer.Option(metavar="F.truth.json", help="Of a simulated log, to be shown with the result.")
+        Path | None,
+        typer.Option(metavar="F.truth.json", help="Ground truth of a simulated log, shown with the result."),
     ] = None,
     json: JsonFile = None,
     report: ReportFile = None,
@@ -84,16 +85,16 @@ def weigh(
     latex: LatexFile = None,
     export: Annotated[
         Path | None,
-        typer.Option(metavar="F.urdf", help="Write the model as weighed (URDF, MJCF), the payload as a link."),
+        typer.Option(metavar="F.urdf", help="Write the weighed model (URDF, MJCF), with the payload as a link."),
     ] = None,
     view: View = False,
     rrd: RrdFile = None,
 ) -> None:
-    """Weigh a robot from its log: trunk with payload, where its centre of mass is, when the load changed.
+    """Weigh a robot from its log: trunk with payload, centre of mass, and changes of the load.
 
-    In motion every instant counts, standing included; at rest the mass is the ground's upward force (eq. 7), and
-    times in motion are left out. --tare gives the payload by the difference. A result that model and log contradict
-    is refused (exit code 1) unless --force is given.
+    In motion every instant is used, standing included. At rest the mass follows from the upward contact force (eq. 7),
+    and times in motion are ignored. --tare gives the payload as the difference. A result on which model and log
+    contradict each other is refused (exit code 1) unless --force is given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
     reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
@@ -138,7 +139,7 @@ def weigh(
 
 
 def _truth(path: Path | None) -> Truth | None:
-    """Of a simulated log, where it is given."""
+    """The ground truth of a simulated log, if given."""
     if path is None:
         return None
     from stadera.weigh.truth import read_truth
@@ -147,13 +148,13 @@ def _truth(path: Path | None) -> Truth | None:
 
 
 def _tare(given: str, reading: LogOptions) -> tuple[float, float] | LogFile:
-    """A range of time, or another log."""
+    """Parses a tare: a range of time, or another log."""
     chosen = parse.tare(given)
     return reading.log(chosen) if isinstance(chosen, Path) else chosen
 
 
 def robot_with_legs(name: str, legs: Path | None, limits: Limits) -> Robot:
-    """The robot, with its legs as identified where they are given."""
+    """Loads the robot, with identified legs if given."""
     from stadera.identify.schema import with_identified_legs
     from stadera.robot import load_robot
 

@@ -1,4 +1,4 @@
-"""What a leg may do while it is excited: position, velocity and torque within limits, clear of all else."""
+"""Bounds on a leg's excitation: limits of position, velocity and torque, and clearance from all other bodies."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _WHOLE_TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class Margins:
-    """How far an excitation stays away from what the leg can do.
+    """Margins between an excitation and the leg's limits.
 
     Attributes:
-        position: kept from each joint limit [rad].
-        reach: farthest a joint goes from the rest pose [rad].
-        velocity: share of the joint's velocity limit that is used.
-        effort: share of the joint's effort limit that is used, by the torque which the prior model predicts.
-        distance: kept between the leg and everything else [m].
+        position: distance from each joint limit [rad].
+        reach: largest distance of a joint from the rest pose [rad].
+        velocity: share of the joint's velocity limit that may be used.
+        effort: share of the joint's effort limit that may be used by the torque predicted by the prior model.
+        distance: least distance between the leg and all other bodies [m].
     """
 
     position: float = 0.05
@@ -46,15 +46,15 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class LegBounds:
-    """Bounds on one leg's three joints, trunk held level; margins are taken off already.
+    """Bounds on one leg's three joints with the trunk held level; margins are already subtracted.
 
     Attributes:
-        robot, leg: whose.
+        robot, leg: the robot, and the name of its leg.
         rest: (3,) [rad], the pose at the start and the end.
-        lower, upper: (3,) [rad]; the rest pose is always within.
-        velocity: (3,) [rad/s], infinite where the model states none.
-        effort: (3,) [N·m], likewise.
-        clearance: from trunk, other legs, itself and the ground.
+        lower, upper: (3,) [rad]; always include the rest pose.
+        velocity: (3,) [rad/s], infinite if the model states none.
+        effort: (3,) [N·m], infinite if the model states none.
+        clearance: from trunk, other legs, the leg itself and the ground.
     """
 
     robot: Robot
@@ -75,19 +75,19 @@ class LegBounds:
         margins: Margins | None = None,
         ground: float | None = None,
     ) -> LegBounds:
-        """The bounds of a robot's leg.
+        """Computes the bounds of a robot's leg.
 
         Args:
-            robot: with its limits and prior model.
+            robot: provides limits and the prior model.
             leg: LF, RF, LH or RH.
             rest: (3,) [rad]; None for the leg's nominal stance.
             margins: None for the defaults.
-            ground: height of a level ground in the trunk frame [m], None for a leg over a void.
+            ground: height of a level ground in the trunk frame [m], None for no ground.
 
         Raises:
             UnknownNameError: no such leg.
-            IdentificationError: a rest pose outside the joints' limits, or too near the ground.
-            ModelError: no rest pose is given and the robot has no nominal stance.
+            IdentificationError: the rest pose is outside the joints' limits, or too close to the ground.
+            ModelError: no rest pose is given, and the robot has no nominal stance.
         """
         margins = margins or Margins()
         joints = robot.leg(leg).joints
@@ -120,7 +120,7 @@ class LegBounds:
 
     @property
     def ranges(self) -> Array:
-        """What the joint limits themselves span, at most one turn, (3,) [rad]."""
+        """Ranges of the joint limits, at most one turn, (3,) [rad]."""
         limits = [self.robot.limits[joint] for joint in self.joints]
         return np.array([min(limit.upper - limit.lower, _WHOLE_TURN) for limit in limits])
 
@@ -139,22 +139,24 @@ class LegBounds:
         return regressor, values
 
     def torque(self, motion: JointMotion) -> Array:
-        """Torque of the motion by the prior model, friction included, (samples, 3) [N·m]."""
+        """Torque of the motion predicted by the prior model, friction included, (samples, 3) [N·m]."""
         regressor, values = self._model
         return regressor.predict(motion, values)
 
     def gravity_torque(self, position: Array) -> Array:
-        """Torque that holds the poses by the prior model, (samples, 3), (samples, 3) [N·m]."""
+        """Torque that holds poses (samples, 3), predicted by the prior model, (samples, 3) [N·m]."""
         still = np.zeros_like(position)
         return self.torque(JointMotion(position, still, still))
 
     @cached_property
     def clearance_map(self) -> ClearanceMap:
-        """The clearance tabulated over the position bounds."""
+        """The clearance, tabulated over the position bounds."""
         return ClearanceMap.of(self.clearance, self.lower, self.upper)
 
     def excess(self, motion: JointMotion) -> float:
-        """How far the motion is out of bounds: ≤ 0 within; in shares of the range, of the velocity and effort bound."""
+        """Largest violation of the bounds, ≤ 0 within; as a share of the range, of the velocity bound or of the effort
+        bound.
+        """
         q = motion.position
         span = np.maximum(self.upper - self.lower, 1e-9)
         over = max(float(((q - self.upper) / span).max()), float(((self.lower - q) / span).max()))

@@ -1,7 +1,7 @@
-"""How far a swinging leg stays from the trunk, the other legs, itself and the ground, by the model's shapes.
+"""Clearance of a swinging leg from the trunk, the other legs, itself and the ground, from the model's shapes.
 
-The trunk is held level and the other legs stand still. Distances between primitive shapes are coal's, signed: negative
-is the depth of penetration. The lowest point of a shape with rotation R and centre p lies below p by::
+The trunk is held level and the other legs are at rest. Distances between primitive shapes are computed by coal, signed:
+a negative one is the penetration depth. The lowest point of a shape with rotation R and centre p is below p by::
 
     sphere  r        capsule  r + |R_zz| l/2        cylinder  r √(1 - R_zz²) + |R_zz| l/2        box  Σ_i |R_zi| e_i/2
 """
@@ -24,31 +24,31 @@ from stadera.robot.model import Leg, Robot, Shape, Tree
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
-_FAR = 0.1  # m; beyond it a bound from enclosing spheres is as good as the distance itself
+_FAR = 0.1  # m; beyond it a bound from enclosing spheres is used
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """Two shapes, the first one moving; `allowed` is how near they may come [m]."""
+    """A pair of shapes, the first one moving; `allowed` is their least permitted distance [m]."""
 
     first: int
-    second: int  # among the moving shapes, or among the still ones if `still`
+    second: int  # index among the moving shapes, or among the fixed ones if `still`
     still: bool
     allowed: float
 
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """What one leg could run into.
+    """Bodies that one leg could collide with.
 
     Attributes:
         tree: of the leg.
         moving: shapes on the leg's links, foot included.
-        still: shapes of trunk and other legs, posed in the trunk frame.
-        pairs: shapes whose distance is looked at: no two of one link or of neighbours in the tree.
-        ground: height of the ground in the trunk frame [m], None for a leg over a void.
-        margin: distance to keep [m]; pairs that are nearer than that at rest need not keep more than they have there.
-        notes: pairs that touch at rest by the model's shapes, and so are not looked at.
+        still: shapes of trunk and other legs, with poses in the trunk frame.
+        pairs: shapes whose distance is checked, excluding those of one link or of neighbouring links.
+        ground: height of the ground in the trunk frame [m], None for no ground.
+        margin: distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest.
+        notes: pairs whose shapes touch at rest, and which are therefore not checked.
     """
 
     tree: Tree
@@ -61,18 +61,18 @@ class Clearance:
 
     @classmethod
     def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
-        """The surroundings of a robot's leg.
+        """Collects the surroundings of a robot's leg.
 
         Args:
-            robot: with its shapes.
+            robot: provides the shapes.
             leg: LF, RF, LH or RH.
-            rest: (3,) [rad], where the motion starts; the other legs stand in the nominal stance.
+            rest: (3,) [rad], start of the motion; the other legs are in the nominal stance.
             margin: distance to keep [m].
             ground: height of a level ground in the trunk frame [m].
 
         Raises:
             UnknownNameError: no such leg.
-            IdentificationError: the leg is not clear of the ground at rest.
+            IdentificationError: the leg is too close to the ground at rest.
         """
         own = robot.leg(leg)
         tree = robot.leg_tree(leg)
@@ -90,15 +90,15 @@ class Clearance:
         return cls(tree, moving, still, pairs, ground, margin, notes)
 
     def distance(self, position: Array) -> Array:
-        """Least distance to anything at poses (samples, 3) [rad], (samples,) [m]; from 0.1 m on a lower bound of it."""
+        """Least distance to any body at poses (samples, 3) [rad], (samples,) [m]; above 0.1 m a lower bound of it."""
         return self._least(position, kept=False)
 
     def slack(self, position: Array) -> Array:
-        """As `distance`, less what must be kept: not negative where the pose is clear."""
+        """`distance` minus the distance to keep: not negative if the pose is clear."""
         return self._least(position, kept=True)
 
     def height(self, position: Array) -> Array:
-        """Height of the leg's lowest point over the ground, (samples,) [m]; infinite where there is none."""
+        """Height of the leg's lowest point above the ground, (samples,) [m]; infinite without ground."""
         if self.ground is None:
             return np.full(len(position), np.inf)
         rotations, centres = self._poses(position)
@@ -111,12 +111,12 @@ class Clearance:
         measure = _Measure(self, *self._poses(position))
         for pair in self.pairs:
             allowed = pair.allowed if kept else 0.0
-            # what cannot become the least need not be known exactly
+            # pairs that cannot be the closest need no exact distance
             least = np.minimum(least, measure(pair, np.minimum(least + allowed, _FAR)) - allowed)
         return least
 
     def pair_distances(self, position: Array) -> Iterator[Array]:
-        """Distance of each pair at poses (samples, 3) [rad], (samples,) [m]; from 0.1 m on a lower bound of it."""
+        """Distance of each pair at poses (samples, 3) [rad], (samples,) [m]; above 0.1 m a lower bound of it."""
         measure = _Measure(self, *self._poses(position))
         return (measure(pair, np.full(len(position), _FAR)) for pair in self.pairs)
 
@@ -132,7 +132,9 @@ class Clearance:
 
 @dataclass(frozen=True, eq=False)
 class _Measure:
-    """Distances of pairs of shapes, for poses of the moving ones in the trunk frame (see `Clearance._poses`)."""
+    """Computes distances of pairs of shapes, for poses of the moving ones in the trunk frame (see
+    `Clearance._poses`).
+    """
 
     shapes: Clearance
     rotations: Array
@@ -147,7 +149,7 @@ class _Measure:
         return [coal.Transform3s(shape.rotation, shape.translation) for shape in self.shapes.still]
 
     def __call__(self, pair: _Pair, within: Array) -> Array:
-        """The pair's distance, (samples,) [m]: exact where it may be below `within` (samples,), else a lower bound."""
+        """The pair's distance, (samples,) [m]: exact if it may be below `within` (samples,), else a lower bound."""
         k, m = pair.first, pair.second
         other = (self.shapes.still if pair.still else self.shapes.moving)[m]
         apart = self.centres[:, k] - (other.translation if pair.still else self.centres[:, m])
@@ -166,7 +168,7 @@ class _Measure:
 
 @dataclass(frozen=True, eq=False)
 class ClearanceMap:
-    """A clearance's slack tabulated over a box of poses, in between linear: quick, and no proof.
+    """Clearance tabulated over a box of poses and interpolated linearly: fast but approximate.
 
     Attributes:
         lower, step: (3,) [rad], of the grid.
@@ -179,19 +181,21 @@ class ClearanceMap:
 
     @classmethod
     def of(cls, clearance: Clearance, lower: Array, upper: Array, points: int = 15) -> ClearanceMap:
-        """The table over the box from `lower` to `upper`, (3,) each [rad], `points` along each joint."""
+        """Tabulates the box from `lower` to `upper`, (3,) each [rad], with `points` along each joint."""
         axes = [np.linspace(low, high, points) for low, high in zip(lower, upper, strict=True)]
         poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         step = np.maximum((upper - lower) / (points - 1), 1e-9)
         return cls(lower, step, clearance.slack(poses).reshape((points,) * 3))
 
     def slack(self, position: Array) -> Array:
-        """`Clearance.slack` for poses (samples, 3) [rad], (samples,) [m]; outside the box that of its nearest pose."""
+        """`Clearance.slack` for poses (samples, 3) [rad], (samples,) [m]; outside the box that of the nearest pose in
+        it.
+        """
         at = ((position - self.lower) / self.step).T
         return np.asarray(map_coordinates(self.values, at, order=1, mode="nearest"))
 
     def lowered(self, position: Array, slack: Array) -> ClearanceMap:
-        """The table brought down around poses (samples, 3) until it promises no more there than `slack` (samples,)."""
+        """Returns the table lowered around poses (samples, 3) until it is not above `slack` (samples,) there."""
         last = np.array(self.values.shape) - 2
         cell = np.clip(np.floor((position - self.lower) / self.step).astype(int), 0, last)
         excess = np.maximum(self.slack(position) - slack, 0.0)
@@ -203,7 +207,7 @@ class ClearanceMap:
 
 
 def _with_foot(leg: Leg, shapes: list[Shape]) -> Iterator[Shape]:
-    """The shapes, and the foot's sphere where none of them is it."""
+    """Yields the shapes, and the foot's sphere if it is not among them."""
     yield from shapes
     foot = np.asarray(leg.foot_position)
     near = (
@@ -214,7 +218,7 @@ def _with_foot(leg: Leg, shapes: list[Shape]) -> Iterator[Shape]:
 
 
 def _standing(robot: Robot, links: list[str]) -> Iterator[Shape]:
-    """Shapes on these links with the robot in its nominal stance, posed in the trunk frame."""
+    """Yields shapes on these links with the robot in its nominal stance, posed in the trunk frame."""
     rotations, translations = forward_kinematics(robot.tree, standing_configuration(robot)[None])
     for shape in robot.shapes:
         if shape.link in links:
@@ -224,7 +228,7 @@ def _standing(robot: Robot, links: list[str]) -> Iterator[Shape]:
 
 
 def _candidates(tree: Tree, moving: tuple[Shape, ...], still: tuple[Shape, ...]) -> Iterator[_Pair]:
-    """Pairs of shapes whose links are neither the same nor neighbours."""
+    """Yields pairs of shapes whose links are neither the same nor neighbours."""
     parent = {link: tree.links[tree.parents[i]] for i, link in enumerate(tree.links[1:])}
     solid = [k for k, shape in enumerate(moving) if shape.size[0] > 0]
     for k in solid:
@@ -238,7 +242,7 @@ def _candidates(tree: Tree, moving: tuple[Shape, ...], still: tuple[Shape, ...])
 
 
 def _evaluated(bare: Clearance, rest: Array) -> tuple[tuple[_Pair, ...], tuple[str, ...]]:
-    """The pairs that are apart at rest, with what they must keep; and a note on the links of the others."""
+    """The pairs that are apart at rest, with their distances to keep, and a note on the others."""
     pairs, touching = [], set()
     for pair, distance in zip(bare.pairs, bare.pair_distances(rest), strict=True):
         other = (bare.still if pair.still else bare.moving)[pair.second]
@@ -263,7 +267,7 @@ def _solid(shape: Shape) -> Any:
 
 
 def _enclosing(shape: Shape) -> float:
-    """Radius of the sphere about the shape's centre that holds it [m]."""
+    """Radius of the sphere around the shape's centre that encloses it [m]."""
     match shape.kind:
         case "sphere":
             return shape.size[0]
@@ -276,7 +280,7 @@ def _enclosing(shape: Shape) -> float:
 
 
 def _below(shape: Shape, up: Array) -> Array:
-    """How far a shape reaches below its centre, (samples,) [m]; `up` (samples, 3) is the vertical in its axes."""
+    """Extent of a shape below its centre, (samples,) [m]; `up` (samples, 3) is the vertical in its axes."""
     along = np.abs(up[:, 2])
     match shape.kind:
         case "sphere":

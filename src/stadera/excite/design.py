@@ -1,4 +1,4 @@
-"""Design of an excitation, and how much better it is than the paper's random draw: what `stadera excite` computes."""
+"""Designs an excitation and compares it with the paper's random draws: the computation behind `stadera excite`."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 
-_LOOK_RATE = 100.0  # Hz, enough for motions of a few hertz
+_LOOK_RATE = 100.0  # Hz, sufficient for motions of a few hertz
 
 
 @dataclass(frozen=True)
 class ExciteSettings:
-    """What excitation is wanted.
+    """Settings of an excitation.
 
     Attributes:
         duration: from rest to rest [s].
-        rate: of the table that is played, and of the log that is recorded [Hz].
-        seed: of all that is drawn.
-        random: the paper's random draw itself, instead of the optimum.
-        draws: how many random draws the optimum is compared with.
-        margins: kept from the leg's limits.
-        stand_height: height of the trunk's origin over a level ground [m], None for a leg over a void.
-        search: for the optimum.
+        rate: of the table to be played, and of the log to be recorded [Hz].
+        seed: of all random draws.
+        random: use one of the paper's random draws instead of the optimum.
+        draws: number of random draws to compare with.
+        margins: distances from the leg's limits.
+        stand_height: height of the trunk's origin above level ground [m], None for no ground.
+        search: settings of the optimisation.
 
     Raises:
-        IdentificationError: a value that makes no sense.
+        IdentificationError: an invalid value.
     """
 
     duration: float = 180.0
@@ -71,15 +71,15 @@ def excite(
     """Designs the excitation of one leg on a held trunk.
 
     Args:
-        robot: a robot with its limits and prior (CAD) model, its name, or a path to a URDF or MJCF.
+        robot: a robot with limits and a prior (CAD) model, its name, or a path to a URDF or MJCF.
         leg: LF, RF, LH or RH.
         settings: None for the defaults.
-        progress: called with what is being done, how much of it is done, and of how much.
+        progress: called with the step's name, items done and total.
 
     Raises:
         UnknownNameError: no such robot or leg.
-        ModelError: a model file that cannot be read, a robot without a nominal stance.
-        IdentificationError: a leg that has no room to move, or stands too near the ground.
+        ModelError: the model file cannot be read, or the robot has no nominal stance.
+        IdentificationError: the leg has no room to move, or is too close to the ground.
     """
     robot, settings = load_robot(robot), settings or ExciteSettings()
     report = progress or (lambda what, done, total: None)
@@ -106,12 +106,12 @@ def excite(
 
 
 def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Recording:
-    """A motion as a table that a controller can play: position, velocity and acceleration of each joint over time.
+    """Converts a motion to a table for a controller: position, velocity and acceleration of each joint over time.
 
     Args:
-        robot: whose joints they are.
-        reference: of some of its joints.
-        whole: with the robot's other joints too, still at their nominal stance; else the reference's joints alone.
+        robot: the robot of the joints.
+        reference: motion of some of its joints.
+        whole: include the robot's other joints, at rest in the nominal stance; else only the reference's joints.
     """
     if not whole:
         motion, joints = reference.motion, reference.joints

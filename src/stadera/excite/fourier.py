@@ -3,8 +3,8 @@
     c_j(t) = o_j + Σ_k a_jk sin(2π k f t) + b_jk cos(2π k f t),    k = 1..K        (Swevers et al. 1997)
     q(t) = q_0 + w(t) (c(t) - q_0)
 
-with q_0 the rest pose and w the window of `sinusoids`. All of it is linear in (o - q_0, a, b), the fades included, so
-that many motions are evaluated at once by one matrix product for each derivative.
+with q_0 the rest pose and w the window of `sinusoids`. The motion, including the fades, is linear in (o - q_0, a, b),
+so many motions are evaluated at once by one matrix product for each derivative.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FADE = 2.0  # s
 class FourierSeries:
     """Motions of a leg parametrised by x (3 (2K + 1),): o, then a, then b, each joint by joint.
 
-    x is in units of half the width of the position bounds, o from their middle: |o| ≤ 1 is within them.
+    x is in units of half the width of the position bounds, with o measured from their middle: |o| ≤ 1 is within them.
 
     Attributes:
         bounds: of the leg.
@@ -52,7 +52,7 @@ class FourierSeries:
 
     @property
     def swing(self) -> float:
-        """How long after the first fade the motion does not yet repeat itself [s]."""
+        """Time after the first fade during which the motion does not repeat [s]."""
         return min(self.period, self.duration - 2.0 * self.fade)
 
     @cached_property
@@ -64,7 +64,7 @@ class FourierSeries:
         return half
 
     def basis(self, time: Array) -> tuple[Array, Array, Array]:
-        """What coefficients are multiplied by to give q - q_0 and its two derivatives, (samples, 1 + 2K) each."""
+        """Matrices that map coefficients to q - q_0 and its two derivatives, (samples, 1 + 2K) each."""
         omega = 2.0 * np.pi / self.period * np.arange(1, self.harmonics + 1)
         angle, zero = time[:, None] * omega, np.zeros((len(time), 1))
         sine, cosine = np.sin(angle), np.cos(angle)
@@ -100,13 +100,13 @@ class FourierSeries:
         )
 
     def instants(self, rate: float) -> Array:
-        """Times, increasing [s], that show all of the motion: its start, the first period, its end."""
+        """Increasing times [s] that cover the whole motion: its start, the first period, its end."""
         rise, fall = self.fade + self.swing, self.duration - self.fade
         first = np.linspace(0.0, rise, int(np.ceil(rise * rate)), endpoint=False)
         return np.concatenate((first, np.linspace(fall, self.duration, int(np.ceil(self.fade * rate)))))
 
     def quadrature(self, samples: int) -> tuple[Array, Array]:
-        """Times [s] and how much of the whole duration each stands for [s]: one period, and a third as many a fade."""
+        """Times [s] and their weights in the whole duration [s]: one period, and a third as many in each fade."""
         fading = (np.arange(samples // 3) + 0.5) / (samples // 3)
         swinging = self.fade + (np.arange(samples) + 0.5) / samples * self.swing
         times = np.concatenate((self.fade * fading, swinging, self.duration - self.fade + self.fade * fading))

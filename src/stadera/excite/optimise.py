@@ -1,17 +1,16 @@
-"""The most informative motion of a leg within its bounds.
+"""Optimises a leg's motion for information within its bounds.
 
     maximise    ½ log det(1 + Sᵀ Y(q, q̇, q̈)ᵀ Σ⁻¹ Y S)                   the information gain, see `experiment`
     subject to  position, velocity, predicted torque and clearance within the leg's bounds
 
-over the coefficients of a Fourier series (see `fourier`), at samples of both fades and of one period that stands for
-all between. The series' band is the paper's, for the paper's reason: what is faster shakes structures that no one
-models. Bounds enter as the square of what every sample exceeds them by, lightly first and then so heavily that less
-than about a hundredth is left; quasi-Newton (L-BFGS) does the rest, on forward differences that are all evaluated as
-one batch.
+over the coefficients of a Fourier series (see `fourier`), at samples of both fades and of one period that represents
+the time between. The series' band is the paper's: faster motion excites structural vibrations, which are not modelled.
+Bounds enter as a quadratic penalty on each sample's violation, first small and then so large that less than about a
+hundredth remains. The optimisation is quasi-Newton (L-BFGS), with forward differences that are evaluated as one batch.
 
-Clearance is read off a table over joint space, which is interpolated and may promise too much: along the best motion it
-is corrected by exact distances, and the search goes on, until the two agree. What is still out of bounds on a dense
-grid is drawn in towards the rest pose.
+Clearance is interpolated in a table over joint space, which may overestimate it: along the best motion it is corrected
+by exact distances, and the search continues, until the two agree. A motion that still violates a bound on a dense grid
+is scaled towards the rest pose.
 """
 
 from __future__ import annotations
@@ -34,26 +33,26 @@ from stadera.types import Array
 
 Progress = Callable[[float], None]
 
-_PENALTIES = (50.0, 2000.0)  # nat for a whole bound exceeded by one sample
+_PENALTIES = (50.0, 2000.0)  # nat for one sample that exceeds a bound by its whole size
 _SPARE = 0.01  # share of each bound left unused
 _CLEARANCE_UNIT = 0.1  # m, counts as one whole bound
 _CLEARANCE_RATE = 50.0  # Hz
-_CLEARANCE_SPARE = 0.002  # m, for what lies between two samples
-_TIGHTENINGS = 8  # of the clearance map, at most
+_CLEARANCE_SPARE = 0.002  # m, for the motion between two samples
+_TIGHTENINGS = 8  # largest number of corrections of the clearance map
 _STEP = 1e-6  # of the finite differences, in the unknowns' own scale
 _POSES = 50  # tried for each start
 
 
 @dataclass(frozen=True)
 class FourierSearch:
-    """How the motion is parametrised and searched for.
+    """Settings of the parametrisation and the search.
 
     Attributes:
         harmonics: K.
         top_frequency: K f [Hz].
-        samples: of one period that the search looks at.
-        starts: how many local searches are made.
-        iterations: most steps of each.
+        samples: evaluated in one period.
+        starts: number of local searches.
+        iterations: largest number of steps in each.
     """
 
     harmonics: int = 6
@@ -82,13 +81,13 @@ def optimal_excitation(
 
     Args:
         experiment: leg, bounds and noise.
-        rng: source of the starts; the same state gives the same motion.
+        rng: for the starts; the same state gives the same motion.
         duration: from rest to rest [s].
         search: None for the defaults.
-        progress: called with the share of the work that is done, 0 to 1.
+        progress: called with the share of the work done, 0 to 1.
 
     Raises:
-        IdentificationError: a duration under two seconds; a leg that cannot move within its bounds.
+        IdentificationError: a duration under two seconds, or a leg that cannot move within its bounds.
     """
     search = search or FourierSearch()
     check_duration(duration)
@@ -112,7 +111,7 @@ def _advance(report: Progress, done: float, part: float, share: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Gain and excess as functions of the series' x (unknowns,)."""
+    """Gain and bound violation as functions of the series' x (unknowns,)."""
 
     experiment: LegExperiment
     series: FourierSeries
@@ -120,7 +119,7 @@ class _Problem:
     search: FourierSearch
 
     def start(self, rng: np.random.Generator) -> Array:
-        """A small motion about a random clear pose."""
+        """A small motion around a random clear pose."""
         bounds = self.experiment.bounds
         poses = rng.uniform(-0.7, 0.7, (_POSES, 3))
         clear = self.clearance.slack(0.5 * (bounds.lower + bounds.upper) + self.series.half * poses)
@@ -128,7 +127,7 @@ class _Problem:
         return np.concatenate((poses[int(np.argmax(clear > 0.5 * clear.max()))], swings))
 
     def solve(self, start: Array, penalties: tuple[float, ...], report: Progress) -> Array:
-        """A local optimum near `start`, under one penalty on what exceeds the bounds after the other."""
+        """A local optimum near `start`, with one penalty on bound violations after the other."""
         x, steps, most = start, 0, self.search.iterations
 
         def step_done(xk: Array) -> None:
@@ -143,7 +142,7 @@ class _Problem:
         return x
 
     def tightened(self, x: Array, report: Progress) -> Array:
-        """The optimum near `x` once the clearance map is true along the way."""
+        """The optimum near `x` after correcting the clearance map along the motion."""
         problem, part = self, 1.0 / _TIGHTENINGS
         for done in range(_TIGHTENINGS):
             path = self.series.motion(x).at(self.series.instants(_CLEARANCE_RATE)).position
@@ -156,7 +155,7 @@ class _Problem:
         return x
 
     def merit(self, x: Array) -> float:
-        """Gain [nat], less the penalty."""
+        """Gain [nat] minus the penalty."""
         gain, over = self._values(x[None])
         return float(gain[0] - _PENALTIES[-1] * over[0])
 
@@ -166,7 +165,9 @@ class _Problem:
         return float(cost[0]), (cost[1:] - cost[0]) / _STEP
 
     def _values(self, x: Array) -> tuple[Array, Array]:
-        """Of each row of x (batch, unknowns): gain [nat], and the sum over samples of (share of a bound exceeded)²."""
+        """For each row of x (batch, unknowns): gain [nat], and the sum over samples of squared relative bound
+        violations.
+        """
         bounds, batch = self.experiment.bounds, len(x)
         coefficients = self.series.coefficients(x)
         q, dq, ddq = (basis @ coefficients for basis in self._basis)
@@ -186,7 +187,7 @@ class _Problem:
         return gain, np.sum(over, axis=0)
 
     def _gram_and_torque(self, motion: JointMotion, batch: int) -> tuple[Array, Array]:
-        """Sᵀ Yᵀ Σ⁻¹ Y S of the whole duration (batch, n, n), and the predicted torque (batch, samples, 3) [N·m]."""
+        """Sᵀ Yᵀ Σ⁻¹ Y S over the whole duration (batch, n, n), and the predicted torque (batch, samples, 3) [N·m]."""
         experiment = self.experiment
         columns, prior = experiment.regressor.columns, experiment.prior
         counts = experiment.rate * self._quadrature[1]

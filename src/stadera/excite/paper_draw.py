@@ -1,12 +1,12 @@
-"""Excitation of a leg on a held trunk: the paper's random draw, and what any motion is worth.
+"""The paper's random excitation of a leg on a held trunk.
 
-Section IV of the paper, as read here. Each joint follows one sinusoid at a time; its frequency, amplitude and phase are
-drawn anew, uniformly, for every position of the origin: 0.3 to 0.9 Hz, zero to (0.25, 0.20, 0.40) rad for HAA, HFE,
-KFE, 0 to π. The origins are poses chosen for the largest shift of the gravity torque: over a grid of the poses that
-leave room for the full amplitude, each next one is that whose gravity torque, by the CAD model and each joint's in
-units of its spread, lies farthest from all those taken before, the rest pose first (farthest-point sampling). How many
-origins, and how long between, the paper does not say: six here, equally long, two seconds of fade from one to the next.
-On other robots amplitudes keep the share that the paper's have of HyQ's joint ranges (95°, 120°, 120°).
+Our reading of section IV of the paper. Each joint follows one sinusoid at a time; its frequency, amplitude and phase
+are drawn uniformly for every position of the origin: 0.3 to 0.9 Hz, zero to (0.25, 0.20, 0.40) rad for HAA, HFE, KFE, 0
+to π. The origins are poses with the largest changes of the gravity torque: on a grid of poses that leave room for the
+full amplitude, each next one is the pose whose gravity torque in the CAD model, each joint's in units of its spread, is
+farthest from those already chosen, starting with the rest pose (farthest-point sampling). The paper does not state the
+number and duration of the origins; here six of equal duration are used, with fades of two seconds. On other robots
+amplitudes are the same share of the joint ranges as the paper's of HyQ's (95°, 120°, 120°).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ FREQUENCIES = (0.3, 0.9)
 """The paper's band [Hz]."""
 
 _AMPLITUDE_SHARES = np.array([0.25, 0.20, 0.40]) / np.deg2rad([95.0, 120.0, 120.0])
-_LARGEST_SHARE = 0.25  # of the reach, so that there is room to shift origins
+_LARGEST_SHARE = 0.25  # of the reach, leaves room to shift origins
 _ORIGINS = 6
-_SHORTEST_SEGMENT = 10.0  # s, so that one origin sees a few periods of the slowest sinusoid
+_SHORTEST_SEGMENT = 10.0  # s, a few periods of the slowest sinusoid
 _FADE = 2.0  # s
 _CANDIDATES = 9  # origins tried along each joint
-_CHOICE = 8  # candidates for every origin wanted, at least, where few are clear
+_CHOICE = 8  # least number of candidates for each origin, if few are clear
 _CHECK_RATE = 100.0  # Hz
 _DRAW_IN = 0.99
 _SHORTEST = 2.0  # s
@@ -45,11 +45,11 @@ def paper_draw(
     """The paper's random sinusoids (see the module), within bounds.
 
     Args:
-        robot: with its limits and prior (CAD) model.
+        robot: provides limits and the prior (CAD) model.
         leg: LF, RF, LH or RH.
-        rng: source of the draw; the same state gives the same motion.
+        rng: for the draw; the same state gives the same motion.
         duration: from rest to rest [s].
-        bounds: None for `LegBounds.of(robot, leg)`. A draw that breaks them is drawn in towards the rest pose until it
+        bounds: None for `LegBounds.of(robot, leg)`. A draw that violates them is scaled towards the rest pose until it
             fits.
 
     Raises:
@@ -72,7 +72,9 @@ def paper_draw(
 
 
 def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int) -> Array:
-    """Poses with the most different gravity torques, (count, 3) [rad], `room` (3,) inside the position bounds."""
+    """Poses with the most different gravity torques, (count, 3) [rad], at least `room` (3,) inside the position
+    bounds.
+    """
     axes = [
         np.linspace(low, high, _CANDIDATES) for low, high in zip(bounds.lower + room, bounds.upper - room, strict=True)
     ]
@@ -95,17 +97,17 @@ def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int) -> Array:
 
 
 def _most_clear(poses: Array, room: Array, bounds: LegBounds, least: int) -> Bools:
-    """Which poses are clear with `room` about them; if those are fewer than `least`, the nearest to it."""
+    """Selects poses that are clear within `room` around them; if fewer than `least`, the nearest to it."""
     about = np.stack(np.meshgrid(*([(-1.0, 0.0, 1.0)] * 3), indexing="ij"), axis=-1).reshape(-1, 3) * room
     slack = bounds.clearance_map.slack((poses[:, None] + about).reshape(-1, 3)).reshape(len(poses), -1).min(axis=1)
     return np.asarray(slack >= min(0.0, np.sort(slack)[-min(least, len(slack))]))
 
 
 def fitting_factor(motion: Sinusoids, bounds: LegBounds) -> float:
-    """How far the motion must be drawn in towards the rest pose to be within the bounds; 1 if it is.
+    """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds; 1 if it does.
 
     Raises:
-        IdentificationError: not even the rest pose is within the bounds.
+        IdentificationError: the rest pose itself violates the bounds.
     """
     factor = 1.0
     while not _fits(motion.drawn_in(factor), bounds):
@@ -116,7 +118,7 @@ def fitting_factor(motion: Sinusoids, bounds: LegBounds) -> float:
 
 
 def _fits(motion: Sinusoids, bounds: LegBounds) -> bool:
-    """Cheapest tests first."""
+    """True if the motion satisfies the bounds. The cheapest tests come first."""
     samples = motion.sample(_CHECK_RATE).motion
     if bounds.excess(samples) > _ROUNDING:
         return False
@@ -124,6 +126,6 @@ def _fits(motion: Sinusoids, bounds: LegBounds) -> bool:
 
 
 def check_duration(duration: float) -> None:
-    """Raises IdentificationError for a duration no motion fits into."""
+    """Raises IdentificationError if the duration is too short for any motion."""
     if not (np.isfinite(duration) and duration >= _SHORTEST):
         raise IdentificationError(f"an excitation lasts at least {_SHORTEST:g} s, got {duration} s")

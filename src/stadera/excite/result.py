@@ -1,4 +1,4 @@
-"""What the design of an excitation gives back, as plain values."""
+"""Result of designing an excitation, as plain values."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Appraisal:
-    """What one motion would determine.
+    """Expected information from one motion.
 
     Attributes:
         motion: the motion.
         gain: information gain [nat].
-        rank: directions that would be known better than the prior knows them, joint terms included.
-        rigid_rank: the same with the joints' own terms known, for the links' parameters alone.
-        std: (combinations,), standard deviation of each identifiable combination in shares of its prior one.
+        rank: number of directions that would be known better than from the prior, joint terms included.
+        rigid_rank: the same for the links' parameters alone, with the joint terms known.
+        std: (combinations,), standard deviation of each identifiable combination as a share of its prior one.
     """
 
     motion: Sinusoids
@@ -46,12 +46,12 @@ class Excitation(Result):
 
     Attributes:
         experiment: the leg, its bounds and the noise.
-        settings: what was asked for.
+        settings: as requested.
         chosen: the motion to play.
-        draws: the paper's random draws it is compared with; empty where the motion is itself one.
-        combinations: what any motion can at best identify.
-        rigid_rank: how many combinations that are of the links alone.
-        peaks: what the chosen motion uses of the leg's bounds.
+        draws: the paper's random draws for comparison; empty if the motion is itself one.
+        combinations: that motion can identify at best.
+        rigid_rank: number of combinations of the links' parameters alone.
+        peaks: extremes of the chosen motion.
     """
 
     experiment: LegExperiment
@@ -64,12 +64,12 @@ class Excitation(Result):
 
     @property
     def gained(self) -> float | None:
-        """Information more than the median random draw's [nat]; None without draws."""
+        """Information in excess of the median random draw's [nat]; None without draws."""
         return self.chosen.gain - float(np.median([d.gain for d in self.draws])) if self.draws else None
 
     @cached_property
     def ratios(self) -> Array | None:
-        """By combination, median standard deviation over the random draws in units of the chosen motion's."""
+        """By combination, the random draws' median standard deviation divided by the chosen motion's."""
         return np.median([d.std for d in self.draws], axis=0) / self.chosen.std if self.draws else None
 
     @property
@@ -79,13 +79,13 @@ class Excitation(Result):
 
     @property
     def motions(self) -> dict[str, Appraisal]:
-        """The motion and what it is compared with, by name."""
+        """The motion and those it is compared with, by name."""
         if not self.draws:
             return {"random draw": self.chosen}
         return {"optimised": self.chosen, **{f"draw {k + 1}": draw for k, draw in enumerate(self.draws)}}
 
     def to_html(self) -> str:
-        """The report: one page that loads nothing."""
+        """The report as one self-contained HTML page."""
         from stadera.report.excite.page import excitation_html
 
         return excitation_html(self)
@@ -97,14 +97,14 @@ class Excitation(Result):
         return [limits_table(self), worth_table(self)]
 
     def to_figures(self) -> Mapping[str, Figure]:
-        """information (of each combination of parameters) and motion."""
+        """Figures: information (of each combination of parameters) and motion."""
         from stadera.report.excite.plots import figures
 
         return figures(self)
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame, one row an identifiable combination of parameters: combination, std (share of the
-        prior's), and random_std, the median of the random draws, NaN without them.
+        """A pandas DataFrame with one row for each identifiable combination of parameters: combination, std (share of
+        the prior's), and random_std, the median of the random draws, NaN without them.
 
         Raises:
             MissingExtraError: pandas is not installed.
@@ -124,9 +124,9 @@ class Excitation(Result):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON: settings, extremes, worth of each motion, and the sinusoids themselves.
+        """Plain values for JSON: settings, extremes, information of each motion, and the sinusoids themselves.
 
-        Standard deviations are in shares of the prior's. Limits that the model does not state are null.
+        Standard deviations are shares of the prior's. Limits that the model does not state are null.
         """
         bounds, settings, motion = self.experiment.bounds, self.settings, self.chosen.motion
         arrays = ("rest", "origins", "amplitudes", "frequencies", "phases", "starts")
@@ -163,7 +163,7 @@ class Excitation(Result):
         }
 
     def _extremes(self, joint: int) -> dict[str, Any]:
-        """What the motion uses of a joint, and its bounds."""
+        """Extremes of a joint's motion, and its bounds."""
         bounds, peaks = self.experiment.bounds, self.peaks
         return {
             "position": [float(peaks.lower[joint]), float(peaks.upper[joint])],
@@ -205,8 +205,8 @@ class Peaks:
         lower, upper: position [rad].
         velocity: magnitude [rad/s].
         acceleration: magnitude [rad/s²].
-        torque: magnitude, as the prior model predicts [N·m].
-        distance: least distance to trunk, other legs, itself and the ground [m]; from 0.1 m on a lower bound of it.
+        torque: magnitude, predicted by the prior model [N·m].
+        distance: least distance to trunk, other legs, itself and the ground [m]; above 0.1 m a lower bound of it.
     """
 
     lower: Array

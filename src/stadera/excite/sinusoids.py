@@ -1,6 +1,7 @@
-"""Joint references made of sinusoids: smooth, exactly differentiable, at rest at both ends.
+"""Joint references composed of sinusoids: smooth, exactly differentiable, at rest at both ends.
 
-A motion is a row of segments. In segment s each joint j swings about its own origin (section IV of the paper)::
+A motion is a sequence of segments. In segment s each joint j oscillates about its own origin (section IV of the
+paper)::
 
     c_sj(t) = O_sj + Σ_k A_sjk sin(2π f_sjk (t - T_s) + φ_sjk)
 
@@ -9,11 +10,10 @@ and the segments are faded into one another, and at both ends into the rest pose
     q(t) = q_0 + Σ_s w_s(t) (c_s(t) - q_0),     w_s(t) = b((t - T_s) / h) - b((t - T_{s+1}) / h)
     b(x) = 10 x³ - 15 x⁴ + 6 x⁵ on 0..1, 0 before, 1 after
 
-With fades of length h no longer than a segment, all w_s are ≥ 0 and sum to at most 1: q(t) is a convex combination of
-the segments' curves and the rest pose, so that bounds on positions which hold for those hold throughout. b has two
-continuous derivatives, zero at both of its ends, and so velocity and acceleration are continuous, and zero at the start
-and the end. One segment whose frequencies are multiples of a base frequency is the usual Fourier series (Swevers et
-al. 1997).
+If the fade length h does not exceed any segment, all w_s are ≥ 0 and sum to at most 1: q(t) is a convex combination of
+the segments' curves and the rest pose, so bounds on positions that hold for those hold throughout. b has two continuous
+derivatives that are zero at both ends, so velocity and acceleration are continuous, and zero at the start and the end.
+One segment whose frequencies are multiples of a base frequency is the usual Fourier series (Swevers et al. 1997).
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A motion for a controller to track, on an even clock.
+    """A motion for a controller to track, evenly sampled.
 
     Attributes:
-        joints: names, n of them.
+        joints: names of the n joints.
         time: (samples,) [s], from zero.
         motion: position [rad], velocity [rad/s] and acceleration [rad/s²], (samples, n) each.
     """
@@ -68,21 +68,21 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Sinusoids:
-    """Segments of sinusoids about shifted origins, see the module's equations.
+    """Segments of sinusoids about shifted origins; see the module's equations.
 
     Attributes:
-        joints: names, n of them.
+        joints: names of the n joints.
         rest: (n,) [rad], the pose at the start and the end.
         origins: (segments, n) [rad].
         amplitudes: (segments, n, harmonics) [rad].
         frequencies: likewise [Hz].
         phases: likewise [rad].
-        starts: (segments + 1,) [s], increasing: when each segment begins to fade in; the last when all fades out.
+        starts: (segments + 1,) [s], increasing: start of each segment's fade-in, and of the final fade-out.
         fade: h [s], no longer than any segment.
 
     Raises:
-        IdentificationError: shapes that do not fit together, values that are not finite, times that do not increase or
-            segments shorter than the fade.
+        IdentificationError: inconsistent shapes, values that are not finite, times that do not increase, or segments
+            shorter than the fade.
     """
 
     joints: tuple[str, ...]
@@ -110,11 +110,13 @@ class Sinusoids:
 
     @property
     def duration(self) -> float:
-        """When the motion is back at rest [s]."""
+        """Time at which the motion is at rest again [s]."""
         return float(self.starts[-1] + self.fade)
 
     def at(self, time: ArrayLike) -> JointMotion:
-        """Position, velocity and acceleration at increasing times (samples,) [s]; exact, at rest outside the motion."""
+        """Position, velocity and acceleration at increasing times (samples,) [s]; exact, and at rest outside the
+        motion.
+        """
         t = np.asarray(time, dtype=float)
         q = np.tile(self.rest, (len(t), 1))
         dq, ddq = np.zeros_like(q), np.zeros_like(q)
@@ -129,10 +131,10 @@ class Sinusoids:
         return JointMotion(q, dq, ddq)
 
     def sample(self, rate: float) -> Reference:
-        """The whole motion, `rate` samples a second, from zero to the end.
+        """Samples the whole motion at `rate`, from zero to the end.
 
         Raises:
-            IdentificationError: a rate that is not positive.
+            IdentificationError: the rate is not positive.
         """
         if not (np.isfinite(rate) and rate > 0):
             raise IdentificationError(f"a sampling rate must be positive, got {rate} Hz")
@@ -140,7 +142,7 @@ class Sinusoids:
         return Reference(self.joints, time, self.at(time))
 
     def drawn_in(self, factor: float) -> Sinusoids:
-        """The same motion drawn in towards the rest pose: q_0 + factor (q(t) - q_0)."""
+        """The motion scaled towards the rest pose: q_0 + factor (q(t) - q_0)."""
         origins = self.rest + factor * (self.origins - self.rest)
         return replace(self, origins=origins, amplitudes=factor * self.amplitudes)
 

@@ -1,13 +1,13 @@
-"""What a motion is worth before it is made: the information its torques would carry, by the prior model.
+"""Information expected from a motion before it is performed, predicted by the prior model.
 
-With Gaussian noise of known strength and the belief θ = θ_CAD + S x, x ~ N(0, 1), a log whose rows compress to R θ = z
-lowers the entropy of the prior, whatever the torques turn out to be, by::
+With Gaussian noise of known size and the prior θ = θ_CAD + S x, x ~ N(0, 1), a log whose rows compress to R θ = z
+lowers the entropy of the prior, for any torques, by::
 
     gain = ½ log det(1 + Sᵀ Rᵀ R S) = Σ_k ½ log(1 + s_k²)        [nat], s_k the singular values of R S
 
-It is the mutual information of log and parameters, and the criterion of D-optimality with a prior:
-it does not depend on units or frames, directions that no motion can excite add nothing instead of minus infinity, and a
-direction counts by the factor its standard deviation shrinks, not by how wide it was, as in sums of variances.
+This is the mutual information of log and parameters, and the criterion of D-optimality with a prior. It does not depend
+on units or frames; directions that no motion can excite add nothing instead of minus infinity; and a direction counts
+by the factor by which its standard deviation shrinks, not by its initial size as in sums of variances.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.types import Array
 
 _NOISE_SHARE = 0.0033  # of the joint's effort limit
-_NOISE_OF_GRAVITY = 0.02  # of the largest gravity torque, where the model states no limit
+_NOISE_OF_GRAVITY = 0.02  # of the largest gravity torque, if the model states no limit
 _POSES = 500
 _NOISELESS = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class LegExperiment:
-    """A leg on a held trunk and the sensors that will watch it.
+    """A leg on a held trunk and its sensors.
 
     Attributes:
         bounds: of the leg.
         noise: (3,) [N·m], standard deviation of one torque sample, independent from sample to sample.
-        rate: samples a second that are recorded [Hz].
-        friction: joint-side terms identified with the rigid bodies.
+        rate: sampling rate of the log [Hz].
+        friction: joint-side terms identified together with the rigid bodies.
     """
 
     bounds: LegBounds
@@ -58,7 +58,7 @@ class LegExperiment:
 
     @classmethod
     def usual(cls, bounds: LegBounds, rate: float = 1000.0) -> LegExperiment:
-        """Noise of 0.33 % of each joint's effort limit; where there is none, 2 % of its largest gravity torque."""
+        """Noise of 0.33 % of each joint's effort limit, or of 2 % of its largest gravity torque if it has none."""
         limits = np.array([bounds.robot.limits[joint].effort for joint in bounds.joints])
         poses = np.random.default_rng(0).uniform(bounds.lower, bounds.upper, (_POSES, 3))
         gravity = np.abs(bounds.gravity_torque(poses)).max(axis=0)
@@ -66,16 +66,16 @@ class LegExperiment:
 
     @cached_property
     def regressor(self) -> JointTorqueRegressor:
-        """Of the leg."""
+        """Regressor of the leg."""
         return JointTorqueRegressor(self.bounds.robot.leg_tree(self.bounds.leg), self.friction)
 
     @cached_property
     def prior(self) -> Prior:
-        """Of the leg's parameters."""
+        """Prior of the leg's parameters."""
         return robot_prior(self.bounds.robot, self.regressor.columns)
 
     def information(self, reference: Reference) -> Information:
-        """What a log of the motion would hold, sampled at the experiment's rate whatever the reference's is."""
+        """Information in a log of the motion, sampled at the experiment's rate."""
         interval = float(np.mean(np.diff(reference.time)))
         data = self._information(reference.motion, self.noise)
         return data.scaled_noise(float(np.sqrt(1.0 / (interval * self.rate))))
@@ -86,12 +86,12 @@ class LegExperiment:
         return float(0.5 * np.sum(np.log1p(singular**2)))
 
     def observability(self, reference: Reference) -> Observability:
-        """Of the parameters in a log of the motion, compared with the prior."""
+        """Observability of the parameters in a log of the motion, compared with the prior."""
         return observability(self.information(reference), self.prior)
 
     @cached_property
     def structure(self) -> Observability:
-        """What the richest motion without noise could tell: whose combinations any motion can at best identify."""
+        """Observability under the richest motion without noise, whose combinations are identifiable at best."""
         rng = np.random.default_rng(0)
         position = rng.uniform(self.bounds.lower, self.bounds.upper, (_POSES, 3))
         motion = JointMotion(position, *rng.normal(0.0, (2.0, 10.0), (_POSES, 3, 2)).transpose(2, 0, 1))

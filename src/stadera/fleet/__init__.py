@@ -1,4 +1,4 @@
-"""Many logs, one table: a fleet's logs weighed on every core or on a Dask cluster. Needs the extra `fleet`."""
+"""Weighs a fleet's logs into one table, on all cores or on a Dask cluster. Needs the extra `fleet`."""
 
 from typing import TYPE_CHECKING
 

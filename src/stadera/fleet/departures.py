@@ -1,24 +1,24 @@
-"""What stands out in a fleet: stretches of a robot's logs whose level differs from the rest by more than chance.
+"""Detects departures in a fleet: stretches of a robot's logs whose level differs from the rest by more than chance.
 
-A robot's quantity v_i with standard deviation s_i, i = 1 ... n in time, has one level if nothing happens to the robot.
-A battery changed is a stretch up to the end, a lidar on for a day a stretch in between, a faulty log a stretch of one.
-Every stretch of successive logs is compared with the others (circular binary segmentation, Olshen et al. 2004),
+A quantity v_i of a robot with standard deviation s_i, i = 1 ... n in time, has one level if the robot does not change.
+A replaced battery gives a stretch up to the end, a lidar carried for a day a stretch in between, a faulty log a stretch
+of one. Every stretch of successive logs is compared with the others (circular binary segmentation, Olshen et al. 2004),
 
     z = (mean inside - mean outside) / √(1/W_in + 1/W_out),      weights 1/s²,  W their sums
 
-the surest is tested, and the stretches that it leaves are searched in turn. Two yardsticks are tried, for a bar
-holds what all logs of a robot have in common (3 % of all torques, say), which cancels between them:
+The most significant one is tested, and the stretches on both sides are searched in turn. Two test statistics are used,
+since an error bar includes errors common to all logs of a robot (3 % of all torques, say), which cancel between them:
 
     bars      z / max(1, κ), normal: the bars as stated, or wider if the logs scatter more
     scatter   z / κ, Student's t with 0.45 (n - 1) degrees of freedom: the logs' own scatter
 
-κ² is the trimmed mean of (v_i+1 - v_i)² / (s_i² + s_i+1²), the largest tenth and at least two left out, so that what
-stands out does not hide itself; scaled to be 1 of normal errors that are as large as their bars. It is made of six logs
-or more; of fewer the bars alone count. 0.45 (n - 1) is a little less than what it is worth under normal errors, by
-simulation. Each yardstick is a look at each stretch of each series. A third of `chance` goes to stretches that last to
-the end, a third to single logs and a third to all others, which are many: p is multiplied by three times the looks of
-its kind in the fleet (weighted Bonferroni). So the probability that anything at all is reported of a fleet in which
-nothing happened is at most `chance`; a fraction of that where the bars hold, for stretches overlap.
+κ² is the trimmed mean of (v_i+1 - v_i)² / (s_i² + s_i+1²), without the largest tenth and at least two of them, so that
+departures do not mask themselves; it is scaled to 1 for normal errors of the stated size. It needs six logs or more;
+with fewer only the bars are used. 0.45 (n - 1) is slightly below its effective degrees of freedom under normal errors,
+from simulation. Each statistic of each stretch of each series is one look. A third of `chance` is assigned to stretches
+that last to the end, a third to single logs and a third to all others, which are many: p is multiplied by three times
+the number of looks of its kind in the fleet (weighted Bonferroni). So the probability of any report from an unchanged
+fleet is at most `chance`, and much less if the bars hold, because stretches overlap.
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ from scipy.stats import chi2, norm, t
 from stadera.fleet.series import FleetSeries
 from stadera.types import Array
 
-_FEWEST = 6  # logs that have a scatter
-_LEFT_OUT = 0.1  # of the differences of successive logs
-_WORTH = 0.45  # degrees of freedom of κ² for each of them
+_FEWEST = 6  # logs needed to estimate a scatter
+_LEFT_OUT = 0.1  # share of the differences of successive logs that is trimmed
+_WORTH = 0.45  # degrees of freedom of κ² for each difference
 _LEAST_SCATTER = 1e-3  # of the bars; logs that agree better are copies
 _YARDSTICKS = 2
 
 Kind = Literal["since", "once", "while"]
-"""Of a stretch: to the end; one log; several logs."""
+"""Kind of a stretch: to the end; one log; several logs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """A stretch of logs that stands out.
+    """A stretch of logs that departs from the others.
 
     Attributes:
-        series: in which.
+        series: the series that contains it.
         first, last: indices of its logs.
-        change: of the level, against the other logs of the stretch that was searched [unit of the series].
-        std: of the change, by the logs' scatter or the bars, whichever was the yardstick [same].
-        bars: change over what the stated bars alone would allow [1].
-        chance: probability, in the whole fleet, of something as large where nothing happened.
+        change: of the level relative to the other logs of the searched stretch [unit of the series].
+        std: of the change, from the logs' scatter or the bars, depending on the statistic used [same].
+        bars: change divided by its standard deviation according to the stated bars alone [1].
+        chance: probability of a departure of this size anywhere in an unchanged fleet.
     """
 
     series: FleetSeries
@@ -67,13 +67,13 @@ class Departure:
 
     @property
     def kind(self) -> Kind:
-        """Whether it lasts to the end, is of one log in between, or of several."""
+        """Kind of the stretch: lasting to the end, a single log, or several."""
         if self.last == len(self.series.value) - 1:
             return "since"
         return "once" if self.first == self.last else "while"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Plain values for JSON."""
         rows, series = self.series.rows, self.series
         return {
             "robot": series.robot,
@@ -90,11 +90,11 @@ class Departure:
 
 
 def departures(fleet: Sequence[FleetSeries], chance: float = 0.01) -> list[Departure]:
-    """What stands out, the surest first.
+    """Detects departures, the most significant first.
 
     Args:
-        fleet: every series that is looked at.
-        chance: that anything is reported where nothing happened.
+        fleet: all series to be examined.
+        chance: probability of any report from an unchanged fleet.
     """
     counts = [_stretches(len(series.value)) for series in fleet]
     looks: dict[Kind, int] = {kind: sum(count[kind] for count in counts) for kind in _stretches(0)}
@@ -103,12 +103,12 @@ def departures(fleet: Sequence[FleetSeries], chance: float = 0.01) -> list[Depar
 
 
 def looks_at(fleet: Sequence[FleetSeries]) -> int:
-    """How many stretches are compared in all, by both yardsticks."""
+    """Number of comparisons in total, with both statistics."""
     return _YARDSTICKS * sum(map(sum, (_stretches(len(series.value)).values() for series in fleet)))
 
 
 def scatter(series: FleetSeries) -> float:
-    """κ: how much the logs scatter, in units of their bars; NaN of too few logs."""
+    """κ: scatter of the logs in units of their bars; NaN for too few logs."""
     value, std = series.value, series.std
     if len(value) < _FEWEST:
         return np.nan
@@ -120,7 +120,7 @@ def scatter(series: FleetSeries) -> float:
 
 
 def _stretches(count: int) -> dict[Kind, int]:
-    """How many there are in so many logs, by kind. One from the beginning is the same as the rest, which is counted."""
+    """Number of stretches by kind. One from the beginning is complementary to one to the end, so it is not counted."""
     tails, single = max(count - 1, 0), max(count - 2, 0)
     return {"since": tails, "once": single, "while": count * (count - 1) // 2 - tails - single}
 

@@ -1,4 +1,4 @@
-"""What is to be done with each log of a fleet: from paths, URLs and globs, or from a manifest."""
+"""Jobs of a fleet, one for each log: from paths, URLs and globs, or from a manifest."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from stadera.robot.model import Robot
 from stadera.weigh.settings import check_choice, tare_of
 
 COLUMNS = ("log", "robot", "tare", "legs", "name")
-"""Of a manifest; only `log` has to be there."""
+"""Columns of a manifest; only `log` is required."""
 
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """What is done with every log.
+    """Options common to all logs.
 
     Attributes:
-        identify: whether legs are identified, from logs of robots on a stand; else trunks are weighed.
-        method, stiffness, imu_frame, force, fix: as `stadera.weigh` takes them.
-        topics: to read, of logs with several.
-        reading: what columns are, and their units.
+        identify: identify legs, from logs of robots on a stand, instead of weighing trunks.
+        method, stiffness, imu_frame, force, fix: as in `stadera.weigh`.
+        topics: to read, for logs with several.
+        reading: assignment and units of columns.
 
     Raises:
-        UnknownNameError, IdentificationError: as `stadera.weigh`, before any log is read.
-        StaderaError: options of weighing together with `identify`.
+        UnknownNameError, IdentificationError: as in `stadera.weigh`, before any log is read.
+        StaderaError: options of weighing are combined with `identify`.
     """
 
     identify: bool = False
@@ -55,18 +55,18 @@ class FleetOptions:
 
 @dataclass(frozen=True)
 class LogJob:
-    """One log, and how it is weighed.
+    """One log with its instructions.
 
     Attributes:
         log: absolute path, or URL.
-        robot: name of a robot, or path of a model file; None for the one that the log's own metadata name.
-        tare: "T0:T1" [s], or the address of another log; None for none.
-        legs: path of a JSON of `stadera identify`; None for the model's.
-        name: of this one robot among its like, as the table calls it; None for the model's.
-        options: of every log.
+        robot: name of a robot, or path of a model file; None to use the log's metadata.
+        tare: "T0:T1" [s], or the address of another log; None for no tare.
+        legs: path of a JSON from `stadera identify`; None for the model's legs.
+        name: of the individual robot in the table; None for the model's name.
+        options: common to all logs.
 
     Raises:
-        StaderaError: a tare's range that is none; a tare or legs together with `identify`.
+        StaderaError: an invalid tare, or a tare or legs combined with `identify`.
     """
 
     log: str
@@ -91,17 +91,17 @@ def jobs_of(
     names: str | None = None,
     options: FleetOptions | None = None,
 ) -> list[LogJob]:
-    """A job for each log, in the order given, each log once.
+    """Makes a job for each log, in the given order, without duplicates.
 
     Args:
         logs: paths, URLs, or globs of them.
-        robot, tare, legs: of all of them, see `LogJob`.
-        names: regular expression whose first group, searched for in a log's address, names the robot that it is of.
+        robot, tare, legs: common to all logs, see `LogJob`.
+        names: regular expression whose first group, searched for in a log's address, names the individual robot.
         options: None for the defaults.
 
     Raises:
-        RecordingError: a glob that matches nothing, an address in which `names` finds nothing.
-        StaderaError: `names` is no regular expression with a group; see `LogJob` and `FleetOptions`.
+        RecordingError: a glob matches nothing, or `names` does not match an address.
+        StaderaError: `names` is not a regular expression with a group; see also `LogJob` and `FleetOptions`.
     """
     addresses = dict.fromkeys(address for pattern in logs for address in expanded(str(pattern)))
     named = _namer(names)
@@ -112,16 +112,16 @@ def jobs_of(
 def read_manifest(
     path: str | PathLike[str], robot: str | None = None, options: FleetOptions | None = None
 ) -> list[LogJob]:
-    """The jobs of a CSV with a header: `log`, and where there are, `robot`, `tare`, `legs` and `name`, see `LogJob`.
+    """Reads jobs from a CSV with a header: `log`, and optionally `robot`, `tare`, `legs` and `name`, see `LogJob`.
 
-    `log` may be a glob; relative paths are relative to the manifest. An empty cell counts as absent.
+    `log` may be a glob; relative paths are relative to the manifest. An empty cell counts as missing.
 
     Args:
-        robot: where a line has none.
+        robot: for lines without one.
 
     Raises:
-        RecordingError: a manifest that cannot be read or has no such column; names the line.
-        UnknownNameError: a column that is none of these.
+        RecordingError: the manifest cannot be read or lacks a column; names the line.
+        UnknownNameError: an unknown column.
     """
     path, options = Path(path), options or FleetOptions()
     jobs: dict[str, LogJob] = {}
@@ -139,10 +139,10 @@ def read_manifest(
 
 
 def check_models(jobs: Iterable[LogJob]) -> None:
-    """Loads every model and reads every file of legs once, so that a wrong one is known before the work.
+    """Loads every model and every file of legs once, so that errors appear before the computation.
 
     Raises:
-        ModelError, UnknownNameError: as `load_robot` and `with_identified_legs`.
+        ModelError, UnknownNameError: as in `load_robot` and `with_identified_legs`.
     """
     for robot, legs, limits in dict.fromkeys((job.robot, job.legs, job.options.reading.limits) for job in jobs):
         if robot is not None:
@@ -151,7 +151,7 @@ def check_models(jobs: Iterable[LogJob]) -> None:
 
 @cache
 def robot_of(robot: str, legs: str | None, limits: Limits) -> Robot:
-    """The model of a job with its legs, loaded once a process."""
+    """The model of a job with its legs, loaded once per process."""
     from stadera.identify.schema import with_identified_legs
 
     model = load_robot(robot, limits)
@@ -168,13 +168,13 @@ def _of_line(cells: Mapping[str, str], folder: Path, robot: str | None, options:
 
 
 def _absolute(given: str, folder: Path | None = None) -> str:
-    """A path of a file that is there, absolute; a URL, a range of time or a robot's name as it is."""
+    """The absolute path of an existing file; a URL, a range of time or a robot's name is returned unchanged."""
     place = (folder or Path()) / given
     return str(place.absolute()) if not is_url(given) and place.is_file() else given
 
 
 def _namer(names: str | None) -> Callable[[str], str | None]:
-    """From an address to the robot's name."""
+    """Returns the function that extracts a robot's name from an address."""
     if names is None:
         return lambda address: None
     try:
@@ -194,7 +194,7 @@ def _namer(names: str | None) -> Callable[[str], str | None]:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """The number of each line, and its cells that are not empty."""
+    """Yields the number of each line and its non-empty cells."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)

@@ -1,4 +1,4 @@
-"""What is done, a line of JSON each, appended as it comes in: what a run goes on from if it was broken off."""
+"""Journal of finished logs, one JSON line each, from which an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ Entry = Mapping[str, Any]
 
 
 def read_journal(path: Path) -> Iterator[Entry]:
-    """The entries that this version of the package wrote; an incomplete line is skipped, no file is no entry."""
+    """Entries written by this version of the package; incomplete lines are skipped, and a missing file has no
+    entries.
+    """
     if not path.exists():
         return
     with path.open(encoding="utf-8") as lines:
@@ -24,14 +26,14 @@ def read_journal(path: Path) -> Iterator[Entry]:
             try:
                 entry = json.loads(line)
             except ValueError:
-                continue  # incomplete: the run was broken off while it was written
+                continue  # incomplete: the run was interrupted while writing it
             if isinstance(entry, dict) and entry.get("version") == stadera.__version__:
                 yield entry
 
 
 @contextmanager
 def journal(path: Path) -> Iterator[Callable[[Entry], None]]:
-    """Appends entries, each at once; its folder is made.
+    """Yields a function that appends entries immediately. Creates the folder if necessary.
 
     Raises:
         StaderaError: it cannot be written.

@@ -1,4 +1,4 @@
-"""The legs of each robot of a fleet by all of its logs, from what the table holds: no log is read again."""
+"""Merges the legs of each robot of a fleet from all of its logs, using the table only: no log is read again."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from stadera.robot.model import Robot
 
 
 def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLegs]:
-    """Each robot's legs, robots by name as the table calls them.
+    """Merges each robot's legs; robots by their name in the table.
 
     Args:
         table: of logs from which legs were identified.
-        jobs: which logs, and of which model each robot is.
+        jobs: define the logs and each robot's model.
 
     Raises:
-        StaderaError: no log of a robot that could be used; a robot whose logs are of several models.
+        StaderaError: a robot has no usable log, or logs with several models.
     """
     of_log = {row["log"]: row["robot"] for row in table.rows if row["status"] == "ok"}
     first: dict[str, LogJob] = {}
@@ -49,7 +49,7 @@ def _model(robot: str, job: LogJob) -> Robot:
 
 
 def _information(row: dict[str, Any]) -> Information:
-    """As `LEGS` holds it."""
+    """Converts a row of `LEGS`."""
     R, z = np.array(row["R"], dtype=float), np.array(row["z"], dtype=float)
     unknowns, n = Unknowns.scalars(row["columns"]), len(z)
     return Information(unknowns, R.reshape(n, n), z, np.zeros((n, 0)), row["cost"], row["count"])

@@ -1,7 +1,7 @@
-"""The robot that a log's own metadata name.
+"""Reads the robot's name from a log's own metadata.
 
-A Parquet table says it under the key "robot" of its metadata; a rosbag2 folder in its metadata.yaml, as
-`ros2 bag record --custom-data robot=go2` writes it.
+A Parquet table has it under the key "robot" of its metadata; a rosbag2 folder in its metadata.yaml, as written by `ros2
+bag record --custom-data robot=go2`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def robot_named_in(path: Path) -> str:
     """The robot's name, or its model file's path.
 
     Raises:
-        RecordingError: the log does not say.
+        RecordingError: the log does not name it.
     """
     named = _of_bag(path) if path.is_dir() else _of_table(path)
     if not named:

@@ -1,8 +1,7 @@
-"""Independent tasks over processes or machines: in this process, on a local Dask cluster, or on somebody's scheduler.
+"""Runs independent tasks: in this process, on a local Dask cluster, or on an existing scheduler.
 
-A task is a function of a module and one small picklable argument, and the same argument gives the same outcome: if a
-worker dies, its task is run again on another one, and nobody notices. A task whose workers keep dying (out of memory,
-say) ends as a `Failure`; the others go on.
+A task is a module-level function and one small picklable argument, and is deterministic: if a worker dies, its task is
+run again on another one. A task whose workers keep dying (out of memory, say) becomes a `Failure`; the others continue.
 """
 
 from __future__ import annotations
@@ -20,18 +19,18 @@ from stadera.errors import MissingExtraError, StaderaError
 Task = TypeVar("Task")
 Found = TypeVar("Found")
 
-_CONNECT = 10.0  # s, until a scheduler must have answered
-_FIRST_WORKER = 60.0  # s, until it must have a worker
+_CONNECT = 10.0  # s, to connect to a scheduler
+_FIRST_WORKER = 60.0  # s, for the first worker to connect
 _CONFIG = {
-    # the default spills results to disk and pauses at 0.6 to 0.8 of the limit; results here are small, and what grows
-    # is the task itself, so a worker is only ever ended
+    # the default spills results to disk and pauses at 0.6 to 0.8 of the limit; results here are small, and memory grows
+    # in the task itself, so a worker is only ever restarted
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
-    # no task waits on a worker that may die of the one before it
+    # no task is queued on a worker that the previous task may kill
     "distributed.scheduler.worker-saturation": 1.0,
-    # a worker that was ended comes back, however long a busy machine takes for it: the default gives it up for good
+    # a killed worker is restarted however long a busy machine takes: by default it is given up
     "distributed.deploy.lost-worker-timeout": "1 hour",
 }
 
@@ -41,13 +40,13 @@ class Pool:
     """Where tasks are run.
 
     Attributes:
-        workers: processes of a local cluster; None for one a core, 0 for none: in this process, without Dask.
-        scheduler: address of a Dask scheduler whose workers are used, "tcp://host:8786"; None for a local cluster.
-        memory: of a local worker [bytes], above which it is ended and its task tried again; weighing needs less than
-            500 MB however long the log.
+        workers: processes of a local cluster; None for one per core, 0 for this process, without Dask.
+        scheduler: address of a Dask scheduler to use, "tcp://host:8786"; None for a local cluster.
+        memory: limit of a local worker [bytes], above which it is restarted and its task tried again; weighing needs
+            less than 500 MB for logs of any length.
 
     Raises:
-        StaderaError: a number of workers that is negative or given together with a scheduler; no memory.
+        StaderaError: a negative number of workers, one combined with a scheduler, or no memory.
     """
 
     workers: int | None = None
@@ -63,7 +62,7 @@ class Pool:
             raise StaderaError(f"a worker needs memory, got {self.memory} bytes")
 
     def for_tasks(self, count: int) -> Pool:
-        """The same, with no more local workers than tasks; a single one is run in this process."""
+        """The pool with no more local workers than tasks; a single task is run in this process."""
         if self.scheduler is not None:
             return self
         workers = min(os.cpu_count() or 1 if self.workers is None else self.workers, count)
@@ -72,11 +71,11 @@ class Pool:
 
 @dataclass(frozen=True)
 class Failure:
-    """What a task came to that has no outcome.
+    """Outcome of a task that failed.
 
     Attributes:
         reason: one line.
-        lost: whether it was lost with its workers, so that it may succeed another time.
+        lost: True if its workers died, so that it may succeed another time.
     """
 
     reason: str
@@ -86,7 +85,7 @@ class Failure:
 def run_tasks(
     run: Callable[[Task], Found], tasks: Mapping[str, Task], pool: Pool
 ) -> Generator[tuple[str, Found | Failure], None, None]:
-    """Names and outcomes, as they come in. Ending the iteration early ends the work.
+    """Yields names and outcomes as they arrive. Ending the iteration early stops the work.
 
     Local workers are spawned, so a script that calls this needs the usual `if __name__ == "__main__"`.
 
@@ -109,8 +108,8 @@ def run_tasks(
 
 
 def attempted(run: Callable[[Task], Found], task: Task) -> Found | Failure:
-    """The outcome, or what an expected error says. One thread: there are as many processes as cores, and sums in the
-    same order whatever the machine.
+    """Runs a task; an expected error becomes a `Failure`. Uses one thread, since there are as many processes as cores,
+    and so that sums have the same order on every machine.
     """
     from threadpoolctl import threadpool_limits
 
@@ -139,7 +138,7 @@ def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Tas
     waiting = client.map(attempted, [run] * len(tasks), list(tasks.values()), pure=False, batch_size=1000)
     names = {future.key: name for future, name in zip(waiting, tasks, strict=True)}
     completed = as_completed(waiting, loop=client.loop)  # type: ignore[no-untyped-call]
-    del waiting  # an outcome is let go of as soon as it is handed on
+    del waiting  # outcomes are released as soon as they are yielded
     for future in completed:
         name = names.pop(future.key)
         try:
@@ -153,7 +152,7 @@ def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Tas
 
 @contextmanager
 def _client(pool: Pool) -> Iterator[Any]:
-    """A client of the pool's cluster, which for a local one lives as long."""
+    """A client of the pool's cluster; a local cluster lives as long as the client."""
     require_dask()
     import dask
     import distributed
@@ -184,7 +183,7 @@ def _client(pool: Pool) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, address: str) -> None:
-    """That there are workers, and that they compute what this process would."""
+    """Checks that there are workers with the same version of this package."""
     from distributed import TimeoutError as NoWorkers
 
     try:
@@ -200,5 +199,5 @@ def _check_workers(client: Any, address: str) -> None:
 
 
 def version_here() -> str:
-    """Of this package, where it is asked."""
+    """The version of this package in the process that evaluates this."""
     return stadera.__version__

@@ -1,4 +1,4 @@
-"""One log to one row of the table: what a worker does."""
+"""Computes the table's row for one log: the work of a worker."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from stadera.trust import Trust
 
 Row = dict[str, Any]
-"""One row by column, see `stadera.fleet.table`; None where there is no value."""
+"""One row by column, see `stadera.fleet.table`; None for missing values."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """A log to weigh, unless it is known.
+    """A log to be processed unless it has been already.
 
     Attributes:
         job: what to do.
-        known: the key under which it was done before; None if it was not.
+        known: key of its previous result; None if there is none.
     """
 
     job: LogJob
@@ -44,12 +44,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a log.
+    """Outcome of a log.
 
     Attributes:
-        key: of its content, the package's version and everything that the row depends on; None where the log could not
-            be read to its end, so that another try may succeed.
-        row: None if the log is done already under this key.
+        key: hash of its content, the package's version and everything else the row depends on; None if the log could
+            not be read completely, so that another try may succeed.
+        row: None if the result under this key exists already.
         sides: by name (see `stadera.fleet.table.SIDES`), rows of identified joints and legs.
     """
 
@@ -59,7 +59,7 @@ class Done:
 
 
 def process(task: Task) -> Done:
-    """Weighs one log, or identifies legs from it. Whatever goes wrong is in the row."""
+    """Weighs one log, or identifies legs from it. Any error becomes part of the row."""
     job, begun = task.job, perf_counter()
     row: Row = dict.fromkeys(COLUMNS)
     row |= {"log": job.log, "robot": job.name or job.robot, "status": "ok", "version": stadera.__version__}
@@ -85,7 +85,7 @@ def process(task: Task) -> Done:
 
 
 def is_done(task: Task) -> bool:
-    """Whether a log on this machine's disk is known under the key that it would get now."""
+    """True if a local log would get the key under which it is known."""
     if task.known is None or is_url(task.job.log):
         return False
     try:
@@ -96,14 +96,14 @@ def is_done(task: Task) -> bool:
 
 
 def lost(job: LogJob, reason: str) -> Done:
-    """The row of a log whose workers were lost, to be tried again another time."""
+    """Row of a log whose workers were lost, to be tried again another time."""
     row: Row = dict.fromkeys(COLUMNS)
     row |= {"log": job.log, "robot": job.name or job.robot, "version": stadera.__version__}
     return Done(None, row | {"status": "failed", "error": f"{job.log}: {reason}"})
 
 
 def _failed(error: Exception, path: str, log: str) -> Row:
-    """What an error says, of the log by its own name."""
+    """Row of a failed log, with the log's own name in the message."""
     said = " ".join(str(error).split()).replace(path, log)
     if not isinstance(error, StaderaError):
         said = f"internal error, {type(error).__name__}: {said}"
@@ -112,7 +112,7 @@ def _failed(error: Exception, path: str, log: str) -> Row:
 
 @dataclass(frozen=True)
 class _Source:
-    """What a row is made from: log and tare on disk, the robot, and the key of all that the row depends on."""
+    """Inputs of a row: log and tare on disk, the robot, and the key of everything the row depends on."""
 
     path: Path
     tare: tuple[float, float] | Path | None
@@ -122,7 +122,7 @@ class _Source:
 
     @classmethod
     def of(cls, job: LogJob, path: Path, stack: ExitStack) -> _Source:
-        """Raises: RecordingError, ModelError, UnknownNameError: no tare, or no robot, of that name."""
+        """Fetches them. Raises RecordingError, ModelError or UnknownNameError if tare or robot cannot be found."""
         given = None if job.tare is None else tare_of(job.tare)
         tare = stack.enter_context(fetched(given)) if isinstance(given, str) else given
         robot, sha256 = job.robot or robot_named_in(path), digest(path)
@@ -137,7 +137,7 @@ class _Source:
 
 
 def _digest(path: Path) -> str:
-    """Of a file that many rows depend on, read once while it does not change."""
+    """Hash of a file that many rows depend on, cached until it changes."""
     state = path.stat()
     return _digest_at(path, state.st_size, state.st_mtime_ns)
 
@@ -192,7 +192,7 @@ def _log(job: LogJob, path: Path) -> LogFile:
 
 
 def _joints(result: Identification) -> Iterator[Row]:
-    """What drives wear by: rotor inertia, friction and torque offset of each joint."""
+    """Rows of each joint's rotor inertia, friction and torque offset, which show wear."""
     for leg in result.legs:
         for name, quantity in leg.parameters.items():
             joint, parameter = name.rsplit(".", 1)
@@ -202,7 +202,7 @@ def _joints(result: Identification) -> Iterator[Row]:
 
 
 def _legs(result: Identification) -> Iterator[Row]:
-    """What the log says of each leg, to be merged with what others say."""
+    """Rows of the log's information on each leg, for merging with other logs."""
     for leg in result.legs:
         known = leg.information
         if known is not None:
@@ -211,7 +211,7 @@ def _legs(result: Identification) -> Iterator[Row]:
 
 
 def _pair(name: str, value: float, std: float) -> Row:
-    """A value and its standard deviation, both None where it was not observed."""
+    """A value and its standard deviation, both None if not observed."""
     seen = isfinite(value) and isfinite(std)
     return {name: float(value) if seen else None, f"{name}_std": float(std) if seen else None}
 

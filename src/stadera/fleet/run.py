@@ -1,8 +1,8 @@
-"""A fleet's logs weighed: what is known is kept, the rest is run, and every row is safe as soon as it is there.
+"""Runs a fleet: skips known logs, processes the rest, and saves every row immediately.
 
-Rows are appended to a journal beside the table as they come in. The table is written whole: now and then, at the end,
-and when the run is broken off; then the journal goes. A log is done if its content, the options, the robot's files and
-the package's version are those of its row.
+Rows are appended to a journal next to the table as they arrive. The complete table is written at intervals, at the end,
+and on interruption; then the journal is deleted. A log is finished if its content, the options, the robot's files and
+the package's version equal those of its row.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from stadera.fleet.source import is_url, size_of
 from stadera.fleet.table import SIDES, FleetTable, beside, read_fleet, table_path
 
 Watch = Callable[[str, int, int, str], None]
-"""Called with what is done, how much of it, of how much, and how many logs in words."""
+"""Called with the step's name, the amount done, the total amount, and the number of logs in words."""
 
-_SAVED_EVERY = 30.0  # s, between two writings of the table while rows come in
+_SAVED_EVERY = 30.0  # s, between two saves of the table
 
 
 def run_fleet(
@@ -33,15 +33,15 @@ def run_fleet(
     """Weighs a fleet's logs, or identifies legs from them, and writes the table.
 
     Args:
-        jobs: one a log; the table itself, which a glob may have matched, is none. Rows of other logs that the table has
-            stay in it, before these.
-        out: of the table, .parquet; what it holds already is not done again.
-        pool: where logs are weighed; None for one process a core.
+        jobs: one for each log; the table itself, which a glob may have matched, is ignored. Rows of other logs in an
+            existing table are kept, before these.
+        out: path of the table, .parquet; logs that it already contains are skipped.
+        pool: where logs are processed; None for one process per core.
         watch: see `Watch`.
 
     Raises:
-        StaderaError: a table that cannot be written or read; no scheduler. Never for a log, whose row says what was
-            wrong with it.
+        StaderaError: the table cannot be written or read, or there is no scheduler. Never raised for a log, whose row
+            states the error.
         MissingExtraError: Dask is needed and not installed.
     """
     target = require_writable(table_path(out))
@@ -68,7 +68,7 @@ def run_fleet(
 
 
 class _Fleet:
-    """What is done: what table and journal hold, and what comes in."""
+    """Finished rows, from the table, the journal and the present run."""
 
     def __init__(self, target: Path, jobs: Sequence[LogJob]) -> None:
         self.journal = target.with_name(f".{target.stem}.journal.jsonl")
@@ -83,11 +83,11 @@ class _Fleet:
             self._changed = True
 
     def key(self, log: str) -> str | None:
-        """The key under which a log is done."""
+        """Key of a finished log."""
         return self._done[log].key if log in self._done else None
 
     def add(self, log: str, done: Done) -> None:
-        """A row; saved with those before it if the last time was long ago."""
+        """Adds a row, and saves the table if the last save was long ago."""
         self._done[log], self._changed = done, True
         if monotonic() - self._saved > _SAVED_EVERY:
             self.save()
@@ -117,7 +117,7 @@ class _Fleet:
 
 
 class _Progress:
-    """By the logs' sizes, which their time goes by; by their number where some are remote."""
+    """Progress by the logs' sizes, which determine their time; by number if some are remote."""
 
     def __init__(self, jobs: Sequence[LogJob], watch: Watch | None) -> None:
         self._watch, self._done = watch, 0
@@ -127,7 +127,7 @@ class _Progress:
         self._show()
 
     def finished(self, log: str) -> None:
-        """One log more."""
+        """Counts a finished log."""
         self._done, self._logs = self._done + self._sizes[log], self._logs + 1
         self._show()
 

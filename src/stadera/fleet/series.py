@@ -1,4 +1,4 @@
-"""A fleet's table as series: what each robot was found to have, log after log."""
+"""Converts a fleet's table to series: each robot's quantities over its logs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from stadera.fleet.table import FleetTable
 from stadera.types import Array
 
-_EPOCH = 1e8  # s; later stamps count from 1970, earlier ones from a log's own beginning
+_EPOCH = 1e8  # s; larger stamps count from 1970, smaller ones from the log's own start
 
 LogRow = Mapping[str, Any]
 
@@ -23,7 +23,7 @@ TRUNK: Mapping[str, tuple[str, str, float]] = {
     "com_z": ("centre of mass z", "mm", 1e3),
     "payload_mass": ("payload", "kg", 1.0),
 }
-"""By column: title, unit as shown, and what turns the column's unit into it."""
+"""By column: title, displayed unit, and factor from the column's unit to it."""
 JOINT: Mapping[str, tuple[str, str, float]] = {
     "armature": ("rotor inertia", "kg·m²", 1.0),
     "viscous": ("viscous friction", "N·m·s/rad", 1.0),
@@ -37,10 +37,10 @@ class FleetSeries:
     """One quantity of one robot over its logs, in order of time.
 
     Attributes:
-        robot, title, unit: as shown; of a joint's parameter the title begins with the joint.
-        joint: None for the trunk's.
+        robot, title, unit: as displayed; the title of a joint's parameter begins with the joint.
+        joint: None for the trunk's quantities.
         value, std: (logs,), in `unit`.
-        rows: of the table, one a log.
+        rows: of the table, one for each log.
     """
 
     robot: str
@@ -61,7 +61,7 @@ def by_robot(rows: Sequence[LogRow]) -> dict[str, list[LogRow]]:
 
 
 def when(row: LogRow) -> str:
-    """The time of a log that is stamped with the time of day; else nothing."""
+    """Time of a log if it is stamped with the time of day; else empty."""
     begin = row["begin"]
     if begin is None or begin < _EPOCH:
         return ""
@@ -69,9 +69,9 @@ def when(row: LogRow) -> str:
 
 
 def series_of(table: FleetTable) -> Iterator[FleetSeries]:
-    """Every quantity that was observed in at least one log: the trunk's, then the joints', robot by robot.
+    """Yields every quantity observed in at least one log: the trunk's, then the joints', robot by robot.
 
-    Logs whose result is not to be trusted are left out.
+    Logs whose result cannot be trusted are excluded.
     """
     joints: dict[tuple[str, str, str], dict[str, LogRow]] = {}
     for entry in table.joints:
@@ -92,7 +92,7 @@ def series_of(table: FleetTable) -> Iterator[FleetSeries]:
 def _series(
     robot: str, title: str, unit: str, joint: str | None, factor: float, pairs: Sequence[tuple[LogRow, Any, Any]]
 ) -> Iterator[FleetSeries]:
-    """Of those that were observed; nothing where none was."""
+    """Yields a series of the observed values; nothing if there are none."""
     good = ((row, value, std) for row, value, std in pairs if row["trust"] != "bad" and value is not None and std)
     seen = [(row, factor * value, factor * std) for row, value, std in good]
     if seen:
@@ -101,7 +101,9 @@ def _series(
 
 
 def _in_time(rows: Sequence[LogRow]) -> list[LogRow]:
-    """By stamps if all count from 1970, else as they are: times that each begin at zero say nothing of the order."""
+    """Sorts by stamps if all count from 1970; otherwise keeps the order, since times that start at zero do not define
+    one.
+    """
     stamps = [row["begin"] for row in rows if row["begin"] is not None]
     if not stamps or min(stamps) < _EPOCH:
         return list(rows)

@@ -1,6 +1,6 @@
-"""Where logs lie: on disk, or at any URL that fsspec reads (s3://, gs://, az://, https://, sftp://, ...).
+"""Locations of logs: on disk, or at any URL that fsspec reads (s3://, gs://, az://, https://, sftp://, ...).
 
-A log is a file, or a folder that is a bag. One at a URL is fetched into a temporary folder, weighed and thrown away.
+A log is a file, or a folder that is a bag. A log at a URL is fetched into a temporary folder and deleted after use.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ _PIECE = 1 << 20  # bytes read at once
 
 
 def is_url(address: str) -> bool:
-    """Whether an address is a URL and not a path on disk."""
+    """True if an address is a URL instead of a path on disk."""
     return "://" in address
 
 
 def expanded(pattern: str) -> list[str]:
-    """The addresses that a path, a URL or a glob of one names, sorted; paths are absolute.
+    """The addresses named by a path, a URL or a glob, sorted; paths are absolute.
 
-    A path, URL or example's name without wildcards is taken as it is, whether there is something or not. The truth that
-    `simulate` writes beside its logs is no log, and no glob matches it.
+    A path, URL or example's name without wildcards is returned as it is, whether it exists or not. Globs do not match
+    the ground truth that `simulate` writes next to its logs.
 
     Raises:
-        RecordingError: a glob that matches nothing, a place that cannot be listed.
-        MissingExtraError: a URL, and fsspec or what it needs for that protocol is not installed.
+        RecordingError: a glob matches nothing, or a location cannot be listed.
+        MissingExtraError: a URL is given, and fsspec or the package it needs for that protocol is not installed.
     """
     if not has_magic(pattern):
         return [pattern if is_url(pattern) else str(LogFile.of(pattern).path.absolute())]
@@ -49,7 +49,7 @@ def expanded(pattern: str) -> list[str]:
 
 
 def size_of(address: str) -> int:
-    """Bytes, for the remaining time; 0 where that cannot be known cheaply."""
+    """Size in bytes, for estimating the remaining time; 0 if it cannot be determined cheaply."""
     try:
         if is_url(address):
             system, path = _system(address)
@@ -57,16 +57,16 @@ def size_of(address: str) -> int:
         place = Path(address)
         files = place.rglob("*") if place.is_dir() else [place]
         return sum(file.stat().st_size for file in files if file.is_file())
-    except Exception:  # whatever a remote place raises: the log's own row will say it
+    except Exception:  # any error of a remote location is reported in the log's own row
         return 0
 
 
 @contextmanager
 def fetched(address: str) -> Iterator[Path]:
-    """A log on this machine's disk, for as long as it is used.
+    """Yields the log on this machine's disk for as long as it is used.
 
     Raises:
-        RecordingError: it is not there, or cannot be fetched.
+        RecordingError: it does not exist, or cannot be fetched.
         MissingExtraError: see `expanded`.
     """
     if not is_url(address):
@@ -113,7 +113,7 @@ def _system(url: str) -> tuple[Any, str]:
 
 @contextmanager
 def _named(url: str) -> Iterator[None]:
-    """Errors of a remote place, which are of any class, as one of this package that names the URL."""
+    """Converts errors of a remote location, of any class, to one of this package that names the URL."""
     try:
         yield
     except Exception as error:

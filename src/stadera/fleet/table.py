@@ -1,8 +1,8 @@
-"""The table of a fleet: one row a log, in Parquet; of identified legs, beside it one row a joint's parameter.
+"""Table of a fleet: one row per log, in Parquet; for identified legs also one row per parameter of a joint.
 
 Columns are only ever added. SI units; a value that was not observed is null, and so are all values of a log that
-failed. `changes` is how many changes of the load were found. The file's metadata hold the key of each row, by which a
-later run knows what is done.
+failed. `changes` is the number of detected changes of the load. The file's metadata contain the key of each row, by
+which a later run recognises finished logs.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ COLUMNS: dict[str, str] = {
     "seconds": "double",
     "version": "string",
 }
-"""Of the table, with their types."""
+"""Columns of the table, with their types."""
 JOINTS: dict[str, str] = {
     "log": "string",
     "robot": "string",
@@ -43,8 +43,9 @@ JOINTS: dict[str, str] = {
     "value": "double",
     "std": "double",
 }
-"""Of the table of joints: armature [kg·m²], viscous [N·m·s/rad], coulomb and offset [N·m]; `std` is null where the data
-do not measure the value."""
+"""Columns of the table of joints: armature [kg·m²], viscous [N·m·s/rad], coulomb and offset [N·m]; `std` is null if the
+data do not measure the value.
+"""
 LEGS: dict[str, str] = {
     "log": "string",
     "robot": "string",
@@ -55,19 +56,19 @@ LEGS: dict[str, str] = {
     "cost": "double",
     "count": "double",
 }
-"""Of the table of what each log says of each leg: a `stadera.information.Information`, R row by row."""
+"""Columns of the table of each log's information on each leg: a `stadera.information.Information`, R row by row."""
 SIDES: dict[str, dict[str, str]] = {"joints": JOINTS, "legs": LEGS}
-"""Tables beside the table, by the attribute of `FleetTable` that holds them."""
+"""Additional tables, by the attribute of `FleetTable` that holds them."""
 _KEYS = b"stadera.keys"
 
 
 @dataclass(frozen=True)
 class FleetTable(Result):
-    """What is known of a fleet's logs.
+    """Results of a fleet's logs.
 
     Attributes:
         rows: by column, see `COLUMNS`.
-        joints, legs: by column, see `JOINTS` and `LEGS`; none where trunks were weighed.
+        joints, legs: by column, see `JOINTS` and `LEGS`; empty if trunks were weighed.
         keys: of each row, None for one that is to be tried again.
     """
 
@@ -77,10 +78,10 @@ class FleetTable(Result):
     keys: tuple[str | None, ...] = ()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Writes the table, and those of joints and legs if there are any; whole or not at all.
+        """Writes the table, and those of joints and legs if there are any; all files or none.
 
         Raises:
-            StaderaError: a path that cannot be written or is not called .parquet.
+            StaderaError: the path cannot be written or does not end in .parquet.
         """
         import pyarrow as pa
         from pyarrow import parquet
@@ -94,7 +95,7 @@ class FleetTable(Result):
                 parquet.write_table(_arrow(pa, getattr(self, name), columns), draft)
 
     def to_dict(self) -> dict[str, Any]:
-        """Rows, joints, and what stands out, the surest first, see `stadera.fleet.departures`."""
+        """Rows, joints, and departures, the most significant first, see `stadera.fleet.departures`."""
         from stadera.fleet.departures import departures
         from stadera.fleet.series import series_of
 
@@ -102,7 +103,7 @@ class FleetTable(Result):
         return {"logs": list(self.rows), "joints": list(self.joints), "stands_out": [d.to_dict() for d in found]}
 
     def to_html(self) -> str:
-        """The report: one page that loads nothing."""
+        """The report as one self-contained HTML page."""
         from stadera.report.fleet.page import fleet_html
 
         return fleet_html(self)
@@ -121,10 +122,10 @@ class FleetTable(Result):
 
 
 def read_fleet(path: str | PathLike[str]) -> FleetTable:
-    """A table as `FleetTable.save` wrote it.
+    """Reads a table written by `FleetTable.save`.
 
     Raises:
-        StaderaError: no such file, or another table.
+        StaderaError: no such file, or another kind of table.
     """
     target = table_path(path)
     rows, keys = _read(target, COLUMNS)
@@ -135,10 +136,10 @@ def read_fleet(path: str | PathLike[str]) -> FleetTable:
 
 
 def table_path(path: str | PathLike[str]) -> Path:
-    """The path of a table.
+    """Checks the path of a table.
 
     Raises:
-        StaderaError: it is not called .parquet.
+        StaderaError: it does not end in .parquet.
     """
     target = Path(path)
     if target.suffix.lower() != ".parquet":
@@ -147,7 +148,7 @@ def table_path(path: str | PathLike[str]) -> Path:
 
 
 def beside(table: Path, name: str) -> Path:
-    """The path of one of `SIDES`."""
+    """Path of one of the tables in `SIDES`."""
     return table.with_suffix(f".{name}.parquet")
 
 

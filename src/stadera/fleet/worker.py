@@ -1,4 +1,4 @@
-"""Loaded by every local worker before it begins (Dask's `preload`)."""
+"""Preloaded by every local worker (Dask's `preload`)."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import signal
 
 
 def dask_setup(worker: object) -> None:
-    """Leaves Ctrl-C to the process that a person started: it ends its workers in order."""
+    """Ignores Ctrl-C, so that the main process shuts the workers down in order."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,9 +1,9 @@
-"""A running robot weighed: its topics over Zenoh in, its trunk and payload out.
+"""Weighs a running robot: its topics over Zenoh in, its trunk and payload out.
 
     Zenoh ──messages──▶ Worker ──▶ Intake ──samples──▶ TrunkEstimator ──▶ LiveState ──▶ Zenoh, terminal, Rerun, MCAP
     (or a log, replayed)  queue      decoded, merged
 
-The worker's thread does all the work; whoever brings messages only queues them.
+The worker's thread does all the work; sources of messages only queue them.
 """
 
 from stadera.live.session import Answer, LiveSession

@@ -1,4 +1,4 @@
-"""The clock of a robot's stamps, kept going when it is set or starts anew."""
+"""Keeps the clock of a robot's stamps continuous when it is set or restarts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ NS = 1_000_000_000
 
 @dataclass
 class _Heard:
-    """Of a topic: newest stamp [ns], arrival of its last message on the clock [s], stamp less arrival at most [s]."""
+    """State of a topic: newest stamp [ns], arrival of its last message on the clock [s], largest stamp minus arrival
+    [s].
+    """
 
     newest: int
     arrived: float
@@ -21,16 +23,16 @@ class _Heard:
 class StreamClock:
     """Keeps the stamps of a robot's topics on one clock.
 
-    A message cannot arrive before it was measured, so stamp less arrival exceeds its largest value so far only if the
-    clock was set forwards; a stamp far behind the topic's newest says it was set back, or that the publisher began
-    anew. Messages off the clock are left out as a second publisher's, unless those on it have stopped: then the clock
-    goes on with them, as much later as they arrived later, for all topics alike.
+    A message cannot arrive before it was measured, so stamp minus arrival exceeds its largest value so far only if the
+    clock was set forwards. A stamp far behind the topic's newest indicates that the clock was set back, or that the
+    publisher restarted. Messages off the clock are skipped as those of a second publisher, unless messages on it have
+    stopped: then the clock continues with them, shifted by the difference in arrival, for all topics alike.
 
     Args:
         settings: `clock_step` and `other_publisher`.
 
     Attributes:
-        shift: added to stamps [ns]. steps: how often the clock was set.
+        shift: added to stamps [ns]. steps: number of times the clock was set.
     """
 
     def __init__(self, settings: LiveSettings) -> None:
@@ -39,10 +41,10 @@ class StreamClock:
         self._heard: dict[str, _Heard] = {}
 
     def at(self, topic: str, stamp: int, arrived: float) -> int | None:
-        """The stamp [ns] on the clock; None of a message that is off it.
+        """The stamp [ns] on the clock; None for a message that is off it.
 
         Args:
-            topic: of the message. stamp: [ns]. arrived: by this machine's steady clock [s].
+            topic: of the message. stamp: [ns]. arrived: on this machine's monotonic clock [s].
         """
         shifted = stamp + self.shift
         heard = self._heard.setdefault(topic, _Heard(shifted, arrived, shifted / NS - arrived))

@@ -1,9 +1,8 @@
-"""Messages of a running robot in, samples out: decoded, put on one clock, merged, and begun anew where the stream
+"""Converts messages of a running robot to samples: decodes, synchronises and merges them, and restarts when the stream
 changes.
 
-The first messages decide which topic, publishers and columns are read, as those of a bag do
-(`stadera.logs.bags.beginning`). That is decided anew when a clock was set, the rate changed, or a publisher names
-other joints than before.
+The first messages determine which topic, publishers and columns are read, as for a bag (`stadera.logs.bags.beginning`).
+This is repeated when a clock was set, the rate changed, or a publisher names other joints than before.
 """
 
 from __future__ import annotations
@@ -32,25 +31,25 @@ from stadera.robot.model import Robot
 from stadera.types import Array
 
 _SOURCE = "live"
-_GAP = 2.5  # periods between two samples from which on messages between them were lost; stamps jitter by up to one
+_GAP = 2.5  # periods between two samples above which messages were lost; stamps jitter by up to one
 
 
 class Intake:
-    """Takes in messages.
+    """Receives messages.
 
     Args:
-        robot: whose joints are looked for.
-        topics: asked for; None for those that fit by type.
+        robot: the robot whose joints are sought.
+        topics: the requested ones; None for those that match by type.
         settings: see `LiveSettings`.
 
     Attributes:
-        topics: that are read; None before they are known.
-        seen: by name, every topic of which a message came.
-        announced: by name, types of topics that are known to be there.
-        fresh: whether the next samples do not follow on those before, and may have another rate.
+        topics: the topics read; None before they are determined.
+        seen: by name, every topic with a message.
+        announced: by name, types of topics that are known to exist.
+        fresh: True if the next samples do not continue the previous ones, and may have another rate.
         clock: of the stamps.
-        lost: messages and rows that were left out, by why.
-        notes: what happened, one sentence each.
+        lost: numbers of skipped messages and rows, by reason.
+        notes: events, one sentence each.
     """
 
     def __init__(self, robot: Robot, topics: Topics | None = None, settings: LiveSettings | None = None) -> None:
@@ -75,7 +74,7 @@ class Intake:
         self._slower = 0
 
     def take(self, arrival: Arrival) -> None:
-        """Takes in a message; of types that are not read it only counts it."""
+        """Processes a message; messages of other types are only counted."""
         seen = self.seen.setdefault(arrival.topic, SeenTopic(arrival.kind))
         seen.take(arrival)
         if arrival.kind not in KINDS or not self._wanted(arrival.topic, arrival.kind):
@@ -92,7 +91,7 @@ class Intake:
             self._continue(sample, arrival.arrived)
 
     def completed(self) -> Recording | None:
-        """The samples completed since the last call; None where there are fewer than two."""
+        """Samples completed since the last call; None if there are fewer than two."""
         if self._merging is None or self._layout is None:
             return None
         try:
@@ -108,10 +107,10 @@ class Intake:
         return found[0]
 
     def waiting_for(self, now: float) -> tuple[str, ...]:
-        """What keeps samples from coming, one sentence each; empty while they come.
+        """Reasons why no samples arrive, one sentence each; empty while they do.
 
         Args:
-            now: by the clock of the arrivals [s].
+            now: on the clock of the arrivals [s].
         """
         if self._merging is None or self.topics is None:
             return (self._fault or self._lacking(),)
@@ -130,7 +129,7 @@ class Intake:
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _wanted(self, topic: str, kind: str) -> bool:
-        """Whether a topic may be the one asked for."""
+        """True if a topic may be the requested one."""
         asked = self._asked.imu if kind == IMU else self._asked.joint
         return asked in (None, topic)
 
@@ -140,12 +139,12 @@ class Intake:
             self._decoders[name] = decoder(Topic(arrival.kind), "cdr", self._robot.tree.joints, self._settings.bags)
         try:
             return self._decoders[name](Message(name, arrival.received, arrival.data))
-        except Exception:  # the libraries meet damaged bytes with errors of many kinds
+        except Exception:  # the libraries raise many kinds of errors on damaged bytes
             self.seen[name].damaged += 1
             return None
 
     def _begin(self) -> None:
-        """Decides what is read, once there are enough messages."""
+        """Determines the layout, once there are enough messages."""
         if not _is_enough([arrival for arrival, _ in self._head], self._settings.head):
             del self._head[: -20 * self._settings.head]
             return
@@ -165,7 +164,7 @@ class Intake:
             self._merge(sample, arrival.arrived, merging)
 
     def _merging_of(self, head: Sequence[Sample], topics: Choice) -> Merging:
-        """What makes rows of the messages, by the first ones of the topics that are read."""
+        """The merging of messages into rows, determined from the first messages of the chosen topics."""
         joints = self._robot.tree.joints
         start = beginning_of(head, topics.joint, topics.imu, joints)
         if start.imu_fault:
@@ -200,11 +199,11 @@ class Intake:
                 self._anew()
 
     def _anew(self, fault: str = "") -> None:
-        """What is read is decided anew."""
+        """Restarts the determination of the layout."""
         self._merging, self._fault, self._head = None, fault, []
 
     def _rows(self, merging: Merging) -> Batch | None:
-        """Complete rows, at least two; fewer are kept for the next time."""
+        """Complete rows, at least two; fewer are kept for the next call."""
         before = sum(track.out_of_order for track in merging.tracks)
         batch = merging.batch()
         self.lost["left out"] += sum(track.out_of_order for track in merging.tracks) - before
@@ -219,7 +218,7 @@ class Intake:
         return rows
 
     def _watch_rate(self, time: Array) -> None:
-        """Counts samples that are missing, and begins anew where they come at another rate."""
+        """Counts missing samples, and restarts if the rate has changed."""
         steps = np.diff(time, prepend=self._last)
         self._last = float(time[-1])
         if np.isnan(self._period):
@@ -264,12 +263,12 @@ class Intake:
 
 
 def _slashed(topics: Topics) -> Topics:
-    """Topics by their ROS names, which begin with a slash."""
+    """Adds the leading slash of ROS names."""
     return Topics(*(name if name is None else f"/{name.lstrip('/')}" for name in (topics.joint, topics.imu)))
 
 
 def _is_enough(head: Sequence[Arrival], fewest: int) -> bool:
-    """Whether there are so many messages of one topic of joints, and an IMU's."""
+    """True if there are enough messages of one topic of joints, and of an IMU."""
     counts = Counter((arrival.topic, arrival.kind) for arrival in head)
     of_joints = [n for (_, kind), n in counts.items() if kind in JOINT_KINDS]
     has_imu = any(kind in LOW_STATES or (kind == IMU and n > 1) for (_, kind), n in counts.items())

@@ -1,4 +1,4 @@
-"""Topics as Zenoh knows them: the key expressions and liveliness tokens of rmw_zenoh and of zenoh-bridge-ros2dds.
+"""Key expressions and liveliness tokens of topics in Zenoh, as used by rmw_zenoh and zenoh-bridge-ros2dds.
 
 rmw_zenoh (https://github.com/ros2/rmw_zenoh, docs/design.md) puts domain, type and type hash (REP 2016) into the key::
 
@@ -9,7 +9,7 @@ and requires an attachment: sequence number and time of sending [ns] as little-e
 identify the publisher, after their number. Its releases before June 2025 wrote the names of the three before them.
 
 zenoh-bridge-ros2dds (https://github.com/eclipse-zenoh/zenoh-plugin-ros2dds) uses the topic's name alone as the key;
-the type is in the token, slashes written as §::
+the type is in the token, with slashes written as §::
 
     lowstate
     @/<session>/@ros2_lv/MP/lowstate/unitree_go§msg§LowState/<qos>
@@ -23,24 +23,24 @@ import struct
 from typing import NamedTuple
 
 TOKENS = ("@ros2_lv/**", "@/*/@ros2_lv/**")
-"""Where both announce topics."""
+"""Keys under which both announce topics."""
 
 NO_HASH = "TypeHashNotSupported"
-"""What ROS 2 Humble has in the place of a type hash."""
+"""ROS 2 Humble's placeholder for a type hash."""
 
 _LABELS = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
 _GID = 16  # bytes
-_QOS = "::,10:,:,:,,"  # reliable, volatile, the last ten: rmw_zenoh's way to write its defaults
+_QOS = "::,10:,:,:,,"  # reliable, volatile, the last ten: rmw_zenoh's notation for its defaults
 
 
 class Key(NamedTuple):
-    """What a key or a token says of a topic.
+    """The topic described by a key or a token.
 
     Attributes:
         topic: ROS name, with a leading slash.
-        kind: ROS type, such as "sensor_msgs/msg/Imu"; empty where the key does not say.
-        domain: ROS domain; None of the bridge.
-        type_hash: as in the key; empty of the bridge.
+        kind: ROS type, such as "sensor_msgs/msg/Imu"; empty if the key does not contain it.
+        domain: ROS domain; None for the bridge.
+        type_hash: as in the key; empty for the bridge.
     """
 
     topic: str
@@ -50,7 +50,7 @@ class Key(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """An attachment of rmw_zenoh: number and time of sending [ns] of a message, and its publisher."""
+    """Attachment of rmw_zenoh: sequence number and time of sending [ns] of a message, and its publisher."""
 
     sequence: int
     stamp: int
@@ -58,7 +58,7 @@ class Sent(NamedTuple):
 
 
 def read_key(key: str) -> Key:
-    """The topic of a key, of whichever of the two."""
+    """Parses a key of either kind."""
     parts = key.split("/")
     if len(parts) >= 4 and parts[0].isdigit() and "::dds_::" in parts[-2]:
         return Key("/" + "/".join(parts[1:-2]), ros_type(parts[-2]), int(parts[0]), parts[-1])
@@ -66,7 +66,7 @@ def read_key(key: str) -> Key:
 
 
 def read_token(token: str) -> tuple[str, Key] | None:
-    """Key and topic of a publisher's token; None of other tokens."""
+    """Parses a publisher's token into key and topic; None for other tokens."""
     parts = token.split("/")
     if parts[0] == "@ros2_lv" and len(parts) >= 12 and parts[5] == "MP" and parts[1].isdigit():
         name, kind, type_hash = parts[9].replace("%", "/"), parts[10], parts[11]
@@ -78,12 +78,12 @@ def read_token(token: str) -> tuple[str, Key] | None:
 
 
 def topic_key(domain: int, topic: str, kind: str, type_hash: str) -> str:
-    """The key by which rmw_zenoh publishes a topic, or serves a service."""
+    """Key under which rmw_zenoh publishes a topic, or serves a service."""
     return f"{domain}/{topic.strip('/')}/{dds_type(kind)}/{type_hash}"
 
 
 def token(domain: int, session: str, entity: int, what: str, key: str = "") -> str:
-    """The token that announces our node ("NN"), a publisher ("MP") or a service ("SS") of a key to rmw_zenoh."""
+    """Token that announces our node ("NN"), or a publisher ("MP") or service ("SS") of a key, to rmw_zenoh."""
     whose = f"@ros2_lv/{domain}/{session}/0/{entity}/{what}/%/%/stadera"
     if not key:
         return whose
@@ -92,7 +92,7 @@ def token(domain: int, session: str, entity: int, what: str, key: str = "") -> s
 
 
 def read_attachment(data: bytes) -> Sent | None:
-    """What rmw_zenoh attached to a message; None where it is something else."""
+    """Parses rmw_zenoh's attachment to a message; None for other data."""
     for label in _LABELS:
         data = data.replace(label, b"", 1)
     if len(data) != 17 + _GID or data[16] != _GID:
@@ -102,16 +102,16 @@ def read_attachment(data: bytes) -> Sent | None:
 
 
 def attachment(sent: Sent) -> bytes:
-    """What rmw_zenoh expects to be attached to a message."""
+    """Encodes the attachment that rmw_zenoh expects."""
     return struct.pack("<qqB", sent.sequence, sent.stamp, _GID) + sent.publisher
 
 
 def dds_type(kind: str) -> str:
-    """A ROS type as DDS names it: sensor_msgs::msg::dds_::Imu_ of sensor_msgs/msg/Imu."""
+    """The DDS name of a ROS type: sensor_msgs::msg::dds_::Imu_ for sensor_msgs/msg/Imu."""
     package, part, name = kind.split("/")
     return f"{package}::{part}::dds_::{name}_"
 
 
 def ros_type(kind: str) -> str:
-    """A DDS type as ROS names it; as it is where it is none of ROS's."""
+    """The ROS name of a DDS type; other types are returned unchanged."""
     return kind.removesuffix("_").replace("::dds_::", "::").replace("::", "/")

@@ -1,7 +1,7 @@
-"""The Zenoh session: topics found and subscribed to, states published, requests answered.
+"""Zenoh session: finds and subscribes to topics, publishes states, answers requests.
 
-Everything is published by the topic's name as key ("stadera/trunk"), as zenoh-bridge-ros2dds and plain Zenoh programs
-read it. Once a message of rmw_zenoh has come, also by rmw_zenoh's keys in its domain, with its attachments and tokens.
+Everything is published with the topic's name as key ("stadera/trunk"), which zenoh-bridge-ros2dds and plain Zenoh
+programs read. After the first message from rmw_zenoh, also with rmw_zenoh's keys in its domain, attachments and tokens.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ _EPOCH = datetime.fromtimestamp(0, UTC)
 _CLOSING = 2.0  # s
 
 DEFAULT = "tcp/localhost:7447"
-"""Where rmw_zenoh's router and zenoh-bridge-ros2dds listen."""
+"""Default address of rmw_zenoh's router and of zenoh-bridge-ros2dds."""
 
 
 @dataclass(frozen=True)
 class Endpoints:
-    """How the Zenoh network is reached.
+    """Connection to the Zenoh network.
 
     Attributes:
         connect, listen: endpoints such as "tcp/192.168.123.18:7447". Without any of them and without a file: `DEFAULT`.
-        config: a Zenoh configuration file (JSON5) to begin with; None for Zenoh's defaults without multicast scouting,
-            which would reach every robot of the network.
+        config: base Zenoh configuration file (JSON5); None for Zenoh's defaults without multicast scouting, which would
+            reach every robot on the network.
     """
 
     connect: tuple[str, ...] = ()
@@ -53,11 +53,11 @@ class Endpoints:
     config: Path | None = None
 
     def open(self) -> zenoh.Session:
-        """A session; connections are made, and made again, in the background.
+        """Opens a session; connections are made, and restored, in the background.
 
         Raises:
             MissingExtraError: zenoh is not installed.
-            StaderaError: an endpoint or a file that Zenoh does not take.
+            StaderaError: Zenoh rejects an endpoint or the file.
         """
         try:
             import zenoh
@@ -66,7 +66,7 @@ class Endpoints:
         try:
             return zenoh.open(self._configured())
         except zenoh.ZError as error:
-            reason = re.sub(r" at /\S+\.rs:\d+\.?", "", " ".join(str(error).split()))  # where in its source
+            reason = re.sub(r" at /\S+\.rs:\d+\.?", "", " ".join(str(error).split()))  # position in Zenoh's source
             given = ", ".join(map(str, (*self.connect, *self.listen, *([self.config] if self.config else []))))
             raise StaderaError(f"Zenoh cannot be started with {given or 'its defaults'}: {reason}") from None
 
@@ -86,13 +86,13 @@ class Endpoints:
 
 
 class ZenohLink:
-    """A session's topics in and out.
+    """Topics of a session, in and out.
 
     Args:
         endpoints: see `Endpoints`.
-        topics: asked for.
-        put: gets every message of a type that is read, in Zenoh's thread; None to read none.
-        requests: by key, what is done at a request; given to `ask` with where the answer goes.
+        topics: the requested ones.
+        put: receives every message of a known type, in Zenoh's thread; None to read none.
+        requests: by key, the handler of a request, passed to `ask` with the reply function.
         ask: queues a request.
 
     Attributes:
@@ -121,7 +121,7 @@ class ZenohLink:
         self._open()
 
     def publish(self, state: LiveState) -> None:
-        """Sends a state, see `stadera.live.messages.of_state`."""
+        """Publishes a state, see `stadera.live.messages.of_state`."""
         self._follow_announcements()
         for topic, data in messages.of_state(state).items():
             self._session.put(topic, data)
@@ -129,9 +129,9 @@ class ZenohLink:
                 self._ros.put(topic, messages.text_message(data.decode()) if topic == messages.STATE else data)
 
     def close(self) -> None:
-        """Takes everything back, and ends the session; returns when no callback can run any more."""
+        """Closes the session; returns when no callback can run any more."""
         self._session.close()  # type: ignore[no-untyped-call]
-        for ended in self._callbacks:  # their threads would not survive the end of the interpreter
+        for ended in self._callbacks:  # their threads must end before the interpreter does
             ended.wait(_CLOSING)
 
     # -- inside -----------------------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ class ZenohLink:
         session = self._session
         for kind in KINDS if self._put is not None else ():
             session.declare_subscriber(f"*/**/{keys.dds_type(kind)}/*", self._calling(self._arrived))
-        for key, kind in self._asked.items():  # a plain key says nothing of its type, and no token may come
+        for key, kind in self._asked.items():  # a plain key does not contain its type, and no token may arrive
             self._by_key[key] = Key(f"/{key}", kind)
             self._to_subscribe.add(key)
         self._follow_announcements()
@@ -176,9 +176,9 @@ class ZenohLink:
                 self._to_subscribe.add(name)
 
     def _follow_announcements(self) -> None:
-        """Subscribes to what was announced, and answers rmw_zenoh in its own way once it was heard.
+        """Subscribes to announced topics, and starts answering rmw_zenoh once it has been detected.
 
-        Never called in Zenoh's threads, which must not declare anything.
+        Must not be called in Zenoh's threads, which cannot declare anything.
         """
         with self._lock:
             new, self._to_subscribe = self._to_subscribe - self._subscribed, set()
@@ -191,7 +191,7 @@ class ZenohLink:
                 self._session.declare_queryable(self._ros.keys[topic], self._answering(do), complete=True)
 
     def _calling(self, function: Callable[[Any], None]) -> Any:
-        """A handler that calls a function in a thread of its own, which never makes the network wait."""
+        """A handler that calls a function in a separate thread, so that the network never waits."""
         from zenoh.handlers import Callback
 
         ended = threading.Event()
@@ -215,7 +215,7 @@ class ZenohLink:
 
 
 class _RosNames:
-    """Our topics and services by rmw_zenoh's keys, announced by its tokens."""
+    """Our topics and services under rmw_zenoh's keys, announced by its tokens."""
 
     def __init__(self, session: zenoh.Session, domain: int, without_hash: bool) -> None:
         self._session = session
@@ -240,7 +240,7 @@ class _RosNames:
 
 
 def _asked_kinds(topics: Topics) -> list[tuple[str, str]]:
-    """Topics asked for, and their types if nobody announces them."""
+    """Requested topics, with their types in case nobody announces them."""
     joint, imu = topics.joint, topics.imu
     found = [] if imu is None else [(imu, IMU)]
     if joint is not None:
@@ -249,7 +249,7 @@ def _asked_kinds(topics: Topics) -> list[tuple[str, str]]:
 
 
 def _stamp(sample: zenoh.Sample) -> int:
-    """When a message was sent by Zenoh's timestamp, which the bridge's router adds; else now [ns]."""
+    """Time of sending from Zenoh's timestamp, which the bridge's router adds; else now [ns]."""
     if sample.timestamp is None:
         return time.time_ns()
     return (sample.timestamp.get_time() - _EPOCH) // timedelta(microseconds=1) * 1000

@@ -1,10 +1,10 @@
-"""What is sent: the trunk and the payload as geometry_msgs/InertiaStamped, the state as diagnostics, a service's
-answer; in CDR.
+"""Outgoing messages in CDR: trunk and payload as geometry_msgs/InertiaStamped, the state as diagnostics, and a
+service's answer.
 
-geometry_msgs/Inertia has the fields m, com, ixx, ixy, ixz, iyy, iyz, izz. Its definition names neither the point nor
-the axes of the tensor; they are those of a URDF's <inertial>: about the centre of mass, in the axes of the header's
-frame, here the trunk link. (The ten parameters of this package are about the link's origin.) Products of inertia are
-tensor components, ixy = -∫xy dm, as in a URDF.
+geometry_msgs/Inertia has the fields m, com, ixx, ixy, ixz, iyy, iyz, izz. Its definition states neither the point nor
+the axes of the tensor; here they are those of a URDF's <inertial>: about the centre of mass, in the axes of the
+header's frame, which is the trunk link. (The ten parameters of this package are about the link's origin.) Products of
+inertia are tensor components, ixy = -∫xy dm, as in a URDF.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
 TRIGGER = "std_srvs/srv/Trigger"
 TRIGGER_HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
-"""The hash of a service's type (REP 2016) takes in request, response and event; rosbags knows messages alone."""
+"""The hash of a service's type (REP 2016) covers request, response and event; rosbags supports messages only."""
 
 TRUNK, PAYLOAD, STATE, DIAGNOSIS = "stadera/trunk", "stadera/payload", "stadera/state", "stadera/diagnostics"
 TARE, RESET = "stadera/tare", "stadera/reset"
@@ -68,10 +68,10 @@ def type_hash(kind: str) -> str:
 
 
 def of_state(state: LiveState) -> dict[str, bytes]:
-    """What is sent of a state, by topic: always the state itself as JSON, and as diagnostics.
+    """Messages for a state, by topic: always the state as JSON and as diagnostics.
 
-    The trunk as a whole, physically possible body, where what was not observed is the model's; and after a tare the
-    payload. Both only while samples have come and the verdict is not "bad".
+    Also the trunk as a physically possible body, with the model's values for unobserved quantities, and after a tare
+    the payload. Both are sent only while samples arrive and the verdict is not "bad".
     """
     text = json.dumps(state.to_dict(), allow_nan=False)
     out = {STATE: text.encode(), DIAGNOSIS: diagnostics_message(state, state.robot, time.time_ns())}
@@ -83,24 +83,24 @@ def of_state(state: LiveState) -> dict[str, bytes]:
 
 
 def trunk_message(body: InertialParameters, frame: str, stamp: int) -> bytes:
-    """A body as InertiaStamped.
+    """Encodes a body as InertiaStamped.
 
     Args:
-        body: in the frame.
-        frame: link whose frame it is.
+        body: in the given frame.
+        frame: name of the link whose frame it is.
         stamp: [ns].
     """
     return _inertia(body.mass, body.com, body.inertia_com, frame, stamp)
 
 
 def payload_message(payload: Payload, frame: str, stamp: int) -> bytes:
-    """A payload as InertiaStamped; NaN where centre of mass or inertia were not observed."""
+    """Encodes a payload as InertiaStamped; NaN if centre of mass or inertia were not observed."""
     tensor = np.full((3, 3), np.nan) if payload.inertia is None else payload.inertia
     return _inertia(payload.mass, payload.com, tensor, frame, stamp)
 
 
 def diagnostics_message(state: LiveState, hardware: str, stamp: int) -> bytes:
-    """The state as one status: OK while figures hold, WARN doubtful, ERROR bad, STALE while something is waited for."""
+    """Encodes the state as one status: OK for a good verdict, WARN for doubtful, ERROR for bad, STALE while waiting."""
     make = types().types
     level = _STALE if state.waiting_for else _LEVELS[state.trust.verdict]
     text = "; ".join(state.waiting_for or state.trust.reasons) or "figures and error bars hold"
@@ -115,7 +115,7 @@ def text_message(text: str) -> bytes:
 
 
 def answer_message(success: bool, message: str) -> bytes:
-    """The response of a std_srvs/Trigger."""
+    """Encodes the response of a std_srvs/Trigger."""
     return _cdr(types().types[_RESPONSE](success, message), _RESPONSE)
 
 

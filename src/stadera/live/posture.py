@@ -1,8 +1,8 @@
-"""How a robot stands in the world, as far as its encoders and its IMU say: pose of the trunk, links, feet and their
-forces.
+"""Posture of a robot in the world from encoders and IMU: poses of trunk and links, feet and their forces.
 
-Tilt is that of the specific force's direction, held over short times by the gyro (a complementary filter); heading is
-the gyro's alone. Nothing says where the robot is: the lowest foot is on the ground, under a trunk that stays in place.
+The tilt follows the direction of the specific force, stabilised over short times by the gyro (a complementary filter);
+the heading comes from the gyro alone. The robot's position is not measured: the lowest foot is on the ground, below a
+trunk that does not translate.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from stadera.trunk.samples import Samples
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.types import Array, Bools
 
-_SETTLING = 1.0  # s, in which the tilt follows the specific force
+_SETTLING = 1.0  # s, time constant with which the tilt follows the specific force
 _PERIOD = 0.04  # s, between two postures
 
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """A moment, world axes: z upwards, the ground at zero, origin below the trunk's.
+    """Posture at one instant, world axes: z upwards, the ground at zero, origin below the trunk's.
 
     Attributes:
         time: [s]. rotation: (3, 3), of the trunk. origin: (3,) [m], of the trunk.
         rotations: (links, 3, 3), origins: (links, 3) [m], of all links, trunk first.
-        contacts: (4, 3) [m]. forces: (4, 3) [N], what the ground does to the feet. stance: (4,), those that carry.
+        contacts: (4, 3) [m]. forces: (4, 3) [N], of the ground on the feet. stance: (4,), loaded feet.
     """
 
     time: float
@@ -46,7 +46,7 @@ class Posture:
 
 
 class Postures:
-    """Follows one robot.
+    """Tracks one robot's posture.
 
     Args:
         robot: the model.
@@ -58,10 +58,10 @@ class Postures:
         self._last, self._due, self._age = -np.inf, -np.inf, 0.0
 
     def of(self, samples: Samples, mount: ImuMount) -> Iterator[Posture]:
-        """The postures that fall due among these samples, IMU values in trunk axes."""
+        """Yields the postures due among these samples, IMU values in trunk axes."""
         for k in range(len(samples)):
             time = float(samples.time[k])
-            if time < self._last:  # begun anew
+            if time < self._last:  # restarted
                 self._world, self._due, self._age = None, -np.inf, 0.0
             if time >= self._due:
                 since = int(np.searchsorted(samples.time, self._last))
@@ -71,7 +71,7 @@ class Postures:
         self._turn(samples[samples.time > self._last])
 
     def _turn(self, samples: Samples) -> None:
-        """The trunk's attitude after these samples."""
+        """Updates the trunk's attitude with these samples."""
         if not len(samples):
             return
         force = samples.specific_force.mean(axis=0)

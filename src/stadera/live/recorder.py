@@ -1,4 +1,4 @@
-"""What came in and what went out, as an MCAP file that every command of this package reads."""
+"""Records received and sent messages as an MCAP file that every command of this package reads."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _JSON = "json"
 
 
 class Recorder:
-    """Writes one file; safe to be used from several threads.
+    """Writes one file; thread-safe.
 
     Args:
-        path: of the file, which is whole once `close` was called.
+        path: of the file, which is complete after `close`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -28,18 +28,18 @@ class Recorder:
         self._writer.start(profile="ros2", library="stadera")
 
     def keep(self, arrival: Arrival) -> None:
-        """Writes a message that came in, with the time of its sending as the time of recording."""
+        """Writes a received message, with its time of sending as time of recording."""
         if arrival.kind in KINDS:
             self._write(arrival.topic, arrival.kind, arrival.received, arrival.data)
 
     def sent(self, state: LiveState) -> None:
-        """Writes what is sent of a state."""
+        """Writes the messages sent for a state."""
         now = time.time_ns()
         for topic, data in messages.of_state(state).items():
             self._write(f"/{topic}", _JSON if topic == messages.STATE else messages.KINDS[topic], now, data)
 
     def close(self) -> None:
-        """Ends the file with its index."""
+        """Completes the file with its index."""
         with self._lock:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.close()

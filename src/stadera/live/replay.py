@@ -1,4 +1,4 @@
-"""A log replayed as if the robot ran now."""
+"""Replays a log as if the robot were running now."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from stadera.logs.recording import Recording
 from stadera.logs.velocity import with_velocity
 from stadera.robot.model import Robot
 
-_PIECE = 0.01  # s of the log that are handed over at once
-_QUEUE = 100  # pieces that may wait where the log is faster than the estimator
+_PIECE = 0.01  # s of the log that are passed on at once
+_QUEUE = 100  # pieces that may be queued if the log is faster than the estimator
 
 
 def replay(log: Log, robot: Robot, worker: Worker, stop: threading.Event, rate: float = 1.0) -> None:
-    """Hands a log's samples to a worker at their own pace; returns at its end, or when `stop` is set.
+    """Passes a log's samples to a worker in real time; returns at its end, or when `stop` is set.
 
     Args:
         log: with velocities or positions, torques and an IMU.
-        rate: how much faster than the robot was; infinite: as fast as the estimator is.
+        rate: factor on the speed; infinite for as fast as the estimator.
 
     Raises:
         RecordingError: the log cannot be read, or lacks a joint's torque or the IMU.

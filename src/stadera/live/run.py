@@ -1,5 +1,4 @@
-"""A session from its first message to its last: where messages come from, who gets the states, and an end that is
-clean."""
+"""Runs a session from start to end: source of messages, receivers of states, clean shutdown."""
 
 from __future__ import annotations
 
@@ -17,17 +16,17 @@ from stadera.live.state import LiveState
 from stadera.live.worker import Worker
 from stadera.logs.topics import LogFile, Topics
 
-_POLL = 0.05  # s, after which a fault of the worker ends the session
+_POLL = 0.05  # s, after which a failure of the worker ends the session
 
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Where messages come from.
+    """Source of the messages.
 
     Attributes:
-        endpoints: of Zenoh; what is found is published there also where a log is replayed.
-        topics: asked for.
-        log: to be replayed in place of messages, `rate` times as fast as it was recorded; None for messages.
+        endpoints: of Zenoh; results are published there even if a log is replayed.
+        topics: the requested ones.
+        log: to be replayed instead of receiving messages, `rate` times as fast as recorded; None for messages.
     """
 
     endpoints: Endpoints
@@ -43,11 +42,11 @@ def run(
     sinks: Sequence[Callable[[LiveState], None]] = (),
     record: Path | None = None,
 ) -> LiveState:
-    """Runs until `stop` is set or the log ends; the last state.
+    """Runs until `stop` is set or the log ends, and returns the last state.
 
     Args:
         sinks: called with every state, in the worker's thread.
-        record: file for what comes in and what is sent, whole when this returns; None for none.
+        record: file for received and sent messages, complete on return; None for none.
 
     Raises:
         MissingExtraError: zenoh is not installed. StaderaError: Zenoh cannot be started.

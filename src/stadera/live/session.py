@@ -1,5 +1,4 @@
-"""One robot that is weighed while it runs: messages or samples in, its state out. Nothing here waits, sends or
-draws."""
+"""Weighs one running robot: messages or samples in, its state out. Does not wait, send or draw."""
 
 from __future__ import annotations
 
@@ -24,13 +23,13 @@ from stadera.trunk.samples import Samples
 from stadera.weigh.in_motion import trust_now
 from stadera.weigh.settings import Watch
 
-_MOST_CHANGES = 20  # that are sent with every state
-_DAY = 86400.0  # s, by which no two clocks differ that mean the same
+_MOST_CHANGES = 20  # sent with every state
+_DAY = 86400.0  # s, larger than the difference between synchronised clocks
 
 
 @dataclass(frozen=True)
 class Answer:
-    """To a request: whether it was done, and a sentence."""
+    """Answer to a request: whether it succeeded, and a sentence."""
 
     success: bool
     message: str
@@ -40,9 +39,9 @@ class LiveSession:
     """Weighs one robot.
 
     Args:
-        robot: with its legs as known.
-        topics: asked for; None for those that fit by type.
-        imu_frame: in which the IMU's values are; None for the messages' own, else the model's.
+        robot: with its present leg parameters.
+        topics: the requested ones; None for those that match by type.
+        imu_frame: frame of the IMU's values; None for the messages' own, else the model's.
         settings: see `LiveSettings`.
         watch: called with all samples.
 
@@ -65,13 +64,13 @@ class LiveSession:
         self._frame, self._watch = imu_frame, watch
         self._idle = TrunkEstimator(robot, settings=self.settings.trunk)
         if imu_frame is not None:
-            ImuMount.of(robot, imu_frame)  # a name that is not there is an error at once
+            ImuMount.of(robot, imu_frame)  # raises immediately for an unknown name
         self._fault = ""
         self._time, self._arrived = np.nan, np.nan
         self._tared_after: int | None = None
 
     def feed(self, arrivals: Iterable[Arrival]) -> None:
-        """Takes in messages; what cannot be used is counted, and no message raises an error."""
+        """Processes messages; unusable ones are counted, and none raises an error."""
         newest = np.nan
         for arrival in arrivals:
             self.intake.take(arrival)
@@ -81,11 +80,11 @@ class LiveSession:
             self.add(samples, newest)
 
     def add(self, samples: Recording, arrived: float) -> None:
-        """Takes in samples with velocities, torques and IMU.
+        """Processes samples with velocities, torques and IMU.
 
         Args:
             samples: of the robot's joints, on the intake's clock.
-            arrived: by this machine's steady clock [s].
+            arrived: on this machine's monotonic clock [s].
         """
         try:
             self._add(samples)
@@ -97,7 +96,7 @@ class LiveSession:
         self._arrived = arrived
 
     def tare(self) -> Answer:
-        """Makes the trunk as it is known now the reference of the payload."""
+        """Makes the present estimate of the trunk the reference for the payload."""
         estimator = self.estimator
         if estimator is None or not estimator.trunk.observed[0]:
             return Answer(False, "no tare: the trunk's mass is not known yet")
@@ -108,21 +107,21 @@ class LiveSession:
         return Answer(True, f"tared at {self._time:.2f} s")
 
     def reset(self) -> Answer:
-        """Forgets everything learnt, the tare and the changes included."""
+        """Discards all estimates, including the tare and the changes."""
         self.estimator, self._tared_after = None, None
         return Answer(True, "everything learnt is forgotten; the model is the prior")
 
     def event(self, until: float) -> tuple[object, ...]:
-        """What is worth a state at once when it is different: changes, the verdict, what is lacking, the tare."""
+        """Key of the state that changes when a state must be sent at once: changes, verdict, missing input, tare."""
         estimator = self.estimator or self._idle
         return len(estimator.changes), trust_now(estimator).verdict, self._lacking(until), self._tared_after, estimator
 
     def state(self, now: float | None = None, until: float | None = None) -> LiveState:
-        """What is known.
+        """The present state.
 
         Args:
-            now: by the clock of the arrivals [s]; None for this machine's.
-            until: arrival up to which all messages were fed; None for now. Only what was silent up to it is said to be.
+            now: on the clock of the arrivals [s]; None for this machine's.
+            until: arrival up to which all messages were processed; None for now. Topics count as silent only up to it.
         """
         now = time.monotonic() if now is None else now
         estimator, intake = self.estimator or self._idle, self.intake

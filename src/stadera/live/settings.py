@@ -1,4 +1,4 @@
-"""How a running robot's messages are taken in."""
+"""Settings for receiving a running robot's messages."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ class LiveSettings:
     """Settings of a live session.
 
     Attributes:
-        queue: messages that wait at most; of more the oldest are dropped, and counted. 4 s of two topics at 500 Hz.
-        batch: time over which messages are gathered before they are worked on [s]: a block of the estimator.
-        period: between two states that are sent [s]; changes are sent at once.
-        head: messages of joints that decide which columns there are and how fast they come.
+        queue: largest number of waiting messages; beyond it the oldest are dropped and counted. 4 s of two topics at
+            500 Hz.
+        batch: time over which messages are collected before processing [s]: a block of the estimator.
+        period: interval of the states sent [s]; changes are sent at once.
+        head: messages of joints that determine the columns and the rate.
         silent: time without a message after which a topic counts as silent [s]: fifty samples of the slowest stream.
-        clock_step: difference between a stamp and its topic's clock from which the clock was set, or the message is
-            another publisher's [s]; clocks are slewed, not set, by less.
-        other_publisher: time after the last message of a publisher, or on a clock, from which another one is taken [s].
-        rate_change: factor between two rates from which sampling begins anew.
-        least_rate: samples a second below which the motion between them is not seen.
-        bags: of decoding and merging. Streams wait for one another half a second at most, stamps that repeat or run
-            back are left out however many they are, and delays of two topics may differ by what a network adds.
-        trunk: of the estimator.
+        clock_step: difference between a stamp and its topic's clock above which the clock was set, or the message is
+            from another publisher [s]; smaller differences are slewed.
+        other_publisher: time after the last message of a publisher, or on a clock, after which another one is accepted
+            [s].
+        rate_change: factor between two rates above which sampling restarts.
+        least_rate: samples a second below which the motion is not resolved.
+        bags: for decoding and merging. Streams wait for each other at most half a second, any number of stamps that
+            repeat or run back is skipped, and delays of two topics may differ by those of a network.
+        trunk: settings of the estimator.
     """
 
     queue: int = 4000

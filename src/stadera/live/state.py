@@ -1,4 +1,4 @@
-"""What is known of a running robot at one moment, and how its messages arrive."""
+"""State of a running robot at one instant, with statistics of its messages."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from stadera.weigh.schema import change_dict, payload_dict, trunk_dict
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """How old the figures are.
+    """Age of the estimate.
 
     Attributes:
-        processing: from the arrival of the newest message used to now [s]. stamp: from its stamp to now by this
-            machine's clock [s], which means something where the clocks agree. NaN before the first.
+        processing: from the arrival of the newest message used until now [s]. stamp: from its stamp until now on this
+            machine's clock [s], meaningful if the clocks agree. NaN before the first.
     """
 
     processing: float = float("nan")
@@ -28,23 +28,23 @@ class Lag:
 
 @dataclass(frozen=True, eq=False)
 class LiveState:
-    """A moment.
+    """State at one instant.
 
     Attributes:
-        robot: its name. link: the trunk's, whose frame all figures are in.
-        time: of the newest sample used [s], NaN before the first; the stamps' clock until that was first set.
-        stamp: of that sample by its own clock [ns], 0 before the first.
+        robot: its name. link: the trunk's name, whose frame is used for all values.
+        time: of the newest sample used [s], NaN before the first; on the stamps' clock until that was first set.
+        stamp: of that sample on its own clock [ns], 0 before the first.
         status: of the estimator, see `stadera.trunk.protocol.Status`.
-        trunk: with all that is on it; the model's where nothing was observed.
-        payload: added since the tare; None without one.
+        trunk: including everything attached; the model's values where nothing was observed.
+        payload: mass added since the tare; None without one.
         changes: of the load.
-        trust: whether the figures hold.
+        trust: whether the values hold.
         rates: messages a second, by topic.
-        lost: messages that did not reach the estimator, by where: "network", "queue", "damaged", "left out" (repeated
-            stamps, a second publisher, values missing).
+        lost: number of messages that did not reach the estimator, by reason: "network", "queue", "damaged", "left out"
+            (repeated stamps, a second publisher, missing values).
         lag: see `Lag`.
-        waiting_for: what keeps the estimate from going on, one sentence each; empty while samples come.
-        notes: what happened on the way, one sentence each.
+        waiting_for: missing input, one sentence each; empty while samples arrive.
+        notes: events, one sentence each.
     """
 
     robot: str
@@ -64,11 +64,11 @@ class LiveState:
 
     @property
     def is_trusted(self) -> bool:
-        """Whether figures may be used."""
+        """True unless the verdict is "bad"."""
         return self.trust.verdict != "bad"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; null where something was not observed, "trusted": false where the verdict is bad."""
+        """Plain values for JSON; null for unobserved quantities, "trusted": false if the verdict is bad."""
         mark = {} if self.is_trusted else {"trusted": False}
         return {
             "robot": self.robot,
@@ -86,7 +86,7 @@ class LiveState:
         }
 
     def figures(self) -> dict[str, str]:
-        """The figures as text with units and standard deviations, for people."""
+        """The values as text with units and standard deviations, for people."""
         from stadera.report.numbers import number, with_std
 
         trunk, payload, last = self.trunk, self.payload, self.changes[-1:]

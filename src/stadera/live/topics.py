@@ -1,4 +1,4 @@
-"""The topics of a running robot: what was seen of each, and which of them are taken in."""
+"""Topics of a running robot: statistics of each, and the choice of those to read."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class Arrival(NamedTuple):
 
     Attributes:
         topic, kind: ROS name and type.
-        received: when it was sent, where that is known, else when it arrived [ns].
+        received: time of sending if known, else of arrival [ns].
         data: CDR.
-        arrived: by this machine's steady clock [s].
-        sent: its attachment; None where it has none.
+        arrived: on this machine's monotonic clock [s].
+        sent: its attachment; None without one.
     """
 
     topic: str
@@ -43,12 +43,13 @@ class Arrival(NamedTuple):
 
 @dataclass
 class SeenTopic:
-    """What was seen of a topic.
+    """Statistics of a topic.
 
     Attributes:
-        kind: ROS type. count: messages. damaged: those that cannot be read. lost: those that were sent and did not
-            arrive, by their numbers.
-        last: arrival of the newest [s]. rate: messages a second, over the last second. numbered: whether they are.
+        kind: ROS type. count: number of messages. damaged: number of unreadable ones. lost: number of messages that
+            were sent and did not arrive, by their sequence numbers.
+        last: arrival of the newest [s]. rate: messages a second, over the last second. numbered: whether they have
+            sequence numbers.
     """
 
     kind: str
@@ -69,11 +70,11 @@ class SeenTopic:
         if (sent := arrival.sent) is not None:
             missed = sent.sequence - self._numbers.get(sent.publisher, sent.sequence - 1) - 1
             self.numbered = True
-            self.lost += max(missed, 0)  # a publisher that begins anew counts anew
+            self.lost += max(missed, 0)  # a restarted publisher restarts its numbers
             self._numbers[sent.publisher] = sent.sequence
 
     def look(self, now: float) -> float:
-        """The rate [Hz], as it is now."""
+        """The present rate [Hz]."""
         begun, before = self._since
         if now - begun >= 1.0:
             self.rate, self._since = (self.count - before) / (now - begun), (now, self.count)
@@ -81,14 +82,14 @@ class SeenTopic:
 
 
 class PublisherFilter:
-    """Keeps to one publisher of the same columns on a topic, as long as its messages come."""
+    """Accepts one publisher for each set of columns on a topic, as long as its messages arrive."""
 
     def __init__(self, settings: LiveSettings) -> None:
         self._patience = settings.other_publisher
         self._current: dict[tuple[str, frozenset[str]], tuple[bytes, float]] = {}
 
     def accepts(self, arrival: Arrival, columns: tuple[str, ...]) -> bool:
-        """Whether a message is of the publisher that is listened to. One without an attachment always is."""
+        """True if a message is from the accepted publisher. One without an attachment is always accepted."""
         if arrival.sent is None:
             return True
         what = arrival.topic, frozenset(columns)
@@ -100,10 +101,10 @@ class PublisherFilter:
 
 
 def chosen(head: Sequence[Arrival], asked: Topics, joints: Sequence[str], settings: LiveSettings) -> Choice:
-    """The topic of joints, and the IMU's, None where the joints' messages have one or there is none: as of a bag.
+    """Chooses the topics of joints and IMU (None if the joints' messages include it or there is none), as for a bag.
 
     Raises:
-        RecordingError: several that are alike and none asked for; one asked for that is not there or of another type.
+        RecordingError: several match and none was requested, or the requested one is missing or has another type.
     """
     found = {arrival.topic: Topic(arrival.kind) for arrival in head}
     return choose(_HeadBag(head), found, asked, joints, settings.bags)

@@ -1,7 +1,7 @@
-"""A weighing in Rerun: the robot as it moves, and what is known of its trunk and payload as it becomes known.
+"""Shows a weighing in Rerun: the moving robot, and the estimates of its trunk and payload over time.
 
-Fed by samples and an estimator, whoever feeds them: a running robot or a log. All sizes of uncertainty are two standard
-deviations; what is not observed is as wide as what is plausible for the robot.
+Its input is samples and an estimator, from a running robot or a log. All uncertainties are drawn as two standard
+deviations; an unobserved quantity is drawn as wide as its plausible range.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _LINK, _TRUNK, _FORCE, _SUPPORT = [150, 160, 175], [150, 160, 175, 90], [224, 14
 
 
 class Viewer:
-    """Draws one robot; a context that ends the recording.
+    """Draws one robot; a context manager that closes the recording.
 
     Args:
         robot: the model.
-        spawn: opens the viewer.
-        save: writes what it would show to this .rrd file.
+        spawn: open the viewer.
+        save: write its recording to this .rrd file.
 
     Raises:
         MissingExtraError: rerun is not installed.
@@ -73,10 +73,10 @@ class Viewer:
         self._rec.disconnect()
 
     def watch(self, samples: Samples, estimator: TrunkEstimator) -> None:
-        """Draws what samples show, and what the estimator knows after them.
+        """Draws samples, and the estimates after them.
 
         Args:
-            samples: IMU values in trunk axes. estimator: that took them in.
+            samples: IMU values in trunk axes. estimator: after processing them.
         """
         for posture in self._postures.of(samples, estimator.mount):
             self._pose = posture
@@ -147,7 +147,7 @@ class Viewer:
         self._changes = len(estimator.changes)
 
     def _draw_payload(self, com: Array, covariance: Array, label: str, posture: Posture, colour: list[int]) -> None:
-        """A box around where its centre of mass is; nothing where no component of it was observed."""
+        """Draws a box around the payload's centre of mass; nothing if no component of it was observed."""
         rr = self._rr
         if np.isnan(com).all():
             self._rec.log("world/payload", rr.Clear(recursive=False))
@@ -166,7 +166,7 @@ class Viewer:
             self._rec.log(f"plots/{what}/{name}", rr.Scalars(band.ravel()))
 
     def _spread(self, covariance: Array, posture: Posture) -> tuple[Array, Array]:
-        """Half axes [m] and attitude of a centre of mass's uncertainty."""
+        """Half axes [m] and orientation of a centre of mass's uncertainty ellipsoid."""
         seen = np.isfinite(np.diag(covariance))
         full = np.diag((self._wide / _SIGMAS) ** 2)
         full[np.ix_(seen, seen)] = covariance[np.ix_(seen, seen)]
@@ -185,18 +185,18 @@ class _Shapes:
             own = [shape for shape in shapes if shape.kind == kind]
             if own:
                 links = [robot.tree.links.index(shape.link) for shape in own]
-                colours = [_LINK if link else _TRUNK for link in links]  # what is in the trunk shows through
+                colours = [_LINK if link else _TRUNK for link in links]  # keeps bodies inside the trunk visible
                 rotations, places = np.array([s.rotation for s in own]), np.array([s.translation for s in own])
                 self._kinds[kind] = (links, rotations, places, np.array([shape.size for shape in own]), colours)
 
     def drawn(self, rr: Any, posture: Posture) -> list[tuple[str, Any]]:
-        """By kind, all of them where they are now."""
+        """Yields all shapes by kind at their present poses."""
         out = []
         for kind, (links, rotations, places, sizes, colours) in self._kinds.items():
             R = posture.rotations[links] @ rotations
             at = np.einsum("nij,nj->ni", posture.rotations[links], places) + posture.origins[links]
             turned = Rotation.from_matrix(R).as_quat()
-            if kind == "capsule":  # Rerun's begin at their first end
+            if kind == "capsule":  # Rerun's capsules start at their first end
                 at = at - 0.5 * sizes[:, 1:] * R[:, :, 2]
             out.append((kind, _archetype(rr, kind, at, turned, sizes, colours)))
         return out
@@ -214,7 +214,7 @@ def _archetype(rr: Any, kind: str, at: Array, turned: Array, sizes: Array, colou
 
 
 def _polygon(posture: Posture) -> list[Array]:
-    """The feet that carry, around and back to the first; nothing of fewer than two."""
+    """Polygon of the loaded feet, closed; empty for fewer than two."""
     corners = posture.contacts[posture.stance]
     if len(corners) < 2:
         return []
@@ -224,7 +224,7 @@ def _polygon(posture: Posture) -> list[Array]:
 
 
 def _band(rr: Any, names: list[str], colours: Any) -> Any:
-    """The look of values with two standard deviations below and above."""
+    """Style of values with two standard deviations below and above."""
     lines = [(f"{name}{part}", colour, width) for name, colour in zip(names, colours, strict=True)
              for part, width in (("", 2.0), (" − 2σ", 0.7), (" + 2σ", 0.7))]  # fmt: skip
     names, colours, widths = (list(column) for column in zip(*lines, strict=True))
@@ -236,7 +236,7 @@ def _level(verdict: str) -> str:
 
 
 def _blueprint(size: float) -> rerun.blueprint.Blueprint:
-    """The robot, of links up to so long [m], above what happened, and what is known over time."""
+    """Layout: the robot, with links up to this length [m], above the events, and the estimates over time."""
     import rerun.blueprint as rrb
 
     names = {"mass": "mass [kg] ± 2σ", "com": "centre of mass [m] ± 2σ: x red, y green, z blue"}

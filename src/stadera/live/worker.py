@@ -1,4 +1,4 @@
-"""The thread that does all the work, in the order in which messages and requests came."""
+"""Worker thread that processes messages and requests in order of arrival."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stadera.logs.recording import Recording
 
 
 class _Request(NamedTuple):
-    """Something to be done between two messages, and what gets the answer."""
+    """A request to be processed between two messages, and the function that receives the answer."""
 
     do: Callable[[], Answer]
     reply: Callable[[Answer], None]
@@ -26,16 +26,16 @@ _Item = Arrival | Recording | _Request
 
 
 class Worker:
-    """Feeds a session in a thread of its own. `put` and `ask` never wait, and may be called from any thread.
+    """Feeds a session in a separate thread. `put` and `ask` never wait, and may be called from any thread.
 
     Args:
-        session: that nobody else touches from `start` to `stop`.
-        keep: called with every message before it is worked on.
+        session: not to be used by others between `start` and `stop`.
+        keep: called with every message before it is processed.
 
     Attributes:
-        sinks: called in the worker's thread with a state every `period`, and at once when something changed.
-        dropped: messages that were dropped because the queue was full, the oldest first.
-        failure: a fault of the program that ended the thread; None while there is none.
+        sinks: called in the worker's thread with a state every `period`, and at once after a change.
+        dropped: number of messages dropped because the queue was full, the oldest first.
+        failure: the exception that ended the thread; None if there is none.
     """
 
     def __init__(
@@ -54,30 +54,30 @@ class Worker:
         self.failure: BaseException | None = None
 
     def start(self) -> None:
-        """Begins to work."""
+        """Starts the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Works off what waits, sends a last state, and ends; returns when that is done."""
+        """Processes the queue, sends a last state, and ends; returns when that is done."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def put(self, item: Arrival | Recording) -> None:
-        """Queues a message, or samples of a log. With a full queue the oldest message is dropped."""
+        """Queues a message, or samples of a log. If the queue is full the oldest message is dropped."""
         with self._lock:
             self._waiting.append(item)
             if len(self._waiting) > self._settings.queue:
                 self._drop_oldest()
 
     def ask(self, do: Callable[[], Answer], reply: Callable[[Answer], None]) -> None:
-        """Queues a request such as `session.tare`; its answer is given in the worker's thread."""
+        """Queues a request such as `session.tare`; its answer is passed to `reply` in the worker's thread."""
         with self._lock:
             self._waiting.append(_Request(do, reply))
 
     @property
     def pending(self) -> int:
-        """How many items wait."""
+        """Number of queued items."""
         return len(self._waiting)
 
     # -- inside -----------------------------------------------------------------------------------------------
@@ -96,11 +96,11 @@ class Worker:
                     items, self._waiting = self._waiting, deque()
                 self.work(items)
                 self._send(final=stopping)
-        except BaseException as error:  # handed to whoever waits for the thread
+        except BaseException as error:  # passed to the thread that waits for this one
             self.failure = error
 
     def work(self, items: Sequence[_Item]) -> None:
-        """Works off items: neighbouring messages together, requests and samples one by one."""
+        """Processes items: consecutive messages together, requests and samples one by one."""
         arrivals: list[Arrival] = []
         for item in items:
             if isinstance(item, Arrival):
@@ -117,7 +117,7 @@ class Worker:
         self._session.feed(arrivals)
 
     def _fed_until(self, now: float) -> float:
-        """Arrival of the oldest message that waits; now if there is none."""
+        """Arrival of the oldest queued message; now if there is none."""
         with self._lock:
             return next((item.arrived for item in self._waiting if isinstance(item, Arrival)), now)
 
