@@ -10,10 +10,10 @@ _PACKAGES = ("mujoco", "proxsuite")
 
 
 def require_lab(purpose: str) -> None:
-    """Check that the packages of the extra `lab` are installed.
+    """Checks that the packages of the extra `lab` are installed.
 
     Raises:
-        MissingExtraError: one is not; `purpose` says what needs it.
+        MissingExtraError: one is missing; `purpose` names the feature that needs it.
     """
     for package in _PACKAGES:
         if find_spec(package) is None:

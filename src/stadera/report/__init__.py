@@ -1,1 +1,1 @@
-"""Tables, plots, pages and JSON of results, made from the results alone."""
+"""Tables, figures, pages and JSON, made from results."""

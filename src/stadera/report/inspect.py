@@ -1,4 +1,4 @@
-"""What is in a robot model or a log, in the terminal."""
+"""Terminal output of a robot model's or a log's content."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOST_GAPS = 5
 
 
 def robot_contents(robot: Robot) -> Iterator[RenderableType]:
-    """A robot's links with their masses, its joints with their limits, and what the loader assumed."""
+    """A robot's links with their masses, its joints with their limits, and the loader's assumptions."""
     yield Text(f"{robot.name}: {number(robot.mass)} kg, from {robot.source or 'memory'}", style="bold")
     yield rich_table(_link_table(robot))
     yield rich_table(_joint_table(robot))
@@ -60,7 +60,7 @@ def _limits(robot: Robot, joint: str) -> list[str]:
 def log_contents(
     summary: LogSummary, fits: Sequence[str], inspection: Inspection | None = None
 ) -> Iterator[RenderableType]:
-    """A log's duration, rate, gaps and signals, the robots it fits, and the faults found where they were looked for."""
+    """A log's duration, rate, gaps and signals, matching robots, and faults if they were checked."""
     yield Text(f"{summary.source}: {summary.duration:.3f} s, {summary.samples} samples", style="bold")
     yield _facts(summary, fits)
     ranges = ((signal.name, number(signal.low), number(signal.high), signal.unit) for signal in summary.ranges)

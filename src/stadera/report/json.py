@@ -10,6 +10,6 @@ def json_text(value: Any) -> str:
     """Indented JSON with a newline at the end.
 
     Raises:
-        ValueError: a number that JSON does not have (NaN, infinity).
+        ValueError: a number that JSON cannot represent (NaN, infinity).
     """
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

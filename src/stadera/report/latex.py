@@ -1,4 +1,4 @@
-"""Tables for LaTeX: booktabs, figures in math mode, plain ASCII, so that any engine takes them."""
+"""Tables for LaTeX: booktabs, numbers in math mode, plain ASCII, for any engine."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ _RAISED = re.compile("[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 
 
 def latex(tables: Iterable[TableData]) -> str:
-    """Floats of the tables, one after the other, for `\\usepackage{booktabs}`."""
+    """Floats of all tables, for `\\usepackage{booktabs}`."""
     return "% made by stadera; needs \\usepackage{booktabs}\n" + "\n".join(map(_float, tables))
 
 
 def escaped(text: str) -> str:
-    """Text as LaTeX, ASCII alone; a character that there is no command for becomes a question mark."""
+    """Escapes text as ASCII LaTeX; characters without a command become question marks."""
     text = _RAISED.sub(lambda found: f"\0{found.group().translate(_SUPERSCRIPT)}\1", text)
     made = "".join(_TEXT.get(c, c if c.isascii() else "?") for c in text)
     return made.replace("\0", "$^{").replace("\1", "}$").replace("$$", "")

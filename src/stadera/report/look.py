@@ -1,4 +1,4 @@
-"""The one look: the colours of pages, plots and figures, light and dark, each by the name of its CSS variable."""
+"""Colours of pages and figures, light and dark, each named by its CSS variable."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ ROLES: dict[str, str] = {
     "truth": "green",
     "limit": "red",
 }
-"""The colour of what a curve stands for."""
+"""Colour of each kind of curve."""
 
 LEGS: tuple[str, ...] = ("blue", "orange", "green", "purple")
 """Colours of LF, RF, LH, RH."""
 
 
 def light(name: str) -> str:
-    """The colour on white, for figures that are printed."""
+    """Colour on white, for printed figures."""
     return COLOURS[name][0]
 
 
 def style_variables() -> str:
-    """All colours as CSS variables, dark where the reader's system is; print is always light."""
+    """All colours as CSS variables, dark if the reader's system is; print is always light."""
     on_white, on_black = ("".join(f"--{name}:{c[k]};" for name, c in COLOURS.items()) for k in (0, 1))
     dark = f"@media screen and (prefers-color-scheme:dark){{:root{{color-scheme:dark;{on_black}}}}}"
     return f":root{{color-scheme:light;{on_white}}}{dark}"

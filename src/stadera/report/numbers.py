@@ -1,4 +1,4 @@
-"""Numbers as text: significant digits, values with standard deviations, changes in percent."""
+"""Formats numbers: significant digits, values with standard deviations, changes in percent."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from math import floor, isfinite, log10
 
 
 def number(value: float, digits: int = 4, without: str = "none") -> str:
-    """A number with that many significant digits, powers of ten written out; `without` for one that is not finite."""
+    """Formats a number with that many significant digits and without exponents; `without` replaces values that are not
+    finite.
+    """
     if not isfinite(value):
         return without
     if value == 0.0:
@@ -19,7 +21,7 @@ def number(value: float, digits: int = 4, without: str = "none") -> str:
 
 
 def with_std(value: float, std: float) -> str:
-    """A number and its standard deviation, both to the deviation's second significant digit.
+    """Formats a number with its standard deviation, both to the deviation's second significant digit.
 
     A value without a positive standard deviation is shown alone, one that is not finite as "not observed".
     """
@@ -36,7 +38,7 @@ def with_std(value: float, std: float) -> str:
 
 
 def percent(new: float, old: float) -> str:
-    """How much smaller (−) or larger (+) a number became."""
+    """Formats the relative decrease (−) or increase (+) of a number."""
     return _minus(f"{100.0 * (new / old - 1.0):+.0f} %") if old else "none"
 
 

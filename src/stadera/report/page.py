@@ -1,7 +1,7 @@
-"""Pages: one file with its style, script library and figures, made from a jinja2 template, that loads nothing.
+"""Makes self-contained pages from jinja2 templates, with style, script library and figures included.
 
-A template extends `page.html.j2` and uses the parts of `parts.html.j2`. Other packages, such as the laboratory, keep
-templates of their own in a folder `templates`.
+A template extends `page.html.j2` and uses the macros of `parts.html.j2`. Other packages, such as the laboratory, keep
+their templates in a folder `templates`.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from stadera.report.table import MARKS
 
 
 def render(template: str, package: str = "stadera.report", **values: Any) -> str:
-    """A whole page from a template; all text in `values` is escaped.
+    """Renders a page from a template; all text in `values` is escaped.
 
     Args:
         template: the file's name in the package's folder `templates`.
-        package: where templates are looked for before this package.
-        values: what the template shows.
+        package: searched for templates before this package.
+        values: variables of the template.
     """
     return _environment(package).get_template(template).render(values)
 
 
 def script_data(json: str) -> Markup:
-    """JSON as the text of a script element, which it cannot end."""
+    """JSON as the text of a script element, which it cannot terminate."""
     return Markup(json.replace("</", "<\\/"))
 
 
@@ -62,23 +62,23 @@ def _environment(package: str) -> Environment:
 
 
 def _asset(package: str, name: str) -> Markup:
-    """A style or script from a folder `templates`, as it is."""
+    """A style or script from a folder `templates`, unescaped."""
     return Markup((resources.files(package) / "templates" / name).read_text(encoding="utf-8"))
 
 
 def _plot_library() -> Markup:
-    """The script that draws figures, read only for a page that has some; see `vendor/README.md`."""
+    """The script that draws figures, included only in pages with figures; see `vendor/README.md`."""
     return Markup((resources.files("stadera.report") / "vendor" / "plotly-basic.min.js").read_text(encoding="utf-8"))
 
 
 def commands(sentence: str) -> Markup:
-    """A sentence with what is between backquotes as code."""
+    """A sentence with the parts between backquotes as code."""
     parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(sentence.split("`")))
     return Markup("").join(parts)
 
 
 def _swatch(mark: Series | Bars | Guide) -> str:
-    """How the legend shows a mark: the class of its swatch."""
+    """CSS class of a mark's swatch in the legend."""
     if isinstance(mark, Guide):
         return "dots" if mark.end is None else "tint"
     if isinstance(mark, Bars):

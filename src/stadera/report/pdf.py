@@ -1,4 +1,4 @@
-"""Pages as PDF, printed by a Chromium or Chrome that is installed; without one, a clear refusal."""
+"""Prints pages as PDF with an installed Chromium or Chrome."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ _OPTIONS = (
     "--disable-background-networking",
     "--no-first-run",
     "--no-pdf-header-footer",
-    "--virtual-time-budget=10000",  # ms, for the plots to be drawn
+    "--virtual-time-budget=10000",  # ms, for drawing the plots
 )
-_LONGEST = 120.0  # s that printing may take
+_LONGEST = 120.0  # s, time limit for printing
 
 
 def find_browser(path: str | Path) -> str:
-    """The browser that prints a page as the PDF `path`.
+    """Finds a browser for printing to `path`.
 
     Raises:
-        StaderaError: none was found.
+        StaderaError: there is none.
     """
     found = next((place for name in BROWSERS if (place := shutil.which(name))), None)
     if found is None:
@@ -49,7 +49,7 @@ def write_pdf(page: str, path: str | Path) -> None:
     """Prints a page to a file.
 
     Raises:
-        StaderaError: no browser was found, or it did not print.
+        StaderaError: there is no browser, or printing failed.
     """
     browser = find_browser(path)
     with tempfile.TemporaryDirectory(prefix="stadera-") as folder:

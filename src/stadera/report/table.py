@@ -1,4 +1,4 @@
-"""Tables as plain values, drawn alike in the terminal (`terminal.rich_table`) and on pages (the macro `table`)."""
+"""Tables as plain values, drawn in the terminal (`terminal.rich_table`) and on pages (the macro `table`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stadera.identify.observability import Identifiability
 
 @dataclass(frozen=True)
 class Mark:
-    """How an observability verdict is shown: a symbol and a word besides the colour, which is never the only carrier.
+    """Presentation of an observability verdict: a symbol and a word in addition to the colour.
 
     Attributes:
         symbol, word: of the verdict.
@@ -38,15 +38,15 @@ MARKS: dict[Identifiability, Mark] = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One entry of a table.
+    """One cell of a table.
 
     Attributes:
-        text: as printed.
-        verdict: how far the data determine it (Table I's colours); None for what was not identified.
-        strong: whether it stands out.
-        good: whether it is good or bad news; None for neither.
-        muted: whether it recedes, as a value that was not measured does.
-        note: printed after it, less prominently.
+        text: the displayed text.
+        verdict: observability (Table I's colours); None for values that were not identified.
+        strong: whether it is emphasised.
+        good: True for good and False for bad news; None for neither.
+        muted: whether it is de-emphasised, such as a value that was not measured.
+        note: displayed after it, less prominently.
     """
 
     text: str
@@ -58,7 +58,7 @@ class Cell:
 
     @property
     def mark(self) -> Mark | None:
-        """The mark of its verdict."""
+        """Mark of its verdict."""
         return None if self.verdict is None else MARKS[self.verdict]
 
     @property
@@ -78,12 +78,12 @@ class TableData:
     """A table: a head, and rows grouped under headings.
 
     Attributes:
-        title: what it shows.
-        head: one text a column; the first column holds the rows' names.
+        title: of the table.
+        head: one text for each column; the first column contains the rows' names.
         groups: heading (may be empty) and its rows, each as long as the head.
         note: how to read it.
-        sides: for each column "l" (left), "r" (right) or "w" (left, long text that wraps); empty for names to the left
-            in the first column and figures to the right.
+        sides: for each column "l" (left), "r" (right) or "w" (left, wrapping text); empty for names to the left in the
+            first column and values to the right.
 
     Raises:
         StaderaError: a row or `sides` that does not fit the head.
@@ -104,7 +104,7 @@ class TableData:
         note: str = "",
         sides: str = "",
     ) -> TableData:
-        """From rows of cells or texts; a mapping groups them under its keys."""
+        """Makes a table from rows of cells or texts; a mapping groups them under its keys."""
         grouped = body if isinstance(body, Mapping) else {"": body}
         groups = tuple((heading, tuple(map(_cells, rows))) for heading, rows in grouped.items())
         return cls(title, tuple(head), groups, note, sides)
@@ -119,12 +119,12 @@ class TableData:
 
     @property
     def columns(self) -> str:
-        """The side of each column."""
+        """Alignment of each column."""
         return self.sides or "l" + "r" * (len(self.head) - 1)
 
     @property
     def has_verdicts(self) -> bool:
-        """Whether it uses the colours of observability."""
+        """True if it uses the colours of observability."""
         return any(cell.verdict is not None for _, rows in self.groups for row in rows for cell in row)
 
 

@@ -1,4 +1,4 @@
-"""Tables, legends and notes in the terminal, all in one look."""
+"""Tables, legends and notes for the terminal, in a common style."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SIDES: dict[str, Literal["left", "right"]] = {"l": "left", "w": "left", "r": "r
 
 
 def rich_table(data: TableData) -> Table:
-    """The table with title and headings as they are given: rich would take a plain "[kg]" for markup and drop it."""
+    """Converts a table, with literal title and headings: rich would interpret "[kg]" as markup and drop it."""
     drawn = Table(title=Text(data.title), title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     for heading, side in zip(data.head, data.columns, strict=True):
         drawn.add_column(Text(heading), justify=_SIDES[side], overflow="fold")
@@ -29,7 +29,7 @@ def rich_table(data: TableData) -> Table:
 
 
 def legend(note: str = "") -> Text:
-    """What the symbols and colours of observability mean."""
+    """Legend of the symbols and colours of observability."""
     text = Text()
     for mark in MARKS.values():
         text.append(f"{mark.symbol} {mark.word}  ", style=mark.style)
@@ -37,7 +37,7 @@ def legend(note: str = "") -> Text:
 
 
 def notes(sentences: Iterable[str]) -> Iterator[Text]:
-    """Notes on how a result was made, a line each."""
+    """Notes on a result, one line each."""
     return (Text(f"note: {sentence}", style="dim") for sentence in sentences)
 
 

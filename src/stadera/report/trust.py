@@ -1,4 +1,4 @@
-"""Trust in words and colours, for every result."""
+"""Trust as text and colours, common to all results."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from stadera.report.table import Cell, TableData
 from stadera.trust import Trust
 
 Level = Literal["bad", "warning", "note"]
-"""How serious a remark is; also its CSS class."""
+"""Severity of a remark; also its CSS class."""
 
 LEVELS: dict[str, Level] = {"good": "note", "doubtful": "warning", "bad": "bad"}
-"""By verdict."""
+"""Level of each verdict."""
 
 STYLES: dict[Level, str] = {"bad": "bold red", "warning": "yellow", "note": "dim"}
-"""In the terminal."""
+"""Styles in the terminal."""
 
 
 UNTRUSTED = "untrusted"
-"""The mark of every figure of a result that is bad."""
+"""Mark on every value of a bad result."""
 
 
 def trust_text(trust: Trust, reasons: bool = True) -> str:
@@ -32,13 +32,13 @@ def trust_text(trust: Trust, reasons: bool = True) -> str:
 
 
 def trust_reasons(trust: Trust) -> str:
-    """What the verdict rests on: misfit and reasons, as sentences."""
+    """Basis of the verdict: misfit and reasons, as sentences."""
     misfit = f"Misfit {number(trust.misfit, 3)}, where 1 is right." if isfinite(trust.misfit) else ""
     return " ".join([misfit, *(f"{reason[:1].upper()}{reason[1:]}." for reason in trust.reasons)]).strip()
 
 
 def marked(data: TableData, trust: Trust) -> TableData:
-    """The table as it is, or with every estimated figure marked if the result is not to be trusted."""
+    """The table unchanged, or with every estimated value marked if the result cannot be trusted."""
     if trust.verdict != "bad":
         return data
     groups = ((heading, tuple((row[0], *map(_marked, row[1:])) for row in rows)) for heading, rows in data.groups)

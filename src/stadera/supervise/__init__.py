@@ -1,4 +1,4 @@
-"""Supervisors: detect that a walking robot's load has changed and have it weighed, at rest or while it walks on."""
+"""Supervisors that detect a change of a walking robot's load and have it weighed, at rest or while walking."""
 
 from stadera.supervise.load_test import LoadCheck, LoadTest, LoadTestSettings
 from stadera.supervise.nonstop import NonstopSupervisor

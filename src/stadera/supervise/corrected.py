@@ -1,4 +1,4 @@
-"""Contact forces without the known torque offsets, and the payload weighed by them."""
+"""Contact forces corrected for known torque offsets, and the payload weighed with them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class CorrectedForces:
-    """Contact forces of torques whose constant offsets are known.
+    """Contact forces from torques whose constant offsets are known.
 
     Attributes:
-        forces: its noise has the offsets' remaining uncertainty for their constant part.
+        forces: its noise has the offsets' remaining uncertainty as the constant part.
         offsets: (12,) [N·m], leg by leg.
     """
 
@@ -34,17 +34,17 @@ class CorrectedForces:
 
     @classmethod
     def of(cls, forces: ContactForceEstimator, offsets: Array, std: Array) -> CorrectedForces:
-        """Offsets and their standard deviations, (12,) [N·m]."""
+        """Makes the correction from offsets and their standard deviations, (12,) [N·m]."""
         noise = replace(forces.noise, torque_constant=std.reshape(4, 3))
         return cls(ContactForceEstimator(forces.robot, noise, jacobian=forces.jacobian), offsets)
 
     @classmethod
     def none(cls, forces: ContactForceEstimator) -> CorrectedForces:
-        """Without a correction."""
+        """No correction."""
         return cls(forces, np.zeros(12))
 
     def measurement(self, m: Measurement) -> Measurement:
-        """The measurement less the offsets; itself if there are none."""
+        """The measurement minus the offsets; the measurement itself if there are none."""
         if not self.offsets.any():
             return m
         effort = m.effort.copy()
@@ -52,7 +52,7 @@ class CorrectedForces:
         return replace(m, effort=effort)
 
     def pose(self, pose: PoseMean) -> PoseMean:
-        """The mean of a pose less the offsets."""
+        """The mean of a pose minus the offsets."""
         mean = PoseMean(self.measurement(pose.measurement))
         mean.count = pose.count
         return mean
@@ -60,18 +60,18 @@ class CorrectedForces:
 
 @dataclass(frozen=True)
 class PayloadSettings:
-    """What is kept to weigh the payload by: the last poses, and measurements that wait to be confirmed."""
+    """Sizes of the stores for weighing the payload: latest poses, and measurements that await confirmation."""
 
     most_poses: int = 12
     most_waiting: int = 1000
 
 
 class PayloadScale:
-    """Keeps poses at rest without the payload and with it.
+    """Stores poses at rest without and with the payload.
 
     Args:
         forces: of the robot's legs.
-        tare: the trunk without the payload; used where no pose of it was held at rest.
+        tare: the trunk without the payload; used if no such pose was held at rest.
         settings: None for the defaults.
     """
 
@@ -85,9 +85,9 @@ class PayloadScale:
         self._waiting: deque[Measurement] = deque(maxlen=self._settings.most_waiting)
 
     def take(self, m: Measurement, *, loaded: bool) -> None:
-        """One more measurement, with the load or of the tare; motion is ignored.
+        """Adds a measurement, with the load or of the tare; measurements in motion are ignored.
 
-        Those of the tare wait until a check says that nothing had changed (`confirm`).
+        Those of the tare are kept back until a check confirms that nothing had changed (`confirm`).
         """
         if self._gate.complaint(m, self._forces.at(m)):
             return
@@ -97,7 +97,7 @@ class PayloadScale:
             self._waiting.append(m)
 
     def confirm(self, until: float) -> None:
-        """Nothing had changed until this time [s]: the tare's measurements up to it count."""
+        """Confirms that nothing had changed until this time [s]: the tare's measurements up to it are used."""
         while self._waiting and self._waiting[0].time <= until:
             self._add(self._waiting.popleft(), self._before)
 
@@ -107,15 +107,15 @@ class PayloadScale:
             del poses[: -self._settings.most_poses]
 
     def new_load(self) -> None:
-        """The load has changed: what has not been confirmed is dropped."""
+        """Discards unconfirmed measurements after a change of the load."""
         self._after.clear()
         self._waiting.clear()
 
     def payload(self, trunk: TrunkEstimate, corrected: CorrectedForces) -> Payload:
         """The payload since the tare.
 
-        By the difference of poses, in which constant errors cancel; where none was held before, by the difference of
-        `trunk` to the tare.
+        Computed from the difference of poses, in which constant errors cancel; if no pose was held without the payload,
+        from the difference between `trunk` and the tare.
         """
         if not (self._before and self._after):
             return payload_of_difference(self._tare, trunk)

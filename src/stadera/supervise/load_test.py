@@ -1,28 +1,28 @@
-"""Whether the load has changed: a test of each moment near rest, with a stated false-alarm rate.
+"""Tests for a change of the load at each moment near rest, with a specified false-alarm rate.
 
-What is unknown while nothing changes: the trunk's mass m (load included) and the run's constant torque offsets n, as a
-Gaussian x = (m, n) ~ N(x̂, P). Moment k says
+While nothing changes, the unknowns are the trunk's mass m (load included) and the run's constant torque offsets n, as a
+Gaussian x = (m, n) ~ N(x̂, P). Moment k gives
 
     m_k = h_k x + e_k,     h_k = (1, s_k),     e_k ~ N(0, σ_k² + σ_u²)
 
-(s_k, σ_k: `stadera.supervise.rest`; σ_u: what statics leave unexplained while a robot walks). So, with nothing changed,
+(s_k, σ_k: `stadera.supervise.rest`; σ_u: residual of statics while a robot walks). So, if nothing has changed,
 
     ν_k = m_k - h_k x̂ ~ N(0, S_k),     S_k = h_k P h_kᵀ + σ_k² + σ_u²
 
-The offsets bias the mass by an amount that depends on the pose, the same in every cycle of a run. If they were only
-part of the variance, one unlucky draw of them would be tested over and over. Since m and n are estimated from all
+The offsets bias the mass by an amount that depends on the pose and is the same in every cycle of a run. If they were
+only part of the variance, one unlucky draw of them would be tested repeatedly. Since m and n are estimated from all
 moments (Kalman filter, constant state), the innovations ν_k are independent of one another, and
 
     |ν_k| > z √S_k,     z = Φ⁻¹(1 - α / 2)
 
-raises a false alarm with probability α in each check, whatever the run. α follows from the rate of false alarms that is
-asked for: at most one check is made in each interval, so α = rate x interval. A change δ is missed by one check with
-probability Φ(z - |δ| / √S_k): `LoadTest.detectable` is the δ for which that is a given one.
+raises a false alarm with probability α in each check, in any run. α follows from the specified rate of false alarms: at
+most one check is made in each interval, so α = rate x interval. A change δ is missed by one check with probability Φ(z
+- |δ| / √S_k): `LoadTest.detectable` is the δ for a given probability.
 
-After a change the mass is unknown again and the offsets are kept: P_mm is made large, P_mn zero.
+After a change the mass is unknown again and the offsets are kept: P_mm is set to a large value, P_mn to zero.
 
-A leg in the air measures its own offsets (`stadera.supervise.offsets`), three of x's components. Offsets may drift:
-before every such measurement their variance grows a little.
+A leg in the air measures its own offsets (`stadera.supervise.offsets`), three of x's components. Offsets may drift, so
+their variance is increased slightly before every such measurement.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ class LoadTestSettings:
     """Settings of the test.
 
     Attributes:
-        false_alarms: tolerated, per hour of walking.
-        interval: between checks, at least [s].
+        false_alarms: accepted, per hour of walking.
+        interval: least time between checks [s].
         unexplained: σ_u, as a share of the robot's mass.
-        prior: standard deviation of the prior mass, as a share of the robot's mass; a load that is there from the
-            beginning is noticed if it is larger than that explains.
-        drift: of a torque offset from one swing of its leg to the next, as a share of what offsets usually are.
+        prior: standard deviation of the prior mass, as a share of the robot's mass; a load present from the beginning
+            is detected if it is significantly larger.
+        drift: of a torque offset from one swing of its leg to the next, as a share of the offsets' usual size.
 
     Raises:
-        StaderaError: a value that is not positive, more than one false alarm in two checks.
+        StaderaError: a value is not positive, or there is more than one false alarm in two checks.
     """
 
     false_alarms: float = 0.1
@@ -84,8 +84,8 @@ class LoadCheck:
 
     Attributes:
         time: [s], of the end of the moment.
-        mass: [kg], of trunk and load as it came out; expected: by the estimate before.
-        std: [kg], √S of their difference while nothing has changed.
+        mass: [kg], of trunk and load, from this moment; expected: from the estimate before.
+        std: [kg], √S of their difference if nothing has changed.
         threshold: [kg], z √S.
     """
 
@@ -97,21 +97,21 @@ class LoadCheck:
 
     @property
     def change(self) -> float:
-        """ν [kg], positive where something was put on."""
+        """ν [kg], positive if mass was added."""
         return self.mass - self.expected
 
     @property
     def changed(self) -> bool:
-        """Whether the load has changed."""
+        """True if the load has changed."""
         return abs(self.change) > self.threshold
 
 
 class LoadTest:
-    """The estimate of mass and torque offsets, and the test of each moment against it.
+    """Estimates mass and torque offsets, and tests each moment against them.
 
     Args:
-        robot_mass: [kg], what shares are of.
-        trunk_mass: [kg], the prior.
+        robot_mass: [kg], reference of the shares.
+        trunk_mass: [kg], prior.
         noise: of the torques.
         settings: None for the defaults.
     """
@@ -130,21 +130,23 @@ class LoadTest:
 
     @property
     def mass(self) -> float:
-        """Of trunk and load, estimated [kg]."""
+        """Estimated mass of trunk and load [kg]."""
         return float(self._x[0])
 
     @property
     def mass_std(self) -> float:
-        """[kg]."""
+        """Standard deviation of the mass [kg]."""
         return sqrt(self._P[0, 0])
 
     @property
     def offsets(self) -> Array:
-        """Of the torques, estimated, (12,) [N·m], leg by leg."""
+        """Estimated torque offsets, (12,) [N·m], leg by leg."""
         return self._x[1:].copy()
 
     def check(self, moment: RestMoment) -> LoadCheck | None:
-        """Tests a moment; updates the estimate unless the load has changed. None if too soon after the last."""
+        """Tests a moment, and updates the estimate unless the load has changed. None if too soon after the last
+        check.
+        """
         if moment.end - self._checked < self.settings.interval:
             return None
         self._checked = moment.end
@@ -159,11 +161,11 @@ class LoadTest:
 
     @property
     def offsets_std(self) -> Array:
-        """(12,) [N·m]."""
+        """Standard deviations of the offsets, (12,) [N·m]."""
         return np.asarray(np.sqrt(np.diag(self._P)[1:]))
 
     def learn_offsets(self, swing: LegOffsets) -> None:
-        """Updates a leg's offsets with those measured on a swing."""
+        """Updates a leg's offsets from a measurement in swing."""
         own = slice(1 + 3 * swing.leg, 4 + 3 * swing.leg)
         self._P[own, own] += np.diag(self._drift[swing.leg])
         gain = np.linalg.solve(self._P[own, own] + np.diag(swing.variance), self._P[own]).T
@@ -172,11 +174,11 @@ class LoadTest:
         self._P = 0.5 * (self._P + self._P.T)
 
     def detectable(self, moment: RestMoment, missed: float = 1e-3) -> float:
-        """The change of mass [kg] that a check of this moment misses with this probability."""
+        """The change of mass [kg] that a check of this moment misses with the given probability."""
         return (self.settings.deviations - float(ndtri(missed))) * sqrt(self._innovation(moment)[2])
 
     def forget_mass(self) -> None:
-        """The load is another one of unknown mass; the offsets are kept."""
+        """Resets the mass after a change of the load; the offsets are kept."""
         self._P[0, :] = self._P[:, 0] = 0.0
         self._P[0, 0] = self._robot_mass**2
 

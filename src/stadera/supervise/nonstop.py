@@ -21,17 +21,17 @@ from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 
 class NonstopSupervisor(Supervised):
-    """Gets every measurement, and gives a walker the trunk's estimate.
+    """Processes every measurement, and passes the trunk's estimate to a walker.
 
-    The first estimate that is accurate enough is the tare. It is refined with the trunk until a load comes on. STANDING
-    is final: the walker cannot walk on, or the load is too heavy.
+    The first sufficiently accurate estimate is the tare, which is refined with the trunk until a load is added.
+    STANDING is final: the walker cannot continue, or the load is too heavy.
 
     Args:
         robot: the model that estimators use.
-        walker: taken to walk.
-        trunk: that controller and planner use at first; None for the robot's own.
+        walker: assumed to be walking.
+        trunk: initial model of controller and planner; None for the robot's own.
         settings: of the estimator; None for the defaults.
-        limits: how accurate a trunk must be for the controller; None for `TrustLimits.of(robot)`.
+        limits: accuracy that the controller needs; None for `TrustLimits.of(robot)`.
 
     Attributes:
         estimator: of the trunk.
@@ -53,21 +53,21 @@ class NonstopSupervisor(Supervised):
 
     @property
     def noticed(self) -> tuple[float, ...]:
-        """When changes of the load were noticed [s]."""
+        """Times of detection of changes of the load [s]."""
         return tuple(self._noticed)
 
     @property
     def estimate(self) -> TrunkEstimate:
-        """Of the trunk, accurate enough for the controller or not."""
+        """The trunk's estimate, whether accurate enough for the controller or not."""
         return self.estimator.estimate()
 
     @property
     def payload(self) -> Payload | None:
-        """The payload since the tare; None before."""
+        """The payload since the tare; None before the tare."""
         return self.estimator.payload
 
     def update(self, m: Measurement) -> None:
-        """One more measurement. Times must increase."""
+        """Processes one measurement. Times must increase."""
         self._trusted.update(m)
         estimate = self.estimator.estimate()
         if self.state is State.STANDING or estimate is self._seen:
@@ -87,7 +87,7 @@ class NonstopSupervisor(Supervised):
                 self._become(time, State.WEIGHING, _sentence(changes[-1]))
 
     def _hand_on(self, time: float) -> None:
-        """Gives the trunk to the walker, if it is accurate enough and a new one."""
+        """Passes the trunk to the walker, if it is accurate enough and new."""
         found = self._trusted.estimate()
         if found is self._handed or found.status not in (Status.MOVING, Status.CONVERGED):
             return

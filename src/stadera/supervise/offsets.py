@@ -1,17 +1,17 @@
-"""Constant torque offsets from legs in the air, which carry nothing.
+"""Estimates constant torque offsets from legs in the air, which carry no load.
 
-A swinging leg carries nothing, so with n the offsets of its torques (measured minus true), h what holds it against
-gravity and its own motion, M its inertia (`stadera.robot.dynamics`) and friction as known
+For a swinging leg, with n the offsets of its torques (measured minus true), h the torque against gravity and due to its
+own motion, M its inertia (`stadera.robot.dynamics`) and known friction,
 
     n = τ_measured - h - friction - M q̈
 
-No joint acceleration is measured, but over the swing's time T, with Ṁ q̇ = d/dt (M q̇) - M q̈,
+Joint accelerations are not measured, but over the swing's time T, with Ṁ q̇ = d/dt (M q̇) - M q̈,
 
     n = 1/T [ ∫ (τ - h - friction) dt - (M q̇)|end + (M q̇)|begin + ∫ Ṁ q̇ dt ]
 
-Both ends of the swing, where the foot may touch, are left out. An acceleration of the trunk's rotation is not in h;
-over a swing it comes to next to nothing. The uncertainty is that of the torques' white noise, of the velocities at both
-ends, and a share of what offsets usually are for what is left unmodelled.
+Both ends of the swing, where the foot may touch the ground, are excluded. The trunk's angular acceleration is not in h;
+over a swing its effect is negligible. The uncertainty combines the white noise of the torques, that of the velocities
+at both ends, and a share of the offsets' usual size for unmodelled effects.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class OffsetSettings:
-    """How torque offsets are measured on a swinging leg.
+    """Settings for measuring torque offsets on a swinging leg.
 
     Attributes:
-        left_out: at both ends of a swing, where the foot may touch [s].
-        shortest: of what is left [s].
-        unmodelled: share of the offsets' usual size that is left unmodelled.
+        left_out: time excluded at both ends of a swing, where the foot may touch the ground [s].
+        shortest: remaining time needed [s].
+        unmodelled: unmodelled part as a share of the offsets' usual size.
         ends: samples over which velocities at the ends are averaged.
         velocity: white noise of a joint's velocity [rad/s].
     """
@@ -48,10 +48,10 @@ class OffsetSettings:
 
 @dataclass(frozen=True, eq=False)
 class LegOffsets:
-    """A leg's torque offsets by one swing.
+    """A leg's torque offsets from one swing.
 
     Attributes:
-        leg: its index.
+        leg: index of the leg.
         time: [s], of the swing's end.
         value: (3,) [N·m]. variance: (3,) [(N·m)²].
     """
@@ -71,7 +71,7 @@ class _Swing:
 
 
 class SwingOffsets:
-    """Gathers swings, sample by sample, from measurements that say which legs are meant to carry.
+    """Collects swings, sample by sample, from measurements that state which legs are in stance.
 
     Args:
         legs: of the robot.
@@ -85,7 +85,7 @@ class SwingOffsets:
         self._swings: dict[int, _Swing] = {}
 
     def update(self, m: Measurement) -> list[LegOffsets]:
-        """One more measurement; the offsets by the swings that ended with it."""
+        """Processes one measurement; returns the offsets from the swings that ended with it."""
         if m.stance is None:
             return []
         found = []
@@ -114,7 +114,7 @@ class SwingOffsets:
         time, torque, M, rate = (
             np.array(values)[inside] for values in (swing.time, swing.torque, swing.inertia, swing.rate)
         )
-        # the integrals run between the middles of the two groups that the ends are averaged over
+        # the integrals run between the midpoints of the two groups of samples averaged at the ends
         first, last = ends // 2, len(time) - 1 - ends // 2
         momentum = (M @ rate[:, :, None])[:, :, 0]
         begin, end = momentum[:ends].mean(axis=0), momentum[-ends:].mean(axis=0)

@@ -1,18 +1,19 @@
-"""Moments near rest while a robot walks, and the trunk's mass in each.
+"""Finds moments near rest while a robot walks, and the trunk's mass in each.
 
-Each time velocity and acceleration approach zero with all four feet down (the paper's section V.C), Newton's law along
-the vertical u (trunk axes) weighs the trunk. With F = u · Σ f_i of the feet and a = u · (specific force), g at rest,
+Whenever velocity and acceleration approach zero with all four feet on the ground (the paper's section V.C), Newton's
+law along the vertical u (trunk axes) gives the trunk's mass. With F = u · Σ f_i over the feet and a = u · (specific
+force), g at rest,
 
     m_tr = mean F / mean a - m_l
 
 which is the paper's eq. 7 with a in place of g: a common acceleration of trunk and legs cancels, so a trunk that moves
-evenly over its feet can be weighed as well as one at rest. A moment is the mean over a quiet window.
-Constant torque offsets n (12) move it by s n with s = uᵀ (∂F/∂n) / a, and s changes from moment to moment, as the legs
-are never in the same pose. Of k samples, white noise and legs that accelerate half as much as the trunk come to
+evenly over its feet can be weighed as well as one at rest. A moment is the mean over a quiet window. Constant torque
+offsets n (12) change it by s n with s = uᵀ (∂F/∂n) / a, and s varies from moment to moment, since the legs' pose does.
+For k samples, white noise and legs that accelerate half as much as the trunk give
 
     σ² = Σ_j s_j² σ_τ² / k + (m_r σ_a / a)² / k + (m_l (a - g) / 2g)²
 
-The constant error of the accelerometer is like one of the mass.
+The constant error of the accelerometer acts like an error of the mass.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ _TORQUES = 12
 
 @dataclass(frozen=True)
 class RestLimits:
-    """What counts as near rest.
+    """Limits for a moment near rest.
 
     Attributes:
         angular_velocity: of the trunk [rad/s].
         joint_velocity: of any joint [rad/s].
-        specific_force: how far its size may be from that of gravity [m/s²].
-        smoothing: time constant of the low-pass before motion is compared with the limits [s].
+        specific_force: difference of its magnitude from gravity [m/s²].
+        smoothing: time constant of the low-pass on the motion [s].
         shortest: of a window [s].
-        longest: of a window; rest that goes on begins a new one [s].
+        longest: of a window; longer rest is split [s].
         accelerometer: white noise of one sample [m/s²].
     """
 
@@ -62,13 +63,13 @@ class RestLimits:
 
 @dataclass(frozen=True, eq=False)
 class RestMoment:
-    """The trunk's mass by a moment near rest.
+    """The trunk's mass from a moment near rest.
 
     Attributes:
         begin, end: [s].
         mass: [kg], of trunk and load.
-        variance: [kg²], by all but constant errors.
-        slope: (12,) [kg/(N·m)], s: change of the mass with the torque offsets, leg by leg.
+        variance: [kg²], without constant errors.
+        slope: (12,) [kg/(N·m)], s: derivative of the mass with respect to the torque offsets, leg by leg.
     """
 
     begin: float
@@ -79,10 +80,10 @@ class RestMoment:
 
 
 class RestWatch:
-    """Finds the moments near rest, sample by sample.
+    """Finds moments near rest, sample by sample.
 
     Args:
-        forces: source of contact forces, with their noise.
+        forces: estimator of contact forces, with their noise.
         limits: None for the defaults.
     """
 
@@ -95,13 +96,13 @@ class RestWatch:
         self._last: tuple[ContactForces, Array] | None = None
 
     def update(self, measurement: Measurement) -> RestMoment | None:
-        """One more measurement; a moment when one is over or has lasted for long enough."""
+        """Processes one measurement; returns a moment when it has ended or lasted long enough."""
         m = measurement
         self._smoothen(m)
         if not self._quiet(m):
             return self._finished()
         forces = self.forces.at(m)
-        # all feet in stance count, however little they carry
+        # all feet in stance are used, however small their load
         stance = np.ones(4, dtype=bool) if m.stance is None else m.stance
         forces = replace(forces, stance=stance)
         up = m.up
@@ -117,7 +118,7 @@ class RestWatch:
         return self._finished() if m.time - self._begin >= self.limits.longest else None
 
     def restart(self) -> None:
-        """Drops the moment under way."""
+        """Discards the current moment."""
         self._count, self._force, self._specific, self._last = 0, 0.0, 0.0, None
 
     def _smoothen(self, m: Measurement) -> None:
@@ -138,7 +139,7 @@ class RestWatch:
         )
 
     def _finished(self) -> RestMoment | None:
-        """The moment that is over, if there was one that lasted for long enough."""
+        """The moment that has ended, if it lasted long enough."""
         count, last = self._count, self._last
         force, specific = self._force, self._specific
         self.restart()

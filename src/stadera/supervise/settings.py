@@ -16,8 +16,8 @@ from stadera.trunk.registry import METHODS
 
 @dataclass(frozen=True)
 class PosingSettings:
-    """How a standing robot is led through poses: how many by each method, and times [s] to a pose, in it, and at the
-    end until the trunk has come back.
+    """Settings for leading a standing robot through poses: number for each method, and times [s] to move to a pose, to
+    hold it, and at the end to return.
     """
 
     poses: Mapping[str, int] = field(default_factory=lambda: {"poses": 5, "combined": 11})
@@ -28,23 +28,23 @@ class PosingSettings:
 
 @dataclass(frozen=True)
 class SuperviseSettings:
-    """How changes of the load are detected and weighed, and when a weighing is given up.
+    """Settings for detecting and weighing changes of the load, and limits for giving up.
 
     Attributes:
-        method: of finding the centre of mass, a name of `stadera.trunk.registry.METHODS`.
-        load_test, rest, offsets, posing: see there.
+        method: for the centre of mass, a name of `stadera.trunk.registry.METHODS`.
+        load_test, rest, offsets, posing: see these classes.
         correct_torques: estimate the torques' constant offsets on legs in the air, and subtract them before weighing.
-        period: between two measurements that are used [s].
-        stop_within: [s], after which a robot that has not come to stand is set down.
-        mass_within, com_within: [s], in which the mass and the centre of mass have to converge.
-        restarts: how often a weighing may begin anew because the load changes meanwhile.
-        tilt: of the trunk, from which it is set down [rad].
-        saturation: for how long a joint's torque may be at its limit before the load counts as too heavy [s].
-        settling: that controller and trunk get to come to rest with a new model of the trunk [s].
+        period: interval between measurements used [s].
+        stop_within: time after which a robot that has not stopped is set down [s].
+        mass_within, com_within: time allowed for the mass and for the centre of mass to converge [s].
+        restarts: number of times a weighing may restart because the load changes.
+        tilt: of the trunk above which it is set down [rad].
+        saturation: time at the torque limit of a joint after which the load counts as too heavy [s].
+        settling: time for controller and trunk to settle with a new model of the trunk [s].
 
     Raises:
         UnknownNameError: no such method.
-        StaderaError: a limit that is not positive.
+        StaderaError: a limit is not positive.
     """
 
     method: str = "contact"

@@ -1,12 +1,11 @@
-"""Whether a robot is strong enough to walk with a load: joint torques on three legs against their limits.
+"""Checks whether a robot is strong enough to walk with a load: joint torques on three legs relative to their limits.
 
 A statically stable crawl lifts each leg in turn while the centre of mass is over the triangle of the others. In the
 nominal stance on level ground, with the centre of mass over the point c of the triangle, vertical forces f_i hold it:
 
     Σ f_i = m_r g,   Σ f_i p_i = m_r g c  (seen from above)   =>   f_i = m_r g λ_i,   λ: barycentric coordinates of c
 
-and take torques τ_i = h_i - J_iᵀ f_i u. c is the triangle's incentre, where its three
-margins are equal.
+and need the torques τ_i = h_i - J_iᵀ f_i u. c is the triangle's incentre, where its three margins are equal.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Effort:
-    """The joint that is loaded most when the robot stands on three legs.
+    """The most heavily loaded joint when the robot stands on three legs.
 
     Attributes:
         joint: its name.
@@ -39,19 +38,19 @@ class Effort:
 
     @property
     def share(self) -> float:
-        """Of the limit; zero for a joint without one."""
+        """Torque as a share of the limit; zero for a joint without one."""
         return self.torque / self.limit if np.isfinite(self.limit) else 0.0
 
 
 def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
-    """The joint nearest to its torque limit when the robot stands on any three legs with this trunk."""
+    """The joint closest to its torque limit when the robot stands on any three legs with this trunk."""
     legs, q = MeasuredLegs(robot), standing_configuration(robot)
     up, n = np.array([0.0, 0.0, 1.0]), len(q)
     still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), GRAVITY * up, np.eye(3))
     state = legs.at(still)
     contact = state.feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
     weight = (trunk.mass + legs.mass) * GRAVITY
-    lifting = state.jacobians(contact)[:, 2, :]  # torques that a unit of vertical force takes off
+    lifting = state.jacobians(contact)[:, 2, :]  # decrease in torques per unit of vertical force
     worst = Effort(robot.legs[0].joints[0], 0.0, np.inf)
     for swing in range(4):
         standing = [k for k in range(4) if k != swing]
@@ -64,6 +63,6 @@ def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
 
 
 def _incentre_shares(triangle: Array) -> Array:
-    """Barycentric coordinates (3,) of the incentre: the opposite edges' lengths, normed."""
+    """Barycentric coordinates (3,) of the incentre: the lengths of the opposite edges, normalised."""
     edges = np.linalg.norm(np.roll(triangle, -1, axis=0) - np.roll(triangle, 1, axis=0), axis=1)
     return np.asarray(edges / edges.sum())

@@ -1,10 +1,10 @@
-"""Supervisor that stops the robot to weigh a changed load: the paper's section V.C as a state machine.
+"""Supervisor that stops the robot to weigh a changed load: the state machine of the paper's section V.C.
 
     WALKING -> STOPPING -> WEIGHING_MASS -> WEIGHING_COM -> CONVERGED -> WALKING
 
-Controller and planner get the new trunk once, after mass and centre of mass have both converged; until then both keep
-the old one. If the weighing fails the robot is left STANDING or SITTING, with the reason. Pure: it commands the walker
-and keeps what happened as values.
+Controller and planner receive the new trunk once, after mass and centre of mass have both converged; until then both
+keep the old one. If the weighing fails, the robot stays in STANDING or SITTING, with the reason. The supervisor has no
+side effects other than commanding the walker, and stores events as values.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ _PERIOD_SLACK = 1e-9  # s
 
 
 class Supervisor(Supervised):
-    """Gets every measurement, and commands a walker to stop, to use a new trunk, and to go on.
+    """Processes every measurement, and commands a walker to stop, to use a new trunk, and to continue.
 
     Args:
-        robot: the model that estimators use.
-        walker: taken to walk.
-        trunk: that controller and planner use at first; None for the robot's own.
-        forces: source of contact forces; None for one of its own.
+        robot: the model used by estimators.
+        walker: assumed to be walking.
+        trunk: initial model of controller and planner; None for the robot's own.
+        forces: estimator of contact forces; None for a new one.
         settings: None for the defaults.
 
     Attributes:
         load_test: the estimate of the mass, and its test.
 
     Raises:
-        StaderaError: a method that the walker cannot be weighed by.
+        StaderaError: the walker cannot be weighed by the chosen method.
     """
 
     def __init__(
@@ -80,39 +80,39 @@ class Supervisor(Supervised):
     # -- what happened --------------------------------------------------------------------------------------------
     @property
     def checks(self) -> tuple[LoadCheck, ...]:
-        """Every check of the mass, in order."""
+        """All checks of the mass, in order."""
         return tuple(self._checks)
 
     @property
     def noticed(self) -> tuple[float, ...]:
-        """When changes of the load were noticed [s]."""
+        """Times of detection of changes of the load [s]."""
         return tuple(check.time for check in self._checks if check.changed)
 
     @property
     def estimate(self) -> TrunkEstimate | None:
-        """Of the weighing that is under way, or of the last one; None before the first."""
+        """Estimate of the present or last weighing; None before the first."""
         return self._estimate
 
     @property
     def weighing(self) -> bool:
-        """Whether a weighing is under way."""
+        """True while a weighing is in progress."""
         return self._weighing is not None
 
     @property
     def corrected(self) -> CorrectedForces:
-        """Contact forces less the torque offsets known now."""
+        """Contact forces corrected for the torque offsets known so far."""
         if not self.settings.correct_torques:
             return CorrectedForces.none(self.forces)
         return CorrectedForces.of(self.forces, self.load_test.offsets, self.load_test.offsets_std)
 
     @property
     def payload(self) -> Payload | None:
-        """The payload since the beginning, by the last weighing that converged; None before."""
+        """The payload since the beginning, from the last weighing that converged; None before."""
         return self._payload
 
     # -- each period ----------------------------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> None:
-        """One more measurement; used once a period."""
+        """Processes one measurement; uses one per period."""
         m = measurement
         elapsed = m.time - self._time
         if elapsed < self.settings.period - _PERIOD_SLACK:
@@ -138,10 +138,10 @@ class Supervisor(Supervised):
                 self._settle(m)
 
     def weigh(self, reason: str) -> None:
-        """Stop and weigh, for a reason of the caller's; from WALKING or STANDING.
+        """Stops and weighs, for the caller's reason; allowed in WALKING and STANDING.
 
         Raises:
-            StaderaError: it is weighing already, or has been set down.
+            StaderaError: a weighing is in progress, or the robot has been set down.
         """
         if self.state not in (State.WALKING, State.STANDING):
             raise StaderaError(f"a weighing begins from walking or standing, and the robot is {self.state}")
@@ -216,7 +216,7 @@ class Supervisor(Supervised):
             self._payload = self._scale.payload(found, self.corrected)
 
     def _settle(self, m: Measurement) -> None:
-        """Waits while the trunk moves with its new model; nothing is checked meanwhile."""
+        """Waits while the trunk settles with its new model, without checks."""
         self._rest.restart()
         if m.time - self._since >= self.settings.settling:
             self.walker.resume()
@@ -224,7 +224,7 @@ class Supervisor(Supervised):
 
     # -- in every state -------------------------------------------------------------------------------------------
     def _check(self, m: Measurement) -> LoadCheck | None:
-        """The check of this instant if it says that the load has changed."""
+        """Returns the check at this instant if it detects a change of the load."""
         if self.state is State.CONVERGED:
             return None
         moment = self._rest.update(m)
@@ -234,7 +234,7 @@ class Supervisor(Supervised):
         before = self._checks[-1].time if self._checks else -np.inf
         self._checks.append(check)
         if not check.changed:
-            # a change late in this moment would not show yet; one before the last check would have
+            # a change late in this moment would not show yet; one before the last check would have shown
             self._scale.confirm(before)
             return None
         self.load_test.forget_mass()
@@ -246,7 +246,7 @@ class Supervisor(Supervised):
             self._sit(f"the trunk is tilted by {angle:.0f}°, more than {np.rad2deg(self.settings.tilt):.0f}°")
             return True
         loads = np.abs(m.effort) / self._effort
-        # time at the limit adds up, and decreases otherwise
+        # time at the limit accumulates, and decays otherwise
         step = elapsed if loads.max() >= 1.0 else -elapsed
         self._saturated = max(self._saturated + step, 0.0)
         if self._saturated > self.settings.saturation:
@@ -270,7 +270,7 @@ class Supervisor(Supervised):
         self._set_down()
 
     def _set_down(self) -> None:
-        """As soon as it stands on four feet."""
+        """Sets the robot down as soon as it stands on four feet."""
         if not self._is_down and self.walker.stopped:
             self.walker.sit()
             self._is_down = True

@@ -1,4 +1,4 @@
-"""What a supervisor needs of a walker, and what both supervisors have in common."""
+"""Interface of a walker, and the common base of both supervisors."""
 
 from __future__ import annotations
 
@@ -14,57 +14,59 @@ from stadera.trunk.standing.static_poses import PoseOffset
 
 @runtime_checkable
 class Walker(Protocol):
-    """A robot that walks, stops and stands on request, under a controller and a planner of its own."""
+    """A robot that walks, stops and stands on request, with its own controller and planner."""
 
     @property
     def phase(self) -> str:
-        """What it is doing, in a word or two."""
+        """Present activity, in a word or two."""
         ...
 
     @property
     def stopped(self) -> bool:
-        """Whether it stands on four feet and is not about to move."""
+        """True if it stands on four feet and is not about to move."""
         ...
 
     @property
     def fault(self) -> str:
-        """Why it cannot walk on, one sentence; empty while it can."""
+        """Reason why it cannot continue walking, one sentence; empty if it can."""
         ...
 
     def request_stop(self) -> None:
-        """Stop as soon as it is safe, on four feet."""
+        """Stops as soon as it is safe, on four feet."""
         ...
 
     def resume(self) -> None:
-        """Walk on."""
+        """Continues walking."""
         ...
 
     def sit(self) -> None:
-        """Lower the trunk, and stay there; asked of a robot that has stopped."""
+        """Lowers the trunk and stays there; requires that the robot has stopped."""
         ...
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Give a model of the trunk to controller and planner, both or neither; False for neither."""
+        """Passes a model of the trunk to controller and planner, both or neither; False for neither."""
         ...
 
 
 @runtime_checkable
 class PosingWalker(Walker, Protocol):
-    """A walker that can be weighed by approaches (a) and (b) as well."""
+    """A walker that can also be weighed by approaches (a) and (b)."""
 
     def posture(self) -> PostureLaw:
-        """What holds the trunk while it stands."""
+        """The control law that holds the trunk while it stands."""
         ...
 
     def lean(self, pose: PoseOffset, duration: float) -> None:
-        """While it stands: bring the trunk to a pose, relative to how it came to stand, within a duration [s]."""
+        """Moves the trunk of the standing robot to a pose, relative to the pose in which it stopped, within a duration
+        [s].
+        """
         ...
 
 
 class State(StrEnum):
-    """What the supervised robot is doing.
+    """State of the supervised robot.
 
-    `STANDING`: it stays where it is, for the reason given; `SITTING`: it is set down as soon as it stands on four feet.
+    `STANDING`: it stays in place, for the given reason; `SITTING`: it is set down as soon as it stands on four feet.
     `WEIGHING` is without a stop, see `NonstopSupervisor`.
     """
 
@@ -94,21 +96,21 @@ class Transition:
     reason: str
 
     def to_dict(self) -> dict[str, float | str]:
-        """Plain values, for JSON."""
+        """Plain values for JSON."""
         return {"time": self.time, "from": str(self.before), "to": str(self.after), "reason": self.reason}
 
 
 class Supervised:
-    """A walker under supervision: its state, and the trunk that its controller and planner use.
+    """A walker under supervision: its state, and the trunk used by its controller and planner.
 
     Args:
-        robot: the model that estimators use.
-        walker: taken to walk.
-        trunk: that controller and planner use at first; None for the robot's own.
+        robot: the model used by estimators.
+        walker: assumed to be walking.
+        trunk: initial model of controller and planner; None for the robot's own.
 
     Attributes:
-        state: what the robot is doing.
-        trunk: that controller and planner use.
+        state: of the robot.
+        trunk: used by controller and planner.
     """
 
     def __init__(self, robot: Robot, walker: Walker, trunk: TrunkModel | None) -> None:
@@ -118,7 +120,7 @@ class Supervised:
 
     @property
     def transitions(self) -> tuple[Transition, ...]:
-        """Every change of state, in order."""
+        """All changes of state, in order."""
         return tuple(self._transitions)
 
     def _become(self, time: float, state: State, reason: str) -> None:

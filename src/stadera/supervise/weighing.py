@@ -1,6 +1,6 @@
-"""Weighing of a robot that has come to stand: first the mass (eq. 7), then the centre of mass by a chosen method.
+"""Weighs a robot that has stopped: first the mass (eq. 7), then the centre of mass by a chosen method.
 
-Controller and planner keep their model meanwhile. The result is one `TrunkEstimate`, or a sentence why there is none.
+Controller and planner keep their model meanwhile. The result is a `TrunkEstimate`, or a sentence on why there is none.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from stadera.trunk.standing.static_poses import PoseOffset, static_poses
 
 
 class Stage(StrEnum):
-    """Where a weighing is."""
+    """Stage of a weighing."""
 
     MASS = "mass"
     COM = "centre of mass"
@@ -32,22 +32,22 @@ class Stage(StrEnum):
 
 
 class StandingWeighing:
-    """Mass, then centre of mass, of a robot that stands.
+    """Weighs mass, then centre of mass, of a robot that stands.
 
     Args:
-        corrected: source of contact forces.
-        trunk: that the controller uses meanwhile.
-        walker: asked to lean, by methods that live on poses, and for its posture by the method "orientation".
+        corrected: corrected contact forces.
+        trunk: used by the controller meanwhile.
+        walker: commanded to lean, by methods that need poses, and queried for its posture by the method "orientation".
         settings: see there.
-        begin: [s], now.
+        begin: present time [s].
 
     Attributes:
-        stage: where it is.
+        stage: present stage.
         reason: of a failure, one sentence; else empty.
-        estimate: the last; None before the first.
+        estimate: the latest; None before the first.
 
     Raises:
-        StaderaError: a method that needs poses or the posture, and a walker that has neither.
+        StaderaError: the method needs poses or the posture, and the walker provides neither.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class StandingWeighing:
         self._held_from, self._held_until = -np.inf, np.inf
 
     def update(self, m: Measurement) -> None:
-        """One more measurement."""
+        """Processes one measurement."""
         if self.stage in (Stage.DONE, Stage.FAILED):
             return
         if m.time >= self._held_from:
@@ -100,7 +100,7 @@ class StandingWeighing:
             self._give_up_after(m.time, self.settings.com_within)
 
     def _pose(self, m: Measurement) -> None:
-        """Leads the trunk through the poses and back; measurements on the way are ignored."""
+        """Leads the trunk through the poses and back; measurements in between are ignored."""
         how = self.settings.posing
         if m.time < self._held_until < np.inf or self._walker is None:
             return
@@ -135,7 +135,7 @@ class StandingWeighing:
 
 
 def require_poses(walker: Walker, method: str) -> PosingWalker:
-    """The walker, as one that can lean.
+    """Returns the walker if it can lean.
 
     Raises:
         StaderaError: it cannot.

@@ -1,4 +1,4 @@
-"""Estimators from the literature, for comparison; `ALL_METHODS` holds them and the library's own."""
+"""Estimators from the literature, for comparison; `ALL_METHODS` contains them and the library's own."""
 
 from __future__ import annotations
 

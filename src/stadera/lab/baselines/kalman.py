@@ -6,7 +6,7 @@ force and moment, process noise Q = diag(0.005, 0.0005, 0.0005) a step. The othe
 
     x = (m, m cx, m cy),   y = b - A_rest θ_rest,   H = A[:, :3];   P ← P + Q,   K = P Hᵀ (H P Hᵀ + R)⁻¹, ...
 
-The published filter takes the robot for one body; here the legs' inertia is taken into account, which only helps it.
+The published filter treats the robot as one body; here the legs' inertia is included, which can only help it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from stadera.types import Array
 MEASUREMENT_NOISE: Array = np.diag([1e3, 1e3, 1e4, 1e4, 1e4, 1e3])
 PROCESS_NOISE: Array = np.diag([5e-3, 5e-4, 5e-4])
 _STEP = 0.01  # s
-_SETTLED = 5.0  # s, after which the published noise has forgotten where it started
+_SETTLED = 5.0  # s, after which the initial state has no influence with the published noise
 _FIRST = 0.3  # the first standard deviation, in units of the robot's mass and leg's length; not published
 
 
 class KalmanTrunk(SignalBaseline):
-    """The published Kalman filter; an `Estimator` that says nothing of the centre of mass' height.
+    """The published Kalman filter, as an `Estimator` without an estimate of the centre of mass' height.
 
     Args:
         robot, start, mount: as for `SignalBaseline`.

@@ -2,10 +2,10 @@
 
     θ = argmin Σ |A θ - b|²,
 
-all rows alike, forces in N and moments in N·m, nothing else unknown. Rows are made sample by sample, of central
-differences of the velocities, and averaged over 40 ms each (25 Hz), which is exact for a motion that accelerates. It
-remembers nothing longer than two seconds, so a payload is the difference of two estimates two seconds apart. The
-covariance is the textbook's, σ² (Σ AᵀA)⁻¹ with σ² the residuals' variance and a thousandth of the weight at least.
+with equal weights for all rows, forces in N and moments in N·m, and no other unknowns. Rows are computed for each
+sample from central differences of the velocities, and averaged over 40 ms (25 Hz), which is exact for accelerated
+motion. Nothing older than two seconds is used, so a payload is the difference of two estimates two seconds apart. The
+covariance is the textbook's, σ² (Σ AᵀA)⁻¹ with σ² the residuals' variance, at least that of a thousandth of the weight.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.samples import Samples
 from stadera.types import Array
 
-_HINT = 1e-10  # of the information, so weak that it decides only what the rows say nothing of
-_LEAST_BLOCKS = 5  # of six rows each, before ten parameters are sought
+_HINT = 1e-10  # of the information, so weak that it only affects directions without information in the rows
+_LEAST_BLOCKS = 5  # of six rows each, needed to estimate ten parameters
 
 
 class LeastSquaresTrunk(SignalBaseline):
@@ -36,7 +36,7 @@ class LeastSquaresTrunk(SignalBaseline):
         block: over which rows are averaged [s].
 
     Raises:
-        StaderaError: a window that is not longer than a few blocks; and what `SignalBaseline` raises.
+        StaderaError: the window is not longer than a few blocks; and the errors of `SignalBaseline`.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class LeastSquaresTrunk(SignalBaseline):
         self._kept: deque[tuple[Array, Array]] = deque(maxlen=round(window / block))
 
     def _motion(self, samples: Samples) -> tuple[LegMotions, Array]:
-        """Of every sample, n of them."""
+        """The motion at every sample, n of them."""
         inside, columns = samples[1:-1], self._regressor.columns
         span = (samples.time[2:] - samples.time[:-2])[:, None]
         alpha = (samples.angular_velocity[2:] - samples.angular_velocity[:-2]) / span

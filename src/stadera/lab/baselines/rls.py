@@ -2,8 +2,8 @@
 
     K = P Aᵀ (λ 1 + A P Aᵀ)⁻¹,     θ ← θ + K (b - A θ),     P ← (P - K A P) / λ
 
-all rows alike, forces in N and moments in N·m, as the textbook has it. Its covariance is σ² P with σ² the residuals'
-forgetting mean square, and a thousandth of the weight at least.
+with equal weights for all rows, forces in N and moments in N·m, as in textbooks. The covariance is σ² P with σ² the
+exponentially weighted mean square of the residuals, at least that of a thousandth of the weight.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class RlsTrunk(SignalBaseline):
         block: [s].
 
     Raises:
-        StaderaError: a memory that is not positive; and what `SignalBaseline` raises.
+        StaderaError: the memory is not positive; and the errors of `SignalBaseline`.
     """
 
     def __init__(

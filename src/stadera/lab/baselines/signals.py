@@ -1,8 +1,8 @@
-"""What the baselines that weigh a moving robot share: rows from averaged signals, ten milliseconds at a time.
+"""Base of the baselines that weigh a moving robot: rows from signals averaged over ten milliseconds.
 
 Positions, velocities, torques, angular velocity and specific force are averaged over a block, accelerations are the
-velocities' differences over it, and the exact rows A θ = b (`stadera.legs.base_wrench`) are made of these: the
-usual way, signals filtered first. The ground is taken to be level with the feet's spheres at its surface.
+differences of the velocities over it, and the exact rows A θ = b (`stadera.legs.base_wrench`) are computed from these:
+the usual way, in which signals are filtered first. The ground is assumed level, at the surface of the feet's spheres.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.wrench import trunk_matrix, trunk_signals
 from stadera.types import Array
 
-_LEAST_RESIDUAL = 1e-3  # of the robot's weight: no estimator of rows knows its noise better
+_LEAST_RESIDUAL = 1e-3  # of the robot's weight: least standard deviation of the residuals
 
 
 class SignalBaseline:
-    """An `Estimator` fed with rows of averaged signals; what it does with them is the method's.
+    """An `Estimator` that computes rows from averaged signals; subclasses solve them.
 
     Args:
         robot: the model.
-        start: the trunk to start with; None for the model's.
+        start: initial trunk; None for the model's.
         block: over which signals are averaged [s].
-        settled: time of learning after which it counts as converged [s].
+        settled: time of data after which it counts as converged [s].
         mount: of the IMU; None for the model's.
 
     Raises:
-        ImplausibleError: an implausible start.
-        StaderaError: a block that is not positive.
+        ImplausibleError: the start is implausible.
+        StaderaError: the block is not positive.
     """
 
     def __init__(
@@ -63,13 +63,13 @@ class SignalBaseline:
         self._now = TrunkEstimate(np.nan, self._start, unobserved(), Status.WAITING)
 
     def update(self, measurement: Measurement) -> None:
-        """Takes in one measurement; learns whenever a block is full."""
+        """Processes one measurement; the estimate changes when a block is full."""
         samples = self._buffer.gather(measurement)
         if samples is not None:
             self.add(samples)
 
     def add(self, samples: Samples) -> None:
-        """Takes in any number of samples, as so many calls of `update` would."""
+        """Processes any number of samples, equivalent to as many calls of `update`."""
         for stretch in self._buffer.take(samples):
             if stretch.reason:
                 self._refuse(stretch.reason)
@@ -77,12 +77,14 @@ class SignalBaseline:
                 self._block(block)
 
     def estimate(self) -> TrunkEstimate:
-        """The latest estimate; after a refusal the last good one, and why."""
+        """The latest estimate; after a refusal the last good one, with the reason."""
         return self._now
 
     @abstractmethod
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
-        """Takes in six rows (6, 10), (6,) of a block; mass and centre of mass (4,), and their covariance (4, 4)."""
+        """Processes six rows (6, 10), (6,) of a block; returns mass and centre of mass (4,), and their covariance (4,
+        4).
+        """
 
     def _centre(self, theta: Array, covariance: Array) -> tuple[Array, Array]:
         """Mass and centre of mass (4,) of ten parameters, and their covariance (4, 4), NaN where not observed.
@@ -118,14 +120,14 @@ class SignalBaseline:
         self._now = TrunkEstimate(time, trunk, covariance, status)
 
     def _rows(self, samples: Samples) -> tuple[Array, Array, float]:
-        """A (6, 10) and b (6,) of a block, and how long it lasts [s]."""
+        """A (6, 10) and b (6,) of a block, and its duration [s]."""
         motion, effort = self._motion(samples)
         target = self._regressor.at(motion).target(effort).sum(axis=-1).mean(axis=-1)
         signals = trunk_signals(motion.specific_force, motion.angular_velocity, motion.angular_acceleration)
         return trunk_matrix(signals.mean(axis=-1)), target, float(samples.time[-1] - samples.time[1])
 
     def _motion(self, samples: Samples) -> tuple[LegMotions, Array]:
-        """The motion that rows are made of, and the legs' efforts (n, 4, 3): here the block's mean motion, n = 1."""
+        """The motion used for rows, and the legs' efforts (n, 4, 3): here the block's mean motion, n = 1."""
         inside, columns = samples[1:-1], self._regressor.columns
         span = float(samples.time[-1] - samples.time[0])
         alpha = (samples.angular_velocity[-1] - samples.angular_velocity[0]) / span

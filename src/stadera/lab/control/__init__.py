@@ -1,4 +1,4 @@
-"""The controllers that the test-bed stands and walks by."""
+"""Controllers with which the test-bed's robots stand and walk."""
 
 from stadera.lab.control.crawl.crawl import Crawl
 from stadera.lab.control.crawl.phase import CrawlPhase

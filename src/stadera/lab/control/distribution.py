@@ -1,25 +1,25 @@
-"""Shares a wrench out over the feet: a quadratic programme with friction pyramids and unilateral contact.
+"""Distributes a wrench over the feet: a quadratic programme with friction pyramids and unilateral contact.
 
     min_f  ‖Σ f_i - F‖² + ‖Σ r_i x f_i - Γ‖² / L² + ε ‖f‖² + β ‖f - f_before‖²
     s.t.   least ≤ n·f_i ≤ most_i,     |t1·f_i| ≤ μ/√2 n·f_i,     |t2·f_i| ≤ μ/√2 n·f_i
 
-r_i: contacts from the point that Γ is about; n, t1, t2: the ground's normal and two tangents; L: a length that makes
-moments count like forces. ε and β are small: they choose among the forces that make the wrench, towards little and
-towards what was before; the wrench gives way by no more than about their size, relative, unless the constraints demand
-it.
-The pyramid lies inside the friction cone. Everything is in one frame's axes, any one.
+r_i: contacts relative to the reference point of Γ; n, t1, t2: the ground's normal and two tangents; L: a length that
+    makes moments comparable with forces. ε and β are small: they choose among the forces with the required wrench,
+    towards small ones and towards the previous ones. The wrench deviates by no more than about their relative size,
+    unless constraints are active. The pyramid lies inside the friction cone. All vectors are in the axes of one frame,
+    which is arbitrary.
 
-With W f the wrench, β' = β / (ε + β) and t what is asked for, the minimiser x_0 of the objective alone is
+With W f the wrench, β' = β / (ε + β) and t the required wrench, the minimiser x_0 of the objective alone is
 
     x_0 = β' f_before + Wᵀ (W Wᵀ + (ε + β) 1)⁻¹ (t - β' W f_before)
 
-The programme is strictly convex: where x_0 keeps the constraints G x ≤ b, it is the solution. Else, with the Hessian
-UᵀU and y = U (x - x_0), it is the least y with G U⁻¹ y ≤ b - G x_0, and such a least-distance problem is a
-non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23)::
+The programme is strictly convex: if x_0 satisfies the constraints G x ≤ b, it is the solution. Otherwise, with the
+Hessian UᵀU and y = U (x - x_0), the solution is the least y with G U⁻¹ y ≤ b - G x_0, and such a least-distance problem
+is a non-negative least-squares problem (Lawson and Hanson, Solving Least Squares Problems, ch. 23)::
 
     u = argmin_{u ≥ 0} ‖E u - e_last‖,     E = [-G U⁻¹ | G x_0 - b]ᵀ,     r = E u - e_last,     y = -r / r_last
 
-which ends after a handful of exchanges, exactly. Feet that carry nothing are left out of both.
+which ends exactly after a few exchanges. Feet without load are excluded from both.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from stadera.errors import ModelError
 from stadera.inertia import skews
 from stadera.types import Array
 
-_ROWS = 6  # of constraints a foot: at most, at least, four sides of the pyramid
-_KEPT = 1e-9  # N, by which rounding may exceed a constraint
+_ROWS = 6  # constraints for each foot: upper and lower limit, four sides of the pyramid
+_KEPT = 1e-9  # N, tolerance for rounding
 
 
 @dataclass(frozen=True)
 class ContactLimits:
-    """What the feet may do.
+    """Limits of the contact forces.
 
     Attributes:
-        friction: coefficient that the controller counts on.
+        friction: coefficient assumed by the controller.
         least_normal: [N], of every foot in stance.
         most_normal: [N].
     """
@@ -70,8 +70,8 @@ class ForceDistribution:
         smooth: β, both relative to the weight of a force error.
 
     Attributes:
-        forces: (4, 3) [N], the last solution.
-        solved: whether the solver says so; if not, `forces` are those before.
+        forces: (4, 3) [N], latest solution.
+        solved: whether the solver succeeded; if not, `forces` are the previous ones.
     """
 
     def __init__(self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4) -> None:
@@ -79,7 +79,7 @@ class ForceDistribution:
         self._keeping, self._six = smooth / (small + smooth), (small + smooth) * np.eye(6)
         self.forces = np.zeros((4, 3))
         self.solved = True
-        self._skew = -skews(np.eye(3)).reshape(3, 9) / length  # minus, as the rows of [r]x are taken for columns
+        self._skew = -skews(np.eye(3)).reshape(3, 9) / length  # negative, as the rows of [r]x are used as columns
         self._wrench = np.zeros((6, 12))  # the map from forces to the weighted wrench
         self._wrench[:3] = np.tile(np.eye(3), 4)
         self._diagonal = np.diag(np.full(12, small + smooth))
@@ -90,7 +90,7 @@ class ForceDistribution:
         self.set_load(np.ones(4))
 
     def set_ground(self, normal: Array) -> None:
-        """The ground's unit normal (3,)."""
+        """Sets the ground's unit normal (3,)."""
         slope = self.limits.friction / np.sqrt(2.0)
         helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
         first = np.cross(normal, helper)
@@ -100,7 +100,7 @@ class ForceDistribution:
         self._sides = np.kron(np.eye(4), np.array([normal, -normal, *sides]))
 
     def set_load(self, share: ArrayLike) -> None:
-        """How much of its normal force each foot may carry, (4,) from 1 down to 0 for a foot in the air.
+        """Sets the share of its normal force that each foot may carry, (4,) from 1 to 0 (in the air).
 
         Less than one caps the force at that share of `most_normal`, or of four times the last solution's mean.
         """
@@ -111,7 +111,7 @@ class ForceDistribution:
         self.set_most(np.where(load < 1.0, load * cap, np.inf))
 
     def set_most(self, most: ArrayLike) -> None:
-        """How much normal force each foot may carry at most, (4,) [N]; zero for a foot in the air."""
+        """Sets the largest normal force of each foot, (4,) [N]; zero for a foot in the air."""
         cap: Array = np.clip(np.asarray(most, dtype=float), 0.0, self.limits.most_normal)
         carrying = np.repeat(np.where(cap > 0.0, 1.0, 0.0), 3)
         if (carrying != self._carrying).any():
@@ -122,11 +122,11 @@ class ForceDistribution:
         bounds[:, 0], bounds[:, 1] = cap, -np.minimum(self.limits.least_normal, cap)
 
     def normal_force(self) -> float:
-        """Of all feet together, at the last solution [N]."""
+        """Total normal force of all feet in the latest solution [N]."""
         return float(self.forces.sum(axis=0) @ self._sides[0, :3])
 
     def solve(self, levers: Array, force: Array, moment: Array) -> Array:
-        """Forces (4, 3) [N] on the feet at levers (4, 3) [m] that make a wrench of force and moment, (3,) each."""
+        """Forces (4, 3) [N] on the feet at levers (4, 3) [m] for a wrench of force and moment, (3,) each."""
         wrench = self._wrench
         wrench[3:] = levers.dot(self._skew).reshape(12, 3).T * self._carrying
         target = self._target
@@ -145,7 +145,7 @@ class ForceDistribution:
         return self._constrained(best, slack)
 
     def _constrained(self, best: Array, slack: Array) -> Array:
-        """The nearest forces to the best ones that leave no slack (24,) negative."""
+        """The forces nearest to the best ones for which no slack (24,) is negative."""
         upper, _ = dpotrf(self._wrench.T @ self._wrench + self._diagonal)
         counted = np.isfinite(slack) & np.repeat(self._carrying[::3] > 0.0, _ROWS)
         across, _ = dtrtrs(upper, self._sides[counted].T, trans=1)  # U⁻ᵀ Gᵀ, its columns the constraints
@@ -158,7 +158,7 @@ class ForceDistribution:
         goal[12] = 1.0
         try:
             u, _ = nnls(E, goal)
-        except RuntimeError:  # it did not end
+        except RuntimeError:  # no convergence
             self.solved = False
             return self.forces
         left = E @ u - goal

@@ -1,4 +1,4 @@
-"""Virtual springs and dampers of the trunk, scaled from the robot itself: one rule for every robot."""
+"""Virtual springs and dampers of the trunk, scaled from the robot by one rule for all robots."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Response:
-    """How one direction is to answer: as a mass on a spring.
+    """Desired response in one direction, as that of a mass on a spring.
 
     Attributes:
         frequency: natural frequency ω [rad/s].
@@ -39,10 +39,10 @@ class TrunkGains:
 
     Attributes:
         stiffness: [N/m], and
-        damping: [N·s/m], on the centre of mass, alike in all directions.
+        damping: [N·s/m], on the centre of mass, equal in all directions.
         angular_stiffness: (3,) [N·m/rad], and
-        angular_damping: (3,) [N·m·s/rad], about the trunk's axes. Not multiplied by an inertia again: where the paper
-            writes I K_p for the torsional stiffness (eq. 12), here stands the product.
+        angular_damping: (3,) [N·m·s/rad], about the trunk's axes. Not multiplied by an inertia again: the paper writes
+            I K_p for the torsional stiffness (eq. 12), which is the product given here.
     """
 
     stiffness: float

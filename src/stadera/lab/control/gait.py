@@ -1,4 +1,4 @@
-"""What all gaits have in common: they walk by a trunk controller and use its models of robot and trunk."""
+"""Common base of the gaits: the trunk controller and the models of robot and trunk."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from stadera.types import Bools
 
 
 class Gait:
-    """The part of a `Controller` that a gait leaves to its trunk controller; `update` is the gait's own.
+    """The part of a `Controller` that a gait delegates to its trunk controller; `update` is implemented by the gait.
 
     Args:
-        controller: what it walks by.
+        controller: the trunk controller.
     """
 
     def __init__(self, controller: TrunkController) -> None:
@@ -25,9 +25,9 @@ class Gait:
 
     @property
     def stance(self) -> Bools:
-        """(4,) bool, the legs that are to carry."""
+        """Legs meant to be in stance, (4,) bool."""
         return self.controller.stance
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Takes a new model of the trunk, for controller and planner; False where it is not plausible."""
+        """Sets a new model of the trunk for controller and planner; False if it is not plausible."""
         return self.controller.update_trunk(trunk)

@@ -1,4 +1,4 @@
-"""How much each foot may carry while its load comes or goes."""
+"""Limits of each foot's load during loading and unloading."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Ramp:
-    """A cap on a foot's normal force that changes linearly.
+    """A limit of a foot's normal force that changes linearly.
 
     Attributes:
         begin: [s]. duration: [s], positive.
         start, goal: [N].
-        remains: whether the cap stays after the end; else there is none any more.
+        remains: whether the limit persists after the end; else it is removed.
     """
 
     begin: float
@@ -31,7 +31,7 @@ class Ramp:
             raise ModelError(f"loading or relieving a foot takes a positive time, got {self.duration} s")
 
     def at(self, time: float) -> float:
-        """The cap [N]; infinite when it is over."""
+        """The limit [N]; infinite after the end."""
         x = (time - self.begin) / self.duration
         if x >= 1.0 and not self.remains:
             return np.inf
@@ -39,7 +39,7 @@ class Ramp:
 
 
 class FootLoads:
-    """Caps of the four feet."""
+    """Limits of the four feet."""
 
     def __init__(self) -> None:
         self._ramps: list[Ramp | None] = [None] * 4
@@ -47,26 +47,26 @@ class FootLoads:
         self._moving = False
 
     def put(self, leg: int, ramp: Ramp | None) -> None:
-        """Caps a foot; None frees it."""
+        """Sets the limit of a foot; None removes it."""
         self._ramps[leg] = ramp
         self._changed = True
 
     def changed(self) -> None:
-        """The next call returns the caps, whether they changed or not."""
+        """Makes the next call return the limits, whether they changed or not."""
         self._changed = True
 
     def relieved(self, leg: int, time: float) -> bool:
-        """Whether a foot may carry nothing."""
+        """True if a foot may carry no load."""
         ramp = self._ramps[leg]
         return ramp is not None and ramp.at(time) <= 0.0
 
     def over(self, leg: int, time: float) -> bool:
-        """Whether a foot's ramp, if any, has come to its end."""
+        """True if a foot's ramp, if any, has ended."""
         ramp = self._ramps[leg]
         return ramp is None or time >= ramp.begin + ramp.duration
 
     def most(self, time: float) -> Array | None:
-        """Caps (4,) [N]; None if they are what they were at the last call."""
+        """Limits (4,) [N]; None if they have not changed since the last call."""
         if not (self._changed or self._moving):
             return None
         self._changed = False

@@ -1,18 +1,18 @@
-"""Where the trunk is, from the legs it stands on.
+"""Leg odometry: position and velocity of the trunk from the legs in stance.
 
 The base's position is not measured. Feet in stance do not move, so with R from the IMU and p_i from the legs::
 
     b = mean over stance of (anchor_i - R p_i)
     velocity of a point c of the trunk = -R mean over stance of (J_i q̇_i + ω x (r_i - c))
 
-in the odometry frame: the world's axes, its origin the trunk's origin at the first update. p_i is a foot's centre, and
-a foot is anchored where it is when it comes into stance; r_i is the point that touches the ground and J_i its Jacobian,
-for that is the point at rest while a foot rolls. A foot of radius ρ that turns by θ on ground of normal n rolls: its
-centre moves by θ x ρ n, and its anchor with it. Feet that do not slip keep their distances: what is left of
-anchor_i - R p_i - b tells one that does.
+in the odometry frame: the world's axes, with the trunk's origin at the first update as origin. p_i is a foot's centre,
+and a foot is anchored at its position when it enters stance; r_i is the contact point and J_i its Jacobian, since that
+point is at rest while a foot rolls. A foot of radius ρ that rotates by θ on ground with normal n rolls: its centre
+moves by θ x ρ n, and its anchor with it. Feet that do not slip keep their distances: the residual anchor_i - R p_i - b
+identifies one that does.
 
-Legs say little at the moment a foot comes down, and nothing in the air. With the specific force a of the IMU, the
-velocity is a complementary filter's, of time constant T::
+The legs' velocity is unreliable at touch-down, and unavailable in the air. With the specific force a of the IMU, the
+velocity is that of a complementary filter with time constant T::
 
     v̇ = R a + g + (v_legs - v) / T
 """
@@ -24,21 +24,21 @@ import numpy as np
 from stadera.errors import ModelError
 from stadera.types import Array, Bools
 
-_SLIP = 0.02  # m, that one foot may disagree with the others before it counts as slipped
+_SLIP = 0.02  # m, deviation of one foot from the others above which it counts as slipped
 _NOBODY = np.zeros(4, dtype=bool)
 
 
 class LegOdometry:
-    """Dead reckoning on the feet in stance.
+    """Dead reckoning with the feet in stance.
 
     Args:
         velocity_time: T [s]; 0 for the legs alone.
 
     Attributes:
         position: (3,) [m], of the trunk's origin in the odometry frame.
-        anchors: (4, 3) [m], where the feet in stance stand, and those in the air stood last.
-        anchored: (4,) bool, the feet that have been in stance at all.
-        slipped: (4,) bool, feet found to have slipped at the last update; they were anchored anew.
+        anchors: (4, 3) [m], positions of the feet in stance, and last positions of those in the air.
+        anchored: (4,) bool, feet that have been in stance at least once.
+        slipped: (4,) bool, feet found to have slipped at the last update, and anchored again.
     """
 
     def __init__(self, velocity_time: float = 0.0) -> None:
@@ -54,11 +54,11 @@ class LegOdometry:
         self._weights, self._standing, self._rolls = np.zeros(4), False, np.zeros((4, 3))
 
     def locate(self, levers: Array, stance: Bools, rolled: Array | None = None) -> None:
-        """Takes the position in; with no foot in stance it stays.
+        """Updates the position; without a foot in stance it does not change.
 
         Args:
             levers: (4, 3) [m], R p_i: centres of the feet from the trunk's origin, world axes.
-            stance: (4,) bool; not to be changed in place between calls.
+            stance: (4,) bool; must not be modified in place between calls.
             rolled: (4, 3) [m], θ x ρ n since the last call, world axes; None for feet that do not roll.
         """
         if rolled is not None and self._standing:
@@ -92,7 +92,7 @@ class LegOdometry:
         """Velocity (3,) [m/s] of the trunk's origin by legs and IMU, world axes.
 
         Args:
-            by_legs: (3,) [m/s], as `velocity` says, world axes; not looked at when no foot stands.
+            by_legs: (3,) [m/s], from `velocity`, world axes; ignored if no foot is in stance.
             acceleration: (3,) [m/s²], R a + g.
             dt: [s], since the last call.
         """

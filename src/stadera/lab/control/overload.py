@@ -1,4 +1,4 @@
-"""Joints that have been at their torque limits for long."""
+"""Detects joints that stay at their torque limits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _OVERLOADED = 0.5  # s
 
 
 class OverloadWatch:
-    """Sums up for how long each joint has been at its limit without a break.
+    """Measures for how long each joint has been at its limit continuously.
 
     Args:
         joints: their names, in the order of the values.
@@ -22,7 +22,9 @@ class OverloadWatch:
         self._joints, self._for, self._last = tuple(joints), np.zeros(len(joints)), np.nan
 
     def update(self, time: float, saturated: Bools) -> str:
-        """What is overloaded, one sentence; empty if nothing is. Joints at their limit: (n,) bool at a time [s]."""
+        """Updates with joints at their limit, (n,) bool at a time [s]; returns a sentence on an overloaded joint, else
+        empty.
+        """
         elapsed, self._last = 0.0 if np.isnan(self._last) else time - self._last, time
         self._for = np.where(saturated, self._for + elapsed, 0.0)
         worst = int(np.argmax(self._for))

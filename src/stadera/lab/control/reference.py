@@ -1,4 +1,4 @@
-"""Where the trunk is to be: a pose, and smooth moves from one to the next."""
+"""Reference of the trunk: poses, and smooth moves between them."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _NOT_MOVING = [0.0, 0.0, 0.0]
 
 @dataclass(frozen=True, eq=False)
 class TrunkPose:
-    """A pose of the trunk in the odometry frame, and how it is passed.
+    """A pose of the trunk in the odometry frame, with its velocity and acceleration.
 
     Attributes:
         position: (3,) [m], of the trunk's origin.
         rotation: (3, 3), of the trunk in the world.
         velocity: (3,) [m/s].
-        angular_velocity: (3,) [rad/s], in the pose's own axes.
+        angular_velocity: (3,) [rad/s], in the pose's axes.
         acceleration: (3,) [m/s²].
     """
 
@@ -34,38 +34,38 @@ class TrunkPose:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it is not moving."""
+        """True if it is not moving."""
         rates = (self.velocity, self.angular_velocity, self.acceleration)
         return all(rate.tolist() == _NOT_MOVING for rate in rates)
 
     def moved(self, shift: Array, turn: Array) -> TrunkPose:
-        """At rest, shifted by (3,) [m] in the odometry frame and turned by the rotation vector (3,) [rad] in its own
-        axes.
+        """The pose at rest, shifted by (3,) [m] in the odometry frame and rotated by the rotation vector (3,) [rad] in
+        its own axes.
         """
         return TrunkPose(self.position + shift, self.rotation @ pin.exp3(turn))
 
 
 class TrunkReference(Protocol):
-    """Where the trunk is to be over time."""
+    """Reference of the trunk over time."""
 
     def at(self, time: float) -> TrunkPose:
-        """Where to be at a time [s]."""
+        """Reference at a time [s]."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A smooth move between two poses, each passed at its velocity; without acceleration at both ends.
+    """A smooth move between two poses with given velocities, with zero acceleration at both ends.
 
-    Position and rotation vector from the start follow the quintic with these ends; between poses at rest that is a
-    straight line and one axis. After the end the goal's velocity goes on.
+    Position and rotation vector relative to the start follow the quintic with these ends; between poses at rest this is
+    a straight line and a fixed axis. After the end the goal's velocity continues.
 
     Attributes:
         start, goal: the poses.
         begin: [s]. duration: [s], positive.
 
     Raises:
-        ModelError: a duration that is not positive.
+        ModelError: the duration is not positive.
     """
 
     start: TrunkPose
@@ -84,7 +84,7 @@ class Move:
         object.__setattr__(self, "_ends", (way, first, last * self.duration))
 
     def at(self, time: float) -> TrunkPose:
-        """Where to be at a time [s]."""
+        """Reference at a time [s]."""
         x = (time - self.begin) / self.duration
         if x >= 1.0:
             return self._after(time - self.begin - self.duration)

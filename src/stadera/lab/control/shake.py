@@ -1,11 +1,11 @@
-"""Standing with a small motion of the body: what makes a height and an inertia felt without a step.
+"""Standing with a small motion of the body, which makes height and inertia observable without stepping.
 
-Each of the three turns and three shifts is a sum of sines of its own frequencies, none a multiple of another, smaller
-the faster they are; all begin from rest::
+Each of the three rotations and three shifts is a sum of sines with separate frequencies, none a multiple of another,
+with smaller amplitudes at higher frequencies; all start from rest::
 
     x(t) = e(t) A Σ_k w_k sin(2π f_k (t - t_0)),      w_k ∝ 1 / f_k,  Σ_k w_k = 1
 
-with A the amplitude and e the smooth step from 0 to 1 of the first second.
+with A the amplitude and e the smooth step from 0 to 1 within the first second.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _OMEGA, _ONES = 2.0 * np.pi * _FREQUENCIES, np.ones(2)
 
 @dataclass(frozen=True, eq=False)
 class Shake:
-    """A motion about a pose; a `TrunkReference`.
+    """A motion around a pose; a `TrunkReference`.
 
     Attributes:
         centre: the pose, at rest.
@@ -42,7 +42,7 @@ class Shake:
         shift: amplitudes along x, y and z of the odometry frame, (3,) [m].
 
     Raises:
-        ModelError: an amplitude that is negative, not finite, or above half a radian.
+        ModelError: an amplitude is negative, not finite, or above half a radian.
     """
 
     centre: TrunkPose
@@ -60,12 +60,12 @@ class Shake:
 
     @classmethod
     def of(cls, robot: Robot, centre: TrunkPose, begin: float, amplitude: float = 1.0) -> Shake:
-        """Turns by 3° and shifts by 3 % of the robot's height, times an amplitude."""
+        """Rotations of 3° and shifts of 3 % of the robot's height, times an amplitude."""
         height = -float(foot_positions(robot, standing_configuration(robot)[None])[0, :, 2].mean())
         return cls(centre, begin, np.full(3, amplitude * _ANGLE), np.full(3, amplitude * _SHIFT * height))
 
     def at(self, time: float) -> TrunkPose:
-        """Where to be at a time [s]."""
+        """Reference at a time [s]."""
         late = max(time - self.begin, 0.0)
         weights = self._weights  # type: ignore[attr-defined]
         phase = _OMEGA * late

@@ -1,12 +1,12 @@
-"""The controller's model of the trunk: checked for plausibility, and low-passed.
+"""The controller's trunk model, checked for plausibility and low-pass filtered.
 
-A new model is a target. Mass m and first moment h = m c follow it as a first-order low-pass::
+A new model is a target. Mass m and first moment h = m c approach it through a first-order low-pass::
 
     ṁ = (m* - m) / T,     ḣ = (h* - h) / T
 
-Torques are continuous in m and h, so a step of the model changes them by at most the share dt / T of its whole effect
-in one control period. The centre of mass h / m is a weighted mean (weights: masses) of past and new ones, so it stays
-in any box that holds them all.
+Torques are continuous in m and h, so a step of the model changes them by at most the share dt / T of its full effect in
+one control period. The centre of mass h / m is a mean of past and new ones weighted by mass, so it stays in any box
+that contains them all.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ _NEGLIGIBLE = 1e-12  # kg, kg·m
 
 
 class SmoothTrunk:
-    """A low-passed, guarded `TrunkModel`.
+    """A `TrunkModel` that is checked and low-pass filtered.
 
     Args:
-        start: the model at first.
+        start: initial model.
         bounds: of plausible models.
         time_constant: T [s].
 
     Attributes:
         mass: [kg], and
         moment: (3,) [kg·m], in use now.
-        target_mass, target_moment: the same of the last model accepted, at once: for planning ahead.
-        rejected: why the last model was not accepted, one sentence; empty if it was.
+        target_mass, target_moment: those of the last accepted model, without filtering: for planning ahead.
+        rejected: why the last model was rejected, one sentence; empty if it was accepted.
 
     Raises:
-        ImplausibleError: the start lies outside the bounds.
-        ModelError: a time constant that is not positive.
+        ImplausibleError: the start is outside the bounds.
+        ModelError: the time constant is not positive.
     """
 
     def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:
@@ -50,11 +50,11 @@ class SmoothTrunk:
 
     @property
     def model(self) -> TrunkModel:
-        """What is in use now."""
+        """The model in use."""
         return TrunkModel(self.mass, self.moment / self.mass)
 
     def accept(self, model: TrunkModel) -> bool:
-        """Makes it the target if it is plausible; else keeps the last one and says why in `rejected`."""
+        """Makes a model the target if it is plausible; else keeps the last one and sets `rejected`."""
         self.rejected = self.bounds.complaint(model) or ""
         if self.rejected:
             return False
@@ -63,7 +63,7 @@ class SmoothTrunk:
         return True
 
     def advance(self, dt: float) -> None:
-        """Lets time pass, dt [s]."""
+        """Advances the filter by dt [s]."""
         if self._settled:
             return
         share = dt / (self.time_constant + dt)

@@ -1,4 +1,4 @@
-"""The test-bed's loop: plant, sensors, controller and whoever wants to watch, one control period after the other."""
+"""Control loop of the test-bed: plant, sensors, controller and watchers, one control period after the other."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stadera.types import Array, Bools
 
 
 class Controller(Protocol):
-    """What the loop asks of a controller: the trunk controller itself, or a gait that walks by it."""
+    """Interface of a controller for the loop: the trunk controller itself, or a gait that uses it."""
 
     @property
     def robot(self) -> Robot:
@@ -25,11 +25,11 @@ class Controller(Protocol):
 
     @property
     def stance(self) -> Bools:
-        """(4,) bool, the legs that are to carry."""
+        """Legs meant to be in stance, (4,) bool."""
         ...
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Takes a new model of the trunk; False where it is not plausible."""
+        """Sets a new model of the trunk; False if it is not plausible."""
         ...
 
     def update(self, measurement: Measurement) -> Array:
@@ -43,16 +43,16 @@ Watcher = Callable[["TestBed"], None]
 class TestBed:
     """A plant under its controller, with an estimator.
 
-    Controller and estimator see measurements alone. With `feed_back` the controller uses the estimator's trunk, unless
-    that refused the measurement.
+    Controller and estimator receive measurements only. With `feed_back` the controller uses the estimator's trunk,
+    unless the estimator refused the measurement.
 
     Args:
-        plant, sensors, controller: made for each other; the plant has been reset.
-        estimator: fed with measurements before the controller; None for none.
-        feed_back: hand its estimates to the controller.
-        every: feed the estimator in one period out of so many.
-        hold: ask the controller in one period out of so many, and hold its torques meanwhile; two nearly halve the
-            time that a walk takes.
+        plant, sensors, controller: for the same robot; the plant has been reset.
+        estimator: receives measurements before the controller; None for none.
+        feed_back: pass its estimates to the controller.
+        every: periods between two measurements for the estimator.
+        hold: periods between two updates of the controller, whose torques are held in between; two nearly halve the
+            computing time of a walk.
 
     Attributes:
         measurement: the last one.
@@ -61,7 +61,7 @@ class TestBed:
         SimulationError: `every` or `hold` is less than one.
     """
 
-    __test__ = False  # not a test case, whatever a test runner makes of its name
+    __test__ = False  # not a test case, although its name begins with Test
 
     def __init__(
         self,

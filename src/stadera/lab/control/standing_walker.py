@@ -15,13 +15,13 @@ _SIT, _SITTING_HEIGHT = 1.5, 0.5  # s; share of the standing height
 
 
 class StandingWalker:
-    """Meets `PosingWalker` with a trunk controller that holds all four feet on the ground.
+    """Implements `PosingWalker` with a trunk controller that holds all four feet on the ground.
 
     Args:
-        controller: what stands. Its reference when first asked to lean is the pose that others are relative to.
+        controller: the trunk controller. Poses are relative to its reference at the first request to lean.
 
     Attributes:
-        resumed: how often it was asked to walk on.
+        resumed: number of requests to walk.
     """
 
     def __init__(self, controller: TrunkController) -> None:
@@ -41,20 +41,20 @@ class StandingWalker:
 
     @property
     def fault(self) -> str:
-        """None."""
+        """Never a fault."""
         return ""
 
     def posture(self) -> PostureLaw:
-        """The controller's springs about its reference."""
+        """The controller's springs around its reference."""
         angular = Response(16.0)
         gains = self.controller.gains
         return PostureLaw(gains.angular_stiffness, self._at_home().rotation, angular.frequency, angular.damping)
 
     def request_stop(self) -> None:
-        """It stands already."""
+        """Does nothing, since it always stands."""
 
     def resume(self) -> None:
-        """Counted, and that is all."""
+        """Counts the request."""
         self.resumed += 1
 
     def sit(self) -> None:
@@ -67,7 +67,7 @@ class StandingWalker:
             self.controller.move(home.moved(np.array([0.0, 0.0, -_SITTING_HEIGHT * height]), np.zeros(3)), _SIT)
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Into the controller; there is no planner."""
+        """Sets the controller's model; there is no planner."""
         return self.controller.update_trunk(trunk)
 
     def lean(self, pose: PoseOffset, duration: float) -> None:

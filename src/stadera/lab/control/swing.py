@@ -1,22 +1,22 @@
-"""Legs in the air: where their feet are to go, the torques that take them there, and how they notice the ground.
+"""Control of legs in the air: foot trajectories, torques, and detection of touch-down.
 
-A foot is to move from a to b within a time T. With x = (t - t_0) / T and the smooth step s(x) = x³ (10 - 15 x + 6 x²)::
+A foot moves from a to b within a time T. With x = (t - t_0) / T and the smooth step s(x) = x³ (10 - 15 x + 6 x²)::
 
     p(t) = a + s(x) (b - a) + c 64 x³ (1 - x)³ n,       c = clearance + ½ |n·(b - a)|
 
-so it is at rest at both ends, with no acceleration there, and passes the higher end by about the clearance. After T it
-goes on down against n, up to a steady speed, until somebody says that it has landed.
+so it is at rest without acceleration at both ends, and passes the higher end with about the clearance. After T it
+continues down against n, up to a steady speed, until it is stopped by a landing.
 
-Torques are those of inverse dynamics for the acceleration that a critically damped spring asks for::
+Torques follow from inverse dynamics for the acceleration of a critically damped spring::
 
     p̈ = p̈_ref + ω² (p_ref - p) + 2 ω (ṗ_ref - ṗ),       q̈ = J⁻¹ (Rᵀ (p̈ - g) - p̈_free),       τ = h + M q̈ + friction
 
-with p̈_free the foot's acceleration less gravity while the joints do not accelerate: all from gyro, accelerometer and
-joints. One rule for every robot, as a leg's own inertia is in it. The trunk feels the reaction; `SwingTorques.wrench`
-is what the ground has to add.
+with p̈_free the foot's acceleration minus gravity without joint accelerations, all from gyro, accelerometer and joints.
+The rule is the same for every robot, since it includes the leg's own inertia. The reaction on the trunk is
+`SwingTorques.wrench`, which the ground has to add.
 
-A touch-down is felt in the torques: f = -J⁻ᵀ (τ - h - M q̈). No joint acceleration is measured, but with ⟨·⟩ a
-first-order low-pass of time constant T, ⟨q̈⟩ = (q̇ - ⟨q̇⟩) / T, so with M changing slowly::
+A touch-down is detected from the torques: f = -J⁻ᵀ (τ - h - M q̈). Joint accelerations are not measured, but with ⟨·⟩ a
+first-order low-pass of time constant T, ⟨q̈⟩ = (q̇ - ⟨q̇⟩) / T, so for slowly changing M::
 
     ⟨f⟩ = -J⁻ᵀ (⟨τ - h⟩ - M (q̇ - ⟨q̇⟩) / T)
 """
@@ -46,12 +46,12 @@ _EASE = 0.05  # s, in which the descent after the end reaches its speed: part of
 
 @dataclass(frozen=True)
 class SwingLegSettings:
-    """How swinging legs are controlled.
+    """Settings of the control of swinging legs.
 
     Attributes:
         frequency: ω of the spring between foot and trajectory [rad/s].
-        filter: T of the touch-down's low-pass [s].
-        touch: share of the robot's weight, along the ground's normal, from which a foot feels the ground.
+        filter: T of the low-pass for touch-down [s].
+        touch: force along the ground's normal that counts as touch-down, as a share of the robot's weight.
         singular: share of the largest singular value of J below which a direction is damped.
     """
 
@@ -63,17 +63,17 @@ class SwingLegSettings:
 
 @dataclass(frozen=True, eq=False)
 class SwingTrajectory:
-    """A foot's way through the air, in the odometry frame; of the foot's centre.
+    """Trajectory of a foot's centre through the air, in the odometry frame.
 
     Attributes:
         start, target: (3,) [m].
         begin: [s]. duration: [s], positive.
-        clearance: [m], over the higher end; not negative.
+        clearance: [m], above the higher end; not negative.
         normal: (3,) unit vector, up.
-        descent: [m/s], steady speed at which the foot feels for the ground after the end; 0 for none.
+        descent: [m/s], steady speed at which the foot searches for the ground after the end; 0 for none.
 
     Raises:
-        ModelError: a duration that is not positive, a clearance or descent that is negative, values not finite.
+        ModelError: the duration is not positive, clearance or descent is negative, or values are not finite.
     """
 
     start: Array
@@ -136,11 +136,11 @@ class SwingTrajectory:
 
 @dataclass(frozen=True, eq=False)
 class SwingTorques:
-    """What swinging legs need.
+    """Torques and reaction of swinging legs.
 
     Attributes:
-        torque: (4, 3) [N·m]; of legs that do not swing, what would hold them in the air.
-        wrench: (6,) force [N] and moment [N·m] at the trunk's origin, trunk axes, that their acceleration takes.
+        torque: (4, 3) [N·m]; for legs that do not swing, the torque that would hold them in the air.
+        wrench: (6,) force [N] and moment [N·m] at the trunk's origin, trunk axes, required by their acceleration.
     """
 
     torque: Array
@@ -148,18 +148,18 @@ class SwingTorques:
 
 
 class SwingLegs:
-    """The legs that swing now, and their trajectories.
+    """The legs that swing now, with their trajectories.
 
     Args:
         robot: the model of the legs.
-        columns: (4, 3) int, where each leg's joints are in the tree's order.
+        columns: (4, 3) int, index of each leg's joints in the tree's order.
         settings: None for the defaults.
 
     Attributes:
         trajectories: of each leg; None for one that does not swing.
         force: (4, 3) [N], ⟨f⟩ in the world's axes; zero for legs that do not swing.
-        touched: (4,) bool, swinging legs that feel the ground.
-        error: (4,) [m], how far each swinging foot is from its trajectory.
+        touched: (4,) bool, swinging legs in contact with the ground.
+        error: (4,) [m], distance of each swinging foot from its trajectory.
     """
 
     def __init__(self, robot: Robot, columns: NDArray[np.int_], settings: SwingLegSettings | None = None) -> None:
@@ -173,16 +173,16 @@ class SwingLegs:
         self.force, self.touched, self.error = np.zeros((4, 3)), np.zeros(4, dtype=bool), np.zeros(4)
         self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))
         self._legs: list[int] = []
-        self._new: list[int] = []  # that have begun since the last update
+        self._new: list[int] = []  # legs that started since the last update
         self._swings = np.zeros((4, 1))
 
     @property
     def any(self) -> bool:
-        """Whether a leg swings."""
+        """True if any leg swings."""
         return bool(self._legs)
 
     def begin(self, leg: int, trajectory: SwingTrajectory) -> None:
-        """Lets a leg swing, or changes the trajectory of one that does."""
+        """Starts a leg's swing, or changes the trajectory of a swinging leg."""
         new = self.trajectories[leg] is None
         self.trajectories[leg] = trajectory
         if new:
@@ -190,7 +190,7 @@ class SwingLegs:
             self._recount()
 
     def end(self, leg: int) -> None:
-        """The leg swings no more."""
+        """Ends a leg's swing."""
         self.trajectories[leg] = None
         self.force[leg], self.touched[leg], self.error[leg] = 0.0, False, 0.0
         self._new = [one for one in self._new if one != leg]
@@ -210,7 +210,7 @@ class SwingLegs:
         normal: Array,
         dt: float,
     ) -> SwingTorques:
-        """Torques of the swinging legs, and what they feel.
+        """Computes torques and contact forces of the swinging legs.
 
         Args:
             measurement: of this instant, with orientation.
@@ -248,7 +248,7 @@ class SwingLegs:
         return np.asarray(self._slow_torque - np.matvec(inertia, rate - self._slow_rate) / self.settings.filter)
 
     def _inverse(self, jacobians: Array) -> Array:
-        """J⁻¹ (4, 3, 3) of the swinging legs, damped where one is nearly stretched; by the adjugate, for speed."""
+        """J⁻¹ (4, 3, 3) of the swinging legs, damped near singularities; computed with the adjugate, for speed."""
         inverse = np.zeros((4, 3, 3))
         for leg in self._legs:
             (a, b, c), (d, e, f), (g, h, i) = jacobians[leg].tolist()

@@ -1,17 +1,17 @@
-"""A trot: diagonal pairs of legs take turns, and where they step is what balances.
+"""A trot: diagonal pairs of legs alternate, and balance is kept by the choice of footholds.
 
-Two feet carry, so the trunk's moment about the line between them is out of hand: the body falls over that line as an
-inverted pendulum of time constant T = √(h / g). A foot that lands p ahead of the centre of mass, which then has the
-velocity v, and carries for a time S, makes of it (linear inverted pendulum)::
+With two feet on the ground, the trunk's moment about the line between them cannot be controlled: the body falls over
+that line as an inverted pendulum with time constant T = √(h / g). A foot that lands p ahead of the centre of mass,
+which then has the velocity v, and stays in stance for a time S, leads to (linear inverted pendulum)::
 
     v' = v cosh(S / T) - (p / T) sinh(S / T)
 
-With p = T tanh(S / 2T) v_d + k (v - v_d) a velocity v_d goes on as it is, and an error of it is multiplied each step by
-cosh(S / T) - (k / T) sinh(S / T): zero for k = T coth(S / T) (capture within a step). A slow integral of the velocity's
-error moves the feet as well, which compensates an unknown load.
+With p = T tanh(S / 2T) v_d + k (v - v_d) a velocity v_d is preserved, and its error is multiplied in each step by
+cosh(S / T) - (k / T) sinh(S / T): zero for k = T coth(S / T) (capture within a step). A slow integral of the velocity
+error also moves the feet, which compensates for an unknown load.
 
-All times follow from T and all lengths from the legs': one rule for every robot. It sees what the trunk controller
-sees: measurements.
+All times follow from T and all lengths from those of the legs, by the same rule for every robot. Like the trunk
+controller, it uses measurements only.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ _NOTHING = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class TrotSettings:
-    """How to trot.
+    """Settings of a trot.
 
     Attributes:
         pendulum: T [s].
         swing: duration of a swing [s].
-        overlap: [s], all four feet carry while one pair hands over to the other.
+        overlap: [s], time on all four feet between two swings.
         clearance: of the feet [m].
         capture: k [s].
-        leash: [m], that the reference may be away from the trunk.
-        acceleration: [m/s²], with which commands are followed.
-        reach: [m], that a foot may be placed from under its hip.
-        late: share of the swing's time after which a foot stands, whether it felt the ground or not.
-        frozen: share of the swing's time after which the target stays.
-        trusted: share of the swing's time after which a touch is the ground.
-        slow: of √(g h), the speed below which four feet can stop the trunk.
-        drift_steps: time constant of the integral of the velocity's error, in steps.
+        leash: [m], largest distance between the reference and the trunk.
+        acceleration: [m/s²], limit with which commands are followed.
+        reach: [m], largest distance of a foothold from below the hip.
+        late: share of the swing's time after which a foot counts as landed, even without touch-down.
+        frozen: share of the swing's time after which the target is fixed.
+        trusted: share of the swing's time after which touch-down is accepted.
+        slow: speed below which four feet can stop the trunk, as a share of √(g h).
+        drift_steps: time constant of the integral of the velocity error, in steps.
     """
 
     pendulum: float
@@ -83,7 +83,7 @@ class TrotSettings:
 
     @property
     def step(self) -> float:
-        """Time from one pair's landing to the other's [s]."""
+        """Time between the landings of the two pairs [s]."""
         return self.swing + self.overlap
 
     @classmethod
@@ -106,10 +106,10 @@ class TrotSettings:
 
 
 class Trot(Gait):
-    """Trots by a trunk controller; stands before the first `walk` and after `stop`.
+    """Trots with a trunk controller; stands before the first `walk` and after `stop`.
 
     Args:
-        controller: as `Trot.of` makes it.
+        controller: as made by `Trot.of`.
         settings: None for those scaled from the robot.
 
     Attributes:
@@ -132,18 +132,18 @@ class Trot(Gait):
 
     @classmethod
     def of(cls, robot: Robot, trunk: TrunkModel | None = None) -> Trot:
-        """With a trunk controller for it: velocity by legs and IMU, moments before forces.
+        """Makes a trot with a suitable trunk controller: velocity from legs and IMU, moments weighted over forces.
 
         Args:
             robot: the model of legs and trunk.
-            trunk: its model at the start; None for the robot's own.
+            trunk: initial model; None for the robot's own.
         """
         pendulum = TrotSettings.of(robot).pendulum
         length = 0.15 * pendulum**2 * GRAVITY
         return cls(TrunkController(robot, trunk=trunk, velocity_time=0.12 * pendulum, moment_length=length))
 
     def walk(self, velocity: ArrayLike, turn: float = 0.0) -> None:
-        """Trots; with zeros, on the spot.
+        """Starts trotting; with zeros, on the spot.
 
         Args:
             velocity: (2,) [m/s], forwards and to the left.
@@ -155,11 +155,11 @@ class Trot(Gait):
         self._asked, self._asked_turn, self._wanted = (float(wanted[0]), float(wanted[1])), float(turn), True
 
     def stop(self) -> None:
-        """Slows down, and stands on four feet then."""
+        """Slows down, and then stands on four feet."""
         self._asked, self._asked_turn, self._wanted = _NOTHING, 0.0, False
 
     def update(self, measurement: Measurement) -> Array:
-        """Joint torques (n,) [N·m] for one measurement; raises what the trunk controller raises."""
+        """Joint torques (n,) [N·m] for one measurement; raises as the trunk controller."""
         c = self.controller
         if not np.isnan(c.time):
             self._plan(measurement.time - c.time)
@@ -169,7 +169,7 @@ class Trot(Gait):
         return torque
 
     def at(self, time: float) -> TrunkPose:
-        """The trunk's reference, as planned for the present period."""
+        """Reference of the trunk for the present period."""
         return self._pose
 
     # -- inside ---------------------------------------------------------------------------------------------------
@@ -193,7 +193,7 @@ class Trot(Gait):
         self._relieve()
 
     def _follow_command(self, dt: float) -> None:
-        """Moves velocity, heading and place of the reference on."""
+        """Advances velocity, heading and position of the reference."""
         c, s = self.controller, self.settings
         most = s.acceleration * dt
         vx, vy = (now + _within(asked - now, most) for now, asked in zip(self._velocity, self._asked, strict=True))
@@ -267,7 +267,7 @@ class Trot(Gait):
             c.swing(leg, self._path(leg, c.feet[leg].copy(), c.time))
 
     def _path(self, leg: int, start: Array, begin: float) -> SwingTrajectory:
-        """To where the foot is to land, as it looks now."""
+        """Trajectory to the foothold, as predicted now."""
         c, s = self.controller, self.settings
         left = max(begin + s.swing - c.time, 0.0)
         (ux, uy, _), (vx, vy, _), (x, y, _) = self._pose.velocity.tolist(), c.velocity.tolist(), c.com.tolist()

@@ -1,17 +1,18 @@
 """The trunk controller of the paper ([13], section III.B): virtual springs, gravity compensation, contact forces.
 
-All in the odometry frame (world axes, `stadera.lab.control.odometry`). With c the whole robot's centre of mass as it is
-modelled, in trunk axes, m its modelled mass, b, R the trunk's pose and b_d, R_d the reference, the ground is asked for
+All quantities are in the odometry frame (world axes, `stadera.lab.control.odometry`). With c the modelled centre of
+mass of the whole robot in trunk axes, m its modelled mass, b, R the trunk's pose and b_d, R_d the reference, the
+demanded wrench is
 
     F = K (b_d + R_d c - b - R c) + D (velocity error of that point) + m g e_z
     Γ = R [K_a log(Rᵀ R_d) + D_a (angular velocity error)]           about the modelled centre of mass
 
-so the spring holds the modelled centre of mass, and a change of the model asks for no motion. The feet
-share F and Γ (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f.
+so the spring acts on the modelled centre of mass, and a change of the model does not cause motion. F and Γ are
+distributed over the feet (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f.
 
-What a wrong model does (the paper's eq. 12). At rest τ = h - Jᵀ f makes the ground's forces the ones asked for, so
-they carry the true weight, Σ f = m g e_z, and their moment about the TRUE centre of mass c vanishes. Their moment
-about the modelled one, ĉ, is Γ, hence with δ = c - ĉ (trunk axes, whole robot)
+Effect of a wrong model (the paper's eq. 12). At rest τ = h - Jᵀ f produces the demanded contact forces, so they carry
+the true weight, Σ f = m g e_z, and their moment about the TRUE centre of mass c vanishes. Their moment about the
+modelled one, ĉ, is Γ, hence with δ = c - ĉ (trunk axes, whole robot)
 
     Γ = (R δ) x m g e_z,       i.e.      K_a log(Rᵀ R_d) = δ x m g Rᵀ e_z
 
@@ -21,16 +22,17 @@ K_y θ = m g δ_x::
     c_x - ĉ_x =  K_y θ / (m g),      c_y - ĉ_y = -K_x φ / (m g)
 
 A true centre of mass ahead of the modelled one lowers the nose (θ > 0 turns z towards x). With e_o = (-φ, -θ) this is
-the paper's M = [[0, -1], [1, 0]] K / (m g); the update that goes with it moves ĉ_x by +α θ and ĉ_y by -α φ. Of the
-trunk alone, δ_trunk = δ (m / m_trunk).
+the paper's M = [[0, -1], [1, 0]] K / (m g); the corresponding update moves ĉ_x by +α θ and ĉ_y by -α φ. For the trunk
+alone, δ_trunk = δ (m / m_trunk).
 
-Walking. A gait relieves a leg, lets it swing along a trajectory, and lands it when it feels the ground::
+Walking. A gait unloads a leg, lets it swing along a trajectory, and lands it at touch-down::
 
     controller.relieve(leg, 0.1)                  # its load goes to the others; `relieved[leg]` tells when
     controller.swing(leg, SwingTrajectory(controller.feet[leg], target, controller.time, 0.4, clearance=0.08))
     if controller.touched[leg]: controller.land(leg, 0.1)
 
-Swinging legs follow inverse dynamics (`stadera.lab.control.swing`), and F, Γ contain what their acceleration takes.
+Swinging legs follow inverse dynamics (`stadera.lab.control.swing`), and F, Γ include the reaction of their
+acceleration.
 """
 
 from __future__ import annotations
@@ -60,49 +62,49 @@ from stadera.trunk.standing.forces import JacobianOf
 from stadera.trunk.standing.legs import MeasuredLegs
 from stadera.types import Array, Bools
 
-_LEAST_NORMAL = 0.02  # share of the robot's weight on every foot in stance
-_FIRST_LOAD = 0.05  # share of the weight that a foot may carry as soon as it lands
+_LEAST_NORMAL = 0.02  # least load on every foot in stance, as a share of the robot's weight
+_FIRST_LOAD = 0.05  # share of the weight that a foot may carry immediately after landing
 _UP = np.array([0.0, 0.0, 1.0])
 _GRAVITY = GRAVITY * _UP
 
 
 class ControlError(StaderaError):
-    """The controller was asked for something it cannot do, or given nothing it can control with."""
+    """The controller cannot do what was requested, or received unusable measurements."""
 
 
 class TrunkController:
-    """Holds the trunk on its legs. Sees measurements alone; one `update` a control period.
+    """Holds the trunk on its legs. Uses measurements only; one `update` per control period.
 
     Args:
         robot: the model of legs and trunk.
         gains: None for those scaled from the robot.
-        trunk: its model at the start; None for the robot's own.
-        limits: of the contacts; None for friction 0.6 and 2 % of the robot's weight at least on every foot.
-        legs: shared with estimators that look at the same measurements; None for its own.
-        trunk_time: time constant [s] with which a new model of the trunk comes into use.
-        jacobian: for the torques, of the feet where the measurement says they are, or where the encoders say; the same
-            unless the measurement brings positions of its own.
-        velocity_time: time constant [s] with which the trunk's velocity by the IMU follows that by the legs; 0 for the
-            legs alone.
-        moment_length: L [m], by which errors of moments count like those of forces where the feet cannot make both;
-            None for half the diagonal between the feet.
+        trunk: initial model; None for the robot's own.
+        limits: of the contacts; None for friction 0.6 and at least 2 % of the robot's weight on every foot.
+        legs: shared with estimators that use the same measurements; None for a new one.
+        trunk_time: time constant [s] with which a new model of the trunk is adopted.
+        jacobian: for the torques, at the "feet" as measured or by the "encoders"; the two differ only if the
+            measurement contains foot positions.
+        velocity_time: time constant [s] with which the trunk's velocity from the IMU follows that from the legs; 0 for
+            the legs alone.
+        moment_length: L [m], which weights errors of moments relative to those of forces if the feet cannot produce
+            both; None for half the diagonal between the feet.
 
     Attributes:
         trunk: see `SmoothTrunk`.
-        stance: (4,) bool, the legs that are to carry; assign a new array to change it at once, or use `relieve`,
+        stance: (4,) bool, legs meant to be in stance; assign a new array to change it immediately, or use `relieve`,
             `swing` and `land`.
-        forces: (4, 3) [N], asked of the ground at the last update, odometry frame.
-        saturated: (n,) bool, joints whose torque was cut to its limit at the last update.
+        forces: (4, 3) [N], demanded at the last update, odometry frame.
+        saturated: (n,) bool, joints whose torque was limited at the last update.
         time: [s], of the last update, and at it, in the odometry frame,
         rotation: (3, 3), of the trunk,
         velocity: (3,) [m/s], of the trunk's origin,
         com: (3,) [m], the modelled centre of mass of the whole robot,
         feet: (4, 3) [m], the feet's centres, and
-        normal: (3,) of the ground, the plane through where the feet stand or stood last.
-        swinging: the legs in the air: trajectories, forces felt, tracking errors.
+        normal: (3,) of the ground, the plane through the present or last footholds.
+        swinging: the legs in the air: trajectories, contact forces, tracking errors.
 
     Raises:
-        ImplausibleError: the trunk lies outside `TrunkBounds.of(robot)`.
+        ImplausibleError: the trunk is outside `TrunkBounds.of(robot)`.
         UnknownNameError: another kind of Jacobian.
     """
 
@@ -147,15 +149,17 @@ class TrunkController:
 
     # -- asked for ------------------------------------------------------------------------------------------------
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Takes a new model of the trunk, smoothly; False, and the old one kept, where it is not plausible."""
+        """Sets a new model of the trunk, adopted smoothly; returns False and keeps the old one if it is not
+        plausible.
+        """
         return self.trunk.accept(trunk)
 
     @property
     def reference(self) -> TrunkPose:
-        """Where the trunk is to be: the goal of a `move`, also while it is under way; else where to be now.
+        """Reference of the trunk: the goal of a `move`, even while it is in progress; else the present reference.
 
         Raises:
-            ControlError: before the first update, when it is not known yet.
+            ControlError: before the first update, when it is unknown.
         """
         if not self._started:
             raise ControlError(
@@ -169,11 +173,11 @@ class TrunkController:
         return self.odometry.position
 
     def move(self, goal: TrunkPose, duration: float) -> None:
-        """Moves the reference to a pose within a duration [s], from where and how fast it is now.
+        """Moves the reference to a pose within a duration [s], from its present pose and velocity.
 
         Raises:
             ControlError: before the first update.
-            ModelError: a duration that is not positive.
+            ModelError: the duration is not positive.
         """
         if not self._started:
             raise ControlError("a move needs a first update, which says where the trunk is")
@@ -190,17 +194,17 @@ class TrunkController:
         self._reference = reference
 
     def relieve(self, leg: int, duration: float) -> None:
-        """Takes the load off a leg within a duration [s]; it stays in stance, carrying nothing then."""
+        """Unloads a leg within a duration [s]; it then stays in stance without load."""
         now = max(float(self.forces[leg] @ self.normal), 0.0)
         self._loads.put(leg, Ramp(self.time, duration, now, 0.0, remains=True))
 
     @property
     def relieved(self) -> Bools:
-        """(4,) bool, legs that carry nothing, be it in stance or in the air."""
+        """Legs without load, in stance or in the air, (4,) bool."""
         return np.array([not self.stance[k] or self._loads.relieved(k, self.time) for k in range(4)])
 
     def swing(self, leg: int, trajectory: SwingTrajectory) -> None:
-        """Takes a leg out of stance and along a trajectory; for a leg that swings already, a new trajectory.
+        """Takes a leg out of stance and along a trajectory; a leg that already swings gets a new trajectory.
 
         Raises:
             ControlError: before the first update.
@@ -213,11 +217,13 @@ class TrunkController:
 
     @property
     def touched(self) -> Bools:
-        """(4,) bool, swinging legs that felt the ground at the last update, anywhere on their way."""
+        """Swinging legs in contact with the ground at the last update, anywhere on their trajectory, (4,) bool."""
         return self.swinging.touched
 
     def land(self, leg: int, duration: float) -> None:
-        """Puts a leg into stance where it is; what it may carry grows to the robot's weight within a duration [s]."""
+        """Puts a leg into stance at its present position; its load limit grows to the robot's weight within a duration
+        [s].
+        """
         weight = self._sharing.normal_force()
         self.swinging.end(leg)
         self._loads.put(leg, Ramp(self.time, duration, _FIRST_LOAD * weight, weight, remains=False))
@@ -227,10 +233,10 @@ class TrunkController:
     def update(self, measurement: Measurement) -> Array:
         """Joint torques (n,) [N·m] for one measurement.
 
-        The first update takes the trunk's pose for the reference.
+        The first update uses the trunk's pose as reference.
 
         Raises:
-            ControlError: no orientation in the measurement, time that does not increase, values that are not finite.
+            ControlError: no orientation in the measurement, time that does not increase, or values that are not finite.
         """
         m, rotation = measurement, measurement.rotation
         if rotation is None:
@@ -273,7 +279,8 @@ class TrunkController:
         return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
 
     def _advance(self, m: Measurement, levers: Array, rotation: Array, state: LegState) -> float:
-        """Time, model, pose and ground; levers (4, 3) [m] are the feet from the trunk's origin in world axes.
+        """Updates time, model, pose and ground; levers (4, 3) [m] are the feet relative to the trunk's origin in world
+        axes.
 
         Returns:
             Time since the last update [s].
@@ -302,8 +309,10 @@ class TrunkController:
         return dt
 
     def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:
-        """θ x ρ n (4, 3) [m] of the feet since the last update, world axes; θ turns the last links."""
-        r = rotation.dot(self.rotation.T).tolist()  # by which the trunk turned: little
+        """Displacements θ x ρ n (4, 3) [m] of rolling feet since the last update, world axes; θ rotates the last
+        links.
+        """
+        r = rotation.dot(self.rotation.T).tolist()  # small rotation of the trunk
         trunk = np.array([0.5 * (r[2][1] - r[1][2]), 0.5 * (r[0][2] - r[2][0]), 0.5 * (r[1][0] - r[0][1])])
         joints = (joint_position - self._position)[self.legs.columns]
         turn = np.matvec(state.axes, joints).dot(rotation.T) + trunk
@@ -331,7 +340,7 @@ def _span(robot: Robot) -> float:
 
 
 def _log(rotation: Array) -> Array:
-    """The rotation vector (3,) of a rotation matrix by less than half a turn."""
+    """Rotation vector (3,) of a rotation matrix of less than half a turn."""
     r = rotation.tolist()
     x, y, z = r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]
     sine = 0.5 * sqrt(x * x + y * y + z * z)

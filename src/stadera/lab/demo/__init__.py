@@ -1,4 +1,4 @@
-"""The demo: a box lands on the back of a robot that walks, with and without identification."""
+"""The demo: a box is dropped onto the back of a walking robot, with and without identification."""
 
 from stadera.lab.demo.run import DemoResult, DemoRun, DemoSettings, one_run, run_demo
 

@@ -1,4 +1,4 @@
-"""A walk as pictures: the true motion, and the trunk as estimated and as the controller has it, frame by frame."""
+"""Records a walk frame by frame: the true motion, and the trunk as estimated and as used by the controller."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from stadera.supervise import NonstopSupervisor, Supervisor
 from stadera.types import Array, Bools
 
 PERIODS = 40
-"""Of 1 ms from one frame to the next: 25 frames a second."""
+"""Periods of 1 ms between two frames: 25 frames a second."""
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """k frames; world axes and metres, unless it says otherwise.
+    """k frames; world axes and metres, unless stated otherwise.
 
     Attributes:
         time: (k,) [s].
         trunk: (k, 7), position of the trunk's origin, and its orientation as a quaternion xyzw.
         joints: (k, n) [rad], in the tree's order.
-        box: (k, 7), the same of the box; NaN while it is not there.
-        feet: (k, 4, 3), centres of the feet. force: (k, 4, 3) [N], the ground's on them.
+        box: (k, 7), the same for the box; NaN while there is none.
+        feet: (k, 4, 3), centres of the feet. force: (k, 4, 3) [N], of the ground on them.
         down: (k, 4) bool, feet of the support polygon.
         limited: (k, n) bool, joints whose torque is at its limit.
-        com, model: (k, 3), the whole robot's centre of mass with its load: true, and as controller and planner have
-            it.
+        com, model: (k, 3), the whole robot's centre of mass with its load: the true one, and that used by controller
+            and planner.
         margin: (k,), of the true centre of mass inside the support polygon; NaN on fewer than three feet.
-        mass: (k, 3) [kg], of the trunk with its load: true, as controller and planner have it, as it is weighed.
+        mass: (k, 3) [kg], of the trunk with its load: true, used by controller and planner, and estimated.
         trunk_com: (k, 3, 2), the same of its centre of mass in x and y, trunk frame.
-        std: (k, 3), of what is weighed, mass [kg], x and y. NaN for all that is not weighed at the time.
-        state: (k,) what the supervisor is doing; the crawl's phase without one.
+        std: (k, 3), of the estimates of mass [kg], x and y. NaN for quantities without a present estimate.
+        state: (k,) state of the supervisor; without one, the crawl's phase.
     """
 
     time: Array
@@ -58,7 +58,7 @@ class Film:
 
 
 class Camera:
-    """Takes a frame of a walk every `PERIODS`."""
+    """Records a frame of a walk every `PERIODS`."""
 
     def __init__(self) -> None:
         self._periods = -1
@@ -66,7 +66,7 @@ class Camera:
         self._states: list[str] = []
 
     def look(self, walk: LoadedWalk) -> None:
-        """A frame, if it is time for one."""
+        """Records a frame, if it is due."""
         self._periods += 1
         if self._periods % PERIODS == 0:
             self._take(walk)
@@ -81,7 +81,7 @@ class Camera:
         plant, controller, supervisor = walk.bed.plant, walk.crawl.controller, walk.supervisor
         state, truth, trunk = plant.state, plant.truth(), controller.trunk.model
         com, R, p = walk.monitor.com(), state.rotation, state.position
-        # the legs' share is the same in both, so the two differ by the trunk's
+        # the legs' contribution is the same in both, so the two differ by the trunk's
         moment = (truth.mass + controller.legs.mass) * (R.T @ (com - p)) - truth.first_moment
         modelled = p + R @ ((moment + trunk.mass * trunk.com_trunk) / (trunk.mass + controller.legs.mass))
         weighed, std = _weighed(supervisor)
@@ -113,9 +113,9 @@ def _box(plant: Plant) -> Array:
 
 
 def _weighed(supervisor: Supervisor | NonstopSupervisor | None) -> tuple[Array, Array]:
-    """Mass, x and y of the trunk as weighed at the time, and their standard deviations; NaN where they are not.
+    """Present estimate of the trunk's mass, x and y, and standard deviations; NaN where there is none.
 
-    A supervisor that stops tests the mass all the way, and weighs the centre of mass at rest.
+    A supervisor that stops estimates the mass continuously, and the centre of mass at rest.
     """
     value, std = np.full(3, np.nan), np.full(3, np.nan)
     if isinstance(supervisor, NonstopSupervisor):

@@ -1,8 +1,8 @@
-"""The demo: the same walk twice, at the same time, once without identification and once with.
+"""The demo: the same walk twice, in parallel, without and with identification.
 
-HyQ crawls; a heavy box lands on a corner of its back. Both runs have the same controller, planner, sensors, errors and
-box. In one of them a supervisor has the load weighed, and gives controller and planner the trunk as estimated: on the
-way, or, as in the paper, at rest.
+HyQ crawls, and a heavy box is dropped onto a corner of its back. Both runs have the same controller, planner, sensors,
+errors and box. In one of them a supervisor has the load weighed, and passes the estimated trunk to controller and
+planner: while walking or, as in the paper, at rest.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.robot import load_robot
 
 Progress = Callable[[str, float, str], None]
-"""Told a run's name, how much of it is done (0 to 1), and what the robot is doing."""
+"""Called with a run's name, its progress (0 to 1), and the robot's activity."""
 
 Message = tuple[str, float, str]
 
@@ -39,23 +39,23 @@ _POLL = 0.1  # s
 
 @dataclass(frozen=True)
 class DemoSettings:
-    """What is shown.
+    """Settings of the demo.
 
     Attributes:
         robot: its name.
         mass: of the box [kg].
-        corner: of the back, on which it lands.
+        corner: of the back, onto which it is dropped.
         size: of the box [m].
-        height: above the back, from which it is let go [m].
-        load_at: when [s]; by default while the right-hind leg swings.
-        seconds: of each run; None for 10, and 14 if it stops on the way.
-        after_fall: for how long a robot that has fallen is watched, its drives braking [s].
+        height: above the back, from which it is dropped [m].
+        load_at: time of the drop [s]; by default while the right-hind leg swings.
+        seconds: of each run; None for 10, or 14 if the robot stops to weigh.
+        after_fall: time for which a fallen robot is recorded, with its drives braking [s].
         speed: [m/s].
         seed: of the sensors' errors.
-        classic: stop, weigh at rest and walk on, as the paper does, instead of weighing on the way.
+        classic: stop and weigh at rest, as in the paper, instead of weighing while walking.
 
     Raises:
-        StaderaError: an unknown corner, a box that is let go after the end, a value that is not positive.
+        StaderaError: an unknown corner, a drop after the end, or a value that is not positive.
     """
 
     robot: str = "hyq"
@@ -72,12 +72,12 @@ class DemoSettings:
 
     @property
     def supervisions(self) -> tuple[Supervision, Supervision]:
-        """Of the two runs, in their order."""
+        """Supervision of the two runs, in their order."""
         return Supervision.NONE, Supervision.STOPPING if self.classic else Supervision.NONSTOP
 
     @property
     def duration(self) -> float:
-        """Of each run [s]."""
+        """Duration of each run [s]."""
         return self.seconds or (14.0 if self.classic else 10.0)
 
     def __post_init__(self) -> None:
@@ -91,14 +91,14 @@ class DemoSettings:
 
 @dataclass(frozen=True, eq=False)
 class DemoRun:
-    """One of the two runs: how it went, and its pictures."""
+    """One of the two runs: its outcome and its frames."""
 
     outcome: LoadedWalkOutcome
     film: Film
 
     @property
     def name(self) -> str:
-        """What is made of the load."""
+        """How the load is treated."""
         return str(self.outcome.case.supervision)
 
 
@@ -112,23 +112,23 @@ class DemoResult:
 
     @property
     def runs(self) -> tuple[DemoRun, DemoRun]:
-        """Both."""
+        """Both runs."""
         return self.without, self.identified
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON of `stadera demo` as plain values."""
+        """Plain values: the JSON of `stadera demo`."""
         from stadera.lab.demo.schema import demo_dict
 
         return demo_dict(self)
 
 
 def run_demo(settings: DemoSettings | None = None, progress: Progress | None = None) -> DemoResult:
-    """Both runs at once, in processes of their own.
+    """Makes both runs in parallel, in separate processes.
 
-    Processes are started afresh (spawned), so a script that gets here needs the usual `if __name__ == "__main__"`.
+    Processes are spawned, so a script that calls this needs the usual `if __name__ == "__main__"`.
 
     Raises:
-        StaderaError: a run could not be made.
+        StaderaError: a run failed.
     """
     settings, context = settings or DemoSettings(), multiprocessing.get_context("spawn")
     ways = settings.supervisions
@@ -144,10 +144,10 @@ def run_demo(settings: DemoSettings | None = None, progress: Progress | None = N
 
 
 def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress | None = None) -> DemoRun:
-    """One of the two runs, in this process.
+    """Makes one of the two runs in this process.
 
     Raises:
-        StaderaError: it could not be made.
+        StaderaError: it failed.
     """
     robot = load_robot(settings.robot)
     box = box_at(robot, settings.corner, settings.mass, settings.size, settings.height)
@@ -180,7 +180,7 @@ def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress
 
 
 def _lie_down(walk: LoadedWalk, camera: Camera, seconds: float) -> None:
-    """What is seen after a fall, when the outcome is known: the drives brake."""
+    """Records the robot after a fall, when the outcome is known, with its drives braking."""
     walk.give_up("it has fallen")
     for _ in range(round(seconds / walk.bed.plant.timestep)):
         walk.step()
@@ -188,7 +188,7 @@ def _lie_down(walk: LoadedWalk, camera: Camera, seconds: float) -> None:
 
 
 def _run(settings: DemoSettings, way: Supervision, messages: Queue[Message]) -> DemoRun | str:
-    """The run, or what went wrong, as text: not every error survives the way between processes."""
+    """Makes the run; returns an error as text, since not every exception can be passed between processes."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):  # two runs, two cores
@@ -199,7 +199,7 @@ def _run(settings: DemoSettings, way: Supervision, messages: Queue[Message]) -> 
 
 
 def _report(messages: Queue[Message], futures: list[Future[DemoRun | str]], progress: Progress | None) -> None:
-    """Passes on what the processes tell, until they are done."""
+    """Passes on the processes' messages until they are done."""
     while True:
         try:
             message = messages.get(timeout=_POLL)

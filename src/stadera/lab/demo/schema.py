@@ -1,4 +1,4 @@
-"""The demo's result as plain values, and what is derived for them."""
+"""Plain values of the demo's result, and quantities derived from them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from stadera.robot import load_robot
 from stadera.weigh.schema import payload_dict, plain
 
 KNOWN = (0.1, 0.03)
-"""What the trunk counts as known to: two standard deviations of its mass, as a share of the robot's, and of its centre
-of mass in x and y [m]."""
+"""Accuracy at which the trunk counts as known: two standard deviations of its mass, as a share of the robot's, and of
+its centre of mass in x and y [m].
+"""
 
 
 def demo_dict(result: DemoResult) -> dict[str, Any]:
-    """Both runs as plain values: SI units, trunk frame, times from the moment the box is let go, null for what was not
-    observed.
+    """Both runs as plain values: SI units, trunk frame, times relative to the drop of the box, null for unobserved
+    quantities.
 
     Keys: robot, seed, load, without, with, runs, units. Of each run: outcome (walked, stuck or fell), reasons,
     fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside (of
@@ -91,7 +92,9 @@ def _or_none(value: float) -> float | None:
 
 
 def known_after(run: DemoRun) -> float | None:
-    """Time from the load until the trunk was known to `KNOWN` on the way, and stayed so [s]; None if it never was."""
+    """Time from the drop until the trunk was known to `KNOWN` while walking, and stayed so [s]; None if it never
+    was.
+    """
     loaded_at, film = run.outcome.trace.loaded_at, run.film
     share, length = KNOWN
     limits = np.array([share * load_robot(run.outcome.case.robot).mass, length, length])
@@ -102,5 +105,5 @@ def known_after(run: DemoRun) -> float | None:
 
 
 def true_load(outcome: LoadedWalkOutcome) -> InertialParameters:
-    """What lies on the trunk at the end, trunk frame."""
+    """The load on the trunk at the end, trunk frame."""
     return outcome.truth - outcome.bare

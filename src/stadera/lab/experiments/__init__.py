@@ -1,4 +1,4 @@
-"""The paper's tables and figures, done again: one file each, named in the registry."""
+"""Reproductions of the paper's tables and figures: one file each, listed in the registry."""
 
 from stadera.lab.experiments.paper import Experiment, ReproduceSettings
 from stadera.lab.experiments.registry import ALL, EXPERIMENTS, experiments_named, run_experiments

@@ -1,8 +1,8 @@
-"""Many runs over cores or machines, with what is done kept, so that an interrupted study goes on.
+"""Runs many cases over cores or machines, and stores finished ones, so that an interrupted study can be resumed.
 
-A case is a frozen dataclass of plain values. With a folder to keep them in, every outcome (then a mapping of plain
-values) is one line of `<folder>/<study>.jsonl` as soon as it is there, and cases found in it are not run again. A line
-belongs to the version of this package that wrote it; an incomplete line is skipped.
+A case is a frozen dataclass of plain values. With a folder, every outcome (then a mapping of plain values) is stored
+immediately as one line of `<folder>/<study>.jsonl`, and cases found there are not run again. A line is valid for the
+version of this package that wrote it; an incomplete line is skipped.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from stadera.fleet.pool import Failure, Pool, run_tasks
 from stadera.types import Progress
 
 Outcome = Mapping[str, Any]
-"""What a case of a kept study came to: numbers (None where there is none), texts, and lists of them."""
+"""Outcome of a case: numbers (None for missing ones), texts, and lists of them."""
 
 Case = TypeVar("Case")
 Found = TypeVar("Found")
@@ -35,17 +35,17 @@ def run_grid(
     keep: Path | None = None,
     pool: Pool | None = None,
 ) -> list[Found]:
-    """Every case's outcome, in the cases' order.
+    """Returns every case's outcome, in the cases' order.
 
     Args:
-        study: its name, of the progress and of the file.
-        run: a function of a module, from a case to its outcome; the same case gives the same outcome.
+        study: name of the study, for progress and file.
+        run: a module-level, deterministic function from a case to its outcome.
         cases: frozen dataclasses of plain values.
-        keep: the folder of outcomes kept; None to keep none.
-        pool: where cases are run; None for one process a core. A single case is run in this process.
+        keep: folder of stored outcomes; None to store none.
+        pool: where cases are run; None for one process per core. A single case is run in this process.
 
     Raises:
-        StaderaError: a case could not be run; what was done until then is kept.
+        StaderaError: a case failed; outcomes obtained before are stored.
         MissingExtraError: Dask is needed and not installed.
     """
     keys = [_key(case) for case in cases]
@@ -63,7 +63,7 @@ def run_grid(
 
 
 def grouped(pairs: Sequence[tuple[Case, Found]], key: Callable[[Case], Key]) -> dict[Key, list[tuple[Case, Found]]]:
-    """Cases and their outcomes by a key of the case, in the order in which keys come first."""
+    """Groups cases and outcomes by a key of the case, in the order of first appearance."""
     groups: dict[Key, list[tuple[Case, Found]]] = {}
     for case, outcome in pairs:
         groups.setdefault(key(case), []).append((case, outcome))
@@ -84,7 +84,7 @@ def _kept(keep: Path | None, study: str) -> dict[str, Any]:
 
 @contextmanager
 def _keeping(keep: Path | None, study: str) -> Iterator[Callable[[str, Any], None]]:
-    """Appends outcomes to the study's file, each at once; does nothing without a folder."""
+    """Yields a function that appends outcomes to the study's file immediately; it does nothing without a folder."""
     if keep is None:
         yield lambda key, outcome: None
         return

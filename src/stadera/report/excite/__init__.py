@@ -1,1 +1,1 @@
-"""Report of an excitation: terminal, page and plots."""
+"""Report of an excitation: terminal, page and figures."""

@@ -1,4 +1,4 @@
-"""The page of an excitation: its expected information, against random draws, then the motion, then its settings."""
+"""Page of an excitation: its expected information compared with random draws, the motion, the settings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TERMS = {
 
 
 def excitation_html(result: Excitation) -> str:
-    """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
+    """The complete, self-contained page."""
     bounds, settings = result.experiment.bounds, result.settings
     return render(
         "excite.html.j2",
@@ -67,7 +67,7 @@ def _next_steps(result: Excitation) -> tuple[str, ...]:
 
 
 def _cards(result: Excitation) -> Iterator[dict[str, object]]:
-    """Arguments of the macro `card`."""
+    """Yields arguments of the macro `card`."""
     best, median = result.chosen, number(100.0 * float(np.median(result.chosen.std)), 2)
     yield {"label": "Information gain", "figure": f"{best.gain:.1f}", "unit": "nat"}
     yield {"label": "Combinations known", "figure": best.rank, "unit": f"of {len(result.combinations)}"}

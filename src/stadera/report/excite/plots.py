@@ -8,17 +8,17 @@ from stadera.excite.result import Excitation
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line
 
 SHOWN = 30.0  # s of the motion in the plot
-_RATE = 100.0  # Hz in the plot
-_LONGEST = 60  # characters of a combination's name next to a plot
+_RATE = 100.0  # Hz, in the plot
+_LONGEST = 60  # characters of a combination's name beside a plot
 
 
 def figures(result: Excitation) -> dict[str, Figure]:
-    """What there is to show, by name."""
+    """All figures by name."""
     return {"information": std_figure(result), "motion": motion_figure(result)}
 
 
 def std_figure(result: Excitation) -> Figure:
-    """Standard deviation of each identifiable combination as a share of the prior's: the motion's and the draws'."""
+    """Standard deviation of each identifiable combination as a share of the prior's, for the motion and the draws."""
     names = tuple(_cut(str(combination)) for combination in result.combinations)
     at, marks = np.arange(float(len(names))), []
     if result.draws:

@@ -10,7 +10,7 @@ from stadera.report.table import TableData
 
 
 def limits_table(result: Excitation) -> TableData:
-    """What the motion uses of each joint, and what is allowed with the margins taken off."""
+    """Extremes of each joint's motion, and its bounds with margins subtracted."""
     bounds, peaks = result.experiment.bounds, result.peaks
     rows = (
         (
@@ -27,7 +27,7 @@ def limits_table(result: Excitation) -> TableData:
 
 
 def worth_table(result: Excitation) -> TableData:
-    """Information and rank of the motion and of the random draws, one row a motion."""
+    """Information and rank of the motion and of the random draws, one row for each."""
     rows = (
         (
             name,
@@ -51,7 +51,7 @@ def worth_table(result: Excitation) -> TableData:
 
 
 def verdict(result: Excitation) -> str:
-    """In one sentence, how much better the motion is than the paper's random draws."""
+    """One sentence on how much better the motion is than the paper's random draws."""
     if result.gained is None or result.ratios is None:
         return "This is a random draw; the optimised motion was not asked for."
     worse = int(np.sum(result.ratios < 1.0))

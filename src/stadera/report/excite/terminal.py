@@ -1,4 +1,4 @@
-"""An excitation in the terminal."""
+"""Terminal output of an excitation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stadera.report.terminal import notes, rich_table
 
 
 def excitation_tables(result: Excitation) -> Iterator[RenderableType]:
-    """The motion's extremes by joint, then its expected information, then how much better that is than random draws."""
+    """The motion's extremes by joint, its expected information, and the comparison with random draws."""
     yield rich_table(limits_table(result))
     yield rich_table(worth_table(result))
     yield from notes(result.experiment.bounds.clearance.notes)

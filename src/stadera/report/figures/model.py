@@ -1,6 +1,6 @@
-"""A figure as plain values: panels of curves, bars and guides. Who draws it is no matter of who makes it.
+"""Figures as plain values: panels of curves, bars and guides, independent of the library that draws them.
 
-Colours are names of `stadera.report.look.COLOURS`, so that a page can be dark and a paper white.
+Colours are names of `stadera.report.look.COLOURS`, so that pages can be dark and papers white.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from stadera.errors import StaderaError
 from stadera.report.look import COLOURS
 from stadera.types import Array
 
-_MOST = 1000  # samples of one curve: about one a pixel
-_GAP = 2.5  # a step of more than this many usual ones is drawn as a break
+_MOST = 1000  # samples of one curve: about one per pixel
+_GAP = 2.5  # a step larger than this many usual ones is drawn as a break
 
 Marker = Literal["", "dot", "ring", "diamond", "plus", "cross"]
 
@@ -28,19 +28,19 @@ class Series:
 
     Attributes:
         x, y: (k,); NaN breaks a line.
-        name: in the legend; empty for none. Series of one name are one entry, and are switched together.
+        name: in the legend; empty for none. Series of the same name share one entry and are toggled together.
         colour: of `COLOURS`.
         width: of the line [px]; 0 for none.
-        dashed: whether the line is.
-        stairs: whether y holds until the next x, or for bins around x ("hold", "bins"); "" for straight lines.
-        fill: "self" fills the outline, "zero" down to the axis.
-        marker, size: of the points; size [px] one, or one a point.
+        dashed: whether the line is dashed.
+        stairs: "hold" if y is constant until the next x, "bins" for bins around x; "" for straight lines.
+        fill: "self" fills the outline, "zero" the area down to the axis.
+        marker, size: of the points; one size [px], or one for each point.
         labels: a text at each point; empty for none.
         x_range, y_range: ((k,), (k,)), lower and upper end of error bars; None for none.
-        hidden: whether it is drawn only when asked for.
+        hidden: True to draw it only on request.
 
     Raises:
-        StaderaError: x and y of different length, or a colour that is not there.
+        StaderaError: x and y of different length, or an unknown colour.
     """
 
     x: Array
@@ -64,7 +64,7 @@ class Series:
         _check_colour(self.colour)
 
     def path(self) -> tuple[Array, Array]:
-        """What is drawn as a line, stairs in full, (n,) each."""
+        """The points of the line, stairs expanded, (n,) each."""
         x, y = np.asarray(self.x, dtype=float), np.asarray(self.y, dtype=float)
         if self.stairs == "bins" and len(x) > 1:
             middle = 0.5 * (x[1:] + x[:-1])
@@ -77,7 +77,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """Horizontal bars, one a category of the y axis (k,), NaN for none; several are drawn next to each other."""
+    """Horizontal bars, one for each category of the y axis (k,), NaN for none; several are drawn next to each other."""
 
     values: Array
     name: str
@@ -93,7 +93,7 @@ class Guide:
 
     Attributes:
         begin, end: on the axis; end None for a line.
-        of: the axis that they are on.
+        of: the axis to which they refer.
         colour: of `COLOURS`.
         name: in the legend; empty for none.
     """
@@ -114,10 +114,10 @@ class Axis:
 
     Attributes:
         title: with its unit in square brackets.
-        log: whether it is logarithmic.
+        log: whether the axis is logarithmic.
         labels: categories at 0, 1, 2, ...; empty for a quantity.
-        limits: what is shown; None for all that there is.
-        zero: whether it shows zero.
+        limits: range shown; None for the range of the data.
+        zero: whether the range includes zero.
     """
 
     title: str = ""
@@ -132,12 +132,12 @@ class Panel:
     """One pair of axes.
 
     Attributes:
-        x, y: its axes; y runs downwards where it has categories.
+        x, y: its axes; y points downwards if it has categories.
         marks: from the back to the front.
-        guides: behind them.
+        guides: behind the marks.
         title: above it.
-        equal: whether a unit of x is as long as one of y.
-        share: of the width, beside others.
+        equal: whether x and y have the same scale.
+        share: of the width, next to other panels.
     """
 
     x: Axis
@@ -150,7 +150,7 @@ class Panel:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is drawn in it."""
+        """True if nothing is drawn in it."""
         return not self.marks
 
 
@@ -160,11 +160,11 @@ class Figure:
 
     Attributes:
         title: above it, and its label for screen readers.
-        rows: panels beside each other, row by row.
+        rows: panels next to each other, row by row.
         note: how to read it.
         row_height: of a panel [px].
-        moves: whether it can be zoomed and read off on pages; else it stands still.
-        shared: whether all panels of a column have one x axis, with its title below the last.
+        moves: whether it is interactive on pages; else it is static.
+        shared: whether all panels of a column share one x axis, with its title below the last.
     """
 
     title: str
@@ -176,17 +176,17 @@ class Figure:
 
     @property
     def panels(self) -> tuple[Panel, ...]:
-        """All, row by row."""
+        """All panels, row by row."""
         return tuple(panel for row in self.rows for panel in row)
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing to draw."""
+        """True if there is nothing to draw."""
         return all(panel.is_empty for panel in self.panels)
 
     @property
     def entries(self) -> dict[str, Series | Bars | Guide]:
-        """The legend: by name, the first that has it."""
+        """Entries of the legend: the first mark with each name."""
         named: dict[str, Series | Bars | Guide] = {}
         for panel in self.panels:
             for mark in (*panel.marks, *panel.guides):
@@ -196,7 +196,7 @@ class Figure:
 
 
 def stacked(title: str, panels: Sequence[Panel], note: str = "", height: float = 190.0, moves: bool = False) -> Figure:
-    """Panels one below the other over one x axis, whose title is below the last."""
+    """Stacks panels over one x axis, whose title is below the last."""
     last = len(panels) - 1
     rows = tuple(
         (panel if k == last else replace(panel, x=replace(panel.x, title="")),) for k, panel in enumerate(panels)
@@ -205,12 +205,12 @@ def stacked(title: str, panels: Sequence[Panel], note: str = "", height: float =
 
 
 def line(x: Array, y: Array, name: str, colour: str = "blue", **look: object) -> Series:
-    """A curve, thinned to what a plot can show, with a break where x jumps."""
+    """A curve, thinned to a plot's resolution, with a break where x jumps."""
     return Series(*_thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float)), name, colour, **look)  # type: ignore[arg-type]
 
 
 def band(x: Array, value: Array, std: Array, colour: str = "blue", name: str = "± 2 standard deviations") -> Series:
-    """A band of two standard deviations around a value over x (k,), interrupted where either is not known."""
+    """A band of two standard deviations around a value over x (k,), interrupted where either is NaN."""
     every = slice(None, None, max(1, -(-len(x) // _MOST)))
     x, value, std = (np.asarray(values, dtype=float)[every] for values in (x, value, std))
     return Series(*_outlines(x, value + 2.0 * std, value - 2.0 * std), name, colour, width=0.0, fill="self")
@@ -224,14 +224,14 @@ def _thinned(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _jumps(x: Array) -> NDArray[np.intp]:
-    """Where x goes on after a gap."""
+    """Indices where x continues after a gap."""
     steps = np.diff(x)
     usual = float(np.median(steps)) if len(steps) else 0.0
     return np.flatnonzero(steps > _GAP * usual) + 1 if usual > 0.0 else np.zeros(0, dtype=np.intp)
 
 
 def _outlines(x: Array, high: Array, low: Array) -> tuple[Array, Array]:
-    """Outlines of a band over x (k,), one for each stretch in which it is known and x does not jump, NaN between."""
+    """Outlines of a band over x (k,), one for each stretch of known values without a jump of x, NaN in between."""
     known, jumps = np.isfinite(high) & np.isfinite(low), np.zeros(len(x) + 1, dtype=bool)
     jumps[_jumps(x)] = True
     starts = np.flatnonzero(known & (~np.concatenate([[False], known[:-1]]) | jumps[:-1]))

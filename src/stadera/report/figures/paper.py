@@ -1,4 +1,4 @@
-"""Figures by Matplotlib, for papers: white, in the width of a page's text, as PDF, PNG or SVG."""
+"""Draws figures with Matplotlib for papers: white, in the width of a page's text, as PDF, PNG or SVG."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
 
 SUFFIXES = (".pdf", ".png", ".svg")
-_WIDTH = 7.1  # in, of two columns of an IEEE paper
-_PX = 0.0088  # in a pixel of a page: the page's proportions in that width
+_WIDTH = 7.1  # in, two columns of an IEEE paper
+_PX = 0.0088  # in per pixel of a page: the page's proportions in that width
 _DPI = 300
 _MARKERS = {"dot": "o", "ring": "o", "diamond": "D", "plus": "+", "cross": "x"}
 _FONT = {"font.size": 8.0, "axes.titlesize": 8.0, "legend.fontsize": 7.5, "svg.fonttype": "none", "pdf.fonttype": 42}
@@ -29,7 +29,7 @@ _TINTS = {"observable": "green-tint", "partial": "gray-tint", "unobservable": "r
 
 
 def check_figure(path: AnyPath) -> None:
-    """Whether a figure can be written there, before the work.
+    """Checks that a figure can be written to a path, before the computation.
 
     Raises:
         StaderaError: another suffix than .pdf, .png, .svg. MissingExtraError: Matplotlib is not installed.
@@ -47,10 +47,10 @@ def save(drawn: Drawn, path: AnyPath) -> None:
 
 
 def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) -> Drawn:
-    """The figure of that name, None for the first.
+    """The figure with that name, None for the first.
 
     Raises:
-        StaderaError: there are none, or none of that name. MissingExtraError: Matplotlib is not installed.
+        StaderaError: there are none, or none with that name. MissingExtraError: Matplotlib is not installed.
     """
     if not figures:
         raise StaderaError("this result has no figures")
@@ -61,7 +61,7 @@ def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) ->
 
 
 def draw(shown: Figure | TableData) -> Drawn:
-    """A Matplotlib figure, to be saved or changed further; tables are drawn with the colours of observability.
+    """Draws a Matplotlib figure; tables are drawn with the colours of observability.
 
     Raises:
         MissingExtraError: Matplotlib is not installed.
@@ -102,7 +102,7 @@ def _figure(figure: Figure) -> Drawn:
 
 
 def _tall(figure: Figure, row: tuple[Panel, ...]) -> float:
-    """Height of a row in a page's pixels."""
+    """Height of a row in pixels of a page."""
     if labels := max(len(panel.y.labels) for panel in row):
         return 60.0 + 22.0 * labels
     return 380.0 if any(panel.equal for panel in row) else 0.8 * figure.row_height
@@ -192,12 +192,12 @@ def _markers(place: Axes, series: Series, colour: str, name: str | None) -> None
 
 
 def _area(size: float | Array) -> Array:
-    """Of markers [pt²], from their diameters [px]."""
+    """Areas of markers [pt²] from their diameters [px]."""
     return np.asarray((0.5 * np.asarray(size)) ** 2)
 
 
 def _labels(place: Axes, series: Series) -> None:
-    """Texts outside of their markers, seen from the middle of all."""
+    """Places texts outside of their markers, as seen from the middle of all."""
     if not series.labels:
         return
     middle, radius = float(np.mean(series.y)), 0.5 * np.sqrt(np.broadcast_to(_area(series.size), np.shape(series.x)))
@@ -209,7 +209,7 @@ def _labels(place: Axes, series: Series) -> None:
 
 # -- tables ---------------------------------------------------------------------------------------------------------
 def _table(table: TableData) -> Drawn:
-    """Rows of texts, columns as wide as their longest, in the largest type that fits."""
+    """Draws rows of texts, with columns as wide as their longest text, in the largest font that fits."""
     rows = [tuple(map(_text, row)) for _, group in table.groups for row in group]
     tints = [tuple(map(_tint, row)) for _, group in table.groups for row in group]
     wide = [max(len(row[k]) for row in [table.head, *rows]) + 2 for k in range(len(table.head))]

@@ -1,6 +1,6 @@
-"""Figures as Plotly's JSON, for those that are zoomed and read off on a page; Plotly itself is in the page.
+"""Converts figures to Plotly's JSON for interactive plots on a page, which contains Plotly itself.
 
-Colours stay names, `var(--blue)`: `plots.js` puts the page's own in, light or dark. Curves over the same x share it.
+Colours stay names, `var(--blue)`: `plots.js` inserts the page's own, light or dark. Curves over the same x share it.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ _TINT, _SHADE = "2e", "1f"  # opacity, two hexadecimal digits after a colour
 
 
 def height(figure: Figure) -> int:
-    """Of the drawn figure [px]."""
+    """Height of the drawn figure [px]."""
     return round(_LEGEND + _BOTTOM + len(figure.rows) * (figure.row_height - _BETWEEN) + _TOP)
 
 
 def data(figure: Figure) -> Markup:
-    """Traces, layout and shared values as JSON that cannot end its script element.
+    """Traces, layout and shared values as JSON that cannot terminate its script element.
 
     Raises:
-        StaderaError: a figure with panels beside each other or with bars, which stand still.
+        StaderaError: a figure with panels next to each other or with bars, which are static.
     """
     shared: dict[str, int] = {}
     traces: list[dict[str, Any]] = []
@@ -73,7 +73,7 @@ def _trace(series: Series, row: int, first: bool, shared: dict[str, int], panel:
 
 
 def _packed(values: Array) -> str:
-    """In single precision, base64: a plot needs no more."""
+    """Values in single precision, base64: enough for a plot."""
     return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()
 
 

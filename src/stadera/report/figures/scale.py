@@ -1,4 +1,4 @@
-"""From the values of an axis to pixels, and its ticks."""
+"""Maps the values of an axis to pixels, and chooses its ticks."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from stadera.report.numbers import number
 from stadera.types import Array
 
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
-_ROOM = 0.05  # of the span, around what is shown
+_ROOM = 0.05  # of the span, around the data
 
 
 @dataclass(frozen=True)
 class Scale:
-    """A range of values on a length.
+    """Maps a range of values to a length.
 
     Attributes:
         low, high: of the values; positive where `log`.
         length: [px].
-        log: whether equal ratios are equally long.
-        flipped: whether values run against the pixels, as y does.
+        log: whether the scale is logarithmic.
+        flipped: whether values increase against the pixels, as for y.
     """
 
     low: float
@@ -34,7 +34,7 @@ class Scale:
     flipped: bool = False
 
     def __call__(self, values: Array | float) -> Array:
-        """Pixels from the scale's beginning, NaN where there are none."""
+        """Pixels from the beginning of the scale, NaN for NaN."""
         ends = np.array([self.low, self.high])
         values = np.asarray(values, dtype=float)
         if self.log:
@@ -43,7 +43,7 @@ class Scale:
         return np.asarray(self.length * (1.0 - share if self.flipped else share))
 
     def ticks(self, apart: float) -> tuple[list[float], list[str]]:
-        """Round values at least `apart` px from each other, and their texts."""
+        """Round values at least `apart` px from each other, and their labels."""
         if self.log:
             return _decades(self.low, self.high, max(self.length / apart, 1.0))
         rough = (self.high - self.low) / max(self.length / apart, 1.0)
@@ -71,7 +71,7 @@ def _text(value: float, decimals: int) -> str:
 
 
 def scale_of(axis: Axis, panel: Panel, of: str, length: float) -> Scale:
-    """The scale that shows all of a panel along one axis ("x" or "y")."""
+    """The scale that shows all data of a panel along one axis ("x" or "y")."""
     flipped = of == "y" and not axis.labels
     if axis.labels:
         return Scale(-0.5, len(axis.labels) - 0.5, length, flipped=flipped)
@@ -87,7 +87,7 @@ def scale_of(axis: Axis, panel: Panel, of: str, length: float) -> Scale:
 
 
 def _room(low: float, high: float, share: float) -> float:
-    """Space outside the data: a share of their extent, or something to show a single value in."""
+    """Space around the data: a share of their extent, or a range around a single value."""
     return share * (high - low) if high > low else 0.5 * abs(high) or 0.5
 
 

@@ -1,4 +1,4 @@
-"""Figures as inline SVG: no script, sharp on paper, dark with the page."""
+"""Draws figures as inline SVG: without scripts, scalable, and dark on dark pages."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from stadera.report.figures.scale import Scale, scale_of
 from stadera.types import Array
 
 WIDE, NARROW = 1120.0, 340.0
-"""Widths for which figures are laid out [px]: a page's, and a phone's."""
+"""Widths for which figures are laid out [px]: that of a page, and of a phone."""
 
-_CHAR = 6.6  # px, of a tick's text
+_CHAR = 6.6  # px, of a character of a tick's label
 _TOP, _TITLE, _BOTTOM, _X_TITLE, _BETWEEN, _RIGHT = 8.0, 22.0, 22.0, 20.0, 14.0, 12.0  # px around a panel's axes
-_CATEGORY = 34.0  # px a category where its name is above it
-_TICK_X, _TICK_Y = 80.0, 34.0  # px, at least, between ticks
+_CATEGORY = 34.0  # px for a category whose name is above it
+_TICK_X, _TICK_Y = 80.0, 34.0  # px, least distance between ticks
 _SHAPES: dict[Marker, str] = {
     "diamond": "M0-{r}L{r} 0L0 {r}L-{r} 0Z",
     "plus": "M-{r} 0H{r}M0-{r}V{r}",
@@ -28,11 +28,11 @@ _SHAPES: dict[Marker, str] = {
 
 
 def svg(figure: Figure, width: float = WIDE) -> Markup:
-    """The figure as an SVG element, which scales with its place; its legend is apart (`Figure.entries`).
+    """Draws a figure as an SVG element, which scales with its container; the legend is separate (`Figure.entries`).
 
     Args:
-        figure: to draw.
-        width: it is laid out for [px]; one that is narrow has its panels below each other.
+        figure: the figure.
+        width: for the layout [px]; narrow figures have their panels below each other.
     """
     rows = figure.rows if width > 2 * NARROW else tuple((panel,) for panel in figure.panels)
     drawn, top = [], 0.0
@@ -49,7 +49,9 @@ def svg(figure: Figure, width: float = WIDE) -> Markup:
 
 
 def _label_width(row: Sequence[Panel], rows: Sequence[Sequence[Panel]], width: float) -> float:
-    """Room left of the axes, the same for all rows of one panel [px]; 0 where categories are written above."""
+    """Space to the left of the axes, the same for all rows of one panel [px]; 0 if category names are above their
+    bars.
+    """
     panels = [p for r in rows for p in r] if len(row) == 1 else row
     texts = [text for panel in panels for text in panel.y.labels]
     if not texts:
@@ -60,7 +62,7 @@ def _label_width(row: Sequence[Panel], rows: Sequence[Sequence[Panel]], width: f
 
 @dataclass(frozen=True)
 class _Place:
-    """One panel drawn in a place of `width` px, with `left` px for the names of its ticks."""
+    """One panel, drawn within `width` px, with `left` px for the tick labels."""
 
     panel: Panel
     width: float
@@ -69,12 +71,12 @@ class _Place:
 
     @property
     def above(self) -> bool:
-        """Whether the names of categories are above them, for want of room."""
+        """True if category names are above their bars, for lack of space."""
         return not self.left
 
     @property
     def inner(self) -> tuple[float, float]:
-        """Size of what is inside the axes [px]."""
+        """Size of the area inside the axes [px]."""
         wide = self.width - max(self.left, 8.0) - _RIGHT
         if self.panel.equal:
             x, y = (scale_of(axis, self.panel, name, 1.0) for axis, name in ((self.panel.x, "x"), (self.panel.y, "y")))
@@ -85,12 +87,12 @@ class _Place:
 
     @property
     def height(self) -> float:
-        """Of all [px]."""
+        """Height of the whole panel [px]."""
         around = _TOP + _BOTTOM + _BETWEEN + (_TITLE if self.panel.title else 0.0)
         return self.inner[1] + around + (_X_TITLE if self.panel.x.title else 0.0)
 
     def parts(self) -> Iterator[str]:
-        """SVG elements, from the panel's corner."""
+        """Yields SVG elements, relative to the panel's corner."""
         panel, (wide, high) = self.panel, self.inner
         x, y = scale_of(panel.x, panel, "x", wide), scale_of(panel.y, panel, "y", high)
         if panel.equal:
@@ -123,7 +125,7 @@ class _Place:
             yield f'<text {place} class="x">{escape(panel.y.title)}</text>'
 
     def _ticks_of_x(self, x: Scale) -> Generator[str, None, str]:
-        """The texts under the panel; returns the path of their lines."""
+        """Yields the labels below the panel; returns the path of the grid lines."""
         labels, (wide, high) = self.panel.x.labels, self.inner
         if labels:
             values, texts = [float(k) for k in range(len(labels))], list(labels)
@@ -137,7 +139,7 @@ class _Place:
         return "".join(f"M{v:.1f} 0V{high:.1f}" for v in at)
 
     def _names_of_y(self, y: Scale) -> Generator[str, None, str]:
-        """The rows' names, left of the panel or above each row where it is narrow; no lines."""
+        """Yields the rows' names, left of the panel or above each row if it is narrow, without grid lines."""
         for k, name in enumerate(self.panel.y.labels):
             v, room = float(y(float(k))), int(self.inner[0] / _CHAR) if self.above else len(name)
             text = name if len(name) <= room else f"{name[: room - 1]}…"
@@ -154,7 +156,7 @@ class _Place:
 
 
 def _equal(x: Scale, y: Scale) -> tuple[Scale, Scale]:
-    """The scales with one length a unit, what is short of it widened around its middle."""
+    """The scales with the same number of pixels per unit; the smaller one is widened around its middle."""
     unit = min(x.length / (x.high - x.low), y.length / (y.high - y.low))
     made = []
     for scale in (x, y):
@@ -164,7 +166,7 @@ def _equal(x: Scale, y: Scale) -> tuple[Scale, Scale]:
 
 
 def _arranged(marks: Sequence[Series | Bars]) -> Iterator[tuple[Series | Bars, float, float]]:
-    """Marks, with place and thickness of bars next to each other in shares of a category."""
+    """Yields marks, with position and thickness of adjacent bars in shares of a category."""
     bars = [mark for mark in marks if isinstance(mark, Bars)]
     thick = 0.75 / max(len(bars), 1)
     for mark in marks:
@@ -241,7 +243,7 @@ def _markers(series: Series, px: Array, py: Array, colour: str) -> Iterator[str]
 
 
 def _labels(series: Series, x: Scale, y: Scale) -> Iterator[str]:
-    """Texts at points, above those in the upper half, below the others."""
+    """Yields texts at points, above those in the upper half, below the others."""
     sizes = np.broadcast_to(np.asarray(series.size, dtype=float), np.shape(series.x))
     for a, b, size, text in zip(x(series.x), y(series.y), sizes, series.labels, strict=True):
         down = 0.5 * size + 13.0 if b > 0.5 * y.length else -0.5 * size - 5.0
@@ -249,7 +251,7 @@ def _labels(series: Series, x: Scale, y: Scale) -> Iterator[str]:
 
 
 def _way(px: Array, py: Array) -> str:
-    """A path through the points, broken where one is missing."""
+    """A path through the points, interrupted at missing ones."""
     parts, pen = [], "M"
     for a, b in zip(px.tolist(), py.tolist(), strict=True):
         if a == a and b == b:

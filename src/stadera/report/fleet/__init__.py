@@ -1,1 +1,1 @@
-"""Of a fleet: many logs of several robots."""
+"""Report of a fleet: many logs of several robots."""

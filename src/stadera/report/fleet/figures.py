@@ -1,4 +1,4 @@
-"""Small figures of a robot's quantity over its logs, values with two standard deviations: SVG that needs no script."""
+"""Small SVG figures of a robot's quantity over its logs, with bars of two standard deviations."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from stadera.types import Array
 
 _WIDTH, _HEIGHT = 380, 150  # of the drawing, in its own units
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 8, 8, 20
-_NAMED = 400  # logs of a figure up to which each point says which it is; more make the page too heavy
+_NAMED = 400  # largest number of logs in a figure whose points have tooltips; more make the page too heavy
 
 
 def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) -> Markup:
-    """Values over the logs in order, bars of two standard deviations, levels, and what stands out in another colour.
+    """Values over the logs in order, with bars of two standard deviations, levels, and departures in another colour.
 
     Args:
-        found: what stands out in this series.
-        named: whether each point tells its log when pointed at.
+        found: departures in this series.
+        named: whether each point has a tooltip with its log.
     """
     count = len(series.value)
     low, high = _range(series)
@@ -53,7 +53,7 @@ def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) 
 
 
 def _range(series: FleetSeries) -> tuple[float, float]:
-    """All values with their bars; bars that are far longer than the rest are cut off."""
+    """Range of all values with their bars, truncated if some bars are far longer than the rest."""
     usual = 3.0 * float(np.median(series.std))
     reach = np.minimum(2.0 * series.std, usual)
     low, high = float((series.value - reach).min()), float((series.value + reach).max())
@@ -92,7 +92,7 @@ def _dots(x: Array, y: Array) -> str:
 
 
 def _levels(series: FleetSeries, found: Sequence[Departure], x: Array, low: float, high: float) -> str:
-    """A line at the mean of each stretch between two edges of what stands out."""
+    """A line at the mean of each stretch between departures."""
     count = len(series.value)
     edges = sorted({0, count, *(d.first for d in found), *(d.last + 1 for d in found)})
     half, out = 0.5 * (_WIDTH - _LEFT - _RIGHT) / count, []

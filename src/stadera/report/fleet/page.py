@@ -1,4 +1,4 @@
-"""The page of a fleet: what stands out, each robot over its logs, and every log in a table to sort and to filter."""
+"""Page of a fleet: departures, each robot over its logs, and a table of all logs that can be sorted and filtered."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from stadera.report.table import Cell, Row, TableData
 from stadera.report.trust import Level
 
 _CHANCE = 0.01
-_FIGURES = 1_400_000  # bytes of all figures, with which a page of 1,000 logs stays under 3 MB
+_FIGURES = 1_400_000  # bytes of all figures, such that a page of 1,000 logs stays below 3 MB
 _TERMS = {
     "Stands out": "A stretch of a robot's logs whose level differs from its other logs by more than chance. Every "
     "stretch of every quantity of every robot is one look; all looks together report anything with a probability of at "
@@ -45,7 +45,7 @@ class FleetPanel:
 
 @dataclass(frozen=True)
 class RobotPanels:
-    """A robot's figures: the trunk's, then the joints', behind a click where nothing in them stands out."""
+    """Figures of a robot: the trunk's, then the joints', collapsed unless they contain departures."""
 
     name: str
     about: str
@@ -54,10 +54,10 @@ class RobotPanels:
 
 
 def fleet_html(table: FleetTable, chance: float = _CHANCE) -> str:
-    """A whole page that loads nothing.
+    """The complete, self-contained page.
 
     Args:
-        chance: that anything is reported to stand out where nothing happened.
+        chance: probability of reporting any departure from an unchanged fleet.
     """
     fleet = list(series_of(table))
     found = departures(fleet, chance)
@@ -106,7 +106,7 @@ def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
 
 
 def _drawn(fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> dict[FleetSeries, FleetPanel]:
-    """Figures of all series if there is room; what stands out comes first, then trunks, then joints."""
+    """Figures of all series if there is space; departures come first, then trunks, then joints."""
     outs: dict[FleetSeries, list[Departure]] = {series: [] for series in fleet}
     for departure in found:
         outs[departure.series].append(departure)
@@ -136,7 +136,7 @@ def _panels(
 
 
 def _logs_table(table: FleetTable) -> TableData:
-    """Every log; columns that no log has a value in are left out."""
+    """All logs; columns without values are omitted."""
     shown = [name for name in TRUNK if any(row[name] is not None for row in table.rows)]
     titles = [f"{TRUNK[name][0]} [{TRUNK[name][1]}]" for name in shown]
     dated = any(map(when, table.rows))
@@ -169,6 +169,6 @@ def _log_row(row: LogRow, shown: Sequence[str], dated: bool) -> Row:
 
 
 def _errors(failed: Sequence[LogRow]) -> list[tuple[str, int]]:
-    """What went wrong, and how often, the paths of the logs apart; the commonest first."""
+    """Error messages without paths, with their counts; the most frequent first."""
     reasons = Counter(str(row["error"]).removeprefix(f"{row['log']}: ") for row in failed)
     return reasons.most_common()

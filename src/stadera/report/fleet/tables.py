@@ -1,4 +1,4 @@
-"""Tables of a fleet: a line a robot, a line for each stretch that stands out."""
+"""Tables of a fleet: one row for each robot, one row for each departure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stadera.report.table import Cell, Row, TableData
 
 
 def robots_table(table: FleetTable) -> TableData:
-    """A line a robot."""
+    """One row for each robot."""
     head = ("robot", "logs", "good", "doubtful", "failed", "hours", "trunk in the last log [kg]")
     return TableData.of("Fleet", head, (_line(name, rows) for name, rows in by_robot(table.rows).items()))
 
@@ -36,20 +36,20 @@ def _line(name: str, rows: Sequence[LogRow]) -> Row:
 
 
 def change_text(departure: Departure) -> str:
-    """With its standard deviation and unit."""
+    """The change with its standard deviation and unit."""
     sign = "+" if departure.change > 0 else ""
     return f"{sign}{with_std(departure.change, departure.std)} {departure.series.unit}"
 
 
 def time_text(departure: Departure) -> str:
-    """In words, by the time of day or by the number of the log."""
+    """The time in words: the time of day or the number of the log."""
     rows = departure.series.rows
     first, last = (when(rows[k]) or f"log {k + 1}" for k in (departure.first, departure.last))
     return {"since": f"since {first}", "once": f"in {first}", "while": f"from {first} to {last}"}[departure.kind]
 
 
 def found_table(found: Sequence[Departure]) -> TableData:
-    """What stands out, a line each."""
+    """Departures, one row each."""
     head = ("robot", "quantity", "when", "change", "of its bars", "chance", "first log")
     rows = [
         (

@@ -1,4 +1,4 @@
-"""A fleet in the terminal: a line a robot, and the logs that failed."""
+"""Terminal output of a fleet: one row for each robot, and the logs that failed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LISTED = 10  # of the logs that failed
 
 
 def fleet_tables(table: FleetTable) -> Iterator[RenderableType]:
-    """What a person wants to know when the work is done."""
+    """Summary after the run."""
     yield rich_table(robots_table(table))
     if found := departures(list(series_of(table))):
         yield rich_table(found_table(found))

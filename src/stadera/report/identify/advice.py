@@ -1,4 +1,4 @@
-"""What to do after an identification: sentences, commands between backquotes."""
+"""Recommended next steps after an identification: sentences, with commands between backquotes."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from stadera.identify.result import Identification
 from stadera.report.identify.remarks import evaluated_part, is_alarming
 
-_POOR = 0.6  # of the directions that rich motion determines; below this another motion is worth the time
+_POOR = 0.6  # of the directions that rich motion determines; below this another motion is recommended
 
 
 def next_steps(result: Identification) -> tuple[str, ...]:
-    """What this result asks for, the most urgent first."""
+    """Next steps for this result, the most urgent first."""
     return tuple(_steps(result))
 
 

@@ -1,4 +1,4 @@
-"""Short meanings of the terms that a report uses."""
+"""Definitions of the terms used in a report."""
 
 from __future__ import annotations
 
@@ -35,4 +35,4 @@ TERMS: dict[str, str] = {
     "torque lag": "How much later than the joint states the torques were stamped; found from the log, taken off.",
     "armature": "Rotor inertia times the gear ratio squared, as felt at the joint.",
 }
-"""By term, in the order in which they are shown."""
+"""By term, in the displayed order."""

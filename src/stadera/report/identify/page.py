@@ -1,4 +1,4 @@
-"""The page of an identification: the verdict, the evidence, each leg, then what was done to the log."""
+"""Page of an identification: verdict, evidence, each leg, and processing of the log."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _METHODS = {
 
 
 def identification_html(result: Identification) -> str:
-    """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
+    """The complete, self-contained page."""
     part, (how, word), said = evaluated_part(result), badge(result), remarks(result)
     return render(
         "identify.html.j2",
@@ -49,7 +49,7 @@ def identification_html(result: Identification) -> str:
 
 
 def leg_table(result: Identification) -> TableData:
-    """One row a leg: what was determined, torque error, misfit, and whether a real leg could be so."""
+    """One row for each leg: directions determined, torque error, misfit, and physical consistency."""
     part, rows = evaluated_part(result), []
     for leg in result.legs:
         name, seen, physical = leg.leg.name, leg.estimate.observability, leg.estimate.is_physical
@@ -89,7 +89,7 @@ def _facts(result: Identification) -> dict[str, str]:
 
 
 def _spans(result: Identification) -> str:
-    """How much time the traces of each part span; every leg's are of the same log."""
+    """Duration of each part's traces, which are the same for all legs."""
     spans = {
         trace.part: f"{trace.time[-1] - trace.time[0]:.1f} s {trace.part}"
         for leg in result.legs[:1]
@@ -100,7 +100,7 @@ def _spans(result: Identification) -> str:
 
 
 def _cards(overall: dict[str, float]) -> Iterator[dict[str, str]]:
-    """The overall errors of the models, best first, as arguments of the macro `card`."""
+    """Overall errors of the models, best first, as arguments of the macro `card`."""
     best = overall.get("identified")
     for model in MODELS[::-1]:
         if model in overall:
@@ -111,7 +111,7 @@ def _cards(overall: dict[str, float]) -> Iterator[dict[str, str]]:
 
 
 def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
-    """What the template shows of a leg."""
+    """The template's values for a leg."""
     seen = leg.estimate.observability
     drawn = (plots.torque_figure(leg), plots.error_figure(leg), plots.spread_figure(leg, part))
     return {

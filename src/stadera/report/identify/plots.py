@@ -1,4 +1,4 @@
-"""Figures of an identification: torques, errors, their spread, and their RMSE a joint."""
+"""Figures of an identification: torques, errors, their spread, and their RMSE for each joint."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stadera.types import Array
 
 
 def figures(result: Identification) -> dict[str, Figure | TableData]:
-    """What there is to show, by name, the most telling first; those of a leg end in its name."""
+    """All figures by name, the most informative first; names of a leg's figures end in the leg's name."""
     part, found = evaluated_part(result), dict[str, Figure | TableData]()
     several = len(result.legs) > 1
     for leg in result.legs:
@@ -30,7 +30,7 @@ def figures(result: Identification) -> dict[str, Figure | TableData]:
 
 
 def torque_figure(leg: LegIdentification) -> Figure:
-    """Measured torque of each joint over time, and what each model predicts."""
+    """Measured torque of each joint over time, and each model's prediction."""
     traces, panels = plotted_traces(leg.traces), []
     for k, joint in enumerate(leg.leg.joints):
         marks = [_line(traces, model, [_column(t.predicted.get(model), k) for t in traces]) for model in _CAD]
@@ -91,7 +91,7 @@ def rmse_figure(legs: Sequence[LegIdentification], part: str) -> Figure:
 
 
 def plotted_traces(traces: Sequence[TorqueTrace]) -> list[TorqueTrace]:
-    """The traces that share one time axis: all, or the validation alone where their times overlap."""
+    """Traces that share one time axis: all, or only those of the validation if their times overlap."""
     filled = sorted((t for t in traces if len(t.time)), key=lambda t: float(t.time[0]))
     overlap = any(a.time[-1] >= b.time[0] for a, b in pairwise(filled))
     if overlap and any(t.part == "validation" for t in filled):

@@ -1,4 +1,4 @@
-"""How an identified value is shown: with its standard deviation, or as not measured."""
+"""Formats an identified value: with its standard deviation, or as not measured."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from stadera.report.numbers import number, with_std
 from stadera.report.table import Cell
 
 NOT_MEASURED = "not measured"
-_UNMOVED = 1e-6  # relative difference below which a value counts as the prior's own: well above rounding
+_UNMOVED = 1e-6  # relative difference below which a value equals the prior's: well above rounding
 
 MODEL_NAMES: dict[str, str] = {"identified": "identified", "prior_friction": "CAD + friction", "prior": "CAD"}
-"""The models that are compared, best first, in words."""
+"""Names of the compared models, best first."""
 
 
 def shown(quantity: Quantity, prior: str = "CAD") -> str:
     """The value as text, without its unit.
 
-    A value that was not measured is never shown as if it were: it is the prior's, or, where the prior or physical
-    consistency moved it along with measured ones, it is given in brackets.
+    A value that was not measured is marked as such: it is the prior's, or in brackets if the prior or physical
+    consistency changed it along with measured values.
     """
     if not quantity.is_held and quantity.std is not None:
         return with_std(quantity.value, quantity.std)

@@ -1,4 +1,4 @@
-"""The verdict on an identification, and what a reader must know before using it: bad news first, in sentences."""
+"""Verdict on an identification, and remarks for the reader, the most serious first."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _HEADLINES: dict[Level, str] = {
 
 @dataclass(frozen=True)
 class Remark:
-    """One sentence, and how serious it is."""
+    """A sentence and its severity."""
 
     level: Level
     text: str
 
 
 def evaluated_part(result: Identification) -> str:
-    """The part that errors are evaluated on: "validation" where there is one, else "training"."""
+    """The part used to evaluate errors: "validation" if there is one, else "training"."""
     parts = [part for leg in result.legs for part in leg.rmse]
     return "validation" if "validation" in parts else "training"
 
@@ -40,7 +40,7 @@ def overall_rmse(result: Identification, part: str, legs: tuple[str, ...] | None
 
     Args:
         part: "training" or "validation".
-        legs: the legs to take; None for all.
+        legs: the legs to include; None for all.
     """
     chosen = [leg for leg in result.legs if legs is None or leg.leg.name in legs]
     overall = {}
@@ -61,7 +61,7 @@ def torque_rms(leg: LegIdentification, part: str) -> dict[str, float]:
 
 
 def answer(result: Identification) -> str:
-    """Legs, and how well their torques are predicted, in a sentence."""
+    """One sentence with the legs and the accuracy of their predicted torques."""
     part = evaluated_part(result)
     names, errors = ", ".join(leg.leg.name for leg in result.legs), overall_rmse(result, part)
     where = "motion not used for fitting" if part == "validation" else "the training data"
@@ -76,12 +76,12 @@ def answer(result: Identification) -> str:
 
 
 def verdict(result: Identification) -> str:
-    """Trust, then the answer."""
+    """Trust, followed by the answer."""
     return f"Trust: {trust_text(result.trust, reasons=False)}. {answer(result)}"
 
 
 def badge(result: Identification) -> tuple[Level, str]:
-    """Trust in a word, and its level; whatever the trust, a result that should not be used says so."""
+    """Trust in a word, and its level; a result that should not be used is marked as bad in any case."""
     verdict = result.trust.verdict
     if verdict != "bad" and is_alarming(result):
         return "bad", "Do not use as it is"
@@ -89,18 +89,18 @@ def badge(result: Identification) -> tuple[Level, str]:
 
 
 def level(result: Identification) -> Level:
-    """The level of the whole result: of its worst remark."""
+    """Level of the whole result: that of its worst remark."""
     found = remarks(result)
     return "bad" if is_alarming(result) else found[0].level if found else "note"
 
 
 def headline(result: Identification) -> str:
-    """Whether the numbers can be used, in half a sentence."""
+    """Half a sentence on whether the numbers can be used."""
     return _HEADLINES[level(result)]
 
 
 def remarks(result: Identification) -> tuple[Remark, ...]:
-    """Everything a reader must know, the worst first. A sentence that holds for several legs names them all."""
+    """All remarks, the most serious first. Sentences that apply to several legs are merged."""
     found = [*_on_trust(result), *_on_validation(result), *_on_masses(result)]
     found += [Remark("warning", text) for text in result.warnings]
     legs: dict[str, list[str]] = {}
@@ -114,14 +114,16 @@ def remarks(result: Identification) -> tuple[Remark, ...]:
 
 
 def is_alarming(result: Identification) -> bool:
-    """Whether the numbers should not be used: a bad fit, not physical, not validated, or no better than CAD."""
+    """True if the numbers should not be used: a bad fit, not physical, not validated, or no better than CAD."""
     part = evaluated_part(result)
     poor = part == "training" or result.trust.verdict == "bad"
     return poor or not result.is_physical or any(_is_no_better(leg, part) for leg in result.legs)
 
 
 def _is_no_better(leg: LegIdentification, part: str) -> bool:
-    """Whether the leg's links brought nothing: no direction measured, or torque errors above CAD's with friction."""
+    """True if the leg's link parameters bring nothing: no direction measured, or larger errors than CAD with
+    friction.
+    """
     found, cad = (
         sum(e**2 for e in leg.rmse.get(part, {}).get(m, {}).values()) for m in ("identified", "prior_friction")
     )

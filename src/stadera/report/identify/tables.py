@@ -13,7 +13,7 @@ from stadera.report.table import Cell, TableData
 
 _COMPARED = MODELS[::-1]  # best first
 LINK_FRAMES = "in each link's own frame and axes, inertia about that frame's origin"
-"""Where centres of mass and inertias of links are given."""
+"""Frames of the links' centres of mass and inertias."""
 
 
 def link_table(leg: LegIdentification) -> TableData:
@@ -40,7 +40,7 @@ def joint_table(leg: LegIdentification) -> TableData:
 
 
 def tables(result: Identification) -> list[TableData]:
-    """For a paper: links and joints of each leg, then the torque errors."""
+    """Tables for a paper: links and joints of each leg, then the torque errors."""
     found = [table(leg) for leg in result.legs for table in (link_table, joint_table)]
     return [*(table for table in found if any(rows for _, rows in table.groups)), rmse_table(result)]
 
@@ -62,25 +62,25 @@ def rmse_table(result: Identification) -> TableData:
 
 
 def link_tables(leg: LegIdentification) -> Iterator[TableData]:
-    """Each link's mass, centre of mass and inertia, one below the other."""
+    """Each link's mass, centre of mass and inertia, one table per link."""
     for link in leg.leg.links:
         yield quantity_table(link, [row(name, q) for name, q in link_quantities(leg, link)])
 
 
 def joint_tables(leg: LegIdentification) -> Iterator[TableData]:
-    """Each joint's rotor inertia, friction and torque offset, one below the other."""
+    """Each joint's rotor inertia, friction and torque offset, one table per joint."""
     for joint, terms in joint_quantities(leg).items():
         yield quantity_table(joint, [row(term, q, "prior") for term, q in terms.items()], "prior")
 
 
 def combination_table(leg: LegIdentification) -> TableData:
-    """The combinations of parameters that this kind of motion can determine."""
+    """Combinations of parameters that this kind of motion can determine."""
     rows = [row(c.text, Quantity(c.prior, c.value, c.std, c.verdict, c.unit), "prior") for c in leg.combinations]
     return quantity_table("Identifiable combinations of parameters", rows, "prior", "combination")
 
 
 def quantity_table(title: str, rows: list[tuple[Cell, ...]], prior: str = "CAD", name: str = "parameter") -> TableData:
-    """Quantities one below the other: prior, and identified value."""
+    """Quantities in rows: prior and identified value."""
     return TableData.of(title, (name, prior, "identified ± std"), rows)
 
 
@@ -92,7 +92,7 @@ def link_quantities(leg: LegIdentification, link: str) -> Iterator[tuple[str, Qu
 
 
 def joint_quantities(leg: LegIdentification) -> dict[str, dict[str, Quantity]]:
-    """By joint and term, what was identified of the joints."""
+    """Identified quantities by joint and term."""
     terms: dict[str, dict[str, Quantity]] = {}
     for name, quantity in leg.parameters.items():
         owner, term = name.rsplit(".", 1)

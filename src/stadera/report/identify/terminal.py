@@ -1,4 +1,4 @@
-"""An identification in the terminal: Table I's colours, each with a symbol besides."""
+"""Terminal output of an identification, with a symbol in addition to each of Table I's colours."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WORDS = {"bad": "problem", "warning": "warning", "note": "note"}
 def identification_tables(result: Identification) -> Iterator[RenderableType]:
     """Links and joints of each leg, torque errors, then remarks and verdict.
 
-    The end of the output is what a terminal shows first, so the verdict comes last.
+    The verdict comes last, since a terminal shows the end of the output.
     """
     for leg in result.legs:
         yield rich_table(marked(link_table(leg), result.trust))

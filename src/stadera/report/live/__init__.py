@@ -1,1 +1,1 @@
-"""A running robot, as it is shown."""
+"""Output for a running robot."""

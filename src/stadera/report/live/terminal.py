@@ -1,4 +1,4 @@
-"""A running robot in the terminal: one screen that is drawn in place, or a line for everything that happens."""
+"""Terminal output for a running robot: one screen updated in place, or a line for each event."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PLACE = ("com x [m]", "com y [m]", "com z [m]")
 
 
 def live_screen(state: LiveState) -> RenderableType:
-    """All that is known: masses, places, trust, changes, how messages come, and what is waited for."""
+    """All estimates: masses, centres of mass, trust, changes, message rates, and missing input."""
     colour = _COLOURS[state.trust.verdict]
     parts: list[RenderableType] = [_bodies(state), Text(f"trust: {trust_text(state.trust)}", style=colour)]
     parts += [Text(f"waiting for {lacking}", style="yellow") for lacking in state.waiting_for]
@@ -34,7 +34,7 @@ def live_screen(state: LiveState) -> RenderableType:
 
 
 def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
-    """A line for everything that is different from the state before: what is waited for, trust, tare and changes."""
+    """Yields a line for each difference from the previous state: missing input, trust, tare and changes."""
     at = "" if state.time != state.time else f"{state.time:.2f} s: "
     old = _Seen() if before is None else _Seen.of(before)
     new = _Seen.of(state)
@@ -54,7 +54,7 @@ def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What of a state makes a line when it differs."""
+    """Parts of a state whose changes are reported."""
 
     waiting_for: tuple[str, ...] = ()
     verdict: str = ""
@@ -68,7 +68,7 @@ class _Seen:
 
 
 def live_summary(state: LiveState) -> str:
-    """The last word, in one line."""
+    """Final summary in one line."""
     trunk, payload = state.trunk, state.payload
     text = f"trunk {with_std(trunk.inertial.mass, trunk.mass_std)} kg{_mark(state)}"
     if payload is not None:

@@ -1,1 +1,1 @@
-"""A weighing in the terminal and as a page."""
+"""Report of a weighing: terminal, page and figures."""

@@ -1,4 +1,4 @@
-"""What to do after a weighing: sentences, commands between backquotes."""
+"""Recommended next steps after a weighing: sentences, with commands between backquotes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stadera.weigh.result import Weighing
 
 
 def next_steps(result: Weighing) -> tuple[str, ...]:
-    """What this result asks for, the most urgent first."""
+    """Next steps for this result, the most urgent first."""
     return tuple(_steps(result))
 
 
@@ -39,14 +39,14 @@ def _steps(result: Weighing) -> Iterator[str]:
 
 
 def _tare(result: Weighing) -> str:
-    """The time before the first change of the load, where there is one."""
+    """The time before the first change of the load, if there is one."""
     first = next((change.time for change in result.changes), np.nan)
     known = first - result.begin > 1.0
     return f"{result.begin + 0.5:.1f}:{first - 0.2:.1f}" if known else "T0:T1"
 
 
 def _hidden(result: Weighing) -> str | None:
-    """What would show the height of the centre of mass; None where it is known."""
+    """How to observe the height of the centre of mass; None if it is known."""
     std = result.com_std if result.payload is None else result.payload.com_std
     if not np.isnan(std[2]):
         return None

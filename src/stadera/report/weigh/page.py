@@ -1,4 +1,4 @@
-"""The page of a weighing: the answer and its trust, the evidence, then how it was weighed."""
+"""Page of a weighing: answer and trust, evidence, and method."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stadera.weigh.result import Weighing
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
 
-_MOST = 12  # rows of a list
+_MOST = 12  # rows shown of a list
 _VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forces, for the log has no IMU"}
 _TERMS = {
     "Trunk": "The base link of the model with all that is fixed to it or lies on it. Centres of mass are in its frame.",
@@ -34,7 +34,7 @@ _TERMS = {
 
 
 def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
-    """A whole page, with plots and their script library inside; it loads nothing from anywhere."""
+    """The complete, self-contained page."""
     in_motion = result.torque_lag is not None
     return render(
         "weigh.html.j2",
@@ -56,7 +56,7 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
 
 
 def _lists(result: Weighing) -> Iterator[tuple[object, int]]:
-    """Tables, each with the number of rows left out."""
+    """Tables, each with the number of rows omitted."""
     if result.changes:
         yield tables.changes_table(result, _MOST), max(len(result.changes) - _MOST, 0)
     if result.refusals:

@@ -1,4 +1,4 @@
-"""Figures of a weighing: the balance from above; payload, mass, centre of mass and forces over time."""
+"""Figures of a weighing: balance from above; payload, mass, centre of mass and forces over time."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
 
 _AROUND = (0, 1, 3, 2)  # LF, RF, RH, LH: the feet in a row around the robot
-_MARGIN = 0.005  # m, around what is enlarged
+_MARGIN = 0.005  # m, around the enlarged area
 _LARGEST = 46.0  # px, the marker of the most loaded foot
 
 
 def figures(result: Weighing, truth: Truth | None = None) -> dict[str, Figure]:
-    """What there is to show, by name, the most telling first."""
+    """All figures by name, the most informative first."""
     found = {
         "payload": payload_figure(result, truth),
         "mass": mass_figure(result, truth),
@@ -34,9 +34,9 @@ def figures(result: Weighing, truth: Truth | None = None) -> dict[str, Figure]:
 
 
 def balance_figure(result: Weighing, balance: Balance, truth: Truth | None = None) -> Figure:
-    """Support polygon from above: feet with their forces, centre of pressure, centres of mass found and true.
+    """Support polygon from above: feet with their forces, centre of pressure, estimated and true centres of mass.
 
-    The right half enlarges the middle.
+    The right half enlarges the central part.
     """
     stance, centres = tuple(_stance(result, balance)), tuple(_centres(result, balance, truth))
     places = np.concatenate([np.column_stack([mark.x, mark.y]) for mark in centres])
@@ -60,7 +60,7 @@ def _level_panel(marks: tuple[Series, ...], low: Array, high: Array, title: str,
 
 
 def _stance(result: Weighing, balance: Balance) -> Iterator[Series]:
-    """The polygon between the feet that carry, and their forces."""
+    """The polygon between the loaded feet, and their forces."""
     feet = balance.level(balance.feet)
     standing = [k for k in _AROUND if balance.stance[k]]
     outline = feet[[*standing, standing[0]]]
@@ -104,7 +104,7 @@ def _point(at: Array, name: str, marker: str, colour: str) -> Iterator[Series]:
 
 
 def payload_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
-    """The payload's mass since the tare with two standard deviations; None where it was not followed."""
+    """The payload's mass since the tare with two standard deviations; None if it was not tracked."""
     time, found = result.timeline.time, result.timeline.payload
     if found is None:
         return None
@@ -125,7 +125,9 @@ def mass_figure(result: Weighing, truth: Truth | None = None) -> Figure:
 
 
 def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
-    """Centre of mass over time as known then, with two standard deviations, and the truth; None if never known."""
+    """Centre of mass over time as estimated then, with two standard deviations, and the truth; None if never
+    observed.
+    """
     time, com, std = result.timeline.time, result.timeline.com, result.timeline.com_std
     panels = []
     for k in range(3):

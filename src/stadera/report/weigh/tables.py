@@ -1,4 +1,4 @@
-"""The tables of a weighing as plain values, and its answer in a sentence."""
+"""Tables of a weighing as plain values, and its answer in a sentence."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def headline(result: Weighing) -> str:
 
 
 def answer(result: Weighing) -> str:
-    """The headline with the centre of mass, as far as it was observed."""
+    """The headline with the centre of mass, if it was observed."""
     body = result if result.payload is None else result.payload
     seen = zip("xyz", place(body.com, body.com_std), body.com_std, strict=True)
     known = ", ".join(f"{axis} {text}" for axis, text, std in seen if std == std)
@@ -46,17 +46,17 @@ def answer(result: Weighing) -> str:
 
 
 def lag_text(lag: tuple[float, float]) -> str:
-    """The torques' delay."""
+    """Delay of the torques."""
     return f"torques arrive {with_std(1e3 * lag[0], 1e3 * lag[1])} ms late, which is allowed for"
 
 
 def bodies_table(result: Weighing, truth: Truth | None = None) -> TableData:
-    """Mass and centre of mass of the model file's trunk, the trunk found, the payload, and the truth."""
+    """Mass and centre of mass of the model file's trunk, the estimated trunk, the payload, and the truth."""
     return TableData.of(f"Weighed by the method {result.method!r}", _HEAD, _bodies(result, truth))
 
 
 def inertia_table(result: Weighing) -> TableData | None:
-    """Inertia of trunk and payload, each about its own point of reference; None where neither was observed."""
+    """Inertia of trunk and payload, each with its own reference point; None if neither was observed."""
     found, prior, payload = result.trunk, result.robot.inertias[result.robot.trunk], result.payload
     rows: dict[str, list[tuple[str | Cell, ...]]] = {}
     if found.observed[4:].all():
@@ -74,7 +74,7 @@ def inertia_table(result: Weighing) -> TableData | None:
 
 
 def inertia_missing(result: Weighing) -> str:
-    """What of the inertia was not observed, in a sentence; empty if nothing is missing."""
+    """One sentence on the inertias that were not observed; empty if all were."""
     missing = [] if result.trunk.observed[4:].all() else ["the trunk's"]
     if result.payload is not None and result.payload.inertia is None:
         missing.append("the payload's")
@@ -85,7 +85,7 @@ def inertia_missing(result: Weighing) -> str:
 
 
 def tables(result: Weighing) -> list[TableData]:
-    """For a paper: trunk and payload, inertia where it was observed, changes of the load."""
+    """Tables for a paper: trunk and payload, inertia where it was observed, changes of the load."""
     found = [bodies_table(result), inertia_table(result), changes_table(result) if result.changes else None]
     return [table for table in found if table is not None]
 
@@ -100,7 +100,7 @@ def changes_table(result: Weighing, most: int | None = None) -> TableData:
 
 
 def refusals_table(result: Weighing, most: int) -> TableData:
-    """Times that were not used, and why; the first `most`."""
+    """The first `most` periods that were not used, and why."""
     rows = ((f"{r.begin:.2f} to {r.end:.2f} s", r.reason) for r in result.refusals[:most])
     return TableData.of("Times not used", ("time", "because"), rows, sides="lw")
 

@@ -1,4 +1,4 @@
-"""A weighing in the terminal."""
+"""Terminal output of a weighing."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
 
 
 def _refusals(result: Weighing) -> Iterator[Text]:
-    """The longest times that were not used, and why."""
+    """The longest periods that were not used, and why."""
     longest = sorted(result.refusals, key=lambda r: r.begin - r.end)[:_MOST_REASONS]
     for refusal in sorted(longest, key=lambda r: r.begin):
         yield Text(f"not used: {refusal.begin:.2f} to {refusal.end:.2f} s: {refusal.reason}", style="yellow")

@@ -1,13 +1,13 @@
-"""Where the trunk is to be while it crawls: the planned centre of mass, less its lever from the trunk.
+"""Reference of the trunk during a crawl: the planned centre of mass minus its lever from the trunk.
 
 With p(t) the planned centre of mass seen from above, R(t) the planned rotation, z(t) the planned height of the trunk's
 origin, and c the whole robot's centre of mass in trunk axes (the legs' part as measured),
 
     b_xy = p - (R c)_xy,      b_z = z.
 
-c uses the model of the trunk that the plan was made with. A new model therefore moves nothing; the next plan starts
-at the new centre of mass, wherever that is, and moves it over the supports. Plans use the controller's target model, so
-that one new model is one new plan.
+c uses the model of the trunk with which the plan was made. So a new model does not move the reference; the next plan
+starts at the new centre of mass and moves it over the supports. Plans use the controller's target model, so that each
+new model causes one new plan only.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from stadera.types import Array
 
 
 class BodyReference:
-    """A `TrunkReference` for the trunk controller, and the plan behind it.
+    """A `TrunkReference` for the trunk controller, with the plan behind it.
 
     Args:
         controller: after its first update.
@@ -38,7 +38,7 @@ class BodyReference:
 
     Attributes:
         plan: of the centre of mass.
-        normal: (3,), of the ground that the trunk is to be parallel to.
+        normal: (3,), of the ground, to which the trunk is held parallel.
     """
 
     def __init__(self, controller: TrunkController, tuning: CrawlTuning) -> None:
@@ -56,31 +56,31 @@ class BodyReference:
         self.normal, self._height = plane.normal, float(controller.position[2] - plane.at(controller.position))
 
     def see(self, measurement: Measurement) -> None:
-        """Takes in where the legs are; before each use of a new measurement."""
+        """Updates the pose of the legs; must be called before each use of a new measurement."""
         state = self._controller.legs.at(measurement)
         self._legs, self._room = state.moment, _determinants(state.jacobians(state.feet)) / self._nominal
 
     def stretched(self, leg: int) -> bool:
-        """Whether a leg is nearly straight, so that its foot gets no farther."""
+        """True if a leg is nearly extended, so that its foot cannot reach farther."""
         return bool(self._room[leg] < self._tuning.stretched)
 
     def begin(self) -> None:
-        """Holds the trunk where the controller wants it now, after the first measurement was seen."""
+        """Holds the trunk at the controller's reference, after the first measurement was processed."""
         here = self._controller.reference
         self.plan = ComPlan.standing(self._controller.time, (here.position + here.rotation @ self._lever())[:2])
 
     def _lever(self) -> Array:
-        """c, with the trunk of the plan."""
+        """c, with the trunk model of the plan."""
         return np.asarray((self._moment + self._legs) / (self._mass + self._controller.legs.mass))
 
     def _current_lever(self) -> Array:
-        """The same with the trunk of now."""
+        """c, with the present trunk model."""
         trunk = self._controller.trunk
         return np.asarray((trunk.target_moment + self._legs) / (trunk.target_mass + self._controller.legs.mass))
 
     @property
     def moved(self) -> float:
-        """Distance of the modelled centre of mass from the plan's, seen from above [m]."""
+        """Horizontal distance of the modelled centre of mass from the plan's [m]."""
         away = self._controller.rotation @ (self._current_lever() - self._lever())
         return float(np.hypot(away[0], away[1]))
 
@@ -96,14 +96,16 @@ class BodyReference:
         return float(controller.feet[controller.stance, 2].mean())
 
     def least_margin(self, support: SupportPolygon, begin: float, end: float) -> float:
-        """Of the planned centre of mass and zero-moment point inside a polygon, over a time [s]; [m]."""
+        """Least margin of the planned centre of mass and zero-moment point in a polygon, over a range of time [s];
+        [m].
+        """
         tau2 = (float(self.com[2]) - self._ground) / GRAVITY
         states = np.array([self.plan.at(time) for time in np.linspace(begin, end, self._tuning.looks)])
         points = np.concatenate([states[:, 0], states[:, 0] - tau2 * states[:, 2]])
         return float(np.min(support.distances - points @ support.normals.T))
 
     def at(self, time: float) -> TrunkPose:
-        """Where to be at a time [s]."""
+        """Reference at a time [s]."""
         (position, velocity, acceleration), pose = self.plan.at(time), self._pose.at(time)
         lever = self._lever()
         arm, turning = pose.rotation @ lever, pose.rotation @ np.cross(pose.angular_velocity, lever)
@@ -116,7 +118,7 @@ class BodyReference:
         )
 
     def replan(self, time: float, phases: Sequence[SupportPhase], margin: float, rest: float) -> None:
-        """Plans the centre of mass anew, with the trunk of now, from where the reference is.
+        """Plans the centre of mass again, with the present trunk model and from the present reference.
 
         Args:
             margin: [m], and
@@ -134,8 +136,8 @@ class BodyReference:
         self.plan = plan_com(time, start, phases, float(com[2]) - self._ground, margin, rest)
 
     def follow_ground(self, time: float, heading: float, duration: float) -> None:
-        """Turns the trunk parallel to the ground under the feet, headed along a direction [rad], and brings it to its
-        height over where it is going, within a duration [s]. An inclination is followed half of the way each time.
+        """Turns the trunk parallel to the ground under the feet, with a heading [rad], and moves it to its height at
+        the place where it is going, within a duration [s]. Each call follows half of a change of inclination.
         """
         plane = GroundPlane.of(self._controller.feet)
         normal = self.normal + self._tuning.follows * (plane.normal - self.normal)
@@ -145,7 +147,7 @@ class BodyReference:
         self._move(time, facing(self.normal, heading), height, duration)
 
     def lower(self, time: float, share: float, duration: float) -> None:
-        """Lowers the trunk to a share of its height over the ground, within a duration [s]."""
+        """Lowers the trunk to a share of its height above the ground, within a duration [s]."""
         ground = GroundPlane.of(self._controller.feet).at(self._controller.position)
         self._move(time, self.at(time).rotation, ground + share * self._height, duration)
 

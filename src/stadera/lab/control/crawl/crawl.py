@@ -1,4 +1,4 @@
-"""The crawl: one leg after the other swings, and before each swing the body moves over the other three.
+"""Statically stable crawl: one leg swings at a time, and before each swing the body moves over the other three feet.
 
 A state machine, driven by events and time (section V.C of the paper, [13] there)::
 
@@ -10,11 +10,11 @@ A state machine, driven by events and time (section V.C of the paper, [13] there
       │  touch-down                                             │ no ground within reach
       └───────────────────────────────── RETREAT ◀──────────────┘   back to where the foot stood
 
-Everything is planned in the odometry frame from measurements. The model of the trunk is the trunk controller's: one
-`update_trunk` sets it for both, at any time. The plan under way keeps the model that it was made with, until that is
-off by a fifth of the margin; then the body's way is planned anew from where and how fast it is: at once, or as the leg
-in the air lands. The coming step keeps its time if the new way gets the centre of mass over the coming triangle by
-then, and else is put off by as little as will do.
+Everything is planned in the odometry frame from measurements. The trunk model is the trunk controller's: one call of
+`update_trunk` sets it for both, at any time. The current plan keeps the model with which it was made, until that is off
+by a fifth of the margin; then the body's motion is planned again from its present position and velocity, at once or,
+with a leg in the air, for its landing. The coming step keeps its time if the new plan moves the centre of mass over the
+coming triangle by then, and is otherwise delayed by as little as necessary.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from stadera.types import Array
 
 
 class Crawl(Gait):
-    """Walks a trunk controller's robot. Sees measurements alone; one `update` a control period.
+    """Walks with a trunk controller. Uses measurements only; one `update` per control period.
 
-    It begins in a stand; `resume` makes it walk, `request_stop` stop after the step under way.
+    It starts standing; `resume` starts walking, and `request_stop` stops after the current step.
 
     Args:
-        controller: fresh, or one that stands.
+        controller: a new one, or one that stands.
         settings: None for those scaled from the robot.
-        command: where to walk; may be changed at any time, see `command`.
+        command: desired motion; may be changed at any time, see `command`.
 
     Attributes:
-        phase: what it is doing.
+        phase: present phase.
         reason: why it stands, sits or retreats.
-        failed: whether it stopped by itself because it could not walk on.
+        failed: whether it stopped because it could not continue.
         events: every transition so far.
 
     Raises:
@@ -77,7 +77,7 @@ class Crawl(Gait):
     # -- asked for ------------------------------------------------------------------------------------------------
     @property
     def command(self) -> CrawlCommand:
-        """Where to walk; a new one counts from the next step on."""
+        """Desired motion; a new command applies from the next step on."""
         return self._steps.command
 
     @command.setter
@@ -85,21 +85,21 @@ class Crawl(Gait):
         self._steps.command = command
 
     def resume(self) -> None:
-        """Walks, or walks on with the leg whose turn it is.
+        """Starts walking, or continues with the leg whose turn it is.
 
         Raises:
-            CrawlError: it sits.
+            CrawlError: it is sitting.
         """
         if self.phase is CrawlPhase.SIT:
             raise CrawlError("a robot that sits cannot walk on")
         self._walks, self._stop, self.failed = True, "", False
 
     def request_stop(self, reason: str = "asked to stop") -> None:
-        """Stands still on four feet after the step under way; see `stopped`."""
+        """Stops on four feet after the current step; see `stopped`."""
         self._walks, self._stop = False, self._stop or reason
 
     def sit(self, reason: str = "asked to sit") -> None:
-        """Lowers the trunk, for good.
+        """Lowers the trunk permanently.
 
         Raises:
             CrawlError: it does not stand on four feet.
@@ -112,13 +112,13 @@ class Crawl(Gait):
 
     @property
     def stopped(self) -> bool:
-        """Whether it stands on four feet, and its reference is at rest."""
+        """True if it stands on four feet, with its reference at rest."""
         standing = self.phase in (CrawlPhase.STAND, CrawlPhase.SIT)
         return standing and self._body is not None and self.controller.time >= self._body.plan.end
 
     @property
     def leg(self) -> str | None:
-        """The leg that swings, or whose turn it is; None in a stand."""
+        """The swinging leg, or the next one to swing; None while standing."""
         return None if self.phase in (CrawlPhase.STAND, CrawlPhase.SIT) else LEG_NAMES[self._leg]
 
     # -- what the test-bed's loop asks for ------------------------------------------------------------------------
@@ -171,7 +171,9 @@ class Crawl(Gait):
                 self._put_back(time)
 
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
-        """Body motion, so that the next leg can swing after `body` [s]; `landed` is the leg that just did."""
+        """Starts the body's motion such that the next leg can swing after `body` [s]; `landed` is the leg that landed
+        last.
+        """
         timing, feet, target = self._timing, self.controller.feet, self._steps.target
         self._put_off = 0.0
         self._target = np.array([*target, GroundPlane.of(feet).at(target)])
@@ -181,7 +183,7 @@ class Crawl(Gait):
         self._enter(CrawlPhase.BODY, self._leg, "")
 
     def _plan_step(self, time: float, before: Airborne | None, body: float) -> float:
-        """Plans for a lift after `body` [s], later if a new model needs longer; returns that time."""
+        """Plans for a lift after `body` [s], or later if a new model needs more time; returns that time."""
         new = self._model_moved()
         for delay in self.settings.tuning.delays if new else (0.0,):
             later = body + delay * self.settings.lead
@@ -192,7 +194,7 @@ class Crawl(Gait):
         return later
 
     def _reaches(self, lift: float) -> bool:
-        """Whether centre of mass and zero-moment point are planned inside the coming triangle, for a lift at a time."""
+        """True if centre of mass and zero-moment point are inside the coming triangle for a lift at this time."""
         begin, end = lift - 0.5 * self._timing.transfer, lift + self._timing.swing
         return self._planned.least_margin(self._triangle(), begin, end) >= self.settings.least_margin
 
@@ -221,14 +223,14 @@ class Crawl(Gait):
         return SupportPolygon.of(np.delete(self.controller.feet, self._leg, axis=0))
 
     def _margin(self) -> float:
-        """Of the modelled centre of mass in the coming triangle [m]."""
+        """Margin of the modelled centre of mass in the coming triangle [m]."""
         return self._triangle().margin(self._planned.com)
 
     def _over_triangle(self) -> bool:
         return self._margin() >= self.settings.least_margin
 
     def _put_step_off(self, time: float) -> None:
-        """Gives the body time once more; gives up when it has had enough."""
+        """Gives the body the same time again; stops when the time limit is reached."""
         settings, timing = self.settings, self._timing
         if self._put_off >= settings.patience:
             place = f"the triangle without {LEG_NAMES[self._leg]}"
@@ -275,7 +277,7 @@ class Crawl(Gait):
             self._stand(time, self._stop)
 
     def _stand(self, time: float, reason: str) -> None:
-        """Four feet on the ground: the body moves to their middle and stays."""
+        """Moves the body to the middle of four feet on the ground, and stays."""
         if self._relieving:
             self.controller.land(self._leg, self._timing.transfer)
         self._walks, self._stop = False, ""
@@ -296,8 +298,8 @@ class Crawl(Gait):
         return self._body
 
     def _replan(self, time: float, airborne: Airborne | None, body: float | None) -> None:
-        """Plans the body's way anew: the airborne leg comes down, then come the next steps, the first after `body` [s];
-        None for no steps, a stand.
+        """Plans the body's motion again: the airborne leg lands, then the next steps follow, the first after `body`
+        [s]; None for no steps, a stand.
         """
         timing, settings, feet = self._timing, self.settings, self.controller.feet
         steps = [] if body is None or self._stop else self._steps.ahead(body)

@@ -1,4 +1,4 @@
-"""What a crawl is doing, and how it came to."""
+"""Phases and events of a crawl."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class CrawlPhase(StrEnum):
-    """What a crawl is doing."""
+    """Phase of a crawl."""
 
     STAND = "stand"
     BODY = "body motion"
@@ -18,7 +18,7 @@ class CrawlPhase(StrEnum):
 
 @dataclass(frozen=True)
 class CrawlEvent:
-    """A transition: time [s], the phase that began, the leg it is about (or None), and why."""
+    """A transition: time [s], the phase that begins, the leg concerned (or None), and the reason."""
 
     time: float
     phase: CrawlPhase

@@ -1,4 +1,4 @@
-"""Whether a walking robot has fallen, how high its trunk is, and the margin of its centre of mass, by the truth."""
+"""Evaluates a walk from ground truth: falls, height of the trunk, and margin of the centre of mass."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ _AT_LIMIT = 1e-9  # share of a joint's torque limit, within which its torque is 
 
 @dataclass(frozen=True)
 class FallLimits:
-    """What counts as a fall, and as support.
+    """Criteria for a fall, and for a supporting foot.
 
     Attributes:
-        tilt: of the trunk, above which the robot has toppled [rad].
-        lowest: of the trunk's height over the ground at the start, below which the robot lies, as it does if its trunk
-            or a hip touches the ground.
-        kneeling: tilt up to which knees may touch the ground, for a robot that sits; tilted more, it fell on them
-            [rad].
-        carries: share of the weight that a foot of the support polygon carries at least.
+        tilt: of the trunk above which the robot has toppled [rad].
+        lowest: share of the trunk's initial height above the ground below which the robot has fallen; it also has if
+            its trunk or a hip touches the ground.
+        kneeling: tilt up to which knees may touch the ground, for a robot that sits [rad].
+        carries: least share of the weight on a foot of the support polygon.
     """
 
     tilt: float = float(np.deg2rad(45.0))
@@ -38,18 +37,18 @@ class FallLimits:
 
 @dataclass(frozen=True)
 class Fall:
-    """A fall: when [s], and how."""
+    """A fall: its time [s], and its description."""
 
     time: float
     how: str
 
 
 class WalkMonitor:
-    """Evaluates a walk by the plant's truth, every so many periods.
+    """Evaluates a walk from the plant's truth, at intervals.
 
     Args:
         plant: reset, on its feet.
-        every: periods from one look to the next.
+        every: periods between two evaluations.
         limits: None for the defaults.
 
     Attributes:
@@ -67,36 +66,36 @@ class WalkMonitor:
 
     @property
     def times(self) -> Array:
-        """[s], of the looks so far."""
+        """Times of the evaluations [s]."""
         return np.array([row[0] for row in self._rows])
 
     @property
     def margins(self) -> Array:
-        """[m], of the true centre of mass; NaN with fewer than three feet that carry."""
+        """Margins of the true centre of mass [m]; NaN with fewer than three loaded feet."""
         return np.array([row[1] for row in self._rows])
 
     @property
     def tilts(self) -> Array:
-        """[rad], from the ground's normal."""
+        """Tilts from the ground's normal [rad]."""
         return np.array([row[2] for row in self._rows])
 
     @property
     def positions(self) -> Array:
-        """[m], of the trunk's origin, world."""
+        """Positions of the trunk's origin, world [m]."""
         return np.array([row[3] for row in self._rows]).reshape(-1, 3)
 
     @property
     def heights(self) -> Array:
-        """[m], of the trunk's origin over the ground."""
+        """Heights of the trunk's origin above the ground [m]."""
         return np.array([row[4] for row in self._rows])
 
     @property
     def limited(self) -> Bools:
-        """(k, n) bool, joints whose torque is at its limit."""
+        """Joints at their torque limit, (k, n) bool."""
         return np.array([row[5] for row in self._rows], dtype=bool).reshape(-1, len(self._effort))
 
     def look(self) -> None:
-        """Looks at the plant, if it is time to."""
+        """Evaluates the plant, if it is due."""
         self._periods += 1
         if self._periods % self.every:
             return
@@ -116,15 +115,15 @@ class WalkMonitor:
         return f"the trunk tilted by more than {np.rad2deg(limits.tilt):.0f}°" if tilt > limits.tilt else ""
 
     def _clearance(self) -> float:
-        """Of the trunk's origin over the ground [m]."""
+        """Height of the trunk's origin above the ground [m]."""
         return float(self.plant.terrain.clearance(self.plant.state.position))
 
     def at_limit(self) -> Bools:
-        """(n,) bool, joints whose torque is at its limit now."""
+        """Joints at their torque limit now, (n,) bool."""
         return np.asarray(np.abs(self.plant.effort) >= (1.0 - _AT_LIMIT) * self._effort)
 
     def com(self) -> Array:
-        """The whole robot's true centre of mass with its load, (3,) [m], world."""
+        """True centre of mass of the whole robot with its load, (3,) [m], world."""
         state, trunk = self.plant.state, self.plant.truth()
         zero = np.zeros(3)
         legs = self._legs.at(state.joint_position, np.zeros(len(state.joint_position)), zero, zero)
@@ -132,12 +131,14 @@ class WalkMonitor:
         return np.asarray(state.position + state.rotation @ ((trunk.first_moment + legs.moment) / mass))
 
     def carrying(self) -> Bools:
-        """(4,) bool, feet that carry now, those of the support polygon."""
+        """Loaded feet now, which form the support polygon, (4,) bool."""
         least = self.limits.carries * self.plant.robot.mass * GRAVITY
         return np.asarray(self.plant.state.foot_force @ self.plant.terrain.normal > least)
 
     def margin(self) -> float:
-        """Of the true centre of mass inside the feet that carry now [m]; NaN with fewer than three of them."""
+        """Margin of the true centre of mass in the polygon of the loaded feet [m]; NaN with fewer than three of
+        them.
+        """
         state = self.plant.state
         carry = self.carrying()
         if carry.sum() < 3:
@@ -149,9 +150,9 @@ class WalkMonitor:
 
 
 def walk(bed: TestBed, seconds: float, monitor: WalkMonitor) -> Fall | None:
-    """Steps the test-bed until that much time [s] has passed or the robot has fallen; returns how it fell, if it did.
+    """Steps the test-bed for a duration [s] or until the robot falls; returns the fall, if any.
 
-    A controller or a simulation that breaks down counts as a fall.
+    An exception in the controller or the simulation counts as a fall.
     """
     for _ in range(round(seconds / bed.plant.timestep)):
         try:

@@ -1,4 +1,4 @@
-"""How a crawl is walked: what is commanded, and sizes and times scaled from the robot itself."""
+"""Settings of a crawl: the command, and sizes and times scaled from the robot."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from stadera.robot.model import LEG_NAMES, Robot
 from stadera.robot.stance import standing_configuration
 
 LATERAL_SEQUENCE = ("LH", "LF", "RH", "RF")
-"""Hind foot, then the front foot of the same side: the order that needs least sway."""
+"""Hind foot, then the front foot of the same side: the sequence that needs least sway."""
 
 
 class CrawlError(StaderaError):
-    """A crawl was asked for that cannot be walked."""
+    """The requested crawl is impossible."""
 
 
 @dataclass(frozen=True)
 class CrawlCommand:
-    """Where to walk.
+    """Desired motion.
 
     Attributes:
         speed: [m/s], ahead, negative for backwards; along the ground's horizontal projection.
@@ -39,24 +39,24 @@ class CrawlCommand:
 
 @dataclass(frozen=True)
 class CrawlTuning:
-    """Shares and counts of a crawl, the same for all robots; chosen on the four robots of the tests.
+    """Dimensionless settings of a crawl, the same for all robots; chosen on the four robots of the tests.
 
     Attributes:
-        swing_share: of a step, at most, that the leg swings.
-        transfer_share: of the rest, at most, that taking the load off takes.
-        restless: power of the time for body motion, by which rest counts less where that is short.
-        shortest: share of a swing's time to which it may be shortened.
-        planned: steps that are planned ahead.
-        least_body: share of a body motion's time that it has after a late landing.
-        earliest: share of a swing after which a touch counts.
-        longest_airborne: that a plan holds the body over three feet, for a leg that may be long in the air [s].
-        moved: of the margin, by which the modelled centre of mass may have moved since the plan.
-        delays: of the lead, that a step may be delayed for a new model; the least that is enough is taken.
+        swing_share: largest share of a step for the leg's swing.
+        transfer_share: largest share of the rest for unloading the foot.
+        restless: exponent with which rest of the body is weighted less if there is little time.
+        shortest: share of its time to which a swing may be shortened.
+        planned: number of steps planned ahead.
+        least_body: share of its time that a body motion keeps after a late landing.
+        earliest: share of a swing after which a touch is accepted.
+        longest_airborne: time for which a plan keeps the body over three feet [s], for a leg that may stay in the air.
+        moved: change of the modelled centre of mass since the plan, as a share of the margin, that causes a new plan.
+        delays: delays of a step for a new model, as shares of the lead, in increasing order.
         sitting: height of a sitting trunk, as a share of the standing one.
-        sit_time: of the lead, that sitting down takes.
-        follows: share of the way to the ground's inclination that one step takes.
-        looks: at a plan, over the time that a leg is off the ground.
-        stretched: share of |det J| in the nominal stance, below which a leg is stretched out.
+        sit_time: time for sitting down, as a share of the lead.
+        follows: share of a change of the ground's inclination followed in one step.
+        looks: number of evaluations of a plan while a leg is off the ground.
+        stretched: share of |det J| in the nominal stance below which a leg counts as extended.
     """
 
     swing_share: float = 0.6
@@ -82,24 +82,24 @@ class CrawlSettings:
 
     Attributes:
         sequence: the four legs in the order in which they swing.
-        cycle: [s], of four steps, at low speed; the stride is what the speed makes of it,
-        longest_stride: [m], up to so much: faster walks have shorter cycles.
-        swing: [s], of a leg's swing; shorter in cycles that are shorter than it takes.
-        transfer: [s], for taking the load off a foot, and as much for putting it on.
-        clearance: [m], of a swinging foot over the higher of its two footholds.
-        press: [m], below the expected ground at which a swing ends, so that the foot meets the ground moving.
-        search: [m], how far below the expected height a foot feels for the ground, at
+        cycle: [s], of four steps, at low speed; the stride follows from the speed,
+        longest_stride: [m], up to this length: faster walks have shorter cycles.
+        swing: [s], of a leg's swing; less in short cycles.
+        transfer: [s], for unloading a foot, and for loading it.
+        clearance: [m], of a swinging foot above the higher of its two footholds.
+        press: [m], below the expected ground at which a swing ends, so that the foot is moving at touch-down.
+        search: [m], distance below the expected height over which a foot searches for the ground, at
         search_speed: [m/s].
-        margin: [m], that centre of mass and zero-moment point are to keep to the support polygon's edges.
-        least_margin: [m], of the modelled centre of mass to the coming triangle's edges, below which no foot is lifted.
-        unhurried: [s], of body motion before a step, from which on the body rests while a leg swings; with less time it
-            rests less and less, for the sake of smaller accelerations.
-        patience: [s], for which a step waits for that, before the crawl stops.
-        lead: [s], that the body has before the first step from a stand.
+        margin: [m], of centre of mass and zero-moment point to the support polygon's edges.
+        least_margin: [m], of the modelled centre of mass in the coming triangle, below which no foot is lifted.
+        unhurried: [s], of body motion before a step above which the body rests while a leg swings; with less time it
+            rests less, which reduces accelerations.
+        patience: [s], time limit for that before the crawl stops.
+        lead: [s], for the body before the first step from a stand.
         tuning: see `CrawlTuning`.
 
     Raises:
-        CrawlError: a sequence that is not each leg once, a size or time that is not positive.
+        CrawlError: the sequence does not contain each leg once, or a size or time is not positive.
     """
 
     cycle: float
@@ -131,8 +131,8 @@ class CrawlSettings:
 
     @classmethod
     def of(cls, robot: Robot) -> CrawlSettings:
-        """Scaled from the height h of the hips over the feet and the time √(h / g) in which a body of that height falls
-        over.
+        """Settings scaled from the height h of the hips above the feet and the time √(h / g) in which a body of that
+        height topples.
         """
         height = standing_height(robot)
         time = float(np.sqrt(height / GRAVITY))
@@ -152,10 +152,10 @@ class CrawlSettings:
         )
 
     def timing(self, command: CrawlCommand) -> StepTiming:
-        """Of a command.
+        """Times of the steps for a command.
 
         Raises:
-            CrawlError: a speed for which there is no time to move the body.
+            CrawlError: the speed leaves no time to move the body.
         """
         speed, how = abs(command.speed), self.tuning
         cycle = min(self.cycle, self.longest_stride / speed) if speed > 0 else self.cycle
@@ -171,11 +171,12 @@ class CrawlSettings:
 
 @dataclass(frozen=True)
 class StepTiming:
-    """Times of a step, on the average of a cycle.
+    """Times of a step, averaged over a cycle.
 
     Attributes:
-        step: [s], all of it. swing: [s], of the leg. transfer: [s], of its load, before the swing and after it.
-        rest: how much it counts that the body rests in swings, up to 1.
+        step: [s], total. swing: [s], of the leg. transfer: [s], for unloading before the swing, and for loading after
+            it.
+        rest: weight of the body's rest during swings, up to 1.
     """
 
     step: float
@@ -185,12 +186,12 @@ class StepTiming:
 
     @property
     def body(self) -> float:
-        """[s], in which four feet are on the ground."""
+        """Time with four feet on the ground [s]."""
         return self.step - self.swing
 
 
 def standing_height(robot: Robot) -> float:
-    """Height of the hips over the feet's centres in the nominal stance [m]."""
+    """Height of the hips above the feet's centres in the nominal stance [m]."""
     feet = foot_positions(robot, standing_configuration(robot)[None])[0]
     hips = [robot.tree.translations[robot.tree.joints.index(leg.joints[0])][2] for leg in robot.legs]
     return float(np.mean(hips) - feet[:, 2].mean())

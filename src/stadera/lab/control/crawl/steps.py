@@ -1,4 +1,4 @@
-"""Whose turn it is in a crawl, where its foot is to land, and which steps come after."""
+"""Sequence of a crawl's steps: the next leg, its foothold, and the steps after it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class StepSequence:
     """The steps of a crawl along its path.
 
     Args:
-        robot: for the nominal places of the feet.
+        robot: defines the nominal positions of the feet.
         settings: sequence, sizes and times.
-        command: where to walk.
+        command: desired motion.
 
     Attributes:
         timing: of the command.
@@ -37,7 +37,7 @@ class StepSequence:
 
     @property
     def command(self) -> CrawlCommand:
-        """Where to walk."""
+        """Desired motion."""
         return self._command
 
     @command.setter
@@ -49,35 +49,35 @@ class StepSequence:
         self._body_times = body_times(offsets, self._order, stride, self.timing, self._height, settings.margin)
 
     def start(self, feet: Array, heading: float) -> None:
-        """The path begins between the feet (4, 3) [m], in the direction of a heading [rad]."""
+        """Starts the path in the middle of the feet (4, 3) [m], with a heading [rad]."""
         self._footholds, self._path = Footholds.of(feet, heading)
 
     @property
     def leg(self) -> int:
-        """Whose turn it is."""
+        """The next leg."""
         return self._order[self._turn % 4]
 
     @property
     def target(self) -> Array:
-        """Where its foot is to land, (2,) [m]."""
+        """Foothold of the next leg, (2,) [m]."""
         return self._target(self._turn, self._next(self._path))
 
     @property
     def heading(self) -> float:
-        """Of the path, when it lands [rad]."""
+        """Heading of the path at its landing [rad]."""
         return self._next(self._path).heading
 
     def done(self) -> None:
-        """The leg has landed, the next one's turn comes."""
+        """Advances to the next leg after a landing."""
         self._path, self._turn = self._next(self._path), self._turn + 1
 
     def body_time(self, late: float) -> float:
-        """For the body motion before the next swing [s]: less after a late landing, so that steps keep pace."""
+        """Time for the body's motion before the next swing [s], shorter after a late landing."""
         body = float(self._body_times[self._turn % 4])
         return max(body - late, self._settings.tuning.least_body * body, 2.0 * self.timing.transfer)
 
     def ahead(self, body: float) -> list[PlannedStep]:
-        """The coming steps, the first after a body motion of `body` [s]."""
+        """The next steps, the first after a body motion of `body` [s]."""
         steps, path = [], self._path
         for turn in range(self._turn, self._turn + self._settings.tuning.planned):
             path = self._next(path)

@@ -1,4 +1,4 @@
-"""A crawl's leg in the air: lifted, put down where it feels the ground, taken back where there is none."""
+"""Swing of a crawl's leg: lift, landing at touch-down, and return if there is no ground."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from stadera.types import Array
 
 
 class LegSwing:
-    """One leg at a time, on its way by the trunk controller.
+    """Moves one leg at a time with the trunk controller.
 
     Args:
         controller: after its first update.
-        settings: sizes of the way.
+        settings: sizes of the swing.
 
     Attributes:
-        leg: its index.
-        target: (3,) [m], where the foot is to land.
-        late: whether whoever asks has taken note that it is overdue; set by them.
+        leg: index of the leg.
+        target: (3,) [m], foothold.
+        late: True if the caller has registered that it is overdue; set by the caller.
     """
 
     def __init__(self, controller: TrunkController, settings: CrawlSettings) -> None:
@@ -30,14 +30,14 @@ class LegSwing:
         self._from, self._ends, self._swing, self._transfer, self._above = np.zeros(3), 0.0, 1.0, 1.0, False
 
     def lift(self, time: float, leg: int, target: Array, normal: Array, timing: StepTiming) -> None:
-        """Off to a target (3,) [m], pressed into the ground of that normal (3,) a little."""
+        """Starts a swing to a target (3,) [m], slightly below the ground with normal (3,)."""
         self.leg, self.target, self.late = leg, target, False
         self._swing, self._transfer, self._from = timing.swing, timing.transfer, self._foot
         goal = target - self._settings.press * normal
         self._go(time, goal, self._settings.clearance, self._settings.search_speed)
 
     def landed(self, time: float, stretched: bool) -> bool:
-        """Puts the foot down where it has touched the ground; torques of a stretched leg do not tell it."""
+        """Lands the foot if it has touched the ground; torques of an extended leg do not show it."""
         controller = self._controller
         trajectory = controller.swinging.trajectories[self.leg]
         if trajectory is None or stretched or not controller.touched[self.leg]:
@@ -48,27 +48,27 @@ class LegSwing:
         return True
 
     def overdue(self, time: float) -> float:
-        """How long ago the foot was to land [s]; negative before."""
+        """Time since the foot should have landed [s]; negative before."""
         return time - self._ends
 
     def overdue_long(self, time: float) -> bool:
-        """Whether the body had better wait for it."""
+        """True if the body should wait for it."""
         return self.overdue(time) >= 0.5 * self._transfer
 
     def out_of_reach(self, time: float, stretched: bool) -> bool:
-        """Whether it has felt for the ground deep enough, or can get no farther."""
+        """True if the foot has searched deep enough, or cannot reach farther."""
         deep = self.target[2] - float(self._foot[2]) > self._settings.search
         return self.overdue(time) >= 0 and (deep or stretched)
 
     def retreat(self, time: float) -> None:
-        """Straight up out of the hole first; `back` does the rest."""
+        """Lifts the foot straight up; `back` does the rest."""
         here = self._foot
         high = max(self.target[2], self._from[2]) + self._settings.clearance
         self.target, self.late, self._above = self._from, True, True
         self._go(time, np.array([*here[:2], high]), 0.0, 0.0)
 
     def back(self, time: float, stretched: bool) -> bool:
-        """From above the hole to where the foot stood; True as it stands there again."""
+        """Moves the foot back to its previous foothold; True when it stands there."""
         if self._above:
             if time >= self._ends:
                 self._above = False
@@ -77,7 +77,7 @@ class LegSwing:
         return self.landed(time, stretched)
 
     def airborne(self) -> Airborne:
-        """For the body's plan: where the foot lands, after the others have carried for long."""
+        """Data for the body's plan: where the foot lands, after a long time on the other three."""
         return Airborne(self.leg, self.target[:2], self._settings.tuning.longest_airborne)
 
     @property

@@ -1,4 +1,4 @@
-"""A crawl as the supervisor wants it."""
+"""Adapts a crawl to the supervisor."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from stadera.trunk.model import TrunkModel
 
 
 class CrawlWalker:
-    """Meets `Walker` with a `Crawl`, whose planner and trunk controller share one trunk.
+    """Implements `Walker` with a `Crawl`, whose planner and trunk controller share one trunk model.
 
     Args:
-        crawl: what walks.
+        crawl: the crawl.
     """
 
     def __init__(self, crawl: Crawl) -> None:
@@ -30,21 +30,21 @@ class CrawlWalker:
 
     @property
     def fault(self) -> str:
-        """Why it stopped by itself; empty if it did not."""
+        """Why it stopped unasked; empty if it did not."""
         return self.crawl.reason if self.crawl.failed and self.crawl.phase is CrawlPhase.STAND else ""
 
     def request_stop(self) -> None:
-        """After the step under way."""
+        """Stops after the current step."""
         self.crawl.request_stop("asked by the supervisor")
 
     def resume(self) -> None:
-        """Walk on with the leg whose turn it is."""
+        """Continues walking with the leg whose turn it is."""
         self.crawl.resume()
 
     def sit(self) -> None:
-        """From a stand."""
+        """Sits down from a stand."""
         self.crawl.sit("asked by the supervisor")
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """One model, used by controller and planner."""
+        """Sets the model used by controller and planner."""
         return self.crawl.update_trunk(trunk)

@@ -1,18 +1,18 @@
-"""The centre of mass's way over supports that are still to come: a quadratic programme with the zero-moment point.
+"""Plans the motion of the centre of mass over coming supports: a quadratic programme with the zero-moment point.
 
-With the centre of mass at height h over the contacts, moving level, the ground's forces pass through the zero-moment
-point (Vukobratović)
+With the centre of mass at height h above the contacts, moving horizontally, the contact forces pass through the
+zero-moment point (Vukobratović)
 
     z = c - (h / g) c̈,
 
-which must lie in the support polygon. The way is piecewise of constant jerk. Over the coming phases,
+which must lie in the support polygon. The motion has piecewise constant jerk. Over the coming phases,
 
-    min  ∫ ‖τ² c̈‖² + β ‖τ³ c⃛‖² + γ ‖c - goal‖² + δ ‖τ ċ‖² [while a leg swings]  dt  +  penalty on what lacks of margins
+    min  ∫ ‖τ² c̈‖² + β ‖τ³ c⃛‖² + γ ‖c - goal‖² + δ ‖τ ċ‖² [while a leg swings]  dt  +  penalty on missing margins
     s.t. n_i · z ≤ d_i - margin + lacking,   n_i · c ≤ d_i - margin + lacking,       at rest at the end
 
-with τ = √(h / g) and δ to be chosen. Slow walks come out as the paper's: the body moves while four feet carry, and
-rests over the next triangle while a leg swings. Where time is short it keeps moving, and the zero-moment point keeps
-the margin. Every plan ends at rest over four feet, so that one that is never followed by another stops safely.
+with τ = √(h / g) and a chosen δ. For slow walks the result is the paper's: the body moves while four feet are loaded,
+and rests over the next triangle while a leg swings. If time is short it keeps moving, and the zero-moment point keeps
+the margin. Every plan ends at rest over four feet, so that a plan without successor stops safely.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ _INFINITE = 1e20
 
 @dataclass(frozen=True)
 class PlanWeights:
-    """Weights of the programme, and how it is solved.
+    """Weights of the programme, and settings of its solution.
 
     Attributes:
-        longest: of a piece of constant jerk [s].
+        longest: longest piece of constant jerk [s].
         jerk, near, rest: β, γ, the largest δ.
         lacking_zmp, lacking_com: cost of a missing margin, linear [m] and quadratic.
-        attempts: accuracy [SI units] and iterations, in turn; a coarse plan is better than none.
+        attempts: successive accuracies [SI units] and iterations; a coarse plan is better than none.
     """
 
     longest: float = 0.08
@@ -56,13 +56,13 @@ _WEIGHTS = PlanWeights()
 
 @dataclass(frozen=True, eq=False)
 class SupportPhase:
-    """A time over which the same feet carry.
+    """A period with the same feet in stance.
 
     Attributes:
         duration: [s], positive.
-        support: where the zero-moment point may be.
-        goal: (2,) [m], where the centre of mass would best be.
-        rests: whether the body would better not move: a leg swings.
+        support: polygon for the zero-moment point.
+        goal: (2,) [m], preferred position of the centre of mass.
+        rests: whether the body should preferably rest: a leg swings.
     """
 
     duration: float
@@ -77,13 +77,13 @@ class SupportPhase:
 
 @dataclass(frozen=True, eq=False)
 class ComPlan:
-    """A way of the centre of mass seen from above, in pieces of constant jerk; at rest after its end.
+    """Horizontal motion of the centre of mass, with piecewise constant jerk; at rest after its end.
 
     Attributes:
         times: (k + 1,) [s], ends of the pieces.
         states: (k + 1, 3, 2), position [m], velocity [m/s] and acceleration [m/s²] at these times.
         jerks: (k, 2) [m/s³].
-        lacking: [m], by how much the zero-moment point falls short of the margin, at worst.
+        lacking: [m], largest missing margin of the zero-moment point.
     """
 
     times: Array
@@ -93,14 +93,14 @@ class ComPlan:
 
     @classmethod
     def standing(cls, time: float, position: Array) -> ComPlan:
-        """At rest at a position (2,) [m], from a time [s] on."""
+        """A plan at rest at a position (2,) [m], from a time [s] on."""
         state = np.zeros((2, 3, 2))
         state[:, 0] = position
         return cls(np.array([time, time + 1.0]), state, np.zeros((1, 2)))
 
     @property
     def end(self) -> float:
-        """[s], from when on it rests."""
+        """Time from which it is at rest [s]."""
         return float(self.times[-1])
 
     def at(self, time: float) -> Array:
@@ -116,18 +116,18 @@ class ComPlan:
 def plan_com(
     time: float, start: Array, phases: Sequence[SupportPhase], height: float, margin: float, rest: float = 1.0
 ) -> ComPlan:
-    """The best way through the phases.
+    """The best motion through the phases.
 
     Args:
         time: [s], of the first phase's beginning.
         start: (3, 2), position, velocity and acceleration then.
         phases: in their order.
         height: [m], of the centre of mass over the contacts.
-        margin: [m], that zero-moment point and centre of mass are to keep to the polygons' edges.
-        rest: how much it counts that the body rests while a leg swings, from 1 to 0 for not at all.
+        margin: [m], of zero-moment point and centre of mass to the polygons' edges.
+        rest: weight of the body's rest while a leg swings, from 1 to 0 for none.
 
     Raises:
-        PlanError: no phases, a height that is not positive, or no solution.
+        PlanError: there are no phases, the height is not positive, or there is no solution.
     """
     if not phases or not height > 0:
         raise PlanError(f"a plan needs phases and a positive height, got {len(phases)} phases and {height} m")
@@ -153,7 +153,7 @@ def _pieces(phases: Sequence[SupportPhase]) -> tuple[Array, NDArray[np.int_]]:
 
 
 class _Programme:
-    """The programme in the jerks of x, those of y, and what each phase lacks of its margins (z, then c)."""
+    """The programme in the jerks of x, those of y, and the missing margins of each phase (z, then c)."""
 
     def __init__(
         self,
@@ -172,7 +172,7 @@ class _Programme:
         self._maps, self._free = _response(steps, np.asarray(start, dtype=float))
 
     def solved(self) -> tuple[Array, float]:
-        """Jerks (k, 2) and the largest lack of the zero-moment point's margin [m]."""
+        """Jerks (k, 2) and the largest missing margin of the zero-moment point [m]."""
         n, m = self._n, len(self._phases)
         hessian, gradient = self._cost()
         rows, bounds = self._supports()
@@ -215,8 +215,8 @@ class _Programme:
         return hessian, gradient
 
     def _supports(self) -> tuple[Array, Array]:
-        """Rows and bounds that keep both points in their supports at the pieces' ends, and at their beginnings where
-        a leg has just left the ground.
+        """Rows and bounds that keep both points in their supports at the pieces' ends, and at the beginnings of pieces
+        where a leg has just left the ground.
         """
         m = len(self._phases)
         position, _, push = self._maps
@@ -241,7 +241,7 @@ class _Programme:
 
 
 def _response(steps: Array, start: Array) -> tuple[list[Array], list[Array]]:
-    """Position, velocity and acceleration at the pieces' ends: maps (n, n) of one axis' jerks, and what comes without
+    """Position, velocity and acceleration at the pieces' ends: maps (n, n) from one axis' jerks, and the parts without
     jerk (n, 2).
     """
     n = len(steps)

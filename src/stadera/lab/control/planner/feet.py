@@ -1,8 +1,8 @@
-"""Footholds along a path, and the ground as the feet know it.
+"""Footholds along a path, and the ground plane estimated from the feet.
 
 The body's path is an arc: with speed v and turn rate r its pose (x, y, ψ) obeys ẋ = v cos ψ, ẏ = v sin ψ, ψ̇ = r. Each
-foot has a nominal place relative to the path's pose. A foot that lands is not moved until three more steps are over, so
-it is put where its nominal place will be in the middle of that time.
+foot has a nominal position relative to the path's pose. A foot stays in place for the next three steps after landing,
+so it is placed at its nominal position in the middle of that time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class PathPose:
     heading: float
 
     def ahead(self, speed: float, turn: float, time: float) -> PathPose:
-        """Where the path leads within a time [s]: by the chord of the arc."""
+        """The pose on the path after a time [s], along the chord of the arc."""
         angle = turn * time
         chord = speed * time * float(np.sinc(0.5 * angle / np.pi))
         direction = self.heading + 0.5 * angle
@@ -32,14 +32,14 @@ class PathPose:
         return PathPose(self.position + step, self.heading + angle)
 
     def place(self, offset: Array) -> Array:
-        """A point (2,) [m] relative to the pose, in the odometry frame."""
+        """Transforms a point (2,) [m] relative to the pose to the odometry frame."""
         c, s = np.cos(self.heading), np.sin(self.heading)
         return np.asarray(self.position + np.array([[c, -s], [s, c]]) @ offset)
 
 
 @dataclass(frozen=True, eq=False)
 class Footholds:
-    """Nominal places of the feet about the path's pose.
+    """Nominal positions of the feet relative to the path's pose.
 
     Attributes:
         offsets: (4, 2) [m], ahead and to the left of the path's pose.
@@ -49,13 +49,13 @@ class Footholds:
 
     @classmethod
     def of(cls, feet: Array, heading: float) -> tuple[Footholds, PathPose]:
-        """From where the feet (4, 3) [m] stand: the path begins in their middle."""
+        """Computed from the positions of the feet (4, 3) [m]: the path starts in their middle."""
         middle = feet[:, :2].mean(axis=0)
         c, s = np.cos(heading), np.sin(heading)
         return cls((feet[:, :2] - middle) @ np.array([[c, -s], [s, c]])), PathPose(middle, heading)
 
     def next(self, leg: int, path: PathPose, speed: float, turn: float, step: float) -> Array:
-        """Where a foot is to land, (2,) [m], if the path has this pose when it lands and steps take `step` [s]."""
+        """Foothold, (2,) [m], if the path has this pose at landing and steps take `step` [s]."""
         return path.ahead(speed, turn, _AHEAD * step).place(self.offsets[leg])
 
 
@@ -89,7 +89,7 @@ class GroundPlane:
 
 
 def facing(normal: Array, heading: float) -> Array:
-    """The rotation (3, 3) of a trunk parallel to a plane of this unit normal (3,), its nose towards a heading [rad]."""
+    """Rotation (3, 3) of a trunk parallel to a plane with this unit normal (3,), with a heading [rad]."""
     c, s = np.cos(heading), np.sin(heading)
     nose = np.array([c, s, -(normal[0] * c + normal[1] * s) / normal[2]])
     nose /= np.linalg.norm(nose)

@@ -1,4 +1,4 @@
-"""Which feet carry when, over the steps to come: what the way of the centre of mass is planned through."""
+"""Support phases over the coming steps, through which the centre of mass is planned."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LEAST = 0.02  # s, of a phase
 
 @dataclass(frozen=True, eq=False)
 class PlannedStep:
-    """One step to come: a leg (index), where its foot is to land (2,) [m], and the time before it lifts [s]."""
+    """A coming step: index of the leg, its foothold (2,) [m], and the time before it lifts [s]."""
 
     leg: int
     target: Array
@@ -26,7 +26,9 @@ class PlannedStep:
 
 @dataclass(frozen=True, eq=False)
 class Airborne:
-    """A leg that swings or has just landed: its index, where it lands (2,) [m], and how long the others carry [s]."""
+    """A leg that swings or has just landed: its index, its foothold (2,) [m], and the remaining time on three feet
+    [s].
+    """
 
     leg: int
     target: Array
@@ -43,11 +45,11 @@ def support_phases(
 ) -> list[SupportPhase]:
     """The phases from now on, ending with a stand on four feet.
 
-    While a foot's load is taken off or put on, the other three are counted as the support.
+    While a foot is being unloaded or loaded, only the other three count as support.
 
     Args:
-        feet: (4, 2) [m], where the feet are; of an airborne one it does not matter.
-        steps: to come, in order.
+        feet: (4, 2) [m], positions of the feet; that of an airborne one is ignored.
+        steps: the coming steps, in order.
         margin: [m], of the goals within the triangles.
         stand: [s], of the stand at the end.
     """
@@ -70,14 +72,14 @@ def support_phases(
 def body_times(
     offsets: Array, sequence: Sequence[int], stride: float, timing: StepTiming, height: float, margin: float
 ) -> Array:
-    """How long the body has before each step of the sequence, (4,) [s]: more where it has farther to go.
+    """Time for the body before each step of the sequence, (4,) [s]: more if it has farther to go.
 
-    Two cycles straight ahead are planned with equal times, and the ways from swing to swing are looked at: ways d in
-    times T with equal peak accelerations have T ∝ √d. The times' mean is the timing's; none is shorter than the
-    transfers of load take.
+    Two cycles straight ahead are planned with equal times, and the distances between swings are evaluated: distances d
+    in times T with equal peak accelerations have T ∝ √d. The mean of the times is the timing's; none is shorter than
+    the transfers of load.
 
     Args:
-        offsets: (4, 2) [m], nominal places of the feet.
+        offsets: (4, 2) [m], nominal positions of the feet.
         sequence: the legs (indices) in the order in which they swing.
         stride: [m], of a cycle.
         height: [m], of the centre of mass over the feet.
@@ -85,7 +87,7 @@ def body_times(
     """
     least = min(2.0 * timing.transfer + _LEAST, timing.body)
     feet, steps = np.array(offsets), []
-    for k, leg in enumerate(sequence):  # as if they had just walked: the last to land is the farthest ahead
+    for k, leg in enumerate(sequence):  # as if the robot had been walking: the last to land is the farthest ahead
         feet[leg, 0] += (k - 1.5) * 0.25 * stride
     for k, leg in enumerate(2 * tuple(sequence)):
         steps.append(PlannedStep(leg, feet[leg] + np.array([(k // 4 + 1) * stride, 0.0]), timing.body))
@@ -100,7 +102,9 @@ def body_times(
 
 
 def _on_three(feet: Array, leg: int, target: Array, duration: float, margin: float) -> SupportPhase:
-    """The others carry; the goal is the place in their triangle that is nearest to the middle of all four feet."""
+    """The phase on the other three feet; the goal is the point in their triangle nearest to the middle of all four
+    feet.
+    """
     triangle = SupportPolygon.of(np.delete(feet, leg, axis=0))
     middle = feet.mean(axis=0) + 0.125 * (target - feet[leg])  # half-way through the swing
     return SupportPhase(max(duration, _LEAST), triangle, triangle.goal(middle, margin), rests=True)

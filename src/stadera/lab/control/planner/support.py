@@ -1,7 +1,7 @@
-"""Support polygons seen from above, and where in them the centre of mass is to be.
+"""Support polygons seen from above, and the preferred position of the centre of mass in them.
 
-A convex polygon is kept as half-planes n_i · p ≤ d_i with unit outward normals n_i, so d_i - n_i · p is the distance
-to edge i, positive inside, and the least of them the static stability margin of a point p.
+A convex polygon is stored as half-planes n_i · p ≤ d_i with unit outward normals n_i, so d_i - n_i · p is the distance
+to edge i, positive inside, and the least of them is the static stability margin of a point p.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _BISECTIONS = 40
 
 
 class PlanError(StaderaError):
-    """A plan that cannot be made."""
+    """The plan is impossible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +38,10 @@ class SupportPolygon:
 
     @classmethod
     def of(cls, points: ArrayLike) -> SupportPolygon:
-        """The hull of points (n, 2) or (n, 3) [m]; heights are left out.
+        """The hull of points (n, 2) or (n, 3) [m]; heights are ignored.
 
         Raises:
-            PlanError: fewer than three points, or all of them in one line.
+            PlanError: fewer than three points, or all of them collinear.
         """
         flat = np.asarray(points, dtype=float)[:, :2]
         corners = _hull(flat)
@@ -61,15 +61,15 @@ class SupportPolygon:
 
     @property
     def centroid(self) -> Array:
-        """Of the area, (2,) [m]."""
+        """Centroid of the area, (2,) [m]."""
         a, b = self.corners, np.roll(self.corners, -1, axis=0)
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         return np.asarray(((a + b) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
 
     def goal(self, wish: ArrayLike, margin: float) -> Array:
-        """The point (2,) [m] nearest to a wish among those that keep the margin [m] to every edge.
+        """The point (2,) [m] nearest to `wish` among those with this margin [m] to every edge.
 
-        Where the polygon is too small for that margin, the largest one is kept that it has room for (up to 1e-9).
+        If the polygon is too small for that margin, the largest possible one is used (to 1e-9).
         """
         target = np.asarray(wish, dtype=float)[:2]
         if (best := self._nearest(target, margin)) is not None:

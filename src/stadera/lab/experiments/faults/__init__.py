@@ -1,1 +1,1 @@
-"""The study of faulty logs: which are weighed right, named, refused, or silently wrong."""
+"""Study of faulty logs: how many are weighed correctly, marked, refused, or silently wrong."""

@@ -1,4 +1,4 @@
-"""Forces from outside that are no load, in sizes of the robot's weight; they act in the simulation of the log."""
+"""External forces other than a load, relative to the robot's weight, applied in the simulation of the log."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _ALIKE = "a vertical force at one place is what a weight at that place does to a
 
 @dataclass(frozen=True)
 class Force:
-    """A force from outside.
+    """An external force.
 
     Attributes:
-        make: of a robot and the time at which it begins [s].
-        hidden: why nothing in a log can distinguish it from a load, where that is so; empty elsewhere.
+        make: makes the force for a robot and a start time [s].
+        hidden: why a log cannot distinguish it from a load, if so; empty otherwise.
     """
 
     make: Callable[[Robot, float], OutsideForce]
@@ -41,7 +41,8 @@ def _acting(
     Args:
         place: on the back, x and y in half sizes of the tray.
         lasts: [s].
-        gives: way on which it falls to nothing, or doubles, as a share of the tray's half length; 0 for a constant one.
+        gives: distance over which it drops to zero, or doubles, as a share of the tray's half length; 0 for a constant
+            one.
     """
     tray, size = Tray.of(robot), share * robot.mass * GRAVITY
     x, y = tray.centre[:2] + tray.half_size[:2] * place

@@ -1,8 +1,8 @@
-"""One faulty log, weighed by the front door that a user has, and what came of it.
+"""Weighs one faulty log through the public interface, and evaluates the result.
 
-The log is simulated once for each robot, motion and seed, with `real` errors, and kept; a fault of the signals is
-applied to its arrays, a force from outside acts in a simulation of its own. `weigh` is given the model file, the log,
-and the time of the tare, which ends before the load, or the force, comes on.
+The log is simulated once for each robot, motion and seed, with `real` errors, and stored. A signal fault is applied to
+its arrays; an external force acts in a separate simulation. `weigh` gets the model file, the log, and the time of the
+tare, which ends before the load, or the force, is applied.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from stadera.weigh.truth import Truth, TruthAt, read_truth, truth_json, truth_pa
 from stadera.weigh.weigh import weigh
 
 CLEAN = "none"
-"""The log as it is."""
+"""The unmodified log."""
 
 HIDDEN: Mapping[str, str] = MappingProxyType(
     {name: fault.hidden for name, fault in SIGNAL_FAULTS.items() if fault.hidden}
     | {name: force.hidden for name, force in FORCES.items() if force.hidden}
 )
-"""Faults that no log can show, and why."""
+"""Faults that cannot show in a log, and why."""
 
 _ERRORS = "real-unit-gain"
 _RATE, _HOLD = 250.0, 2  # Hz; periods of the test-bed between two torques of the controller
-_TOLD = 200  # characters of what was said that are kept
+_TOLD = 200  # characters of a message that are stored
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ class LogCase:
         robot: its name.
         scenario: trot, crawl, shake or stand.
         seed: of everything that is drawn.
-        share: of a load in the robot's mass, that comes on in the middle; 0 for none.
-        force: from outside, a name of `FORCES`, from the middle on; empty for none.
+        share: of a load in the robot's mass, added in the middle; 0 for none.
+        force: external force from the middle on, a name of `FORCES`; empty for none.
         duration: [s].
     """
 
@@ -68,12 +68,12 @@ class LogCase:
 
     @property
     def middle(self) -> float:
-        """When load or force comes on, and the tare ends [s]."""
+        """Time at which load or force is applied, and the tare ends [s]."""
         return 0.5 * self.duration
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         return "-".join(str(value).replace(" ", "_") for value in vars(self).values() if value != "")
 
 
@@ -82,7 +82,7 @@ class FaultCase:
     """A weighing.
 
     Attributes:
-        log: that is weighed.
+        log: the log to weigh.
         fault: a name of `SIGNAL_FAULTS`, `CLEAN`, or the log's force.
     """
 
@@ -91,7 +91,7 @@ class FaultCase:
 
 
 def make_log(case: LogCase, folder: Path) -> dict[str, Any]:
-    """Simulates and keeps a log and its truth, unless they are there. `fell`: None, or how the robot fell."""
+    """Simulates and stores a log and its truth, unless they exist. `fell`: None, or a description of the fall."""
     try:
         _kept(case, load_robot(case.robot), folder)
     except (ControlError, PlanError, SimulationError) as error:
@@ -100,12 +100,12 @@ def make_log(case: LogCase, folder: Path) -> dict[str, Any]:
 
 
 def weigh_faulty(case: FaultCase, folder: Path) -> dict[str, Any]:
-    """What a weighing came to.
+    """Outcome of a weighing.
 
-    `status`: "right", verdict good and every figure within 3 σ; "silent", verdict good and one beyond; "named", verdict
-    doubtful; "refused", no figures; "crashed", something else than a stadera error. `said`: why. `mass`: of the robot
-    [kg]. `errors`: by figure [error, standard deviation], in kg and m, those that were observed. `left_out`: whether
-    parts of the log were left out for a fault.
+    `status`: "right", verdict good and all values within 3 σ; "silent", verdict good and a value beyond; "named",
+    verdict doubtful; "refused", no values; "crashed", an exception other than a StaderaError. `said`: the reason.
+    `mass`: of the robot [kg]. `errors`: [error, standard deviation] by quantity, in kg and m, for observed ones.
+    `left_out`: whether parts of the log were excluded because of a fault.
 
     Args:
         folder: of the logs, see `make_log`.
@@ -123,7 +123,7 @@ def weigh_faulty(case: FaultCase, folder: Path) -> dict[str, Any]:
         result = weigh(robot, replace(faulty, source=f"{case.log.robot}, {case.log.scenario}"), tare)
     except StaderaError as error:
         return {"status": "refused", "said": str(error)[:_TOLD], "mass": robot.mass, "errors": {}, "left_out": False}
-    except Exception as error:  # the study is about these too
+    except Exception as error:  # crashes are part of the study
         return {"status": "crashed", "said": repr(error)[:_TOLD], "mass": robot.mass, "errors": {}, "left_out": False}
     errors = figures_of(result, truth)
     good = result.trust.verdict == "good"
@@ -137,7 +137,8 @@ def weigh_faulty(case: FaultCase, folder: Path) -> dict[str, Any]:
 
 
 def figures_of(result: Weighing, truth: Truth) -> dict[str, list[float]]:
-    """By name, error and standard deviation of what was observed: trunk at the end, mass of the payload since the tare.
+    """Error and standard deviation, by name, of the observed quantities: trunk at the end, payload's mass since the
+    tare.
 
     Args:
         result: of a weighing.
@@ -164,13 +165,13 @@ def _added(end: TruthAt, before: TruthAt) -> float:
 
 
 def _kept(case: LogCase, robot: Robot, folder: Path) -> tuple[Recording, Truth]:
-    """The log and its truth, as kept or run now."""
+    """The log and its truth, stored earlier or simulated now."""
     path = folder / f"{case.name}.parquet"
     if not path.exists():
         run = simulate(robot, case.scenario, _settings(case, robot))
         folder.mkdir(parents=True, exist_ok=True)
         truth_paths(path)[0].write_text(json.dumps(truth_json(run.truth)), encoding="utf-8")
-        write_table(run.recording, path)  # last, whole or not at all: a log that is there has its truth
+        write_table(run.recording, path)  # written last, completely or not at all, so an existing log has its truth
     return read(path), read_truth(truth_paths(path)[0])
 
 

@@ -1,4 +1,4 @@
-"""Faults of sensors and of their wiring, done to a log that is right; each draws its joint, leg and time."""
+"""Faults of sensors and wiring, applied to a correct log; joint, leg and time are drawn at random."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Fault:
     """A fault.
 
     Attributes:
-        group: effort, encoder, velocity, imu, time, or force for what acts from outside.
-        spoil: the log as it would be with the fault.
-        hidden: why nothing in a log can show it, where that is so; empty elsewhere.
+        group: effort, encoder, velocity, imu, time, or force for external forces.
+        spoil: applies the fault to a log.
+        hidden: why it cannot show in a log, if so; empty otherwise.
     """
 
     group: str
@@ -70,7 +70,7 @@ def _legs_swapped(
 
 
 def _kinds_swapped(channels: Sequence[str], log: Recording, robot: Robot, rng: Rng) -> Recording:
-    """Hip and knee of one leg."""
+    """Swaps hip and knee of one leg."""
     leg = robot.legs[int(rng.integers(4))]
     a, b = log.index(leg.joints[1]), log.index(leg.joints[2])
     for channel in channels:
@@ -81,7 +81,7 @@ def _kinds_swapped(channels: Sequence[str], log: Recording, robot: Robot, rng: R
 
 
 def _constant(channel: str, held: bool, log: Recording, robot: Robot, rng: Rng) -> Recording:
-    """One joint's value zero throughout, or held from a third of the log on."""
+    """Sets one joint's value to zero, or holds it from a third of the log on."""
     values, joint = _values(log, channel), _a_joint(robot, log, rng)
     start = len(log) // 3 if held else 0
     values[start:, joint] = values[start, joint] if held else 0.0
@@ -89,7 +89,7 @@ def _constant(channel: str, held: bool, log: Recording, robot: Robot, rng: Rng) 
 
 
 def _noise_only(whole_leg: bool, log: Recording, robot: Robot, rng: Rng) -> Recording:
-    """Torques of a dead sensor: noise of a tenth of what was measured."""
+    """Replaces torques by noise of a tenth of their size, as from a dead sensor."""
     values, leg = _values(log, "effort"), robot.legs[int(rng.integers(4))]
     joints = leg.joints if whole_leg else (leg.joints[int(rng.integers(1, 3))],)
     for joint in map(log.index, joints):
@@ -115,7 +115,7 @@ def _offset(
 
 
 def _wild(count: int, value: float, of_limit: bool, log: Recording, robot: Robot, rng: Rng) -> Recording:
-    """A few samples of one joint's torque in a row."""
+    """Replaces a few successive samples of one joint's torque."""
     values, joint = _values(log, "effort"), _a_joint(robot, log, rng)
     if of_limit:
         value *= robot.limits[log.joints[joint]].effort
@@ -133,7 +133,7 @@ def _late(channel: str, seconds: float, one: bool, log: Recording, robot: Robot,
 
 
 def _noisy(channel: str, factor: float, log: Recording, robot: Robot, rng: Rng) -> Recording:
-    """One joint's value with noise of so many times its own variation."""
+    """Adds noise of `factor` times the signal's own variation to one joint's value."""
     values, joint = _values(log, channel), _a_joint(robot, log, rng)
     values[:, joint] += factor * values[:, joint].std() * rng.standard_normal(len(log))
     return _with(log, channel, values)

@@ -1,4 +1,4 @@
-"""Faulty logs by the thousand: which are weighed right, which are named or refused, and which are silently wrong."""
+"""Study of thousands of faulty logs: how many are weighed correctly, marked, refused, or silently wrong."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROBOTS = ("hyq", "go2", "anymal_b", "anymal_c", "b1", "a1")
 SCENARIOS = ("trot", "crawl", "shake", "stand")
 SEEDS = 8
 LOAD = 0.10
-"""Of the robot's mass, that comes on in every other log."""
+"""Load added in every other log, as a share of the robot's mass."""
 
 _STATUS = ("right", "named", "refused", "silent", "crashed")
 _MASSES = ("trunk mass", "payload mass")
@@ -33,8 +33,8 @@ _Pairs = Sequence[tuple[FaultCase, Outcome]]
 
 
 def cases(settings: ReproduceSettings) -> list[FaultCase]:
-    """Faults x robots x motions x seeds, and the logs without a fault; of a quick study two robots and every other
-    fault.
+    """All combinations of faults, robots, motions and seeds, and logs without a fault; in a quick study two robots and
+    every other fault.
     """
     signals = tuple(SIGNAL_FAULTS)[:: 2 if settings.quick else 1]
     seeds = settings.seeds or (1 if settings.quick else SEEDS)
@@ -48,7 +48,7 @@ def cases(settings: ReproduceSettings) -> list[FaultCase]:
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """The whole grid, over the processor's cores. Logs and outcomes kept in `settings.keep` are not made again."""
+    """Runs the whole grid on all cores. Logs and outcomes stored in `settings.keep` are reused."""
     if settings.keep is not None:
         return run_cases(cases(settings), settings, progress, settings.keep.absolute() / f"{PAPER.name}-logs")
     with TemporaryDirectory() as folder:
@@ -58,10 +58,10 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
 def run_cases(
     grid: Sequence[FaultCase], settings: ReproduceSettings, progress: Progress, folder: Path
 ) -> ExperimentResult:
-    """Any part of the grid.
+    """Runs any part of the grid.
 
     Args:
-        grid: its cases. settings: where outcomes are kept, and the processes. progress: of both steps.
+        grid: its cases. settings: storage of outcomes, and processes. progress: of both steps.
         folder: of the logs.
     """
     logs = list(dict.fromkeys(case.log for case in grid))
@@ -76,11 +76,11 @@ def run_cases(
 
 
 def summary(grid: Sequence[FaultCase], runs: Sequence[Outcome], fell: int = 0) -> ExperimentResult:
-    """What any part of the grid shows.
+    """Summarises any part of the grid.
 
     Args:
-        grid: the cases that were weighed. runs: what they came to.
-        fell: logs that were not weighed since the robot fell.
+        grid: the cases that were weighed. runs: their outcomes.
+        fell: number of logs that were not weighed because the robot fell.
     """
     pairs = list(zip(grid, runs, strict=True))
     shown = [pair for pair in pairs if pair[0].fault not in (CLEAN, *HIDDEN)]
@@ -146,14 +146,14 @@ def _row(name: str, outcomes: Sequence[Outcome]) -> Row:
 
 
 def _percent(outcome: Outcome) -> float:
-    """The larger of the masses' errors, of the robot's mass."""
+    """The larger of the mass errors, in per cent of the robot's mass."""
     errors = outcome["errors"]
     off = max((abs(errors[name][0]) for name in _MASSES if name in errors), default=0.0)
     return 100.0 * float(off) / float(outcome["mass"])
 
 
 def _silent(pairs: _Pairs) -> TableData:
-    """Every one beyond 5 σ, the worst first."""
+    """All errors beyond 5 σ, the worst first."""
     found = [(worst(o["errors"]), case, o) for case, o in pairs if o["status"] == "silent"]
     rows: list[Row] = []
     for sigma, case, outcome in sorted(found, key=lambda entry: -entry[0]):

@@ -1,4 +1,4 @@
-"""Fig. 4: torques of a second motion in simulation, as predicted by the identified leg and by CAD."""
+"""Fig. 4: torques of a second motion in simulation, predicted by the identified leg and by CAD."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MODELS = ("prior", "identified")
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Identifies on one motion, predicts another."""
+    """Identifies on one motion and predicts another."""
     runs, step = LegRuns.of(settings), Steps(PAPER.name, progress)
     step("simulating the leg on two motions")
     first, second = (runs.recorded(runs.paper_truth, m) for m in (runs.motion, runs.second_motion))

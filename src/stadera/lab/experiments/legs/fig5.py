@@ -1,7 +1,7 @@
-"""Fig. 5: torques of real legs, as predicted by the identified parameters, by CAD and by CAD with friction.
+"""Fig. 5: torques of real legs, predicted by the identified parameters, by CAD and by CAD with friction.
 
-The paper's HyQ logs are not public; these are a Unitree Go2 and an Aliengo on a stand, legs in the air. Whatever is
-identified comes from the first half of a log, every figure from the second.
+The paper's HyQ logs are not public; these are a Unitree Go2 and an Aliengo on a stand, with legs in the air. Everything
+is identified on the first half of a log and evaluated on the second.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Identifies all legs of both robots.
 
     Raises:
-        MissingDataError: the logs are not in the folder that is named.
+        MissingDataError: the given folder does not contain the logs.
         MissingExtraError: the robots' models are not installed.
     """
     step = Steps(PAPER.name, progress)
@@ -37,7 +37,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         results[robot] = identify(load_robot(robot), [log])
     step.finished()
     legs = [(robot, leg) for robot, result in results.items() for leg in result.legs]
-    legs.sort(key=lambda pair: pair[1].leg.name != _LEG)  # the paper's leg of each robot, then the others
+    legs.sort(key=lambda pair: pair[1].leg.name != _LEG)  # the paper's leg of each robot first
     return PAPER.result(
         records=tuple(record for robot, result in results.items() for record in _records(robot, result)),
         tables=tuple(

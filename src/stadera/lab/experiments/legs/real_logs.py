@@ -1,4 +1,4 @@
-"""Where real logs are found: a folder that is given, STADERA_DATA, ../shared/data, else those of the package."""
+"""Locates real logs: in a given folder, STADERA_DATA, ../shared/data, or else in the package."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _BESIDE = Path("..") / "shared" / "data"
 
 
 class MissingDataError(StaderaError):
-    """Real logs that an experiment needs are not on this machine."""
+    """Real logs needed by an experiment are not available."""
 
 
 def data_folder(given: Path | None = None) -> Path | None:
-    """The folder of real logs: the given one, else what STADERA_DATA names, else ../shared/data; None without any.
+    """The folder of real logs: the given one, else STADERA_DATA, else ../shared/data; None if there is none.
 
     Raises:
-        MissingDataError: the folder that is given or named does not exist.
+        MissingDataError: the given folder, or that of STADERA_DATA, does not exist.
     """
     named = os.environ.get(VARIABLE)
     folder = given or (Path(named) if named else None)
@@ -32,10 +32,10 @@ def data_folder(given: Path | None = None) -> Path | None:
 
 
 def real_log(name: str, given: Path | None = None) -> Path:
-    """A log, `real/<name>.csv` in the folder of real logs, or where there is none the package's own.
+    """Path of a log, `real/<name>.csv` in the folder of real logs, or the package's own if there is no folder.
 
     Raises:
-        MissingDataError: it is not there.
+        MissingDataError: it does not exist.
     """
     folder = data_folder(given)
     path = example(name) if folder is None else folder / "real" / f"{name}.csv"

@@ -1,4 +1,4 @@
-"""Identified against simulated values: the error of an identification by the simulation's truth."""
+"""Compares identified with simulated values: the error of an identification with respect to ground truth."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from stadera.legs import FrictionModel, TrunkMotion
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-_UNMOVED = 1e-6  # of the prior width: what counts as no change
+_UNMOVED = 1e-6  # of the prior width: a smaller change counts as none
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One quantity: as simulated, as identified, and the CAD's."""
+    """One quantity: simulated, identified, and from CAD."""
 
     name: str
     truth: float
@@ -34,23 +34,23 @@ class Compared:
 
     @property
     def relative_error(self) -> float:
-        """|identified - simulated| / |simulated|; where nothing is simulated, over CAD's size or 1."""
+        """|identified - simulated| / |simulated|; if the simulated value is zero, relative to CAD's magnitude or 1."""
         return abs(self.value - self.truth) / (abs(self.truth) or abs(self.prior) or 1.0)
 
     @property
     def deviations(self) -> float:
-        """(identified - simulated) in stated standard deviations."""
+        """(identified - simulated) in units of the stated standard deviation."""
         return (self.value - self.truth) / self.std
 
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """One identified leg and the simulated one.
+    """An identified leg compared with the simulated one.
 
     Attributes:
-        leg: what was found.
+        leg: the result.
         truth: the simulated robot.
-        structure: the combinations of link parameters that any motion on a held trunk can at best tell.
+        structure: combinations of link parameters that motion on a held trunk can identify at best.
     """
 
     leg: LegIdentification
@@ -59,7 +59,7 @@ class Recovery:
 
     @classmethod
     def of(cls, result: Identification, truth: Robot) -> Recovery:
-        """The only leg of a result, and the truth."""
+        """Compares the only leg of a result with the truth."""
         (leg,) = result.legs
         task = LegTask.of(result.robot, leg.leg, IdentifySettings(friction=FrictionModel()))
         return cls(leg, truth, structural_observability(task, TrunkMotion.held((0.0, 0.0, 1.0))).combinations())
@@ -80,8 +80,8 @@ class Recovery:
 
     @cached_property
     def coms(self) -> tuple[Compared, ...]:
-        """The centres of mass [m]. Observable here: the data fix the first moment once the masses are given, as they
-        are in this experiment, in which the simulated masses are CAD's and the estimates are held there.
+        """Centres of mass [m]. They are observable here: the data determine the first moments given the masses, and in
+        this experiment the simulated masses are CAD's, at which the estimates are fixed.
         """
         fixed = fixed_given(self.leg.estimate.observability, [f"{link}.m" for link in self.leg.leg.links])
         out = []
@@ -105,16 +105,16 @@ class Recovery:
         )
 
     def worst(self, compared: tuple[Compared, ...]) -> float:
-        """The largest relative error among the observable ones; 0 where there are none."""
+        """The largest relative error among the observable ones; 0 if there are none."""
         return max((c.relative_error for c in compared if c.verdict is Identifiability.OBSERVABLE), default=0.0)
 
     def largest_error(self, compared: tuple[Compared, ...]) -> float:
-        """The largest error among the observable ones, in their unit; 0 where there are none."""
+        """The largest error among the observable ones, in their unit; 0 if there are none."""
         return max((abs(c.value - c.truth) for c in compared if c.verdict is Identifiability.OBSERVABLE), default=0.0)
 
     @property
     def impossible_links(self) -> int:
-        """Identified links that no real body could be."""
+        """Number of identified links that are physically impossible."""
         return impossible_links(self.leg)
 
     @property
@@ -138,11 +138,11 @@ class Recovery:
 
     @property
     def prior_widths(self) -> Array:
-        """Standard deviation of each identifiable combination before the log, in its unit."""
+        """Prior standard deviation of each identifiable combination, in its unit."""
         return np.asarray(np.linalg.norm(self._gradients @ self.leg.estimate.prior.root, axis=1))
 
     def nees_limit(self, probability: float = 0.975) -> float:
-        """What `nees` stays below with this probability where the covariance is right."""
+        """Quantile of `nees` for this probability if the covariance is right."""
         n = len(self.structure)
         return float(chi2.ppf(probability, n) / n)
 
@@ -152,15 +152,15 @@ class Recovery:
 
 
 def impossible_links(leg: LegIdentification) -> int:
-    """Links of an identified leg that no real body could be."""
+    """Number of physically impossible links in an identified leg."""
     return sum(not leg.estimate.inertia(link).is_physical() for link in leg.leg.links)
 
 
 def fixed_given(seen: Observability, given: list[str]) -> frozenset[str]:
-    """Parameters that the data fix once the given ones are known.
+    """Parameters that the data determine once the given ones are known.
 
-    With x any change within the null space of the data that leaves the given parameters alone, those are the
-    parameters that no such x moves. The given ones are not listed.
+    With x any change within the null space of the data that does not affect the given parameters, these are the
+    parameters not affected by any such x. The given ones are not listed.
     """
     free = seen.directions[seen.rank :].T
     held = [seen.columns.index(name) for name in given]

@@ -28,7 +28,7 @@ COM_STD, INERTIA_STD = 0.02, 0.02
 
 @dataclass(frozen=True)
 class Size:
-    """How long a log is [s], and how many samples a second it has [Hz]."""
+    """Duration of a log [s], and its sampling rate [Hz]."""
 
     duration: float
     rate: float
@@ -42,7 +42,7 @@ PAPER, QUICK = Size(180.0, 1000.0), Size(20.0, 250.0)
 
 @dataclass(frozen=True, eq=False)
 class LegRuns:
-    """All that is drawn for one seed: two motions and two truths. Estimators see the recordings and `cad` alone.
+    """Random draws for one seed: two motions and two truths. Estimators only get the recordings and `cad`.
 
     Attributes:
         seed: of the draws.
@@ -67,35 +67,37 @@ class LegRuns:
 
     @cached_property
     def paper_truth(self) -> Robot:
-        """Centres of mass and tensors perturbed as the paper does it; its links need not be physically possible."""
+        """Centres of mass and tensors perturbed as in the paper; the links may be physically impossible."""
         draw = perturbed(self.cad, LEG, self._generator(0), com_std=COM_STD, inertia_std=INERTIA_STD)
         return draw.robot
 
     @cached_property
     def physical_truth(self) -> Robot:
-        """A perturbation of the same size that leaves every link possible."""
+        """A perturbation of the same size for which every link is physically possible."""
         return perturbed_physical(self.cad, LEG, self._generator(1), com_std=COM_STD).robot
 
     @cached_property
     def motion(self) -> Sinusoids:
-        """The paper's random draw, to identify on."""
+        """The paper's random draw, for identification."""
         return paper_draw(self.cad, LEG, self._generator(2), self.size.duration)
 
     @cached_property
     def second_motion(self) -> Sinusoids:
-        """Another draw, to validate on."""
+        """Another draw, for validation."""
         return paper_draw(self.cad, LEG, self._generator(3), self.size.duration)
 
     def recorded(self, truth: Robot, motion: Sinusoids) -> Recording:
-        """What happens, without any error: position, velocity, acceleration and torque. Gains come from CAD."""
+        """Exact position, velocity, acceleration and torque of a motion. Gains are computed from CAD."""
         return simulate_leg(truth, LEG, motion.sample(self.size.rate), gains=Gains.scaled(self.cad, LEG))
 
     def sensed(self, recording: Recording) -> Recording:
-        """What joint sensors with the standard errors make of it; no acceleration."""
+        """The recording with standard sensor errors, without acceleration."""
         return measured(recording, self.cad, STANDARD, self.seed)
 
     def identified_exact(self, log: Recording, method: str, validation: Recording | None = None) -> Identification:
-        """From an exact log: no filter, no lag, links alone (the URDF's viscous friction is taken as known)."""
+        """Identifies from an exact log: no filter, no lag, links only (the URDF's viscous friction is taken as
+        known).
+        """
         settings = IdentifySettings(
             legs=(LEG,),
             method=method,
@@ -108,7 +110,7 @@ class LegRuns:
         return identify(self.cad, [log], settings, None if validation is None else [validation])
 
     def identified_sensed(self, log: Recording, split: float = 1.0) -> Identification:
-        """From a log with sensor errors: filtered, physically consistent, each torque sensor's offset unknown."""
+        """Identifies from a log with sensor errors: filtered, physically consistent, with unknown torque offsets."""
         settings = IdentifySettings(
             legs=(LEG,), friction=FrictionModel(("offset",)), torque_lag=0.0, split=split, width=self.width
         )
@@ -116,10 +118,10 @@ class LegRuns:
 
     @cached_property
     def width(self) -> PriorWidth:
-        """How far CAD is trusted: to the size of the perturbation, which is known, as its draw is not.
+        """Prior width equal to the perturbation's size, which is known, although its draw is not.
 
         A displacement s of a link whose thinnest radius of gyration is r changes its pseudo-inertia by s/r in the
-        prior's coordinates; the largest s/r of the leg's links counts, and at least the usual width.
+        prior's coordinates; the largest s/r of the leg's links is used, and at least the default width.
         """
         usual = PriorWidth()
         thinnest = min(_thinnest(self.cad, link) for link in self.cad.leg(LEG).links)
@@ -127,7 +129,7 @@ class LegRuns:
 
 
 def one_after_another(first: Recording, second: Recording) -> Recording:
-    """Both in one log; the second begins a sample after the end of the first."""
+    """Joins two recordings; the second begins one sample after the end of the first."""
     later = first.time[-1] + (first.time[1] - first.time[0]) - second.time[0]
     return concatenate([first, replace(second, time=second.time + later)])
 

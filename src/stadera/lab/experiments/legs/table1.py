@@ -1,8 +1,8 @@
-"""Table I: the right hind leg identified in simulation, identified against simulated values.
+"""Table I: the right hind leg identified in simulation, compared with the simulated values.
 
-Four cases. The paper's own: CAD perturbed, no noise, eq. 5. The same with a perturbation that leaves every link
-possible, solved physically consistent. That one with sensor errors. And what the motion is worth: the rank that the
-paper's random draw reaches, and that of the optimised excitation.
+Four cases: the paper's own (CAD perturbed, no noise, eq. 5); the same with a physically possible perturbation, solved
+physically consistently; that with sensor errors; and the information of the motion: the ranks reached by the paper's
+random draw and by the optimised excitation.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _relative_records(case: dict[str, str | float], found: Recovery) -> tuple[Re
 
 
 def _exact_records(found: Recovery) -> tuple[Record, ...]:
-    """The paper's case. It states 1 mm for what is observable, CAD for what is not, and rank 12."""
+    """Records of the paper's case. It states 1 mm for observable components, CAD for the others, and rank 12."""
     case, paper, bounds = _case("the paper's", "none", found), PAPER.values, PAPER.bounds
     com, rank = found.largest_error(found.coms), found.leg.estimate.observability.rank
     return (

@@ -1,4 +1,4 @@
-"""Table I as values to be drawn: simulated, identified and CAD, with how far each is known."""
+"""Table I as values for drawing: simulated, identified and CAD, with observability."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LINKS = ("hip assembly", "upper leg", "lower leg")
 
 
 def first_moment_table(found: Recovery) -> TableData:
-    """Mass and centre of mass of each link, as the paper's Table I has them."""
+    """Mass and centre of mass of each link, in the layout of the paper's Table I."""
     groups = {}
     for words, link in zip(_LINKS, found.leg.leg.links, strict=True):
         mass = next(c for c in found.parameters if c.name == f"{link}.m")
@@ -37,7 +37,7 @@ def inertia_table(found: Recovery) -> TableData:
 
 
 def combination_table(found: Recovery, title: str) -> TableData:
-    """Identifiable combinations: simulated, identified, and by how many standard deviations they differ."""
+    """Identifiable combinations: simulated, identified, and their difference in standard deviations."""
     rows = [
         (
             c.name,
@@ -57,7 +57,7 @@ def combination_table(found: Recovery, title: str) -> TableData:
 
 
 def paper_table(links: Mapping[str, Sequence[Sequence[float]]]) -> TableData:
-    """The paper's own Table I: by link, what it simulated and what it identified."""
+    """The paper's own Table I: simulated and identified values by link."""
     rows = {
         link: [(name, *map(_figure, values)) for name, values in zip(("simulated", "identified"), both, strict=True)]
         for link, both in links.items()
