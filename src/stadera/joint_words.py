@@ -58,14 +58,19 @@ def _part(name: str, found: set[str], has_abad: bool) -> int | None:
     return int(number[1]) if number else None
 
 
+def by_place(names: Iterable[str]) -> dict[Place, list[str]]:
+    """By leg and joint, the names that say it."""
+    found: dict[Place, list[str]] = {}
+    for name, place in places(names).items():
+        found.setdefault(place, []).append(name)
+    return found
+
+
 def matched(wanted: Sequence[str], names: Iterable[str]) -> dict[str, str] | None:
     """Maps each joint of `wanted` to the one name for the same joint of the same leg; None unless every match is
     unique.
     """
-    found: dict[Place, list[str]] = {}
-    for name, place in places(names).items():
-        found.setdefault(place, []).append(name)
-    sought = places(wanted)
+    found, sought = by_place(names), places(wanted)
     answer = {joint: found.get(sought[joint], []) for joint in wanted if joint in sought}
     if len(answer) < len(wanted) or any(len(fitting) != 1 for fitting in answer.values()):
         return None

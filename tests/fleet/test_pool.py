@@ -10,7 +10,6 @@ import pytest
 
 import stadera
 from stadera.errors import MissingExtraError, StaderaError
-from stadera.fleet import pool as pools
 from stadera.fleet.pool import Failure, Pool, run_tasks
 
 
@@ -64,10 +63,9 @@ def test_workers_of_another_version_are_refused(cluster: Pool, monkeypatch: pyte
         list(run_tasks(square, TASKS, cluster))
 
 
-def test_no_scheduler_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pools, "_CONNECT", 0.3)
+def test_no_scheduler_there() -> None:
     with pytest.raises(StaderaError, match=r"tcp://127\.0\.0\.1:1: no Dask scheduler answers"):
-        list(run_tasks(square, TASKS, Pool(scheduler="tcp://127.0.0.1:1")))
+        list(run_tasks(square, TASKS, Pool(scheduler="tcp://127.0.0.1:1", connect=0.3)))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from identify.leg_runs import DRIVE, cut, exact_run, hyq, leg_regressor, noisy, run
-from stadera.identify.lag import LATEST, estimate_lag
+from stadera.identify.lag import estimate_lag
+from stadera.identify.settings import LagSettings
 from stadera.logs import Preprocessing, Recording, preprocess_stream
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -21,10 +22,10 @@ def late(recording: Recording, delay: float) -> Recording:
     return replace(recording, effort=effort)
 
 
-def found(recording: Recording, cutoff: float | None = 25.0) -> float:
+def found(recording: Recording, cutoff: float | None = 25.0, search: LagSettings | None = None) -> float:
     settings = Preprocessing(cutoff, drop_below=0.0)
     stretches = list(preprocess_stream([recording], settings, recording.joints))
-    return estimate_lag(stretches, [leg_regressor(hyq(), friction=True)], UP).value
+    return estimate_lag(stretches, [leg_regressor(hyq(), friction=True)], UP, search).value
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
@@ -49,6 +50,12 @@ def test_lag_under_noise(delay: float) -> None:
     assert found(recording) == pytest.approx(delay, abs=1e-3)
 
 
+def test_a_lag_is_looked_for_as_far_as_asked_and_taken_where_it_is_large_enough() -> None:
+    recording = late(run(DRIVE, duration=10.0, rate=200.0), 0.021)
+    assert found(recording, search=LagSettings(latest=0.01)) == pytest.approx(0.01)
+    assert found(recording, search=LagSettings(resolution=0.03)) == 0.0
+
+
 def test_a_lag_worth_nothing_is_none() -> None:
     """Where noise hides it, a lag is not made up."""
     assert found(noisy(run(DRIVE), effort=50.0)) == 0.0
@@ -57,6 +64,6 @@ def test_a_lag_worth_nothing_is_none() -> None:
 @pytest.mark.parametrize("samples", [9, 30])
 def test_a_log_too_short_to_tell_has_none(samples: int) -> None:
     recording = cut(run(DRIVE), 1000, 1000 + samples)
-    assert np.ptp(recording.time) < 3 * LATEST
+    assert np.ptp(recording.time) < 3 * LagSettings().latest
     assert found(recording, cutoff=None) == 0.0
     assert estimate_lag([], [leg_regressor(hyq(), friction=True)], UP).value == 0.0

@@ -334,7 +334,7 @@ def test_outliers_are_told() -> None:
     effort = recording.effort.copy()
     effort[100:-1:97, 1] += 20.0
     (leg,) = identify(hyq(), [replace(recording, effort=effort)], EXACT).legs
-    assert any(leg.leg.joints[1] in w and "six times the RMSE" in w for w in leg.warnings)
+    assert any(leg.leg.joints[1] in w and "6 times the RMSE" in w for w in leg.warnings)
 
 
 def test_a_torque_that_never_changes_is_told() -> None:

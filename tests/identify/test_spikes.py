@@ -10,7 +10,7 @@ import pytest
 import stadera
 from identify.leg_runs import hyq, noisy, run
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.spikes import without_spikes
+from stadera.identify.spikes import SpikeSettings, without_spikes
 
 RH = IdentifySettings(legs=("RH",), torque_lag=0.0)
 
@@ -30,6 +30,15 @@ def test_spikes_are_replaced_and_counted() -> None:
     assert found.notes[-1] == "replaced 3 wild values of position, effort"
     np.testing.assert_allclose(found.position, clean.position, atol=0.02)
     np.testing.assert_allclose(found.channel("effort", clean.joints), effort - (effort == 400.0) * 400.0, atol=40.0)
+
+
+def test_from_where_on_a_sample_is_wild_is_a_setting() -> None:
+    clean = run()
+    effort = clean.channel("effort", clean.joints).copy()
+    effort[500, 1] = 400.0
+    log = replace(clean, effort=effort)
+    assert without_spikes(log, SpikeSettings(wild=1e6)) is log
+    assert without_spikes(log) is not log
 
 
 def test_a_step_is_no_spike() -> None:

@@ -20,7 +20,7 @@ def test_an_imu_in_the_trunk_frame_needs_no_rotation():
     robot = load_robot("hyq")
     vertical = vertical_of(_recording(robot.trunk), robot, None)
     np.testing.assert_allclose(vertical.up, [0.0, 4.0, 8.0])
-    assert vertical.held
+    assert vertical.turning == 0.0
 
 
 def test_an_imu_on_a_leg_is_refused():

@@ -58,6 +58,10 @@ def test_joints_of_other_names_are_found_by_leg_and_part(joint: str, motor: str)
     assert set(names) - {joint} == set(MOTORS) - {motor}
 
 
+def test_a_hip_after_an_abduction_is_the_second_joint() -> None:
+    assert motor_names(("RL_abad", "RL_hip", "RL_knee"))[9:] == ("RL_abad", "RL_hip", "RL_knee")
+
+
 def test_what_is_ambiguous_keeps_unitrees_name() -> None:
     assert motor_names(("FL_hip_a", "FL_hip_b")) == MOTORS
     assert motor_names(("FL_hip", "FL_hip_joint")) == MOTORS

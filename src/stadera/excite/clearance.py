@@ -24,8 +24,6 @@ from stadera.robot.model import Leg, Robot, Shape, Tree
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
-_FAR = 0.1  # m; beyond it a bound from enclosing spheres is used
-
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
@@ -49,6 +47,7 @@ class Clearance:
         ground: height of the ground in the trunk frame [m], None for no ground.
         margin: distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest.
         notes: pairs whose shapes touch at rest, and which are therefore not checked.
+        far: distance beyond which a bound from enclosing spheres is as good as the distance itself [m].
     """
 
     tree: Tree
@@ -58,6 +57,7 @@ class Clearance:
     ground: float | None
     margin: float
     notes: tuple[str, ...] = ()
+    far: float = 0.1
 
     @classmethod
     def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
@@ -90,7 +90,7 @@ class Clearance:
         return cls(tree, moving, still, pairs, ground, margin, notes)
 
     def distance(self, position: Array) -> Array:
-        """Least distance to any body at poses (samples, 3) [rad], (samples,) [m]; above 0.1 m a lower bound of it."""
+        """Least distance to any body at poses (samples, 3) [rad], (samples,) [m]; above `far` a lower bound of it."""
         return self._least(position, kept=False)
 
     def slack(self, position: Array) -> Array:
@@ -112,13 +112,13 @@ class Clearance:
         for pair in self.pairs:
             allowed = pair.allowed if kept else 0.0
             # pairs that cannot be the closest need no exact distance
-            least = np.minimum(least, measure(pair, np.minimum(least + allowed, _FAR)) - allowed)
+            least = np.minimum(least, measure(pair, np.minimum(least + allowed, self.far)) - allowed)
         return least
 
     def pair_distances(self, position: Array) -> Iterator[Array]:
-        """Distance of each pair at poses (samples, 3) [rad], (samples,) [m]; above 0.1 m a lower bound of it."""
+        """Distance of each pair at poses (samples, 3) [rad], (samples,) [m]; above `far` a lower bound of it."""
         measure = _Measure(self, *self._poses(position))
-        return (measure(pair, np.full(len(position), _FAR)) for pair in self.pairs)
+        return (measure(pair, np.full(len(position), self.far)) for pair in self.pairs)
 
     def _poses(self, position: Array) -> tuple[Array, Array]:
         """Rotations (samples, shapes, 3, 3) and centres (samples, shapes, 3) of the moving shapes, trunk frame."""

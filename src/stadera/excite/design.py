@@ -8,10 +8,10 @@ from os import PathLike
 
 import numpy as np
 
-from stadera.errors import IdentificationError
+from stadera.errors import IdentificationError, require_positive
 from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.optimise import FourierSearch, optimal_excitation
-from stadera.excite.paper_draw import check_duration, paper_draw
+from stadera.excite.paper_draw import DrawSettings, check_duration, paper_draw
 from stadera.excite.result import Appraisal, Excitation, Peaks
 from stadera.excite.sinusoids import Reference, Sinusoids
 from stadera.excite.worth import LegExperiment
@@ -21,8 +21,6 @@ from stadera.logs import Recording
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
-
-_LOOK_RATE = 100.0  # Hz, sufficient for motions of a few hertz
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,10 @@ class ExciteSettings:
         margins: distances from the leg's limits.
         stand_height: height of the trunk's origin above level ground [m], None for no ground.
         search: settings of the optimisation.
+        draw: what the paper leaves open of its draws.
+        noise: standard deviation of a torque sample, share of the joint's effort limit [1]: the paper's test-bed.
+        noise_of_gravity: the same where the model states no limit, share of the largest gravity torque [1]. Assumed.
+        look_rate: at which motions are compared and their peaks taken [Hz]; enough for motions of a few hertz.
 
     Raises:
         IdentificationError: an invalid value.
@@ -51,6 +53,10 @@ class ExciteSettings:
     margins: Margins = field(default_factory=Margins)
     stand_height: float | None = None
     search: FourierSearch = field(default_factory=FourierSearch)
+    draw: DrawSettings = field(default_factory=DrawSettings)
+    noise: float = 0.0033
+    noise_of_gravity: float = 0.02
+    look_rate: float = 100.0
 
     def __post_init__(self) -> None:
         check_duration(self.duration)
@@ -60,6 +66,7 @@ class ExciteSettings:
             raise IdentificationError(f"need a seed of at least 0 and at least one draw, got {self.seed}, {self.draws}")
         if self.stand_height is not None and not (np.isfinite(self.stand_height) and self.stand_height > 0):
             raise IdentificationError(f"the trunk's height over the ground must be positive, got {self.stand_height} m")
+        require_positive("setting of an excitation", self, ("noise", "noise_of_gravity", "look_rate"))
 
 
 def excite(
@@ -85,13 +92,13 @@ def excite(
     report = progress or (lambda what, done, total: None)
     ground = None if settings.stand_height is None else -settings.stand_height
     bounds = LegBounds.of(robot, leg, margins=settings.margins, ground=ground)
-    experiment = LegExperiment.usual(bounds, settings.rate)
+    experiment = LegExperiment.usual(bounds, settings.rate, settings.noise, settings.noise_of_gravity)
     count = 1 if settings.random else settings.draws
     draws = []
     for k in range(count):
         report("random draws", k, count)
         rng = np.random.default_rng((settings.seed, k))
-        draws.append(paper_draw(robot, leg, rng, settings.duration, bounds))
+        draws.append(paper_draw(robot, leg, rng, settings.duration, bounds, settings.draw))
     report("random draws", count, count)
     if settings.random:
         return _appraised(experiment, settings, draws[0], [])
@@ -142,7 +149,7 @@ def _appraised(
     prior_std = np.linalg.norm(gradients * experiment.prior.scales, axis=1)
 
     def appraise(motion: Sinusoids) -> Appraisal:
-        reference = motion.sample(_LOOK_RATE)
+        reference = motion.sample(settings.look_rate)
         seen = experiment.observability(reference)
         std = seen.std(gradients) / prior_std
         return Appraisal(motion, experiment.gain(reference), seen.rank, rigid.observability(reference).rank, std)
@@ -154,12 +161,12 @@ def _appraised(
         tuple(appraise(draw) for draw in draws),
         combinations,
         rigid.structure.rank,
-        _peaks(chosen, experiment.bounds),
+        _peaks(chosen, experiment.bounds, settings.look_rate),
     )
 
 
-def _peaks(chosen: Sinusoids, bounds: LegBounds) -> Peaks:
-    motion = chosen.sample(_LOOK_RATE).motion
+def _peaks(chosen: Sinusoids, bounds: LegBounds, rate: float) -> Peaks:
+    motion = chosen.sample(rate).motion
     return Peaks(
         motion.position.min(axis=0),
         motion.position.max(axis=0),

@@ -19,8 +19,6 @@ from stadera.excite.bounds import LegBounds
 from stadera.excite.sinusoids import Sinusoids, window
 from stadera.types import Array
 
-_FADE = 2.0  # s
-
 
 @dataclass(frozen=True, eq=False)
 class FourierSeries:
@@ -33,12 +31,14 @@ class FourierSeries:
         harmonics: K.
         period: 1/f [s].
         duration: from rest to rest [s].
+        longest_fade: of each end [s]; a third of a short motion.
     """
 
     bounds: LegBounds
     harmonics: int
     period: float
     duration: float
+    longest_fade: float = 2.0
 
     @property
     def unknowns(self) -> int:
@@ -48,7 +48,7 @@ class FourierSeries:
     @property
     def fade(self) -> float:
         """Length of each of the two fades [s]."""
-        return min(_FADE, self.duration / 3.0)
+        return min(self.longest_fade, self.duration / 3.0)
 
     @property
     def swing(self) -> float:

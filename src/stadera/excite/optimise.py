@@ -22,7 +22,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.optimize import minimize
 
-from stadera.errors import IdentificationError
+from stadera.errors import IdentificationError, require_positive
 from stadera.excite.clearance import ClearanceMap
 from stadera.excite.fourier import FourierSeries
 from stadera.excite.paper_draw import FREQUENCIES, check_duration, fitting_factor
@@ -32,15 +32,6 @@ from stadera.legs import JointMotion
 from stadera.types import Array
 
 Progress = Callable[[float], None]
-
-_PENALTIES = (50.0, 2000.0)  # nat for one sample that exceeds a bound by its whole size
-_SPARE = 0.01  # share of each bound left unused
-_CLEARANCE_UNIT = 0.1  # m, counts as one whole bound
-_CLEARANCE_RATE = 50.0  # Hz
-_CLEARANCE_SPARE = 0.002  # m, for the motion between two samples
-_TIGHTENINGS = 8  # largest number of corrections of the clearance map
-_STEP = 1e-6  # of the finite differences, in the unknowns' own scale
-_POSES = 50  # tried for each start
 
 
 @dataclass(frozen=True)
@@ -53,6 +44,14 @@ class FourierSearch:
         samples: evaluated in one period.
         starts: number of local searches.
         iterations: largest number of steps in each.
+        poses: tried for each start.
+        penalties: one after the other, for a whole bound exceeded by one sample [nat].
+        spare: share of each bound left unused [1].
+        clearance_unit: lack of clearance that counts as one whole bound [m].
+        clearance_rate: at which exact distances are taken along the motion [Hz].
+        clearance_spare: for what lies between two of them [m].
+        tightenings: of the clearance map, at most.
+        step: of the finite differences, in the unknowns' own scale [1].
     """
 
     harmonics: int = 6
@@ -60,6 +59,14 @@ class FourierSearch:
     samples: int = 72
     starts: int = 4
     iterations: int = 80
+    poses: int = 50
+    penalties: tuple[float, ...] = (50.0, 2000.0)
+    spare: float = 0.01
+    clearance_unit: float = 0.1
+    clearance_rate: float = 50.0
+    clearance_spare: float = 0.002
+    tightenings: int = 8
+    step: float = 1e-6
 
     def __post_init__(self) -> None:
         if min(self.harmonics, self.starts, self.iterations) < 1:
@@ -68,6 +75,10 @@ class FourierSearch:
             raise IdentificationError(f"a search needs at least 4 samples a harmonic, got {self}")
         if not (np.isfinite(self.top_frequency) and self.top_frequency > 0):
             raise IdentificationError(f"the highest frequency must be positive, got {self.top_frequency} Hz")
+        if not self.penalties or min(self.penalties) <= 0.0:
+            raise IdentificationError(f"a search needs penalties above 0, got {self.penalties}")
+        names = ("poses", "spare", "clearance_unit", "clearance_rate", "clearance_spare", "tightenings", "step")
+        require_positive("setting of a search", self, names)
 
 
 def optimal_excitation(
@@ -98,7 +109,7 @@ def optimal_excitation(
     part = 1.0 / (search.starts + 1)
     found: list[tuple[float, Array]] = []
     for start in range(search.starts):
-        x = problem.solve(problem.start(rng), _PENALTIES, partial(_advance, report, start * part, part))
+        x = problem.solve(problem.start(rng), search.penalties, partial(_advance, report, start * part, part))
         found.append((problem.merit(x), x))
     best = max(found, key=lambda pair: pair[0])[1]
     motion = series.motion(problem.tightened(best, partial(_advance, report, 1.0 - part, part)))
@@ -121,7 +132,7 @@ class _Problem:
     def start(self, rng: np.random.Generator) -> Array:
         """A small motion around a random clear pose."""
         bounds = self.experiment.bounds
-        poses = rng.uniform(-0.7, 0.7, (_POSES, 3))
+        poses = rng.uniform(-0.7, 0.7, (self.search.poses, 3))
         clear = self.clearance.slack(0.5 * (bounds.lower + bounds.upper) + self.series.half * poses)
         swings = rng.normal(0.0, 0.2 / self.series.harmonics, self.series.unknowns - 3)
         return np.concatenate((poses[int(np.argmax(clear > 0.5 * clear.max()))], swings))
@@ -143,26 +154,26 @@ class _Problem:
 
     def tightened(self, x: Array, report: Progress) -> Array:
         """The optimum near `x` after correcting the clearance map along the motion."""
-        problem, part = self, 1.0 / _TIGHTENINGS
-        for done in range(_TIGHTENINGS):
-            path = self.series.motion(x).at(self.series.instants(_CLEARANCE_RATE)).position
-            slack = self.experiment.bounds.clearance.slack(path) - _CLEARANCE_SPARE
+        problem, search, part = self, self.search, 1.0 / self.search.tightenings
+        for done in range(search.tightenings):
+            path = self.series.motion(x).at(self.series.instants(search.clearance_rate)).position
+            slack = self.experiment.bounds.clearance.slack(path) - search.clearance_spare
             if slack.min() >= 0.0:
                 break
             problem = replace(problem, clearance=problem.clearance.lowered(path, slack))
-            x = problem.solve(x, _PENALTIES[-1:], partial(_advance, report, done * part, part))
+            x = problem.solve(x, search.penalties[-1:], partial(_advance, report, done * part, part))
         report(1.0)
         return x
 
     def merit(self, x: Array) -> float:
         """Gain [nat] minus the penalty."""
         gain, over = self._values(x[None])
-        return float(gain[0] - _PENALTIES[-1] * over[0])
+        return float(gain[0] - self.search.penalties[-1] * over[0])
 
     def _cost_and_slope(self, x: Array, weight: float) -> tuple[float, Array]:
-        gain, over = self._values(np.vstack((x, x + _STEP * np.eye(len(x)))))
+        gain, over = self._values(np.vstack((x, x + self.search.step * np.eye(len(x)))))
         cost = weight * over - gain
-        return float(cost[0]), (cost[1:] - cost[0]) / _STEP
+        return float(cost[0]), (cost[1:] - cost[0]) / self.search.step
 
     def _values(self, x: Array) -> tuple[Array, Array]:
         """For each row of x (batch, unknowns): gain [nat], and the sum over samples of squared relative bound
@@ -181,9 +192,9 @@ class _Problem:
             np.abs(q - middle) / self.series.half,
             np.abs(dq) / bounds.velocity,
             np.abs(torque) / bounds.effort,
-            1.0 - slack / _CLEARANCE_UNIT,
+            1.0 - slack / self.search.clearance_unit,
         )
-        over = [(np.maximum(share - 1.0 + _SPARE, 0.0) ** 2).sum(axis=(1, 2)) for share in shares]
+        over = [(np.maximum(share - 1.0 + self.search.spare, 0.0) ** 2).sum(axis=(1, 2)) for share in shares]
         return gain, np.sum(over, axis=0)
 
     def _gram_and_torque(self, motion: JointMotion, batch: int) -> tuple[Array, Array]:
@@ -210,4 +221,4 @@ class _Problem:
 
     @cached_property
     def _dense_basis(self) -> Array:
-        return self.series.basis(self.series.instants(_CLEARANCE_RATE))[0]
+        return self.series.basis(self.series.instants(self.search.clearance_rate))[0]

@@ -11,9 +11,12 @@ amplitudes are the same share of the joint ranges as the paper's of HyQ's (95°,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from stadera.errors import IdentificationError
+from stadera.constants import ROUNDING
+from stadera.errors import IdentificationError, require_positive
 from stadera.excite.bounds import LegBounds
 from stadera.excite.sinusoids import Sinusoids
 from stadera.robot.model import Robot
@@ -23,16 +26,30 @@ FREQUENCIES = (0.3, 0.9)
 """The paper's band [Hz]."""
 
 _AMPLITUDE_SHARES = np.array([0.25, 0.20, 0.40]) / np.deg2rad([95.0, 120.0, 120.0])
-_LARGEST_SHARE = 0.25  # of the reach, leaves room to shift origins
-_ORIGINS = 6
-_SHORTEST_SEGMENT = 10.0  # s, a few periods of the slowest sinusoid
-_FADE = 2.0  # s
-_CANDIDATES = 9  # origins tried along each joint
-_CHOICE = 8  # least number of candidates for each origin, if few are clear
-_CHECK_RATE = 100.0  # Hz
-_DRAW_IN = 0.99
-_SHORTEST = 2.0  # s
-_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class DrawSettings:
+    """What the paper leaves open of its random draw.
+
+    Attributes:
+        origins: positions of the origin, at most.
+        segment: least time at one origin [s], for a few periods of the slowest sinusoid.
+        fade: time from one origin to the next, at most [s].
+        amplitude: largest amplitude, share of the reach [1], so that there is room to shift origins.
+        candidates: origins tried along each joint.
+        choice: candidates for each origin, at least, where few are clear.
+    """
+
+    origins: int = 6
+    segment: float = 10.0
+    fade: float = 2.0
+    amplitude: float = 0.25
+    candidates: int = 9
+    choice: int = 8
+
+    def __post_init__(self) -> None:
+        require_positive("setting of a draw", self, self.__dataclass_fields__)
 
 
 def paper_draw(
@@ -41,6 +58,7 @@ def paper_draw(
     rng: np.random.Generator,
     duration: float = 180.0,
     bounds: LegBounds | None = None,
+    settings: DrawSettings | None = None,
 ) -> Sinusoids:
     """The paper's random sinusoids (see the module), within bounds.
 
@@ -51,40 +69,41 @@ def paper_draw(
         duration: from rest to rest [s].
         bounds: None for `LegBounds.of(robot, leg)`. A draw that violates them is scaled towards the rest pose until it
             fits.
+        settings: None for the defaults.
 
     Raises:
         UnknownNameError: no such leg.
         IdentificationError: a duration under two seconds.
     """
-    bounds = bounds or LegBounds.of(robot, leg)
+    bounds, settings = bounds or LegBounds.of(robot, leg), settings or DrawSettings()
     check_duration(duration)
-    count = int(np.clip(duration // _SHORTEST_SEGMENT, 1, _ORIGINS))
-    fade = min(_FADE, duration / (2 * count + 1))
+    count = int(np.clip(duration // settings.segment, 1, settings.origins))
+    fade = min(settings.fade, duration / (2 * count + 1))
     shape = (count, 3, 1)
-    largest = np.minimum(_AMPLITUDE_SHARES * bounds.ranges, _LARGEST_SHARE * (bounds.upper - bounds.lower))
+    largest = np.minimum(_AMPLITUDE_SHARES * bounds.ranges, settings.amplitude * (bounds.upper - bounds.lower))
     frequencies = rng.uniform(*FREQUENCIES, shape)
     phases = rng.uniform(0.0, np.pi, shape)
     amplitudes = rng.uniform(0.0, 1.0, shape) * largest[:, None]
-    origins = gravity_shifting_poses(bounds, largest, count)
+    origins = gravity_shifting_poses(bounds, largest, count, settings)
     starts = np.linspace(0.0, duration - fade, count + 1)
     draw = Sinusoids(bounds.joints, bounds.rest, origins, amplitudes, frequencies, phases, starts, fade)
     return draw.drawn_in(fitting_factor(draw, bounds))
 
 
-def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int) -> Array:
+def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int, settings: DrawSettings | None = None) -> Array:
     """Poses with the most different gravity torques, (count, 3) [rad], at least `room` (3,) inside the position
     bounds.
     """
-    axes = [
-        np.linspace(low, high, _CANDIDATES) for low, high in zip(bounds.lower + room, bounds.upper - room, strict=True)
-    ]
+    settings = settings or DrawSettings()
+    ends = zip(bounds.lower + room, bounds.upper - room, strict=True)
+    axes = [np.linspace(low, high, settings.candidates) for low, high in ends]
     poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     torque = bounds.gravity_torque(poses)
     held = (np.abs(torque) <= bounds.effort).all(axis=1)
     if not held.any():
         raise IdentificationError(f"leg {bounds.leg}: no pose in reach can be held within the torque bounds")
     poses, torque = poses[held], torque[held]
-    clear = _most_clear(poses, room, bounds, _CHOICE * count)
+    clear = _most_clear(poses, room, bounds, settings.choice * count)
     poses, torque = poses[clear], torque[clear]
     spread = np.where(np.ptp(torque, axis=0) > 0, torque.std(axis=0), 1.0)
     torque = torque / spread
@@ -103,29 +122,33 @@ def _most_clear(poses: Array, room: Array, bounds: LegBounds, least: int) -> Boo
     return np.asarray(slack >= min(0.0, np.sort(slack)[-min(least, len(slack))]))
 
 
-def fitting_factor(motion: Sinusoids, bounds: LegBounds) -> float:
+def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rate: float = 100.0) -> float:
     """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds; 1 if it does.
+
+    Args:
+        step: factor from one trial to the next.
+        rate: at which the bounds are looked at [Hz].
 
     Raises:
         IdentificationError: the rest pose itself violates the bounds.
     """
     factor = 1.0
-    while not _fits(motion.drawn_in(factor), bounds):
-        factor *= _DRAW_IN
+    while not _fits(motion.drawn_in(factor), bounds, rate):
+        factor *= step
         if factor < 0.01:
             raise IdentificationError(f"leg {bounds.leg}: the rest pose itself is out of bounds")
     return factor
 
 
-def _fits(motion: Sinusoids, bounds: LegBounds) -> bool:
+def _fits(motion: Sinusoids, bounds: LegBounds, rate: float) -> bool:
     """True if the motion satisfies the bounds. The cheapest tests come first."""
-    samples = motion.sample(_CHECK_RATE).motion
-    if bounds.excess(samples) > _ROUNDING:
+    samples = motion.sample(rate).motion
+    if bounds.excess(samples) > ROUNDING:
         return False
-    return all(bounds.clearance.slack(samples.position[::every]).min() >= -_ROUNDING for every in (20, 2))
+    return all(bounds.clearance.slack(samples.position[::every]).min() >= -ROUNDING for every in (20, 2))
 
 
-def check_duration(duration: float) -> None:
-    """Raises IdentificationError if the duration is too short for any motion."""
-    if not (np.isfinite(duration) and duration >= _SHORTEST):
-        raise IdentificationError(f"an excitation lasts at least {_SHORTEST:g} s, got {duration} s")
+def check_duration(duration: float, shortest: float = 2.0) -> None:
+    """Raises IdentificationError if the duration is too short for any motion: less than `shortest` [s]."""
+    if not (np.isfinite(duration) and duration >= shortest):
+        raise IdentificationError(f"an excitation lasts at least {shortest:g} s, got {duration} s")

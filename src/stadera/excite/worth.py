@@ -26,10 +26,7 @@ from stadera.information import Information
 from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.types import Array
 
-_NOISE_SHARE = 0.0033  # of the joint's effort limit
-_NOISE_OF_GRAVITY = 0.02  # of the largest gravity torque, if the model states no limit
 _POSES = 500
-_NOISELESS = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +54,14 @@ class LegExperiment:
         object.__setattr__(self, "noise", noise)
 
     @classmethod
-    def usual(cls, bounds: LegBounds, rate: float = 1000.0) -> LegExperiment:
-        """Noise of 0.33 % of each joint's effort limit, or of 2 % of its largest gravity torque if it has none."""
+    def usual(
+        cls, bounds: LegBounds, rate: float = 1000.0, noise: float = 0.0033, noise_of_gravity: float = 0.02
+    ) -> LegExperiment:
+        """Torque noise as shares: of each joint's effort limit, or of its largest gravity torque if it has none."""
         limits = np.array([bounds.robot.limits[joint].effort for joint in bounds.joints])
         poses = np.random.default_rng(0).uniform(bounds.lower, bounds.upper, (_POSES, 3))
         gravity = np.abs(bounds.gravity_torque(poses)).max(axis=0)
-        return cls(bounds, np.where(np.isfinite(limits), _NOISE_SHARE * limits, _NOISE_OF_GRAVITY * gravity), rate)
+        return cls(bounds, np.where(np.isfinite(limits), noise * limits, noise_of_gravity * gravity), rate)
 
     @cached_property
     def regressor(self) -> JointTorqueRegressor:
@@ -95,7 +94,7 @@ class LegExperiment:
         rng = np.random.default_rng(0)
         position = rng.uniform(self.bounds.lower, self.bounds.upper, (_POSES, 3))
         motion = JointMotion(position, *rng.normal(0.0, (2.0, 10.0), (_POSES, 3, 2)).transpose(2, 0, 1))
-        return observability(self._information(motion, _NOISELESS * self.noise), self.prior)
+        return observability(self._information(motion, 1e-6 * self.noise), self.prior)
 
     def _information(self, motion: JointMotion, noise: Array) -> Information:
         torque = np.zeros((len(motion), 3))

@@ -31,17 +31,34 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import chi2, norm, t
 
+from stadera.errors import require_positive
 from stadera.fleet.series import FleetSeries
 from stadera.types import Array
 
-_FEWEST = 6  # logs needed to estimate a scatter
-_LEFT_OUT = 0.1  # share of the differences of successive logs that is trimmed
-_WORTH = 0.45  # degrees of freedom of κ² for each difference
-_LEAST_SCATTER = 1e-3  # of the bars; logs that agree better are copies
 _YARDSTICKS = 2
 
 Kind = Literal["since", "once", "while"]
 """Kind of a stretch: to the end; one log; several logs."""
+
+
+@dataclass(frozen=True)
+class ScatterSettings:
+    """How much a robot's logs scatter, see the module's text; all dimensionless.
+
+    Attributes:
+        fewest: logs that have a scatter.
+        left_out: share of the differences of successive logs that is left out, the largest.
+        worth: degrees of freedom of κ² for each difference, by simulation of normal errors.
+        least: κ at least; logs that agree better are copies.
+    """
+
+    fewest: int = 6
+    left_out: float = 0.1
+    worth: float = 0.45
+    least: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require_positive("setting of a fleet's scatter", self, self.__dataclass_fields__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +106,20 @@ class Departure:
         }
 
 
-def departures(fleet: Sequence[FleetSeries], chance: float = 0.01) -> list[Departure]:
+def departures(
+    fleet: Sequence[FleetSeries], chance: float = 0.01, settings: ScatterSettings | None = None
+) -> list[Departure]:
     """Detects departures, the most significant first.
 
     Args:
         fleet: all series to be examined.
         chance: probability of any report from an unchanged fleet.
+        settings: of the scatter.
     """
+    settings = settings or ScatterSettings()
     counts = [_stretches(len(series.value)) for series in fleet]
     looks: dict[Kind, int] = {kind: sum(count[kind] for count in counts) for kind in _stretches(0)}
-    found = (departure for series in fleet for departure in _searched(series, looks, chance))
+    found = (departure for series in fleet for departure in _searched(series, looks, chance, settings))
     return sorted(found, key=lambda departure: departure.chance)
 
 
@@ -107,16 +128,16 @@ def looks_at(fleet: Sequence[FleetSeries]) -> int:
     return _YARDSTICKS * sum(map(sum, (_stretches(len(series.value)).values() for series in fleet)))
 
 
-def scatter(series: FleetSeries) -> float:
+def scatter(series: FleetSeries, settings: ScatterSettings | None = None) -> float:
     """κ: scatter of the logs in units of their bars; NaN for too few logs."""
-    value, std = series.value, series.std
-    if len(value) < _FEWEST:
+    settings, value, std = settings or ScatterSettings(), series.value, series.std
+    if len(value) < settings.fewest:
         return np.nan
     squares = np.sort(np.diff(value) ** 2 / (std[1:] ** 2 + std[:-1] ** 2))
-    kept = len(squares) - max(2, ceil(_LEFT_OUT * len(squares)))
+    kept = len(squares) - max(2, ceil(settings.left_out * len(squares)))
     share = kept / len(squares)
     usual = chi2.cdf(chi2.ppf(share, 1), 3) / share  # mean of the smallest such share of squared normal numbers
-    return max(float(np.sqrt(squares[:kept].mean() / usual)), _LEAST_SCATTER)
+    return max(float(np.sqrt(squares[:kept].mean() / usual)), settings.least)
 
 
 def _stretches(count: int) -> dict[Kind, int]:
@@ -125,8 +146,10 @@ def _stretches(count: int) -> dict[Kind, int]:
     return {"since": tails, "once": single, "while": count * (count - 1) // 2 - tails - single}
 
 
-def _searched(series: FleetSeries, looks: Mapping[Kind, int], chance: float) -> Iterator[Departure]:
-    kappa, freedom = scatter(series), _WORTH * (len(series.value) - 1)
+def _searched(
+    series: FleetSeries, looks: Mapping[Kind, int], chance: float, settings: ScatterSettings
+) -> Iterator[Departure]:
+    kappa, freedom = scatter(series, settings), settings.worth * (len(series.value) - 1)
     wide = float(np.fmax(1.0, kappa))
     waiting = [(0, len(series.value))]
     while waiting:

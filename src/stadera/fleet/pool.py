@@ -10,17 +10,15 @@ import logging
 import os
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import stadera
-from stadera.errors import MissingExtraError, StaderaError
+from stadera.errors import MissingExtraError, StaderaError, require_positive
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
 
-_CONNECT = 10.0  # s, to connect to a scheduler
-_FIRST_WORKER = 60.0  # s, for the first worker to connect
 _CONFIG = {
     # the default spills results to disk and pauses at 0.6 to 0.8 of the limit; results here are small, and memory grows
     # in the task itself, so a worker is only ever restarted
@@ -44,6 +42,8 @@ class Pool:
         scheduler: address of a Dask scheduler to use, "tcp://host:8786"; None for a local cluster.
         memory: limit of a local worker [bytes], above which it is restarted and its task tried again; weighing needs
             less than 500 MB for logs of any length.
+        connect: time in which a scheduler must have answered [s].
+        first_worker: time in which it must have a worker [s].
 
     Raises:
         StaderaError: a negative number of workers, one combined with a scheduler, or no memory.
@@ -52,6 +52,8 @@ class Pool:
     workers: int | None = None
     scheduler: str | None = None
     memory: int = 2_000_000_000
+    connect: float = 10.0
+    first_worker: float = 60.0
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 0:
@@ -60,13 +62,14 @@ class Pool:
             raise StaderaError(f"{self.scheduler} has its own workers: a number of workers is for this machine alone")
         if not self.memory > 0:
             raise StaderaError(f"a worker needs memory, got {self.memory} bytes")
+        require_positive("time of a pool", self, ("connect", "first_worker"))
 
     def for_tasks(self, count: int) -> Pool:
         """The pool with no more local workers than tasks; a single task is run in this process."""
         if self.scheduler is not None:
             return self
         workers = min(os.cpu_count() or 1 if self.workers is None else self.workers, count)
-        return Pool(0 if workers < 2 else workers, None, self.memory)
+        return replace(self, workers=0 if workers < 2 else workers)
 
 
 @dataclass(frozen=True)
@@ -160,12 +163,12 @@ def _client(pool: Pool) -> Iterator[Any]:
     if pool.scheduler is not None:
         try:
             client: Any = distributed.Client(  # type: ignore[no-untyped-call]
-                pool.scheduler, timeout=_CONNECT, set_as_default=False
+                pool.scheduler, timeout=pool.connect, set_as_default=False
             )
         except (OSError, ValueError) as error:
             raise StaderaError(f"{pool.scheduler}: no Dask scheduler answers there: {error}") from None
         with client:
-            _check_workers(client, pool.scheduler)
+            _check_workers(client, pool.scheduler, pool.first_worker)
             yield client
         return
     with dask.config.set(_CONFIG):
@@ -182,16 +185,14 @@ def _client(pool: Pool) -> Iterator[Any]:
             yield client
 
 
-def _check_workers(client: Any, address: str) -> None:
+def _check_workers(client: Any, address: str, patience: float) -> None:
     """Checks that there are workers with the same version of this package."""
     from distributed import TimeoutError as NoWorkers
 
     try:
-        client.wait_for_workers(1, timeout=_FIRST_WORKER)
+        client.wait_for_workers(1, timeout=patience)
     except NoWorkers:
-        raise StaderaError(
-            f"{address}: the scheduler has no workers, and none has come in {_FIRST_WORKER:g} s"
-        ) from None
+        raise StaderaError(f"{address}: the scheduler has no workers, and none has come in {patience:g} s") from None
     for worker, version in client.run(version_here, on_error="return").items():
         if version != stadera.__version__:
             here = f"stadera {version}" if isinstance(version, str) else "no stadera that can be imported"

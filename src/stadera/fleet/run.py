@@ -24,11 +24,13 @@ from stadera.fleet.table import SIDES, FleetTable, beside, read_fleet, table_pat
 Watch = Callable[[str, int, int, str], None]
 """Called with the step's name, the amount done, the total amount, and the number of logs in words."""
 
-_SAVED_EVERY = 30.0  # s, between two saves of the table
-
 
 def run_fleet(
-    jobs: Sequence[LogJob], out: str | PathLike[str], pool: Pool | None = None, watch: Watch | None = None
+    jobs: Sequence[LogJob],
+    out: str | PathLike[str],
+    pool: Pool | None = None,
+    watch: Watch | None = None,
+    saved_every: float = 30.0,
 ) -> FleetTable:
     """Weighs a fleet's logs, or identifies legs from them, and writes the table.
 
@@ -38,6 +40,7 @@ def run_fleet(
         out: path of the table, .parquet; logs that it already contains are skipped.
         pool: where logs are processed; None for one process per core.
         watch: see `Watch`.
+        saved_every: time between two writings of the table while rows come in [s].
 
     Raises:
         StaderaError: the table cannot be written or read, or there is no scheduler. Never raised for a log, whose row
@@ -48,7 +51,7 @@ def run_fleet(
     tables = (target, *(beside(target, name) for name in SIDES))
     jobs = [job for job in jobs if Path(job.log) not in tables]
     check_models(jobs)
-    fleet = _Fleet(target, jobs)
+    fleet = _Fleet(target, jobs, saved_every)
     by_log = {job.log: job for job in jobs}
     tasks = {log: Task(job, fleet.key(log)) for log, job in by_log.items()}
     waiting = {log: task for log, task in tasks.items() if not is_done(task)}
@@ -70,9 +73,9 @@ def run_fleet(
 class _Fleet:
     """Finished rows, from the table, the journal and the present run."""
 
-    def __init__(self, target: Path, jobs: Sequence[LogJob]) -> None:
+    def __init__(self, target: Path, jobs: Sequence[LogJob], saved_every: float) -> None:
         self.journal = target.with_name(f".{target.stem}.journal.jsonl")
-        self._target, self._jobs = target, jobs
+        self._target, self._jobs, self._every = target, jobs, saved_every
         self._done: dict[str, Done] = {}
         if target.exists():
             self._read(read_fleet(target))
@@ -89,7 +92,7 @@ class _Fleet:
     def add(self, log: str, done: Done) -> None:
         """Adds a row, and saves the table if the last save was long ago."""
         self._done[log], self._changed = done, True
-        if monotonic() - self._saved > _SAVED_EVERY:
+        if monotonic() - self._saved > self._every:
             self.save()
 
     def save(self) -> None:

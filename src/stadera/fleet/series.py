@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from stadera.constants import EPOCH
 from stadera.fleet.table import FleetTable
 from stadera.types import Array
-
-_EPOCH = 1e8  # s; larger stamps count from 1970, smaller ones from the log's own start
 
 LogRow = Mapping[str, Any]
 
@@ -63,7 +62,7 @@ def by_robot(rows: Sequence[LogRow]) -> dict[str, list[LogRow]]:
 def when(row: LogRow) -> str:
     """Time of a log if it is stamped with the time of day; else empty."""
     begin = row["begin"]
-    if begin is None or begin < _EPOCH:
+    if begin is None or begin < EPOCH:
         return ""
     return datetime.fromtimestamp(begin, UTC).strftime("%Y-%m-%d %H:%M")
 
@@ -105,7 +104,7 @@ def _in_time(rows: Sequence[LogRow]) -> list[LogRow]:
     one.
     """
     stamps = [row["begin"] for row in rows if row["begin"] is not None]
-    if not stamps or min(stamps) < _EPOCH:
+    if not stamps or min(stamps) < EPOCH:
         return list(rows)
     last = max(stamps)
     return sorted(rows, key=lambda row: last if row["begin"] is None else row["begin"])

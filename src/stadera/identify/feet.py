@@ -14,19 +14,18 @@ from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-_MOST_SAMPLES = 4000  # to which a log is thinned out
 
-
-def carried_shares(recording: Recording, robot: Robot, up: Array) -> dict[str, float]:
+def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int = 4000) -> dict[str, float]:
     """Mean upward force on each foot as a share of the robot's weight.
 
     Args:
         recording: positions and efforts of the legs' joints; legs that are not recorded are skipped.
         robot: the model.
         up: (3,), the vertical in trunk axes, of any length.
+        samples: that a longer log is thinned out to.
     """
     model, joints = LegModel.of(robot), robot.tree.joints
-    thin = slice(None, None, -(-len(recording) // _MOST_SAMPLES))
+    thin = slice(None, None, -(-len(recording) // samples))
     position, effort = np.zeros((2, len(recording.time[thin]), len(joints)))
     recorded = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
     for leg in recorded:

@@ -10,11 +10,11 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.identify.feet import carried_shares
-from stadera.identify.lag import EARLIEST, LATEST, STEP, TorqueLag, estimate_lag
+from stadera.identify.lag import TorqueLag, estimate_lag
 from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.residuals import torque_sizes
-from stadera.identify.settings import IdentifySettings
+from stadera.identify.settings import IdentifySettings, LagSettings
 from stadera.identify.vertical import TrunkUp, vertical_of
 from stadera.legs import FrictionModel, JointTorqueRegressor, TrunkMotion
 from stadera.logs.cutoff import highest_cutoff, suggest_cutoff
@@ -124,15 +124,9 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         UnknownNameError: no such leg or joint.
     """
     wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))
-    beginnings = [head(log, joints_of(robot, wanted)) for log in logs]
-    for beginning in beginnings:
-        _check_torques(beginning, robot, wanted)
-        _check_feet(beginning, robot, wanted, settings)
-    supporting = _supporting(robot, logs, wanted, settings)
-    if supporting:
-        beginnings = [head(log, joints_of(robot, (*wanted, *supporting))) for log in logs]
-    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in (*wanted, *supporting))
-    joints = joints_of(robot, (*wanted, *supporting))
+    beginnings, legs = _beginnings(robot, logs, wanted, settings)
+    tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in legs)
+    joints = joints_of(robot, legs)
     cutoff, rows_cutoff = _cutoffs(beginnings, joints, settings)
     vertical = vertical_of(beginnings[0], robot, settings.up)
     lag = settings.torque_lag
@@ -160,6 +154,20 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         doubts=tuple(dict.fromkeys(doubt for beginning in beginnings for doubt in beginning.doubts)),
         progress=progress,
     )
+
+
+def _beginnings(
+    robot: Robot, logs: Sequence[Log], wanted: tuple[str, ...], settings: IdentifySettings
+) -> tuple[list[Recording], tuple[str, ...]]:
+    """The checked first chunk of each log, and the legs in it: those wanted, then those that inform on the drives."""
+    spikes = settings.signals.spikes
+    beginnings = [head(log, joints_of(robot, wanted), spikes) for log in logs]
+    for beginning in beginnings:
+        _check_torques(beginning, robot, wanted)
+        _check_feet(beginning, robot, wanted, settings)
+    supporting = _supporting(robot, logs, wanted, settings)
+    legs = (*wanted, *supporting)
+    return [head(log, joints_of(robot, legs), spikes) for log in logs] if supporting else beginnings, legs
 
 
 def joints_of(robot: Robot, legs: Sequence[str]) -> tuple[str, ...]:
@@ -200,14 +208,14 @@ def _supporting(robot: Robot, logs: Sequence[Log], wanted: Sequence[str], settin
     others = [leg for leg in robot.legs if leg.name not in wanted]
     found = [leg.name for leg in others if all(has_effort(log, leg.joints) for log in logs)]
     for log in logs if found else ():
-        beginning = head(log, joints_of(robot, found))
+        beginning = head(log, joints_of(robot, found), settings.signals.spikes)
         shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
         found = [name for name in found if shares[name] <= settings.most_carried]
     return found
 
 
-def _lag_note(lag: TorqueLag) -> tuple[str, ...]:
-    if min(abs(lag.value - EARLIEST), abs(lag.value - LATEST)) < STEP / 2:
+def _lag_note(lag: TorqueLag, search: LagSettings) -> tuple[str, ...]:
+    if min(abs(lag.value - search.earliest), abs(lag.value - search.latest)) < search.step / 2:
         return (f"torque lag at the end of the search, {1e3 * lag.value:.1f} ms: look at the stamps of the log",)
     if not lag.value:
         return ()
@@ -244,23 +252,25 @@ def _estimated_lag(
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     settings = Preprocessing(cutoff, drop_below=0.0)
     stretches = [p for r in recordings for p in preprocess_stream([r], settings, joints) if len(p)]
-    lag = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up)
-    return lag.value, _lag_note(lag)
+    search = asked.signals.lag
+    lag = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up, search)
+    return lag.value, _lag_note(lag, search)
 
 
 def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) -> tuple[Part, Part | None, str | None]:
     """The training part, the validation part, and a description of the latter."""
     make = partial(Part, joints=job.joints, settings=job.preprocessing)
+    section = partial(Section, spikes=job.settings.signals.spikes)
     if validation is not None:
         names = ", ".join(dict.fromkeys(log.source for log in validation))
-        return make([Section(log) for log in logs]), make([Section(log) for log in validation]), names
+        return make([section(log) for log in logs]), make([section(log) for log in validation]), names
     if job.settings.split == 1.0:
-        return make([Section(log) for log in logs]), None, None
+        return make([section(log) for log in logs]), None, None
     first, rest = [], []
     for log in logs:
         start, stop = time_span(log, job.joints)
         middle = start + job.settings.split * (stop - start)
-        first.append(Section(log, stop=middle))
-        rest.append(Section(log, start=middle))
+        first.append(section(log, stop=middle))
+        rest.append(section(log, start=middle))
     whole = "the log" if len(logs) == 1 else "each log"
     return make(first), make(rest), f"the last {100 * (1 - job.settings.split):.0f} % of {whole}"

@@ -23,17 +23,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import qr
 
+from stadera.identify.settings import LagSettings
 from stadera.legs import JointMotion, JointTorqueRegressor, TrunkMotion
 from stadera.logs.processing import Processed
 from stadera.types import Array, Bools
-
-EARLIEST, LATEST, STEP = -0.010, 0.040, 0.0025  # s
-NOTICEABLE = 0.01
-"""Relative decrease of the residual's variance below which a lag is not significant."""
-RESOLUTION = 5e-4
-"""Lags up to this [s] can be caused by deviations of friction from its model, and are ignored."""
-SLIDING = 0.1
-"""Speed above which a joint slides [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +38,10 @@ class TorqueLag:
 
 
 def estimate_lag(
-    processed: Sequence[Processed], regressors: Sequence[JointTorqueRegressor], trunk_up: Array
+    processed: Sequence[Processed],
+    regressors: Sequence[JointTorqueRegressor],
+    trunk_up: Array,
+    settings: LagSettings | None = None,
 ) -> TorqueLag:
     """Estimates the lag of the efforts in stretches that were preprocessed without lag compensation.
 
@@ -53,15 +49,17 @@ def estimate_lag(
         processed: stretches without gaps, including samples at rest.
         regressors: one for each leg, over joints that the stretches have.
         trunk_up: the vertical in trunk axes, (3,).
+        settings: of the search.
     """
-    lags = np.arange(EARLIEST, LATEST + STEP / 2, STEP)
+    search = settings or LagSettings()
+    lags = np.arange(search.earliest, search.latest + search.step / 2, search.step)
     cost = np.zeros(len(lags))
     at_zero = int(np.argmin(np.abs(lags)))
     samples = 0
     for regressor in regressors:
         blocks: list[list[Array]] = [[] for _ in regressor.tree.joints]
-        for stretch in (s for s in processed if s.time[-1] - s.time[0] > LATEST - EARLIEST):
-            for parts, block in zip(blocks, _delayed(stretch, regressor, lags, trunk_up), strict=True):
+        for stretch in (s for s in processed if s.time[-1] - s.time[0] > search.latest - search.earliest):
+            for parts, block in zip(blocks, _delayed(stretch, regressor, lags, trunk_up, search), strict=True):
                 parts.append(block)
         for parts in blocks:
             block = np.concatenate(parts) if parts else np.zeros((0, 0))
@@ -69,30 +67,32 @@ def estimate_lag(
                 cost += _log_residuals(block, len(lags))
                 samples += len(block)
     best, ratio = _vertex(lags, np.exp((cost - cost[at_zero]) / max(samples, 1)), at_zero)
-    significant = ratio < 1.0 - NOTICEABLE and abs(best) > RESOLUTION
+    significant = ratio < 1.0 - search.noticeable and abs(best) > search.resolution
     return TorqueLag(best, ratio) if significant else TorqueLag(0.0, 1.0)
 
 
-def _delayed(stretch: Processed, regressor: JointTorqueRegressor, lags: Array, up: Array) -> Iterator[Array]:
+def _delayed(
+    stretch: Processed, regressor: JointTorqueRegressor, lags: Array, up: Array, search: LagSettings
+) -> Iterator[Array]:
     """For each joint, where it slides: its columns, and its efforts at all lags, (samples, columns + lags)."""
     names = regressor.tree.joints
     index = [stretch.joints.index(name) for name in names]
-    inner = (stretch.time >= stretch.time[0] + LATEST) & (stretch.time <= stretch.time[-1] + EARLIEST)
+    inner = (stretch.time >= stretch.time[0] + search.latest) & (stretch.time <= stretch.time[-1] + search.earliest)
     joints = JointMotion(*(getattr(stretch, c)[inner][:, index] for c in ("position", "velocity", "acceleration")))
     assert stretch.effort is not None
     effort = CubicSpline(stretch.time, stretch.effort[:, index])
     delayed = np.stack([effort(stretch.time[inner] - lag) for lag in lags], axis=-1)
     rows = regressor.rows(joints, delayed[:, :, 0], TrunkMotion.held(up))
     for k, row in enumerate(rows):
-        slides = _slides_throughout(stretch.time[inner], joints.velocity[:, k])
+        slides = _slides_throughout(stretch.time[inner], joints.velocity[:, k], search)
         yield np.column_stack((row.matrix, delayed[:, k]))[slides]
 
 
-def _slides_throughout(time: Array, velocity: Array) -> Bools:
+def _slides_throughout(time: Array, velocity: Array, search: LagSettings) -> Bools:
     """True where a joint slides throughout the interval of lags around the sample."""
-    slow = np.concatenate(([0], np.cumsum(np.abs(velocity) < SLIDING)))
-    first = np.searchsorted(time, time - LATEST)
-    last = np.searchsorted(time, time - EARLIEST, side="right")
+    slow = np.concatenate(([0], np.cumsum(np.abs(velocity) < search.sliding)))
+    first = np.searchsorted(time, time - search.latest)
+    last = np.searchsorted(time, time - search.earliest, side="right")
     return np.asarray(slow[last] == slow[first])
 
 

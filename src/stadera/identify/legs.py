@@ -77,7 +77,7 @@ def identify(
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     estimates = _solve(job, gathered)
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
-    doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples))
+    doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
     return Identification(
         robot=model,
         source=", ".join(dict.fromkeys(log.source for log in fitted)),
@@ -119,7 +119,7 @@ def _scored_legs(
 def _solve(job: Job, gathered: Sequence[Gathered]) -> list[tuple[Estimate, Estimate]]:
     """For each leg the requested solution and the null-space solution."""
     legs = [(t.leg, g.whitened(t.fixed), t.prior) for t, g in zip(job.tasks, gathered, strict=True)]
-    return solve_legs(legs, job.settings.method, job.settings.spread, job.progress)
+    return solve_legs(legs, job.settings.method, job.settings.spread, job.settings.solver, job.progress)
 
 
 def _pooling_note(job: Job) -> tuple[str, ...]:
@@ -160,7 +160,7 @@ def _leg_result(
         traces=tuple(score.trace(part) for part, score in scores.items()),
         information=data.whitened(task.fixed),
     )
-    return leg_warnings(result, scores)
+    return leg_warnings(result, scores, job.settings.trust)
 
 
 def structural_observability(task: LegTask, trunk: TrunkMotion, samples: int = 1000) -> Observability:

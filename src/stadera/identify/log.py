@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.identify.spikes import without_spikes
+from stadera.identify.spikes import SpikeSettings, without_spikes
 from stadera.logs.join import take
 from stadera.logs.processing import Processed, preprocess_stream
 from stadera.logs.reader import stream
@@ -24,18 +24,18 @@ KEEP_SAMPLES = 500_000
 """Largest number of processed samples of a part that are kept in memory between passes."""
 
 
-def chunks(log: Log, joints: Sequence[str]) -> Iterator[Recording]:
+def chunks(log: Log, joints: Sequence[str], spikes: SpikeSettings | None = None) -> Iterator[Recording]:
     """The log's samples in order, with positions and efforts of these joints, outliers replaced."""
-    return map(without_spikes, stream(log, joints=joints, require=("effort",)))
+    return (without_spikes(chunk, spikes) for chunk in stream(log, joints=joints, require=("effort",)))
 
 
-def head(log: Log, joints: Sequence[str]) -> Recording:
+def head(log: Log, joints: Sequence[str], spikes: SpikeSettings | None = None) -> Recording:
     """The log's first chunk.
 
     Raises:
         RecordingError: an empty log.
     """
-    for chunk in chunks(log, joints):
+    for chunk in chunks(log, joints, spikes):
         return chunk
     raise RecordingError(f"{log.source}: too few samples: none")
 
@@ -58,15 +58,16 @@ def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """The part of a log between two times [s], `start` included, `stop` excluded."""
+    """The part of a log between two times [s], `start` included, `stop` excluded; outliers replaced."""
 
     log: Log
     start: float = -np.inf
     stop: float = np.inf
+    spikes: SpikeSettings | None = None
 
     def recordings(self, joints: Sequence[str]) -> Iterator[Recording]:
         """Yields its samples, chunk by chunk."""
-        for chunk in chunks(self.log, joints):
+        for chunk in chunks(self.log, joints, self.spikes):
             first, last = np.searchsorted(chunk.time, (self.start, self.stop))
             if first < last:
                 yield chunk if last - first == len(chunk) else take(chunk, slice(int(first), int(last)))

@@ -113,7 +113,7 @@ def merge_legs(
     ]
     priors = [robot_prior(robot, fit.columns, settings.width) for fit in fits]
     asked = [(task.leg, fit.widened(), prior) for task, fit, prior in zip(tasks, fits, priors, strict=True)]
-    estimates = solve_legs(asked, settings.method, settings.spread, lambda *_: None)
+    estimates = solve_legs(asked, settings.method, settings.spread, settings.solver, lambda *_: None)
     legs = tuple(
         LegIdentification(
             leg=task.leg,

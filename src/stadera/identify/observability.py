@@ -15,18 +15,34 @@ For data without noise these are the algebraic rank and row space of the regress
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
+from stadera.errors import require_positive
 from stadera.identify.prior import Prior
 from stadera.information import Information
 from stadera.types import Array
 
-_FLAT = 1e4  # prior widths that stand for "no prior"
-_FIRM = 0.1  # of the prior width: largest standard deviation, without prior, of an observed parameter
-_SILENT = 1.0  # in units of noise: effect on the data of a change by the whole prior width
+
+@dataclass(frozen=True)
+class VerdictLimits:
+    """From where on a parameter counts as known, all dimensionless.
+
+    Attributes:
+        flat: prior widths that stand for "no prior".
+        firm: standard deviation without a prior, in prior widths, up to which it is observable.
+        silent: change of the data by the parameter's whole prior width, in units of their noise, up to which it is
+            unobservable.
+    """
+
+    flat: float = 1e4
+    firm: float = 0.1
+    silent: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_positive("limit of a verdict", self, self.__dataclass_fields__)
 
 
 class Identifiability(StrEnum):
@@ -75,6 +91,7 @@ class Observability:
         singular_values: (n,) of W, descending, dimensionless.
         directions: (n, n), the rows v_k.
         left: (n, n), the columns u_k.
+        limits: of the verdicts.
     """
 
     columns: tuple[str, ...]
@@ -82,6 +99,7 @@ class Observability:
     singular_values: Array
     directions: Array
     left: Array
+    limits: VerdictLimits = field(default_factory=VerdictLimits)
 
     @property
     def rank(self) -> int:
@@ -105,9 +123,9 @@ class Observability:
     def verdicts(self, gradients: Array | None = None) -> tuple[Identifiability, ...]:
         """The verdict on each parameter, or on each quantity whose gradient (k, n) is given."""
         g = self._in_widths(gradients)
-        firm = self.std(gradients, prior=_FLAT) <= _FIRM * np.linalg.norm(g, axis=1)
+        firm = self.std(gradients, prior=self.limits.flat) <= self.limits.firm * np.linalg.norm(g, axis=1)
         influence = np.linalg.norm(self.singular_values[:, None] * self.directions, axis=0)
-        heard = ((influence > max(_SILENT, 1e-6 * self._floor)) & (g != 0)).any(axis=1)
+        heard = ((influence > max(self.limits.silent, 1e-6 * self._floor)) & (g != 0)).any(axis=1)
         return tuple(
             Identifiability.OBSERVABLE if f else Identifiability.PARTIAL if h else Identifiability.UNOBSERVABLE
             for f, h in zip(firm & heard, heard, strict=True)
@@ -135,15 +153,16 @@ class Observability:
         return tuple(sorted(out, key=lambda c: self.columns.index(c.terms[0][0])))
 
 
-def observability(information: Information, prior: Prior) -> Observability:
+def observability(information: Information, prior: Prior, limits: VerdictLimits | None = None) -> Observability:
     """Compares the rows' information with the prior.
 
     Args:
         information: rows in units of their true noise, on the prior's columns.
+        limits: of the verdicts.
     """
     data = information if information.names == prior.columns else information.marginal(prior.columns)
     U, s, Vt = np.linalg.svd(data.R * prior.scales)
-    return Observability(prior.columns, prior.scales, s, Vt, U)
+    return Observability(prior.columns, prior.scales, s, Vt, U, limits or VerdictLimits())
 
 
 def _echelon(rows: Array, preference: Array) -> tuple[Array, list[int]]:

@@ -30,7 +30,6 @@ _SYMMETRIC_BASIS = np.zeros((10, 4, 4))
 for _k, (_i, _j) in enumerate(_UPPER):
     _SYMMETRIC_BASIS[_k, _i, _j] = _SYMMETRIC_BASIS[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
 _MASS_COORDINATE = _UPPER.index((3, 3))
-_THINNEST = 1e-3  # m
 _FROM_PSEUDO = np.linalg.pinv(PSEUDO_BASIS.reshape(10, 16).T)  # (10, 16): parameters of a flattened pseudo-inertia
 
 
@@ -130,16 +129,16 @@ def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None
     return Prior(columns, values, root, tuple(links), coordinates)
 
 
-def positive_definite(inertia: InertialParameters, floor: float = 1e-4) -> InertialParameters:
+def positive_definite(inertia: InertialParameters, floor: float = 1e-4, thinnest: float = 1e-3) -> InertialParameters:
     """Nearest body whose density has extent in all directions; the body itself if it has.
 
     A point mass or a flat plate has a singular pseudo-inertia, and a model file may hold an impossible one, but the
     metric needs a regular one. The eigenvalues of the second moment about the centre of mass are raised to `floor`
-    times the largest, and to a radius of gyration of a millimetre.
+    times the largest, and to a radius of gyration of `thinnest` [m].
     """
     second = inertia.shifted(-inertia.com).pseudo_inertia[:3, :3]
     lam, V = np.linalg.eigh(second)
-    lifted = np.maximum(lam, max(floor * lam.max(), _THINNEST**2 * inertia.mass))
+    lifted = np.maximum(lam, max(floor * lam.max(), thinnest**2 * inertia.mass))
     if np.array_equal(lifted, lam):
         return inertia
     about_com = np.zeros((4, 4))

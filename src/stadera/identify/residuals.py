@@ -15,9 +15,6 @@ from stadera.logs.recording import Recording
 from stadera.types import Array
 
 TRACE_S, TRACE_SAMPLES = 60.0, 3000
-CORRELATED_ROWS = 50_000
-"""Rows at the beginning of a log from which the residuals' correlation is estimated."""
-OUTLIER = 6.0  # times the root mean square
 
 
 def rows_of(regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
@@ -62,7 +59,11 @@ def torque_sizes(
 
 
 def residual_noise(
-    chunks: Iterable[tuple[Rows, ...]], joints: Sequence[str], fits: Sequence[Mapping[str, float]], ranks: Sequence[int]
+    chunks: Iterable[tuple[Rows, ...]],
+    joints: Sequence[str],
+    fits: Sequence[Mapping[str, float]],
+    ranks: Sequence[int],
+    correlated: int = 50_000,
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Standard deviation of each joint's residuals [N·m], and how many rows count as one independent row.
 
@@ -71,6 +72,7 @@ def residual_noise(
         fits: for each joint the parameters, by name, whose residuals are evaluated.
         ranks: for each joint the number of directions in which these parameters were fitted to the same rows, which
             reduces the residuals.
+        correlated: rows at the beginning by which the correlation is estimated.
     """
     kept: list[list[Array]] = [[] for _ in joints]
     count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))
@@ -79,7 +81,7 @@ def residual_noise(
             residual = rows.target - predicted(rows, fits[k])
             squares[k] += residual @ residual
             largest[k] = max(largest[k], np.abs(rows.target).max(initial=0.0))
-            if count < CORRELATED_ROWS:
+            if count < correlated:
                 kept[k].append(residual)
         count += len(every[0])
     std, worth = {}, {}
@@ -143,12 +145,11 @@ class LegScore:
             for model, s in self.squares.items()
         }
 
-    @property
-    def outliers(self) -> dict[str, float]:
-        """By joint, the share of the first minute's samples whose error exceeds six times the RMSE."""
+    def outliers(self, beyond: float) -> dict[str, float]:
+        """By joint, the share of the first minute's samples whose error exceeds `beyond` times the RMSE."""
         trace, rmse = self.trace(""), self.rmse["identified"]
         error = np.abs(trace.measured - trace.predicted["identified"])
-        return {joint: float(np.mean(error[:, k] > OUTLIER * rmse[joint])) for k, joint in enumerate(self.joints)}
+        return {joint: float(np.mean(error[:, k] > beyond * rmse[joint])) for k, joint in enumerate(self.joints)}
 
     def trace(self, part: str) -> TorqueTrace:
         """Torques over the first minute, thinned out."""

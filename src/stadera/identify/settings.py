@@ -10,6 +10,8 @@ import numpy as np
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
 from stadera.identify.pooling import KindSpread
 from stadera.identify.prior import PriorWidth
+from stadera.identify.solutions import SolverSettings
+from stadera.identify.spikes import SpikeSettings
 from stadera.legs import FRICTION_TERMS, FrictionModel
 
 METHODS: tuple[str, ...] = ("consistent", "null-space")
@@ -27,6 +29,10 @@ class TrustSettings:
             Assumed; it matters where there is no friction.
         doubtful, bad: misfit of a joint above which the fit is doubtful or bad [1]: residuals 1.7 and 5.5 times the
             stated size.
+        outlier: error of a sample, in RMSE of its joint, from which it is an outlier [1].
+        outliers: share of outliers that is warned of [1]; of Gaussian errors, 2e-9 are beyond six times their size.
+        turning: root mean square of the IMU's angular velocity above which the trunk is not held [rad/s].
+        fewest: moving samples, fewer of which are warned of.
         far: probability, under the prior, of values as far from the model's, below which the result is doubtful.
         reversed_gain: factor by which the cost must fall with a torque's sign reversed for the sign to count as wrong.
     """
@@ -37,9 +43,38 @@ class TrustSettings:
     bad: float = 30.0
     far: float = 1e-6
     reversed_gain: float = 2.0
+    outlier: float = 6.0
+    outliers: float = 2e-3
+    turning: float = 0.1
+    fewest: int = 200
 
     def __post_init__(self) -> None:
         require_positive("trust setting", self, self.__dataclass_fields__)
+
+
+@dataclass(frozen=True)
+class LagSettings:
+    """Search for the lateness of the torques, see `stadera.identify.lag`.
+
+    Attributes:
+        earliest, latest: ends of the search [s]. Real Go2 and Aliengo: 10 to 15 ms.
+        step: of the search [s]; a parabola finds the lag between steps.
+        noticeable: relative fall of the residual's variance below which a lag is not significant [1].
+        resolution: lag below which none is taken [s]: what friction's deviations from its model pass for.
+        sliding: velocity from which a joint slides [rad/s].
+    """
+
+    earliest: float = -0.010
+    latest: float = 0.040
+    step: float = 0.0025
+    noticeable: float = 0.01
+    resolution: float = 5e-4
+    sliding: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_positive("lag setting", self, ("latest", "step", "noticeable", "resolution", "sliding"))
+        if not -1.0 <= self.earliest <= 0.0:
+            raise IdentificationError(f"lag setting 'earliest' lies between -1 and 0 s, got {self.earliest}")
 
 
 @dataclass(frozen=True)
@@ -52,15 +87,19 @@ class SignalSettings:
         lag_cutoff: cut-off for estimating the torque lag [Hz], which shows best in fast changes.
         any_part: cut-off of a part as a share of the log's highest one; sampling rates vary where samples are lost.
         drop_below: the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction.
+        lag: search for the torque lag.
+        spikes: when a sample is wild, and replaced.
     """
 
     lowest_cutoff: float = 15.0
     lag_cutoff: float = 25.0
     any_part: float = 0.98
     drop_below: float = 0.01
+    lag: LagSettings = field(default_factory=LagSettings)
+    spikes: SpikeSettings = field(default_factory=SpikeSettings)
 
     def __post_init__(self) -> None:
-        require_positive("signal setting", self, self.__dataclass_fields__)
+        require_positive("signal setting", self, ("lowest_cutoff", "lag_cutoff", "any_part", "drop_below"))
 
 
 @dataclass(frozen=True)
@@ -81,6 +120,7 @@ class IdentifySettings:
             robot carry a quarter on average; for real legs in the air the estimate is at most 0.01.
         trust: limits for a doubtful or bad fit.
         signals: cut-offs and selection of samples.
+        solver: of the small problem that the rows are summed up to.
 
     Raises:
         UnknownNameError: no such method.
@@ -99,6 +139,7 @@ class IdentifySettings:
     most_carried: float = 0.1
     trust: TrustSettings = field(default_factory=TrustSettings)
     signals: SignalSettings = field(default_factory=SignalSettings)
+    solver: SolverSettings = field(default_factory=SolverSettings)
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

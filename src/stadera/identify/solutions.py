@@ -9,26 +9,44 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from stadera.errors import IdentificationError
-from stadera.identify.observability import Identifiability, Observability, observability
+from stadera.errors import IdentificationError, require_positive
+from stadera.identify.observability import Identifiability, Observability, VerdictLimits, observability
 from stadera.identify.prior import Prior
 from stadera.inertia import InertialParameters
 from stadera.information import Information
 from stadera.types import Array, Bools
 
 _NON_NEGATIVE = ("armature", "viscous", "coulomb")
-_CERTAIN = 1e4
-"""Ratio of prior width to standard deviation above which a direction is certain compared with the prior."""
-_CONTRADICTED = 1e2
-"""Shift of the solution by the constraints, in standard deviations, that noise cannot explain."""
-_RESOLVED = 1e-7
-"""Ratio of weights that the solver resolves."""
-_INWARDS = 1e-4
-"""Share of the way to the model's values that moves a solution off the border of the consistent set."""
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How the physically consistent parameters are searched for; all dimensionless.
+
+    Attributes:
+        margin: least eigenvalue of a link's pseudo-inertia in the prior's coordinates, 1 at the model's values.
+        certain: prior widths over standard deviation above which a direction is certain compared with the prior.
+        contradicted: shift of the solution by the constraints, in standard deviations, that noise cannot explain.
+        resolved: ratio of weights that the solver resolves.
+        inwards: share of the way to the model's values that moves a solution off the border of the consistent set.
+        verdicts: from where on a parameter counts as known; masses that are not observable are held at CAD.
+    """
+
+    margin: float = 1e-3
+    certain: float = 1e4
+    contradicted: float = 1e2
+    resolved: float = 1e-7
+    inwards: float = 1e-4
+    verdicts: VerdictLimits = field(default_factory=VerdictLimits)
+
+    def __post_init__(self) -> None:
+        require_positive("solver setting", self, ("margin", "certain", "contradicted", "resolved", "inwards"))
+        if self.margin >= 1.0:
+            raise IdentificationError(f"solver setting 'margin' must lie below 1, the model's own; got {self.margin}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +92,7 @@ class Estimate:
         )
 
 
-def null_space_solution(information: Information, prior: Prior) -> Estimate:
+def null_space_solution(information: Information, prior: Prior, settings: SolverSettings | None = None) -> Estimate:
     """Least squares in the directions that the data determine, CAD values in the others: the paper's eq. 5.
 
     φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. Each parameter is measured in units of
@@ -83,8 +101,8 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
     prior count as null space; for data without noise this is the null space of the regressor. Parameters without
     influence on the data stay exactly at CAD.
     """
-    data = _on(prior, information)
-    seen = observability(data, prior)
+    data, settings = _on(prior, information), settings or SolverSettings()
+    seen = observability(data, prior, settings.verdicts)
     rank, directions = seen.rank, seen.directions
     gap = data.z - data.R @ prior.values
     x = directions[:rank].T @ ((seen.left[:, :rank].T @ gap) / seen.singular_values[:rank])
@@ -103,7 +121,7 @@ def null_space_solution(information: Information, prior: Prior) -> Estimate:
     return _estimate(data, prior, seen, values, covariance, "null-space", held)
 
 
-def consistent_solution(information: Information, prior: Prior, margin: float = 1e-3) -> Estimate:
+def consistent_solution(information: Information, prior: Prior, settings: SolverSettings | None = None) -> Estimate:
     """The most plausible parameters that are physically possible.
 
     minimise    ‖R θ - z‖² + ‖x‖²,    θ = θ_CAD + S x
@@ -117,8 +135,8 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
     Raises:
         IdentificationError: the solver found no solution.
     """
-    data = _on(prior, information)
-    seen = observability(data, prior)
+    data, settings = _on(prior, information), settings or SolverSettings()
+    seen = observability(data, prior, settings.verdicts)
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
     links = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
     held = [prior.mass_coordinates[link] for link in links]
@@ -130,8 +148,8 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
     best = Vt.T @ (s * (U.T @ gap) / weight**2)  # the unconstrained optimum
     x = np.zeros(len(prior.columns))
     x[free] = best
-    if not _is_consistent(x, prior, margin):
-        x[free] = _constrained(best, Vt, weight, free, prior, margin)
+    if not _is_consistent(x, prior, settings.margin):
+        x[free] = _constrained(best, Vt, weight, free, prior, settings)
     values = prior.values + prior.root @ x
     signed = _signed(prior)
     values[signed] = np.maximum(values[signed], 0.0)  # within the solver's tolerance
@@ -142,7 +160,9 @@ def consistent_solution(information: Information, prior: Prior, margin: float = 
     return _estimate(data, prior, seen, values, covariance, "consistent", links)
 
 
-def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, margin: float) -> Array:
+def _constrained(
+    best: Array, Vt: Array, weight: Array, free: list[int], prior: Prior, settings: SolverSettings
+) -> Array:
     """Minimises Σ weight² (v·(x - best))² under the constraints, over the free x.
 
     The solver cannot resolve an arbitrary range of weights, so the problem is posed in up to four ways, and the
@@ -153,6 +173,7 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
     * if data and constraints contradict each other strongly, all together in units of the best-determined direction;
     * and then the other directions again, with the certain ones fixed at that solution.
     """
+    margin = settings.margin
 
     def solve(moving: Bools, used: Array, centre: Array) -> Array | None:
         """Optimises along some directions from `centre`; None if there is no valid solution."""
@@ -167,7 +188,7 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
     def cost(x: Array) -> float:
         return float(np.linalg.norm(weight * (Vt @ (x - best))))
 
-    loose, every = weight <= _CERTAIN, np.ones(len(weight), dtype=bool)
+    loose, every = weight <= settings.certain, np.ones(len(weight), dtype=bool)
     found: list[Array] = []
 
     def add(candidate: Array | None) -> float:
@@ -175,11 +196,11 @@ def _constrained(best: Array, Vt: Array, weight: Array, free: list[int], prior: 
         found.extend([] if candidate is None else [candidate])
         return min(map(cost, found), default=np.inf)
 
-    if add(solve(loose, weight, best)) > 1.0 and add(solve(every, weight, best)) > _CONTRADICTED:
-        settled = solve(every, np.maximum(weight / weight.max(), _RESOLVED), best)
+    if add(solve(loose, weight, best)) > 1.0 and add(solve(every, weight, best)) > settings.contradicted:
+        settled = solve(every, np.maximum(weight / weight.max(), settings.resolved), best)
         add(settled)
         if settled is not None:
-            inside = (1.0 - _INWARDS) * settled
+            inside = (1.0 - settings.inwards) * settled
             add(solve(loose, weight, best + Vt[~loose].T @ (Vt[~loose] @ (inside - best))))
     # x = 0, the model, is consistent; differences below one in χ² are negligible
     if add(None) > max(cost(np.zeros(len(best))), 1.0):

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from stadera.constants import NOTHING
 from stadera.identify.gather import Gathered
 from stadera.identify.job import Job, LegTask
 from stadera.identify.settings import TrustSettings
@@ -29,7 +30,6 @@ _LIKELIEST = (
     "the likeliest causes are another robot's model, torques of another joint, a foot that touches something, or a "
     "trunk that moves"
 )
-_ROUNDING = 1e-12  # N·m, gives a torque that is always zero a nonzero scale
 
 
 def trust_in(
@@ -103,7 +103,7 @@ def _stated(job: Job, task: LegTask, estimate: Estimate) -> dict[str, float]:
 
     def size(joint: str) -> float:
         friction, torque = settings.friction * found[f"{joint}.coulomb"], settings.torque * job.torque_rms[joint]
-        return float(np.linalg.norm([job.torque_noise[joint], friction, torque, _ROUNDING]))
+        return float(np.linalg.norm([job.torque_noise[joint], friction, torque, NOTHING]))
 
     return {joint: size(joint) for joint in task.leg.joints}
 

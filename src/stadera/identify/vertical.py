@@ -11,16 +11,14 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-STILL = 0.1  # rad/s, root mean square, above which the trunk is not held still
-
 
 @dataclass(frozen=True, eq=False)
 class TrunkUp:
-    """The vertical in trunk axes (3,) and a sentence on its source; `held` is False if the trunk moved."""
+    """The vertical in trunk axes (3,), a sentence on its source, and how fast the trunk turns (rms) [rad/s]."""
 
     up: Array
     note: str
-    held: bool = True
+    turning: float = 0.0
 
 
 def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, float] | None) -> TrunkUp:
@@ -38,4 +36,4 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
     mean = ImuMount.of(robot, imu.frame).rotation @ imu.linear_acceleration.mean(axis=0)
     turning = float(np.sqrt(np.mean(np.sum(imu.angular_velocity**2, axis=1))))
     tilt = np.degrees(np.arccos(np.clip(mean[2] / np.linalg.norm(mean), -1.0, 1.0)))
-    return TrunkUp(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning < STILL)
+    return TrunkUp(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning)

@@ -9,34 +9,34 @@ import numpy as np
 
 from stadera.identify.residuals import LegScore
 from stadera.identify.result import LegIdentification
+from stadera.identify.settings import TrustSettings
 from stadera.identify.vertical import TrunkUp
 
-OUTLIER_SHARE = 2e-3
-"""Share of outliers above which a warning is given."""
 
-
-def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore]) -> LegIdentification:
+def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore], limits: TrustSettings) -> LegIdentification:
     """Returns the result with its warnings."""
     warnings = (
         *_at_rest(scores),
         *_excitation(result),
         *_joint_terms(result),
-        *_data(result, scores["training"]),
+        *_data(result, scores["training"], limits),
         *_prediction(result, scores.get("validation")),
     )
     return replace(result, warnings=warnings)
 
 
-def log_warnings(vertical: TrunkUp, legs: tuple[LegIdentification, ...], samples: int) -> tuple[str, ...]:
+def log_warnings(
+    vertical: TrunkUp, legs: tuple[LegIdentification, ...], samples: int, limits: TrustSettings
+) -> tuple[str, ...]:
     """Warnings that concern the whole log."""
     warnings = []
-    if not vertical.held:
+    if vertical.turning >= limits.turning:
         warnings.append(
             "the IMU shows a turning trunk: the trunk is assumed to be held, the results are not to be trusted"
         )
     if all(leg.estimate.observability.rank == 0 for leg in legs):
         warnings.append("the motion excites nothing: every value is the model's own")
-    if samples < 200:
+    if samples < limits.fewest:
         warnings.append(f"only {samples} moving samples")
     return tuple(warnings)
 
@@ -78,13 +78,13 @@ def _joint_terms(result: LegIdentification) -> list[str]:
     return out
 
 
-def _data(result: LegIdentification, score: LegScore) -> list[str]:
+def _data(result: LegIdentification, score: LegScore, limits: TrustSettings) -> list[str]:
     out = []
     if score.samples:
-        far = {joint: share for joint, share in score.outliers.items() if share > OUTLIER_SHARE}
+        far = {joint: share for joint, share in score.outliers(limits.outlier).items() if share > limits.outliers}
         if far:
             shares = ", ".join(f"{joint} {100 * share:.1f} %" for joint, share in far.items())
-            out.append(f"outliers, off by more than six times the RMSE: {shares} of the samples")
+            out.append(f"outliers, off by more than {limits.outlier:g} times the RMSE: {shares} of the samples")
         still = np.ptp(score.trace("").measured, axis=0) == 0.0
         out += [
             f"{joint}: the recorded torque never changes; it determines nothing, whatever was found with it"

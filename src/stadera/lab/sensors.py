@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from stadera.constants import ROUNDING
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.plant import Plant
@@ -22,7 +23,6 @@ from stadera.types import Array
 
 _XYZW = np.array([1, 2, 3, 0])
 _BLOCK = 64  # samples
-_SAME_INSTANT = 1e-9  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class Sensors:
         if late and time < late[-1][0]:  # the plant was reset
             late.clear()
         late.append((time, effort))
-        due = time - self.errors.torque_delay + _SAME_INSTANT
+        due = time - self.errors.torque_delay + ROUNDING
         while len(late) > 1 and late[1][0] <= due:
             late.popleft()
         return late[0][1]
@@ -165,7 +165,7 @@ def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int
     effort = np.zeros((len(recording), len(robot.tree.joints)))
     columns = [robot.tree.joints.index(joint) for joint in _known(recording.joints, robot)]
     true_effort = recording.channel("effort", recording.joints)
-    delayed = np.searchsorted(recording.time, recording.time - errors.torque_delay + _SAME_INSTANT, side="right") - 1
+    delayed = np.searchsorted(recording.time, recording.time - errors.torque_delay + ROUNDING, side="right") - 1
     effort[:, columns] = true_effort[np.maximum(delayed, 0)]
     shape = recording.position.shape
     return replace(

@@ -27,6 +27,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag, qr
 
+from stadera.constants import NOTHING, ROUNDING
 from stadera.errors import IdentificationError
 from stadera.inertia import ORDER
 from stadera.legs.components import (
@@ -177,7 +178,7 @@ class JointTorqueRegressor:
         full = np.empty((len(carried), 10, samples))
         for block, i in zip(full, carried, strict=True):
             links[i].coefficients(output, tuple(range(10)), block)
-        present = np.abs(full).max(axis=2) > _NOTHING
+        present = np.abs(full).max(axis=2) > NOTHING
         kept, mixing = _independent(full[present].T)
         places = np.argwhere(present)
         names = tuple(f"{links[carried[a]].name}.{ORDER[c]}" for a, c in places)
@@ -196,7 +197,7 @@ def _independent(matrix: Array) -> tuple[list[int], Array]:
     size = np.linalg.norm(matrix, axis=0)
     _, R, order = qr(matrix / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
-    kept = np.sort(order[: int(np.sum(diagonal > _DEPENDENT * diagonal[0]))])
+    kept = np.sort(order[: int(np.sum(diagonal > ROUNDING * diagonal[0]))])
     mixing = np.linalg.lstsq(matrix[:, kept] / size[kept], matrix, rcond=None)[0] / size[kept, None]
     mixing[:, kept] = np.eye(len(kept))
     return kept.tolist(), mixing
@@ -237,8 +238,6 @@ class _LinkMotion:
                 row[:] = value
 
 
-_NOTHING = 1e-12  # coefficients below this are rounding error
-_DEPENDENT = 1e-9  # unexplained share of a column below which it is rounding error
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _UNIT: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

@@ -20,15 +20,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stadera.constants import SINGULAR
 from stadera.inertia import skew
 from stadera.legs.friction import JointFriction, joint_columns
 from stadera.robot.kinematics import checked_angles
 from stadera.robot.model import Robot
 from stadera.types import Array
-
-_SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg, below which it is near-singular
-
-_UNFELT = 1e-3  # of the largest singular value of J: a direction below it does not affect the torques
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +92,7 @@ class LegModel:
     @property
     def least_volume(self) -> float:
         """det J [m³] below which a leg counts as singular."""
-        return _SINGULAR * self.length**3
+        return SINGULAR * self.length**3
 
     def pose(self, position: Array) -> LegPose:
         """Pose of the legs at joint angles (samples, 4, 3) [rad], by leg."""
@@ -125,7 +122,9 @@ class LegModel:
         carried = outwards(self.link_mass * self.centres(pose))
         return cross(pose.axis, carried - outwards(self.link_mass) * pose.joints)
 
-    def forces_at_rest(self, position: Array, effort: Array, specific_force: Array) -> tuple[Array, Array]:
+    def forces_at_rest(
+        self, position: Array, effort: Array, specific_force: Array, unfelt: float = 1e-3
+    ) -> tuple[Array, Array]:
         """Contact forces of a robot at rest from its joint torques: f = J^-T (h - τ), without friction.
 
         In a near-singular leg, directions that do not affect the torques get no force (least squares).
@@ -142,7 +141,7 @@ class LegModel:
         contact = self.contacts(pose.feet, up.T)
         torque = np.einsum("inlk,ni->nlk", self.weight_torques(pose), specific_force) - effort
         transposed = pose.jacobians(contact).transpose(1, 2, 3, 0)
-        return np.matvec(np.linalg.pinv(transposed, rcond=_UNFELT), torque), contact.transpose(1, 2, 0)
+        return np.matvec(np.linalg.pinv(transposed, rcond=unfelt), torque), contact.transpose(1, 2, 0)
 
 
 def foot_positions(robot: Robot, q: ArrayLike) -> Array:

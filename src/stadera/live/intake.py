@@ -31,7 +31,6 @@ from stadera.robot.model import Robot
 from stadera.types import Array
 
 _SOURCE = "live"
-_GAP = 2.5  # periods between two samples above which messages were lost; stamps jitter by up to one
 
 
 class Intake:
@@ -225,7 +224,7 @@ class Intake:
             self._period = float(np.median(steps[1:]))
         usual = steps[steps < self._settings.silent]
         if self.topics is not None and not self._numbered(self.topics.joint):
-            lost = usual[usual > _GAP * self._period]
+            lost = usual[usual > self._settings.lost * self._period]
             self.lost["network"] += int((np.round(lost / self._period) - 1).sum())
         ratio = float(np.median(usual)) / self._period if len(usual) else 1.0
         other = not 1 / self._settings.rate_change < ratio < self._settings.rate_change

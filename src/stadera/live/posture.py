@@ -21,9 +21,6 @@ from stadera.trunk.samples import Samples
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.types import Array, Bools
 
-_SETTLING = 1.0  # s, time constant with which the tilt follows the specific force
-_PERIOD = 0.04  # s, between two postures
-
 
 @dataclass(frozen=True, eq=False)
 class Posture:
@@ -50,9 +47,12 @@ class Postures:
 
     Args:
         robot: the model.
+        settling: time in which the tilt follows the specific force [s].
+        period: between two postures [s].
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, settling: float = 1.0, period: float = 0.04) -> None:
+        self._settling, self._period = settling, period
         self._robot, self._forces = robot, ContactForceEstimator(robot)
         self._world: Rotation | None = None  # of the trunk
         self._last, self._due, self._age = -np.inf, -np.inf, 0.0
@@ -66,7 +66,7 @@ class Postures:
             if time >= self._due:
                 since = int(np.searchsorted(samples.time, self._last))
                 self._turn(samples[slice(min(since, k), k + 1)])
-                self._due = time + _PERIOD
+                self._due = time + self._period
                 yield self._posture(samples, k, mount)
         self._turn(samples[samples.time > self._last])
 
@@ -75,13 +75,13 @@ class Postures:
         if not len(samples):
             return
         force = samples.specific_force.mean(axis=0)
-        elapsed = min(float(samples.time[-1]) - self._last, _SETTLING)
+        elapsed = min(float(samples.time[-1]) - self._last, self._settling)
         if self._world is None:
             self._world = Rotation.align_vectors([[0.0, 0.0, 1.0]], [force])[0]
         else:
             turned = self._world * Rotation.from_rotvec(samples.angular_velocity.mean(axis=0) * elapsed)
             up = turned.apply(force / np.linalg.norm(force))
-            self._age = min(self._age + elapsed, _SETTLING)  # at first the mean of all forces so far
+            self._age = min(self._age + elapsed, self._settling)  # at first the mean of all forces so far
             share = elapsed / self._age if self._age > 0.0 else 0.0
             self._world = Rotation.from_rotvec(share * np.cross(up, [0.0, 0.0, 1.0])) * turned
         self._last = float(samples.time[-1])

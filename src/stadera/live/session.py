@@ -23,9 +23,6 @@ from stadera.trunk.samples import Samples
 from stadera.weigh.in_motion import trust_now
 from stadera.weigh.settings import Watch
 
-_MOST_CHANGES = 20  # sent with every state
-_DAY = 86400.0  # s, larger than the difference between synchronised clocks
-
 
 @dataclass(frozen=True)
 class Answer:
@@ -144,11 +141,11 @@ class LiveSession:
             status=str(estimator.estimate().status),
             trunk=estimator.trunk,
             payload=payload,
-            changes=(*changes[:tared], *after)[-_MOST_CHANGES:] if payload is not None else changes[-_MOST_CHANGES:],
+            changes=((*changes[:tared], *after) if payload is not None else changes)[-self.settings.changes :],
             trust=trust_now(estimator),
             rates={name: topic.look(now) for name, topic in sorted(intake.seen.items())},
             lost=lost,
-            lag=Lag(now - self._arrived, behind if abs(behind) < _DAY else np.nan),
+            lag=Lag(now - self._arrived, behind if abs(behind) < self.settings.clocks_apart else np.nan),
             waiting_for=self._lacking(now if until is None else until),
             notes=tuple(intake.notes),
         )

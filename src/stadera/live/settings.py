@@ -25,6 +25,9 @@ class LiveSettings:
         other_publisher: time after the last message of a publisher, or on a clock, after which another one is accepted
             [s].
         rate_change: factor between two rates above which sampling restarts.
+        lost: periods between two samples from which on messages between them were lost; stamps jitter by up to one.
+        changes: of the load that are sent with every state, the latest.
+        clocks_apart: difference of two clocks below which they mean the same time [s]: a day.
         least_rate: samples a second below which the motion is not resolved.
         bags: for decoding and merging. Streams wait for each other at most half a second, any number of stamps that
             repeat or run back is skipped, and delays of two topics may differ by those of a network.
@@ -39,6 +42,9 @@ class LiveSettings:
     clock_step: float = 0.1
     other_publisher: float = 0.25
     rate_change: float = 1.5
+    lost: float = 2.5
+    changes: int = 20
+    clocks_apart: float = 86400.0
     least_rate: float = 50.0
     bags: BagSettings = field(default_factory=lambda: BagSettings(patience=0.5, out_of_order=1.0, drift=0.05))
     trunk: TrunkSettings = field(default_factory=TrunkSettings)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stadera.constants import GRAVITY
+from stadera.constants import EPOCH, GRAVITY
 from stadera.errors import MissingExtraError, StaderaError
 from stadera.live.posture import Posture, Postures
 from stadera.robot.model import Robot
@@ -26,9 +26,6 @@ from stadera.weigh.in_motion import trust_now
 if TYPE_CHECKING:
     import rerun
 
-_PERIOD = 0.1  # s, between two entries of the timelines
-_SIGMAS = 2.0
-_EPOCH = 1e8  # s: stamps beyond this are dates
 _AXES = ("x", "y", "z")
 _AXIS_COLOURS = ([194, 65, 12], [77, 124, 15], [11, 108, 196])
 _TRUST_COLOURS = {"good": [46, 160, 67], "doubtful": [227, 160, 8], "bad": [207, 34, 46]}
@@ -42,18 +39,29 @@ class Viewer:
         robot: the model.
         spawn: open the viewer.
         save: write its recording to this .rrd file.
+        period: between two entries of the timelines [s].
+        deviations: standard deviations that a band shows.
 
     Raises:
         MissingExtraError: rerun is not installed.
         StaderaError: the viewer does not start.
     """
 
-    def __init__(self, robot: Robot, *, spawn: bool = False, save: Path | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        spawn: bool = False,
+        save: Path | None = None,
+        period: float = 0.1,
+        deviations: float = 2.0,
+    ) -> None:
         try:
             import rerun
         except ImportError:
             raise MissingExtraError("rerun-sdk", "view", "the viewer") from None
         self._rr, self._robot = rerun, robot
+        self._period, self._deviations = period, deviations
         self._postures, self._shapes = Postures(robot), _Shapes(robot)
         self._wide = TrunkBounds.of(robot).spread[1:]
         self._longest = float(np.linalg.norm(robot.tree.translations, axis=1).max())
@@ -83,8 +91,8 @@ class Viewer:
             self._at(posture.time)
             self._draw_robot(posture)
         time = float(samples.time[-1])
-        if self._pose is not None and not self._due - _PERIOD <= time < self._due:
-            self._due = time + _PERIOD
+        if self._pose is not None and not self._due - self._period <= time < self._due:
+            self._due = time + self._period
             self._at(time)
             self._draw_known(self._pose, estimator)
 
@@ -102,7 +110,7 @@ class Viewer:
         self._rec.set_sinks(*sinks, default_blueprint=_blueprint(self._longest))
 
     def _at(self, time: float) -> None:
-        self._rec.set_time("time", **({"timestamp": time} if time > _EPOCH else {"duration": time}))
+        self._rec.set_time("time", **({"timestamp": time} if time > EPOCH else {"duration": time}))
 
     def _style(self) -> None:
         rr, log = self._rr, self._rec.log
@@ -153,7 +161,7 @@ class Viewer:
             self._rec.log("world/payload", rr.Clear(recursive=False))
             return
         std = np.sqrt(np.diag(covariance))
-        half = np.where(np.isnan(std), self._wide, _SIGMAS * std)
+        half = np.where(np.isnan(std), self._wide, self._deviations * std)
         centre = posture.rotation @ np.where(np.isnan(com), 0.0, com) + posture.origin
         turned = Rotation.from_matrix(posture.rotation).as_quat()
         box = rr.Boxes3D(centers=[centre], half_sizes=[half], quaternions=[turned], colors=[colour], labels=[label])
@@ -162,17 +170,17 @@ class Viewer:
     def _plot(self, what: str, mass: float, mass_std: float, com: Array, com_std: Array) -> None:
         rr = self._rr
         for name, value, std in (("mass", np.array([mass]), np.array([mass_std])), ("com", com, com_std)):
-            band = np.stack([value, value - _SIGMAS * std, value + _SIGMAS * std], axis=1)
+            band = np.stack([value, value - self._deviations * std, value + self._deviations * std], axis=1)
             self._rec.log(f"plots/{what}/{name}", rr.Scalars(band.ravel()))
 
     def _spread(self, covariance: Array, posture: Posture) -> tuple[Array, Array]:
         """Half axes [m] and orientation of a centre of mass's uncertainty ellipsoid."""
         seen = np.isfinite(np.diag(covariance))
-        full = np.diag((self._wide / _SIGMAS) ** 2)
+        full = np.diag((self._wide / self._deviations) ** 2)
         full[np.ix_(seen, seen)] = covariance[np.ix_(seen, seen)]
         values, vectors = np.linalg.eigh(full)
         vectors[:, 0] *= np.sign(np.linalg.det(vectors))
-        return _SIGMAS * np.sqrt(values), Rotation.from_matrix(posture.rotation @ vectors).as_quat()
+        return self._deviations * np.sqrt(values), Rotation.from_matrix(posture.rotation @ vectors).as_quat()
 
 
 class _Shapes:

@@ -11,9 +11,6 @@ from stadera.errors import RecordingError
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.types import Array, Bools
 
-MOST_WRONG = 0.01
-"""Share of the samples so far that may repeat or run back; above it the column is not a clock."""
-
 
 @dataclass
 class RowClock:
@@ -25,9 +22,11 @@ class RowClock:
 
     Attributes:
         source: name of the log, for messages.
+        most_wrong: share of the samples so far that may repeat or run back [1]; above it the column is no clock.
     """
 
     source: str
+    most_wrong: float = 0.01
     _first: float = np.nan  # s
     _last: float = -np.inf  # s, of the last sample kept, after shifts
     _shift: float = 0.0  # s
@@ -74,7 +73,7 @@ class RowClock:
 
     def _count(self, time: float, sample: int) -> None:
         self._wrong += 1
-        if self._wrong <= MOST_WRONG * sample:
+        if self._wrong <= self.most_wrong * sample:
             return
         what = "stands still" if time == self._last else "runs back"
         raise RecordingError(

@@ -23,15 +23,8 @@ from scipy import optimize, signal
 from stadera.errors import RecordingError
 from stadera.types import Array
 
-STOP_BAND_DB = 70.0
-WIDTH = 4.34
-"""Taps per (rate / cut-off): Kaiser's estimate for STOP_BAND_DB and a transition band as wide as the cut-off."""
 RATES_PER_CUTOFF = 8.0
 """Least ratio of sampling rate to cut-off, for which the central differences are accurate to 3e-4."""
-RATE_TOLERANCE = 5e-4
-"""Relative difference of rates within one log that is tolerated: stamps rounded to 1 ms, over 1000 samples at 500
-Hz.
-"""
 
 _FIRST_HALF = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND_HALF = np.array([8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -96,22 +89,30 @@ def shift(steps: float) -> Array:
     return kernel
 
 
-def low_pass(rate_hz: float, cutoff_hz: float) -> Array:
+def low_pass(
+    rate_hz: float, cutoff_hz: float, stop_band_db: float = 70.0, width: float = 4.34, tolerance: float = 5e-4
+) -> Array:
     """A symmetric windowed-sinc low-pass filter with unit gain at rest and -3 dB at the cut-off.
 
-    Kaiser window for 70 dB. Up to half the cut-off amplitudes are within 0.05 %; above one and a half times the cut-off
-    they are below 0.05 %. The window is 4.34 / cut-off long [s].
+    With a Kaiser window for 70 dB, amplitudes up to half the cut-off pass within 0.05 %; above one and a half times
+    the cut-off they are below 0.05 %.
+
+    Args:
+        stop_band_db: of the Kaiser window [dB].
+        width: of the window times the cut-off [1]: Kaiser's estimate for that and a transition as wide as the cut-off.
+        tolerance: by how much the rates of two parts of one log may differ [1]: stamps rounded to 1 ms, over 1000
+            samples at 500 Hz.
 
     Raises:
-        RecordingError: a cut-off that is not positive or above an eighth of the sampling rate (within RATE_TOLERANCE).
+        RecordingError: a cut-off that is not positive or above an eighth of the sampling rate (within the tolerance).
     """
-    if not 0 < cutoff_hz <= (1 + RATE_TOLERANCE) * rate_hz / RATES_PER_CUTOFF:
+    if not 0 < cutoff_hz <= (1 + tolerance) * rate_hz / RATES_PER_CUTOFF:
         raise RecordingError(
             f"cut-off {cutoff_hz:g} Hz: needs to be above 0 and at most {rate_hz / RATES_PER_CUTOFF:g} Hz, "
             f"an eighth of the sampling rate"
         )
-    half = math.ceil(WIDTH * rate_hz / cutoff_hz / 2)
-    window = ("kaiser", signal.kaiser_beta(STOP_BAND_DB))
+    half = math.ceil(width * rate_hz / cutoff_hz / 2)
+    window = ("kaiser", signal.kaiser_beta(stop_band_db))
     cosines = np.cos(2 * np.pi * cutoff_hz / rate_hz * np.arange(-half, half + 1))
 
     def taps(middle: float) -> Array:

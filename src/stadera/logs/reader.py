@@ -17,6 +17,7 @@ from stadera.logs.bags.log import BagLog
 from stadera.logs.bags.mcap import McapFile
 from stadera.logs.bags.ros1 import Ros1File
 from stadera.logs.bags.sqlite import SqliteFile
+from stadera.logs.batches import MOST_ROWS
 from stadera.logs.columns import layout
 from stadera.logs.examples import EXAMPLES
 from stadera.logs.frames import columns_of
@@ -31,8 +32,6 @@ from stadera.logs.topics import LogFile
 
 Log = str | PathLike[str] | Recording
 """A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory."""
-
-CHUNK_ROWS = 65536
 
 
 class Reader(Protocol):
@@ -106,7 +105,7 @@ def stream(
     *,
     joints: Sequence[str] | None = None,
     require: Collection[str] = (),
-    rows: int = CHUNK_ROWS,
+    rows: int = MOST_ROWS,
 ) -> Iterator[Recording]:
     """Reads a log as consecutive recordings of `rows` samples each. Memory does not grow with the length of a file.
 

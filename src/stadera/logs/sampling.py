@@ -14,8 +14,6 @@ from stadera.types import Array, Bools
 
 HEAD = 4096
 """Samples at the beginning of a log that determine its rate and evenness, whether read whole or in chunks."""
-EVEN_SHARE = 0.999
-"""Share of even steps in an even log; the few others split it instead of causing interpolation."""
 GAP_FACTOR = 5.0
 """A step of more than this many periods is a gap: a cubic interpolates three or four samples of a motion that is slow
 compared with the sampling rate; longer gaps would contain invented data.
@@ -51,7 +49,12 @@ class Sampling:
 
 
 def sampling_of(
-    time: Array, tolerance: float, gap_factor: float, even: bool | None = None, source: str = "recording"
+    time: Array,
+    tolerance: float,
+    gap_factor: float,
+    even: bool | None = None,
+    source: str = "recording",
+    even_share: float = 0.999,
 ) -> Sampling:
     """Determines the sampling of a log from its first HEAD time stamps.
 
@@ -60,6 +63,7 @@ def sampling_of(
         tolerance, gap_factor: see Sampling.
         even: True or False to override the stamps.
         source: of the log, for messages.
+        even_share: of an even log's steps that are even; the few others cut it instead of having it interpolated.
 
     Raises:
         RecordingError: fewer than two stamps.
@@ -70,7 +74,7 @@ def sampling_of(
     median = float(np.median(steps))
     alike = np.abs(steps - median) <= tolerance * median
     if even is None:
-        even = float(alike.mean()) >= EVEN_SHARE
+        even = float(alike.mean()) >= even_share
     period = float(steps[alike if even else steps <= gap_factor * median].mean())
     return Sampling(period, even, tolerance, gap_factor)
 

@@ -24,8 +24,6 @@ _UNITS = {
     "orientation": "",
     "force": "N",
 }
-MOST_GAPS = 1000
-"""Largest number of gaps that are listed; all are counted."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class LogSummary:
         start, end: first and last time stamp [s].
         period: median step between the first stamps [s].
         uneven: share of all steps that differ from the period by more than a tenth of it.
-        gaps: steps of more than five periods: begin and duration of each [s]; the first MOST_GAPS.
+        gaps: steps of more than five periods: begin and duration of each [s]; the first 1000.
         gap_count: number of all gaps.
         joints, feet: names.
         channels: recorded channels of the joints.
@@ -80,8 +78,8 @@ class LogSummary:
         return self.end - self.start
 
 
-def summarize(chunks: Iterable[Recording]) -> LogSummary:
-    """Summarises consecutive chunks of one log, such as from `stream`.
+def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
+    """Summarises consecutive chunks of one log, such as from `stream` gives; `most_gaps` are listed, all are counted.
 
     Raises:
         RecordingError: fewer than two samples.
@@ -102,7 +100,7 @@ def summarize(chunks: Iterable[Recording]) -> LogSummary:
         stamps = np.concatenate([[last], chunk.time])
         step = np.diff(stamps)
         wide = np.flatnonzero(step > GAP_FACTOR * period)
-        gaps += [(float(stamps[i]), float(step[i])) for i in wide[: MOST_GAPS - len(gaps)]]
+        gaps += [(float(stamps[i]), float(step[i])) for i in wide[: most_gaps - len(gaps)]]
         gap_count += len(wide)
         uneven += int(np.count_nonzero(np.abs(step - period) > 0.1 * period))
         samples, last = samples + len(chunk), float(chunk.time[-1])

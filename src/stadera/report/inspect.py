@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stadera.report.numbers import number
+from stadera.report.shown import SHOWN
 from stadera.report.table import Cell, TableData
 from stadera.report.terminal import notes, rich_table
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from stadera.logs.summary import LogSummary
     from stadera.robot.model import Robot
     from stadera.weigh.inspection import Inspection
-
-_MOST_GAPS = 5
 
 
 def robot_contents(robot: Robot) -> Iterator[RenderableType]:
@@ -101,6 +100,6 @@ def _facts(summary: LogSummary, fits: Sequence[str]) -> Table:
 def _gaps(summary: LogSummary) -> str:
     if not summary.gap_count:
         return "none"
-    shown = ", ".join(f"{length:.3f} s at {start:.3f} s" for start, length in summary.gaps[:_MOST_GAPS])
-    more = summary.gap_count - _MOST_GAPS
+    shown = ", ".join(f"{length:.3f} s at {start:.3f} s" for start, length in summary.gaps[: SHOWN.gaps])
+    more = summary.gap_count - SHOWN.gaps
     return f"{summary.gap_count}: {shown}" + (f" and {more} more" if more > 0 else "")

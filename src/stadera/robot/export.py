@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from stadera.constants import ROUNDING
 from stadera.errors import ModelError
 from stadera.files import written_together
 from stadera.inertia import InertialParameters
@@ -25,8 +26,6 @@ from stadera.robot.modelfile import ModelFile
 from stadera.robot.payload_link import PayloadLink
 from stadera.robot.urdf import write as urdf
 from stadera.robot.xml import named, remark
-
-_READ_BACK = 1e-9  # relative, by the size of each link's own mass, first moment and inertia
 
 
 def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None, note: str = "") -> None:
@@ -135,6 +134,6 @@ def _check_reads_back(robot: Robot, written: Path, target: Path) -> None:
     for link in robot.tree.links:
         wanted = robot.inertias[link].vector
         size = np.repeat([np.linalg.norm(part) for part in np.split(wanted, [1, 4])], [1, 3, 6])
-        wrong = np.abs(back.inertias[link].vector - wanted) > _READ_BACK * size + 1e-15
+        wrong = np.abs(back.inertias[link].vector - wanted) > ROUNDING * size + 1e-15
         if wrong.any():
             raise ModelError(f"{target}: link {link!r} does not read back as written; the model's format alters it")

@@ -13,7 +13,6 @@ from stadera.robot.model import Frame, Shape
 from stadera.types import Array
 
 _FOOT_NAME = re.compile(r"foot|toe", re.IGNORECASE)
-_SPHERE_SEARCH = 0.2  # distance of the foot's sphere from the foot frame, as a share of that from the knee to the frame
 
 
 @dataclass(frozen=True)
@@ -26,11 +25,14 @@ class Foot:
     note: str = ""
 
 
-def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -> Foot:
+def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], near: float = 0.2) -> Foot:
     """Finds the foot of `link`.
 
     Uses a frame on it whose name contains foot or toe (the farthest out, if several), with the sphere nearest to it;
     else the farthest sphere; else the far end of the farthest other primitive shape.
+
+    Args:
+        near: distance of a sphere from the frame within which it is the foot, share of the frame's from the knee [1].
 
     Raises:
         ModelError: none of these exists.
@@ -40,7 +42,7 @@ def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -
     named = [name for name, frame in frames.items() if frame.link == link and _FOOT_NAME.search(name) and name != link]
     if named:
         name = max(named, key=lambda n: _far(frames[n].translation))
-        return _foot_at_frame(name, frames[name], spheres)
+        return _foot_at_frame(name, frames[name], spheres, near)
     name = f"{link}_foot"
     if spheres:
         sphere = max(spheres, key=lambda s: _far(s.translation))
@@ -51,8 +53,8 @@ def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -
     return Foot(name, _triple(point), radius, "taken at the far end of its link's geometry")
 
 
-def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape]) -> Foot:
-    reach = _SPHERE_SEARCH * _far(frame.translation)
+def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape], near: float) -> Foot:
+    reach = near * _far(frame.translation)
     offset = [_far(s.translation - frame.translation) for s in spheres]
     if not spheres or min(offset) > reach:
         return Foot(name, _triple(frame.translation), 0.0, "no sphere there, taken as a point at the frame")

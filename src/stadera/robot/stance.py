@@ -2,22 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from stadera.errors import ModelError
+from stadera.constants import NOTHING
+from stadera.errors import ModelError, require_positive
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Leg, Robot, Tree
 from stadera.types import Array
 
-# height of the HFE joint above the foot, as a share of the extended leg; tried in turn, since limits may forbid some
-_EXTENSIONS = (0.8, 0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)
-_NEWTON_STEPS = 30
-_LARGEST_STEP = 0.3  # rad
-_SOLVED = 1e-8  # m and sine of an angle
-_GRID = (3, 4, 5)  # starting points for HAA, HFE, KFE
+
+@dataclass(frozen=True)
+class StanceSettings:
+    """What stance is looked for, and how.
+
+    Attributes:
+        extensions: height of the HFE joint above the foot, as a share of the stretched leg [1]; tried in turn, for
+            limits may forbid some.
+        grid: starts of Newton's method for HAA, HFE, KFE.
+        steps: of Newton's method, and
+        largest_step: of a joint in one of them [rad].
+        solved: what is left, below which it is a solution [m and sine of an angle].
+    """
+
+    extensions: tuple[float, ...] = (0.8, 0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)
+    grid: tuple[int, int, int] = (3, 4, 5)
+    steps: int = 30
+    largest_step: float = 0.3
+    solved: float = 1e-8
+
+    def __post_init__(self) -> None:
+        require_positive("stance setting", self, ("steps", "largest_step", "solved"))
+        if not (all(0.0 < share < 1.0 for share in self.extensions) and min(self.grid) >= 1):
+            raise ModelError(f"a stance needs extensions between 0 and 1 and at least one start a joint, got {self}")
 
 
-def standing_configuration(robot: Robot) -> Array:
+def standing_configuration(robot: Robot, settings: StanceSettings | None = None) -> Array:
     """Joint angles of a plausible stance, in the tree's order [rad], shape (n,).
 
     In each leg the foot is below the HFE joint in x, the leg's plane is vertical (HFE axis horizontal) and the feet are
@@ -28,11 +49,11 @@ def standing_configuration(robot: Robot) -> Array:
     Raises:
         ModelError: there is no such stance within the joints' limits.
     """
-    heights = _hips(robot)[:, 2]
+    settings, heights = settings or StanceSettings(), _hips(robot)[:, 2]
     stretched = np.array([_stretched(robot, leg) for leg in robot.legs])
-    for extension in _EXTENSIONS:
+    for extension in settings.extensions:
         ground = float(np.mean(heights - extension * stretched))
-        found = [_solve_leg(robot, leg, ground) for leg in robot.legs]
+        found = [_solve_leg(robot, leg, ground, settings) for leg in robot.legs]
         q = np.zeros(len(robot.tree.joints))
         for leg, angles in zip(robot.legs, found, strict=True):
             if angles is None:
@@ -68,20 +89,21 @@ def _range(robot: Robot, joint: str) -> tuple[float, float]:
     return limit.lower, limit.upper
 
 
-def _solve_leg(robot: Robot, leg: Leg, ground: float) -> Array | None:
+def _solve_leg(robot: Robot, leg: Leg, ground: float, settings: StanceSettings) -> Array | None:
     """Angles (3,) of a leg with its foot at height `ground` in the trunk frame; None if there are none."""
     low, high = np.array([_range(robot, joint) for joint in leg.joints]).T
-    starts = [np.linspace(a, b, count + 2)[1:-1] for a, b, count in zip(low, high, _GRID, strict=True)]
+    starts = [np.linspace(a, b, count + 2)[1:-1] for a, b, count in zip(low, high, settings.grid, strict=True)]
     q = np.stack(np.meshgrid(*starts, indexing="ij"), axis=-1).reshape(-1, 3)
     tree = robot.leg_tree(leg.name)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(settings.steps):
         error, slope = _error(tree, leg, q, ground)
         step = (np.linalg.pinv(slope) @ error[:, :, None])[..., 0]
-        q = q - step * np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+        largest = np.maximum(np.abs(step).max(axis=1), NOTHING)
+        q = q - step * np.minimum(1.0, settings.largest_step / largest)[:, None]
     q = np.where(q < low, q + 2 * np.pi, np.where(q > high, q - 2 * np.pi, q))
     error, _ = _error(tree, leg, q, ground)
-    good = (np.abs(error).max(axis=1) < _SOLVED) & ((q >= low) & (q <= high)).all(axis=1)
-    return _preferred(tree, q[good], 0.5 * (low + high)) if good.any() else None
+    good = (np.abs(error).max(axis=1) < settings.solved) & ((q >= low) & (q <= high)).all(axis=1)
+    return _preferred(tree, q[good], 0.5 * (low + high), settings.solved) if good.any() else None
 
 
 def _error(tree: Tree, leg: Leg, q: Array, ground: float) -> tuple[Array, Array]:
@@ -99,7 +121,7 @@ def _error(tree: Tree, leg: Leg, q: Array, ground: float) -> tuple[Array, Array]
     return error, slope
 
 
-def _preferred(tree: Tree, q: Array, middle: Array) -> Array:
+def _preferred(tree: Tree, q: Array, middle: Array, solved: float) -> Array:
     """The solution (3,) with the least HAA, then with the knee towards the middle, then with the least rotation
     otherwise.
     """
@@ -108,4 +130,4 @@ def _preferred(tree: Tree, q: Array, middle: Array) -> Array:
     away = np.abs(q - middle)
     outwards = (knee - hip) * np.sign(hip) > 0
     best = q[np.lexsort((away[:, 1:].sum(axis=1), outwards, np.round(away[:, 0], 3)))[0]]
-    return np.where(np.abs(best) < _SOLVED, 0.0, best)
+    return np.where(np.abs(best) < solved, 0.0, best)

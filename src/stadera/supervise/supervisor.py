@@ -13,7 +13,7 @@ from math import cos
 
 import numpy as np
 
-from stadera.constants import SATURATED
+from stadera.constants import ROUNDING, SATURATED
 from stadera.errors import StaderaError
 from stadera.robot.model import Robot
 from stadera.supervise.corrected import CorrectedForces, PayloadScale
@@ -29,8 +29,6 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import TrunkEstimate
 from stadera.trunk.standing.forces import ContactForceEstimator
-
-_PERIOD_SLACK = 1e-9  # s
 
 
 class Supervisor(Supervised):
@@ -115,7 +113,7 @@ class Supervisor(Supervised):
         """Processes one measurement; uses one per period."""
         m = measurement
         elapsed = m.time - self._time
-        if elapsed < self.settings.period - _PERIOD_SLACK:
+        if elapsed < self.settings.period - ROUNDING:
             return
         self._time = m.time
         if self.state is State.SITTING:

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stadera.constants import GRAVITY
+from stadera.constants import GRAVITY, SINGULAR
 from stadera.inertia import InertialParameters, skew
 from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions, LegWrenches
 from stadera.legs.friction import direction
@@ -58,7 +58,6 @@ _MIDDLES = 4  # the block's middle sample as it is, and with each joint of all l
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
 _MOVES = 6.0  # standard deviations above which a joint moves; estimated from quiet blocks, at 200 Hz a third too small
-_SINGULAR = 0.01  # of det J, as a share of the cubed length of the leg
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
 _UNIT = np.eye(3)
@@ -158,7 +157,7 @@ class RowMaker:
         self.regressor, self._lever, self._swing = BaseWrenchRegressor(robot), mount.translation, swing
         self.noise = WhiteNoise.prior(robot, self.regressor.columns)
         self._weight = robot.mass * GRAVITY
-        self._flat = _SINGULAR * self.regressor.length**3
+        self._flat = SINGULAR * self.regressor.length**3
         self._half: _Half | None = None
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
         self._calibration = SignalCalibration()

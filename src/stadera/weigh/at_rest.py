@@ -36,7 +36,6 @@ from stadera.weigh.settings import Request, Source
 
 Blocks = Sequence[RestBlock]
 
-_MOST_POSES = 200  # latest poses kept of each load
 _REPORTED = 500  # samples between two progress reports
 
 
@@ -47,15 +46,16 @@ def weigh_at_rest(request: Request) -> Weighing:
 
 @dataclass
 class _Poses:
-    """Means of the poses held during one load."""
+    """Means of the poses held during one load, the latest `most` of them."""
 
+    most: int
     alike: Alike = field(default_factory=Alike)
     means: list[PoseMean] = field(default_factory=list)
 
     def add(self, measurement: Measurement) -> None:
         if not (self.means and self.means[-1].takes(measurement, self.alike)):
             self.means.append(PoseMean(measurement))
-            del self.means[:-_MOST_POSES]
+            del self.means[: -self.most]
 
 
 class _Within:
@@ -89,7 +89,7 @@ class _AtRest:
         rest, source = self._rest(self.log), self.request.source.source
         means = loads(rest.blocks, self.limits)
         level = levels(rest.blocks, means)
-        tare_poses, load_poses = _Poses(), _Poses()
+        tare_poses, load_poses = _Poses(self.settings.poses), _Poses(self.settings.poses)
         last = [b for b, n in zip(rest.blocks, level, strict=True) if n == level[-1]]
         tare, loaded = self._split(rest, means, last)
         estimates = self._estimates(rest, means, ((tare, tare_poses), (loaded, load_poses)))
@@ -183,7 +183,7 @@ class _AtRest:
         means = loads(rest.blocks, self.limits)
         if len(means) > 1:
             raise IdentificationError(f"{source.source}: the load changes in the tare, at {means[1].begin:.2f} s")
-        within, poses = _Within(rest.blocks), _Poses()
+        within, poses = _Within(rest.blocks), _Poses(self.settings.poses)
         for m in self._measurements(log, f"weighing {source.name}"):
             if within.has(m.time):
                 poses.add(m)

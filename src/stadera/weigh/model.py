@@ -19,9 +19,6 @@ from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.types import Array, Bools
 from stadera.weigh.result import Weighing
 
-CUBE = 0.1
-"""Edge of the cube whose inertia stands in for a payload's unobserved one [m]: the size of a lidar."""
-
 
 @dataclass(frozen=True, eq=False)
 class WeighedModel:
@@ -59,7 +56,7 @@ def weighed_model(result: Weighing) -> WeighedModel:
     return WeighedModel(robot.with_inertias({robot.trunk: body}), link, note + mark)
 
 
-def payload_link(payload: Payload, trunk_com: Array) -> PayloadLink:
+def payload_link(payload: Payload, trunk_com: Array, cube: float = 0.1) -> PayloadLink:
     """Makes the payload's link for a model file.
 
     An unobserved inertia is replaced by that of a small cube, and the note says so: simulators reject or diverge with a
@@ -68,6 +65,7 @@ def payload_link(payload: Payload, trunk_com: Array) -> PayloadLink:
     Args:
         payload: the estimate.
         trunk_com: (3,) [m], used for components of the payload's centre of mass that were not observed.
+        cube: edge of that cube [m]; a lidar's size.
 
     Raises:
         IdentificationError: its mass is not significantly above zero, or its centre of mass was not observed.
@@ -79,8 +77,8 @@ def payload_link(payload: Payload, trunk_com: Array) -> PayloadLink:
         )
     tensor, shape = payload.inertia, "inertia as observed."
     if tensor is None:
-        tensor = payload.mass * CUBE**2 / 6.0 * np.eye(3)
-        shape = f"inertia NOT observed, and assumed to be that of a cube of {CUBE:g} m with this mass."
+        tensor = payload.mass * cube**2 / 6.0 * np.eye(3)
+        shape = f"inertia NOT observed, and assumed to be that of a cube of {cube:g} m with this mass."
     note = f"Mass ± {payload.mass_std:.3g} kg, centre of mass {_known(payload.com_std)}; {shape}"
     if hidden.any():
         note += f" {_hidden(hidden)} was not observed, and is the trunk's own."

@@ -27,7 +27,6 @@ WITH_IMU, WITHOUT_IMU = "contact", "poses"
 """Default methods at rest."""
 
 _FIRST = 256  # samples read to determine the channels and the sampling rate
-_SOUND = 4  # successive consistent windows that cannot be a coincidence
 _VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "bad", "stuck": "doubtful"}
 
 
@@ -188,7 +187,7 @@ class CheckedLog:
         faults = [self._faults(chunk, edge, edge + window) for edge in edges]
         consistent = [not found for found in faults]
         first, stop = (0, (*consistent, False).index(False)) if self._sound else _single(consistent)
-        if not self._sound and stop - first < _SOUND:
+        if not self._sound and stop - first < self._request.settings.sound:
             return False
         if first > 0:
             reason = f"sensors contradict each other up to here, as before a robot stands up: {faults[0][0]}"

@@ -38,6 +38,8 @@ class WeighSettings:
         entry: interval of the timeline in motion [s].
         ahead: samples passed to the estimator at once.
         log_gap: gap inserted between the tare's log and the other log [s].
+        sound: consistent windows in a row that are not a coincidence, in a log that contradicts itself elsewhere.
+        poses: kept of one load at rest, the latest.
         trunk: settings of the estimator for motion, see `TrunkSettings`.
         block: length of a block at rest [s].
         least_change: least difference in mass between blocks at rest that counts as a change, as a share of the robot's
@@ -56,6 +58,8 @@ class WeighSettings:
     entry: float = 0.1
     ahead: int = 512
     log_gap: float = 10.0
+    sound: int = 4
+    poses: int = 200
     trunk: TrunkSettings = field(default_factory=TrunkSettings)
     block: float = 0.25
     least_change: float = 0.01

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from stadera.boundary import foreign, require_input
+from stadera.constants import ROUNDING
 from stadera.inertia import InertialParameters
-
-_NEGLIGIBLE = 1e-9  # kg
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class TruthAt:
     def of(cls, time: float, trunk: InertialParameters, bare: InertialParameters) -> TruthAt:
         """Computes the entry from the trunk with and without payload."""
         load = trunk - bare
-        loaded = load.mass > _NEGLIGIBLE
+        loaded = load.mass > ROUNDING
         return cls(
             time,
             float(trunk.mass),

@@ -22,9 +22,6 @@ from stadera.types import Array
 
 MEASUREMENT_NOISE: Array = np.diag([1e3, 1e3, 1e4, 1e4, 1e4, 1e3])
 PROCESS_NOISE: Array = np.diag([5e-3, 5e-4, 5e-4])
-_STEP = 0.01  # s
-_SETTLED = 5.0  # s, after which the initial state has no influence with the published noise
-_FIRST = 0.3  # the first standard deviation, in units of the robot's mass and leg's length; not published
 
 
 class KalmanTrunk(SignalBaseline):
@@ -32,16 +29,28 @@ class KalmanTrunk(SignalBaseline):
 
     Args:
         robot, start, mount: as for `SignalBaseline`.
+        step: over which signals are averaged, and which the published process noise is of [s].
+        settled: time after which that noise has forgotten where it started [s].
+        first: standard deviation at the start, in units of the robot's mass and leg's length; not published [1].
     """
 
-    def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
-        super().__init__(robot, start, _STEP, _SETTLED, mount)
+    def __init__(
+        self,
+        robot: Robot,
+        start: TrunkModel | None = None,
+        mount: ImuMount | None = None,
+        step: float = 0.01,
+        settled: float = 5.0,
+        first: float = 0.3,
+    ) -> None:
+        super().__init__(robot, start, step, settled, mount)
+        self._step = step
         self._theta = self._prior().copy()
         length = self._regressor.length
-        self._P = np.diag((_FIRST * robot.mass * np.array([1.0, length, length])) ** 2)
+        self._P = np.diag((first * robot.mass * np.array([1.0, length, length])) ** 2)
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
-        self._P = self._P + elapsed / _STEP * PROCESS_NOISE
+        self._P = self._P + elapsed / self._step * PROCESS_NOISE
         H = matrix[:, :3]
         PH = self._P @ H.T
         gain = np.linalg.solve(H @ PH + MEASUREMENT_NOISE, PH.T).T

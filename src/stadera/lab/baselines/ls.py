@@ -23,9 +23,6 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.samples import Samples
 from stadera.types import Array
 
-_HINT = 1e-10  # of the information, so weak that it only affects directions without information in the rows
-_LEAST_BLOCKS = 5  # of six rows each, needed to estimate ten parameters
-
 
 class LeastSquaresTrunk(SignalBaseline):
     """Plain least squares over a sliding window; an `Estimator`.
@@ -34,6 +31,8 @@ class LeastSquaresTrunk(SignalBaseline):
         robot, start, mount: as for `SignalBaseline`.
         window: length of the window [s].
         block: over which rows are averaged [s].
+        hint: weight of the prior, share of the information [1]; it decides only what the rows say nothing of.
+        least_blocks: of six rows each, before ten parameters are sought.
 
     Raises:
         StaderaError: the window is not longer than a few blocks; and the errors of `SignalBaseline`.
@@ -46,10 +45,13 @@ class LeastSquaresTrunk(SignalBaseline):
         window: float = 2.0,
         block: float = 0.04,
         mount: ImuMount | None = None,
+        hint: float = 1e-10,
+        least_blocks: int = 5,
     ) -> None:
         super().__init__(robot, start, block, window, mount)
-        if not window >= _LEAST_BLOCKS * block:
-            raise StaderaError(f"a window must hold at least {_LEAST_BLOCKS} blocks of {block} s, got {window} s")
+        self._hint, self._least = hint, least_blocks
+        if not window >= least_blocks * block:
+            raise StaderaError(f"a window must hold at least {least_blocks} blocks of {block} s, got {window} s")
         self._kept: deque[tuple[Array, Array]] = deque(maxlen=round(window / block))
 
     def _motion(self, samples: Samples) -> tuple[LegMotions, Array]:
@@ -73,12 +75,12 @@ class LeastSquaresTrunk(SignalBaseline):
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
         self._kept.append((matrix, target))
-        if len(self._kept) < _LEAST_BLOCKS:
+        if len(self._kept) < self._least:
             return np.zeros(4), np.full((4, 4), np.nan)
         A, b = (np.concatenate(rows) for rows in zip(*self._kept, strict=True))
         A, b = A * self._scale, b - A @ self._prior()
         normal = A.T @ A
-        inverse = np.linalg.inv(normal + _HINT * np.trace(normal) * np.eye(10))
+        inverse = np.linalg.inv(normal + self._hint * np.trace(normal) * np.eye(10))
         step = inverse @ (A.T @ b)
         theta = self._prior() + self._scale * step
         residual, scale = b - A @ step, self._scale[:4]

@@ -19,8 +19,6 @@ from stadera.robot.model import Robot
 from stadera.trunk.model import TrunkModel
 from stadera.types import Array
 
-_FIRST = 1e3  # the first P, in units of the robot's mass and leg's length
-
 
 class RlsTrunk(SignalBaseline):
     """Recursive least squares; an `Estimator`.
@@ -29,6 +27,7 @@ class RlsTrunk(SignalBaseline):
         robot, start, mount: as for `SignalBaseline`.
         memory: time constant of forgetting [s]: λ = exp(-block / memory).
         block: [s].
+        first: P at the start, in units of the robot's mass and leg's length [1].
 
     Raises:
         StaderaError: the memory is not positive; and the errors of `SignalBaseline`.
@@ -41,12 +40,13 @@ class RlsTrunk(SignalBaseline):
         memory: float = 1.0,
         block: float = 0.01,
         mount: ImuMount | None = None,
+        first: float = 1e3,
     ) -> None:
         if not memory > 0:
             raise StaderaError(f"a memory must be positive, got {memory} s")
         super().__init__(robot, start, block, 3.0 * memory, mount)
         self.memory = memory
-        self._theta, self._P = self._prior().copy(), _FIRST * np.diag(self._scale**2)
+        self._theta, self._P = self._prior().copy(), first * np.diag(self._scale**2)
         self._square = self._weight = 0.0
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:

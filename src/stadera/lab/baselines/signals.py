@@ -27,8 +27,6 @@ from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.wrench import trunk_matrix, trunk_signals
 from stadera.types import Array
 
-_LEAST_RESIDUAL = 1e-3  # of the robot's weight: least standard deviation of the residuals
-
 
 class SignalBaseline:
     """An `Estimator` that computes rows from averaged signals; subclasses solve them.
@@ -39,6 +37,7 @@ class SignalBaseline:
         block: over which signals are averaged [s].
         settled: time of data after which it counts as converged [s].
         mount: of the IMU; None for the model's.
+        least_residual: share of the robot's weight that residuals have at least [1].
 
     Raises:
         ImplausibleError: the start is implausible.
@@ -46,7 +45,13 @@ class SignalBaseline:
     """
 
     def __init__(
-        self, robot: Robot, start: TrunkModel | None, block: float, settled: float, mount: ImuMount | None
+        self,
+        robot: Robot,
+        start: TrunkModel | None,
+        block: float,
+        settled: float,
+        mount: ImuMount | None,
+        least_residual: float = 1e-3,
     ) -> None:
         if not 0.0 < block < inf:
             raise StaderaError(f"a block must last a positive time, got {block} s")
@@ -59,7 +64,7 @@ class SignalBaseline:
         length = self._regressor.length
         self._scale = robot.mass * np.array([1.0, *[length] * 3, *[length**2] * 6])
         self._limit = ObservedLimits().centre(robot.mass, length)
-        self._floor = (_LEAST_RESIDUAL * robot.mass * GRAVITY) ** 2
+        self._floor = (least_residual * robot.mass * GRAVITY) ** 2
         self._now = TrunkEstimate(np.nan, self._start, unobserved(), Status.WAITING)
 
     def update(self, measurement: Measurement) -> None:

@@ -31,12 +31,12 @@ from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import nnls
 
+from stadera.constants import ROUNDING
 from stadera.errors import ModelError
 from stadera.inertia import skews
 from stadera.types import Array
 
 _ROWS = 6  # constraints for each foot: upper and lower limit, four sides of the pyramid
-_KEPT = 1e-9  # N, tolerance for rounding
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class ForceDistribution:
             return self.forces
         best = near + pull.dot(wrench)
         slack = self._bounds - self._sides.dot(best)
-        if slack.min() >= -_KEPT:
+        if slack.min() >= -ROUNDING:
             return self._found(best)
         return self._constrained(best, slack)
 

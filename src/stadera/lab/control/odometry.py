@@ -24,7 +24,6 @@ import numpy as np
 from stadera.errors import ModelError
 from stadera.types import Array, Bools
 
-_SLIP = 0.02  # m, deviation of one foot from the others above which it counts as slipped
 _NOBODY = np.zeros(4, dtype=bool)
 
 
@@ -33,6 +32,7 @@ class LegOdometry:
 
     Args:
         velocity_time: T [s]; 0 for the legs alone.
+        slip: by which one foot may disagree with the others before it counts as slipped [m].
 
     Attributes:
         position: (3,) [m], of the trunk's origin in the odometry frame.
@@ -41,10 +41,10 @@ class LegOdometry:
         slipped: (4,) bool, feet found to have slipped at the last update, and anchored again.
     """
 
-    def __init__(self, velocity_time: float = 0.0) -> None:
+    def __init__(self, velocity_time: float = 0.0, slip: float = 0.02) -> None:
         if not (np.isfinite(velocity_time) and velocity_time >= 0):
             raise ModelError(f"the velocity's time constant must not be negative, got {velocity_time} s")
-        self._velocity_time, self._velocity = velocity_time, np.zeros(3)
+        self._velocity_time, self._velocity, self._slip2 = velocity_time, np.zeros(3), slip**2
         self.position = np.zeros(3)
         self.anchors = np.zeros((4, 3))
         self.anchored = np.zeros(4, dtype=bool)
@@ -71,8 +71,8 @@ class LegOdometry:
         left -= self.position
         everywhere = left.ravel()
         self.slipped = _NOBODY
-        if everywhere.dot(everywhere) > _SLIP**2:
-            self.slipped = self._stance & ((left * left).sum(axis=1) > _SLIP**2)
+        if everywhere.dot(everywhere) > self._slip2:
+            self.slipped = self._stance & ((left * left).sum(axis=1) > self._slip2)
             self.anchors[self.slipped] -= left[self.slipped]
 
     def velocity(self, arms: Array, joint_part: Array, angular_velocity: Array) -> Array:

@@ -8,17 +8,17 @@ import numpy as np
 
 from stadera.types import Bools
 
-_OVERLOADED = 0.5  # s
-
 
 class OverloadWatch:
     """Measures for how long each joint has been at its limit continuously.
 
     Args:
         joints: their names, in the order of the values.
+        longest: time at its limit from which a joint is overloaded [s].
     """
 
-    def __init__(self, joints: Sequence[str]) -> None:
+    def __init__(self, joints: Sequence[str], longest: float = 0.5) -> None:
+        self._longest = longest
         self._joints, self._for, self._last = tuple(joints), np.zeros(len(joints)), np.nan
 
     def update(self, time: float, saturated: Bools) -> str:
@@ -28,6 +28,6 @@ class OverloadWatch:
         elapsed, self._last = 0.0 if np.isnan(self._last) else time - self._last, time
         self._for = np.where(saturated, self._for + elapsed, 0.0)
         worst = int(np.argmax(self._for))
-        if self._for[worst] <= _OVERLOADED:
+        if self._for[worst] <= self._longest:
             return ""
-        return f"joint {self._joints[worst]} has been at its torque limit for {_OVERLOADED} s"
+        return f"joint {self._joints[worst]} has been at its torque limit for {self._longest} s"

@@ -23,8 +23,6 @@ from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 _ANGLE = np.deg2rad(3.0)
-_SHIFT = 0.03  # of the height of the trunk above its feet
-_EASE = 1.0  # s, in which the motion grows
 # Hz, of roll, pitch, yaw, x, y, z: within 0.5 to 2 Hz
 _FREQUENCIES = np.array([[0.61, 1.37], [0.73, 1.61], [0.53, 1.13], [0.67, 1.49], [0.79, 1.27], [0.57, 1.87]])
 
@@ -40,6 +38,7 @@ class Shake:
         begin: [s].
         angle: amplitudes of roll, pitch and yaw, (3,) [rad].
         shift: amplitudes along x, y and z of the odometry frame, (3,) [m].
+        ease: time in which the motion grows [s].
 
     Raises:
         ModelError: an amplitude is negative, not finite, or above half a radian.
@@ -49,6 +48,7 @@ class Shake:
     begin: float
     angle: Array
     shift: Array
+    ease: float = 1.0
 
     def __post_init__(self) -> None:
         amplitudes = np.concatenate([np.broadcast_to(self.angle, 3), np.broadcast_to(self.shift, 3)])
@@ -59,10 +59,10 @@ class Shake:
         object.__setattr__(self, "_weights", weights)
 
     @classmethod
-    def of(cls, robot: Robot, centre: TrunkPose, begin: float, amplitude: float = 1.0) -> Shake:
-        """Rotations of 3° and shifts of 3 % of the robot's height, times an amplitude."""
+    def of(cls, robot: Robot, centre: TrunkPose, begin: float, amplitude: float = 1.0, shift: float = 0.03) -> Shake:
+        """Rotations of 3° and shifts of a share of the robot's height, times an amplitude."""
         height = -float(foot_positions(robot, standing_configuration(robot)[None])[0, :, 2].mean())
-        return cls(centre, begin, np.full(3, amplitude * _ANGLE), np.full(3, amplitude * _SHIFT * height))
+        return cls(centre, begin, np.full(3, amplitude * _ANGLE), np.full(3, amplitude * shift * height))
 
     def at(self, time: float) -> TrunkPose:
         """Reference at a time [s]."""
@@ -71,8 +71,8 @@ class Shake:
         phase = _OMEGA * late
         sine, cosine = weights * np.sin(phase), weights * np.cos(phase)
         x, rate, rate_2 = sine @ _ONES, (_OMEGA * cosine) @ _ONES, (-_OMEGA * _OMEGA * sine) @ _ONES
-        if late < _EASE:
-            e, e_1, e_2 = _eased(late)
+        if late < self.ease:
+            e, e_1, e_2 = _eased(late, self.ease)
             rate_2 = e * rate_2 + 2.0 * e_1 * rate + e_2 * x
             rate, x = e * rate + e_1 * x, e * x
         return TrunkPose(
@@ -84,11 +84,11 @@ class Shake:
         )
 
 
-def _eased(late: float) -> tuple[float, float, float]:
+def _eased(late: float, ease: float) -> tuple[float, float, float]:
     """e and its first two derivatives."""
-    x = late / _EASE
+    x = late / ease
     return (
         x**3 * (10.0 - 15.0 * x + 6.0 * x * x),
-        30.0 * (x * (1.0 - x)) ** 2 / _EASE,
-        60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / _EASE**2,
+        30.0 * (x * (1.0 - x)) ** 2 / ease,
+        60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / ease**2,
     )

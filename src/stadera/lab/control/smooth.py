@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stadera.constants import NOTHING
 from stadera.errors import ModelError
 from stadera.trunk.model import TrunkBounds, TrunkModel
-
-_NEGLIGIBLE = 1e-12  # kg, kg·m
 
 
 class SmoothTrunk:
@@ -70,4 +69,4 @@ class SmoothTrunk:
         self.mass += share * (self.target_mass - self.mass)
         left = self.target_moment - self.moment
         self.moment = self.moment + share * left
-        self._settled = abs(self.target_mass - self.mass) + float(np.abs(left).max()) < _NEGLIGIBLE
+        self._settled = abs(self.target_mass - self.mass) + float(np.abs(left).max()) < NOTHING

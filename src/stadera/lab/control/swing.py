@@ -41,7 +41,6 @@ from stadera.types import Array
 
 _UP = np.array([0.0, 0.0, 1.0])
 _GRAVITY = np.array([0.0, 0.0, -GRAVITY])
-_EASE = 0.05  # s, in which the descent after the end reaches its speed: part of the trajectory's definition
 
 
 @dataclass(frozen=True)
@@ -71,6 +70,7 @@ class SwingTrajectory:
         clearance: [m], above the higher end; not negative.
         normal: (3,) unit vector, up.
         descent: [m/s], steady speed at which the foot searches for the ground after the end; 0 for none.
+        ease: [s], in which it reaches that speed.
 
     Raises:
         ModelError: the duration is not positive, clearance or descent is negative, or values are not finite.
@@ -83,6 +83,7 @@ class SwingTrajectory:
     clearance: float
     normal: Array = field(default_factory=_UP.copy)
     descent: float = 0.2
+    ease: float = 0.05
 
     def __post_init__(self) -> None:
         if not (isfinite(self.duration) and self.duration > 0):
@@ -126,9 +127,9 @@ class SwingTrajectory:
         return rows
 
     def _descending(self, late: float) -> Array:
-        ease = late + _EASE
-        depth, speed = self.descent * late**2 / ease, self.descent * (1.0 - (_EASE / ease) ** 2)
-        slowing = 2.0 * self.descent * _EASE**2 / ease**3
+        ease = late + self.ease
+        depth, speed = self.descent * late**2 / ease, self.descent * (1.0 - (self.ease / ease) ** 2)
+        slowing = 2.0 * self.descent * self.ease**2 / ease**3
         rows = np.array([[-depth], [-speed], [-slowing]]) * self.normal
         rows[0] += self.target
         return np.asarray(rows)

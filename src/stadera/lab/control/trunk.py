@@ -62,8 +62,6 @@ from stadera.trunk.standing.forces import JacobianOf
 from stadera.trunk.standing.legs import MeasuredLegs
 from stadera.types import Array, Bools
 
-_LEAST_NORMAL = 0.02  # least load on every foot in stance, as a share of the robot's weight
-_FIRST_LOAD = 0.05  # share of the weight that a foot may carry immediately after landing
 _UP = np.array([0.0, 0.0, 1.0])
 _GRAVITY = GRAVITY * _UP
 
@@ -79,7 +77,9 @@ class TrunkController:
         robot: the model of legs and trunk.
         gains: None for those scaled from the robot.
         trunk: initial model; None for the robot's own.
-        limits: of the contacts; None for friction 0.6 and at least 2 % of the robot's weight on every foot.
+        limits: of the contacts; None for friction 0.6 and `least_load` on every foot.
+        least_load: share of the robot's weight on every foot in stance, at least [1].
+        first_load: share of the weight that a foot may carry as soon as it lands [1].
         legs: shared with estimators that use the same measurements; None for a new one.
         trunk_time: time constant [s] with which a new model of the trunk is adopted.
         jacobian: for the torques, at the "feet" as measured or by the "encoders"; the two differ only if the
@@ -120,10 +120,12 @@ class TrunkController:
         jacobian: JacobianOf = "feet",
         velocity_time: float = 0.0,
         moment_length: float | None = None,
+        least_load: float = 0.02,
+        first_load: float = 0.05,
     ) -> None:
         if jacobian not in ("feet", "encoders"):
             raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
-        self._by_encoders = jacobian == "encoders"
+        self._by_encoders, self._first_load = jacobian == "encoders", first_load
         self.robot, self.legs = robot, legs or MeasuredLegs(robot)
         self.gains = gains or TrunkGains.of(robot)
         self.trunk = SmoothTrunk(trunk or TrunkModel.prior(robot), TrunkBounds.of(robot), trunk_time)
@@ -134,7 +136,7 @@ class TrunkController:
         self.time, self.rotation, self.velocity = np.nan, np.eye(3), np.zeros(3)
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
-        limits = limits or ContactLimits(least_normal=_LEAST_NORMAL * robot.mass * GRAVITY)
+        limits = limits or ContactLimits(least_normal=least_load * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
@@ -226,7 +228,7 @@ class TrunkController:
         """
         weight = self._sharing.normal_force()
         self.swinging.end(leg)
-        self._loads.put(leg, Ramp(self.time, duration, _FIRST_LOAD * weight, weight, remains=False))
+        self._loads.put(leg, Ramp(self.time, duration, self._first_load * weight, weight, remains=False))
         self.stance = self.stance | (np.arange(4) == leg)
 
     # -- each period ----------------------------------------------------------------------------------------------

@@ -5,11 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from stadera.constants import ROUNDING
 from stadera.lab.plant.world import FRAME, GROUND, TRAY, box_body, foot_geom
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
-
-_LEAST_NORMAL = 1e-9  # N, that a contact counts by when its place is averaged
 
 
 class Contacts:
@@ -68,7 +67,7 @@ class Contacts:
             # The frame's rows are its axes in the world, the first from the first geom to the second. With elliptic
             # cones the constraint forces are the contact force on the second in this frame.
             force = efc_force[address : address + 3]
-            weight = max(float(force[0]), _LEAST_NORMAL)
+            weight = max(float(force[0]), ROUNDING)
             forces[leg] += sign * (force @ frames[k])
             points[leg] += weight * positions[k]
             weights[leg] += weight

@@ -8,13 +8,12 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
+from stadera.constants import SAME
 from stadera.errors import ModelError
 from stadera.lab.plant.model import ModelOptions, build_model, joint_offsets, mass_matrix, workspace
 from stadera.logs import Recording
 from stadera.robot.model import Robot, Tree
 from stadera.types import Array
-
-_UNEVEN = 1e-6  # relative to a sampling interval
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def simulate_leg(
     tree = robot.leg_tree(leg)
     gains = gains or Gains.scaled(robot, leg)
     interval = _check(trajectory, feedforward)
-    substeps = max(1, int(np.ceil(interval / _TRACKING.largest_step - _UNEVEN)))
+    substeps = max(1, int(np.ceil(interval / _TRACKING.largest_step - SAME)))
     model = _tracking_model(robot, tree, gains, interval / substeps)
     # the actuator adds -stiffness q - damping q̇ itself, so that only this drive is prescribed over time
     drive = gains.stiffness * trajectory.position + gains.damping * trajectory.velocity
@@ -161,7 +160,7 @@ def _check(trajectory: Trajectory, feedforward: Array | None) -> float:
         if not np.isfinite(values).all():
             raise ModelError(f"a leg's reference {name} is not finite")
     interval = float(time[-1] - time[0]) / (len(time) - 1)
-    if not interval > 0 or np.abs(np.diff(time) - interval).max() > _UNEVEN * interval:
+    if not interval > 0 or np.abs(np.diff(time) - interval).max() > SAME * interval:
         raise ModelError("a leg's reference needs an even, increasing clock")
     return interval
 

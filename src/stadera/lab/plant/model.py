@@ -23,8 +23,6 @@ from stadera.robot.mjcf.quiet import keep_quiet
 from stadera.robot.model import Robot, Tree
 from stadera.types import Array
 
-_WORKSPACE_SAMPLES = 200
-_WORKSPACE_SEED = 20170924
 _FREE_RANGE = np.pi  # rad, where a joint has no limit
 
 _DRY_FRICTION = (0.99, 0.99, 1e-3, 0.5, 2.0)  # with the fastest reference allowed: the narrowest zone of creep
@@ -145,12 +143,12 @@ def set_body_inertia(model: mujoco.MjModel, body: int, parameters: InertialParam
     model.body_inertia[body] = values
 
 
-def workspace(robot: Robot, tree: Tree, samples: int = _WORKSPACE_SAMPLES) -> Array:
+def workspace(robot: Robot, tree: Tree, samples: int = 200, seed: int = 20170924) -> Array:
     """Joint positions spread over the joints' ranges (±π where unlimited) [rad], (samples, n); always the same."""
     limits = [robot.limits[joint] for joint in tree.joints]
     lower = np.array([max(limit.lower, -_FREE_RANGE) for limit in limits])
     upper = np.array([min(limit.upper, _FREE_RANGE) for limit in limits])
-    return np.random.default_rng(_WORKSPACE_SEED).uniform(lower, upper, (samples, len(limits)))
+    return np.random.default_rng(seed).uniform(lower, upper, (samples, len(limits)))
 
 
 def least_mass_eigenvalue(model: mujoco.MjModel, positions: Array) -> float:

@@ -118,8 +118,11 @@ class Tray:
         return float(self.centre[2] + self.half_size[2])
 
     @classmethod
-    def of(cls, robot: Robot) -> Tray:
-        """The tray of a robot; where its trunk has no box shape, the upper face is at the hips' height."""
+    def of(cls, robot: Robot, thickness: float = 0.02) -> Tray:
+        """The tray of a robot; where its trunk has no box shape, the upper face is at the hips' height.
+
+        `thickness` [m].
+        """
         hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
         low, high = hips.min(axis=0), hips.max(axis=0)
         boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
@@ -127,11 +130,8 @@ class Tray:
         if boxes:
             largest = max(boxes, key=lambda shape: float(np.prod(shape.size)))
             top = float(largest.translation[2] + 0.5 * np.abs(largest.rotation[2]) @ np.asarray(largest.size))
-        half = np.array([*(0.5 * (high - low)[:2]), _TRAY_HALF_THICKNESS])
-        return cls(np.array([*(0.5 * (high + low)[:2]), top - _TRAY_HALF_THICKNESS]), half)
-
-
-_TRAY_HALF_THICKNESS = 0.01  # m
+        half = np.array([*(0.5 * (high - low)[:2]), 0.5 * thickness])
+        return cls(np.array([*(0.5 * (high + low)[:2]), top - 0.5 * thickness]), half)
 
 
 def box_inertia(mass: float, size: tuple[float, float, float]) -> Array:

@@ -13,8 +13,6 @@ from stadera.inertia import InertialParameters
 from stadera.lab.plant.model import least_leg_eigenvalue
 from stadera.robot.model import Robot
 
-_MOST_DRAWS = 200
-
 
 @dataclass(frozen=True, eq=False)
 class Perturbed:
@@ -32,6 +30,7 @@ def perturbed(
     com_std: float = 0.02,
     inertia_std: float = 0.02,
     margin: float = 0.1,
+    draws: int = 200,
 ) -> Perturbed:
     """The paper's perturbation (section IV.A): white noise on the leg links' centres of mass and inertia tensors.
 
@@ -43,23 +42,23 @@ def perturbed(
     that of the robot given, which keeps the leg simulable.
 
     Args:
-        com_std: [m]. inertia_std: [kg·m²]. margin: dimensionless, above 0.
+        com_std: [m]. inertia_std: [kg·m²]. margin: dimensionless, above 0. draws: at most.
 
     Raises:
         UnknownNameError: no such leg.
-        ModelError: no draw out of 200 was simulable.
+        ModelError: no draw was simulable.
     """
     if not margin > 0:
         raise ModelError(f"the margin on the mass matrix's least eigenvalue must be positive, got {margin}")
     least = margin * least_leg_eigenvalue(robot, leg)
-    for redraws in range(_MOST_DRAWS):
+    for redraws in range(draws):
         candidate = _with_inertias(
             robot, {link: _noisy(robot.inertias[link], rng, com_std, inertia_std) for link in robot.leg(leg).links}
         )
         if least_leg_eigenvalue(candidate, leg) >= least:
             return Perturbed(candidate, redraws)
     raise ModelError(
-        f"robot {robot.name}, leg {leg}: none of {_MOST_DRAWS} perturbations (com {com_std} m, inertia {inertia_std} "
+        f"robot {robot.name}, leg {leg}: none of {draws} perturbations (com {com_std} m, inertia {inertia_std} "
         "kg·m²) leaves the mass matrix positive definite; ask for smaller ones"
     )
 

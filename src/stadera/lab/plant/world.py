@@ -21,10 +21,6 @@ from stadera.types import Array
 GROUND, TRAY, IMU, FRAME = "ground", "tray", "imu_site", "frame"
 """Names in the compiled model; every geom of the ground begins with the first, what is to stay off it with the last."""
 
-_POINT_FOOT_RADIUS = 1e-3  # m, of a foot whose radius the model does not know: a point at its frame
-_GROUND_EXTENT = 50.0  # m, drawn size; the plane itself is endless
-_STONE_THICKNESS = 0.2  # m
-
 # Who touches whom: a pair collides where one's contype shares a bit with the other's conaffinity.
 _FOOT_BIT, _BOX_BIT = 1, 2
 
@@ -39,20 +35,26 @@ class ContactSettings:
         impedance: MuJoCo's solimp.
         friction_to_normal: stiffness of friction over that of the normal (impratio); keeps standing feet from creeping.
         tolerance: of MuJoCo's solver.
+        least_radius: of a foot [m]; where the model knows none, it is a point at its frame.
+        extent: drawn size of the ground [m]; the plane itself is endless.
+        thickness: of stones [m].
     """
 
     timesteps: float = 2.5
     impedance: tuple[float, ...] = (0.95, 0.99, 1e-4, 0.5, 2.0)
     friction_to_normal: float = 100.0
     tolerance: float = 1e-12
+    least_radius: float = 1e-3
+    extent: float = 50.0
+    thickness: float = 0.2
 
 
-_CONTACT = ContactSettings()
+CONTACT = ContactSettings()
 
 
 def foot_radius(leg: Leg) -> float:
     """Radius of the foot's sphere in the plant [m]; a millimetre where the model knows none."""
-    return leg.foot_radius or _POINT_FOOT_RADIUS
+    return leg.foot_radius or CONTACT.least_radius
 
 
 def foot_geom(leg: Leg) -> str:
@@ -122,8 +124,8 @@ def _set_solver(spec: mujoco.MjSpec) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = _CONTACT.friction_to_normal
-    spec.option.tolerance = _CONTACT.tolerance
+    spec.option.impratio = CONTACT.friction_to_normal
+    spec.option.tolerance = CONTACT.tolerance
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
@@ -131,8 +133,8 @@ def _contact(timestep: float, friction: float, softness: float = 0.0) -> dict[st
     return {
         "friction": (friction, 0.0, 0.0),
         "condim": 3,
-        "solref": (max(softness, _CONTACT.timesteps * timestep), 1.0),
-        "solimp": _CONTACT.impedance,
+        "solref": (max(softness, CONTACT.timesteps * timestep), 1.0),
+        "solimp": CONTACT.impedance,
     }
 
 
@@ -142,19 +144,19 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     common = {"quat": quat, "contype": _FOOT_BIT, "conaffinity": 0}
     common |= _contact(spec.option.timestep, terrain.friction, terrain.softness)
     if terrain.stones is None:
-        kind, size = mujoco.mjtGeom.mjGEOM_PLANE, (_GROUND_EXTENT, _GROUND_EXTENT, 0.1)
+        kind, size = mujoco.mjtGeom.mjGEOM_PLANE, (CONTACT.extent, CONTACT.extent, 0.1)
         spec.worldbody.add_geom(name=GROUND, type=kind, size=size, **common)
         return
     stones, half = terrain.stones, 0.5 * terrain.stones.size
     behind, _, side = stones.counts
     for (i, j), height in np.ndenumerate(stones.heights()):
         if np.isfinite(height):
-            centre = (stones.size * (i - behind), stones.size * (j - side), height - 0.5 * _STONE_THICKNESS)
+            centre = (stones.size * (i - behind), stones.size * (j - side), height - 0.5 * CONTACT.thickness)
             spec.worldbody.add_geom(
                 name=f"{GROUND} {i} {j}",
                 type=mujoco.mjtGeom.mjGEOM_BOX,
                 pos=terrain.rotation @ centre,
-                size=(half, half, 0.5 * _STONE_THICKNESS),
+                size=(half, half, 0.5 * CONTACT.thickness),
                 **common,
             )
 

@@ -9,14 +9,13 @@ import numpy as np
 
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.terrain import Stones, Terrain
-from stadera.lab.plant.world import foot_radius
+from stadera.lab.plant.world import CONTACT, foot_radius
 from stadera.lab.reality.sizes import Range, RealSizes
 from stadera.lab.sensor_errors import STANDARD, SensorErrors
 from stadera.lab.sensors import effort_limits
 from stadera.robot.model import JointDynamics, Leg, Robot
 from stadera.types import Array
 
-_LEAST_RADIUS = 1e-3  # m, of a foot
 _KINDS = 3  # of joints in a leg
 
 
@@ -138,7 +137,7 @@ def _true_robot(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Gen
         return InertialParameters(scale * inertia.vector).shifted(sizes.link_com * rng.standard_normal(3))
 
     def trodden(leg: Leg) -> Leg:
-        radius = max(foot_radius(leg) + sizes.foot * float(rng.standard_normal()), _LEAST_RADIUS)
+        radius = max(foot_radius(leg) + sizes.foot * float(rng.standard_normal()), CONTACT.least_radius)
         x, y, z = (np.asarray(leg.foot_position) + sizes.foot * rng.standard_normal(3)).tolist()
         return replace(leg, foot_position=(x, y, z), foot_radius=radius)
 

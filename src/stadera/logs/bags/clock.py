@@ -17,7 +17,6 @@ from stadera.logs.sampling import GAP_FACTOR
 
 Stamps = NDArray[np.int64]
 
-_ENOUGH = 32
 """Number of messages needed to determine a period."""
 
 
@@ -73,7 +72,8 @@ class HeaderClock:
     def _without_steps(self, stamps: Stamps, received: Stamps) -> Stamps:
         """The stamps corrected for all steps so far, including those among them."""
         advance, passed = np.diff(stamps, prepend=self._stamp), np.diff(received, prepend=self._received)
-        self._period = max(int(np.median(advance)), 1) if len(advance) >= _ENOUGH else self._period
+        if len(advance) >= self._settings.counter_enough:
+            self._period = max(int(np.median(advance)), 1)
         back, ahead = advance < -self._jump, advance > max(self._jump, GAP_FACTOR * self._period)
         # clocks drift apart, so the least delay may rise
         self._least += round(self._settings.counter_drift * max(int(received[-1]) - self._received, 0))

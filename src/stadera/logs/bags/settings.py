@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from stadera.errors import require_positive
+
 
 @dataclass(frozen=True)
 class BagSettings:
@@ -28,6 +30,7 @@ class BagSettings:
         counter_jump: difference between stamp and counter above which one of the clocks has stepped [s].
         counter_drift: relative rate by which the robot's clock may run faster than the recorder's (crystals: 20 to 100
             ppm).
+        counter_enough: ticks in a batch whose median is the counter's period.
     """
 
     head: int = 2000
@@ -43,6 +46,10 @@ class BagSettings:
     counter_late: float = 2e-3
     counter_jump: float = 0.05
     counter_drift: float = 1e-4
+    counter_enough: int = 32
+
+    def __post_init__(self) -> None:
+        require_positive("setting of a bag", self, self.__dataclass_fields__)
 
 
 DEFAULTS = BagSettings()

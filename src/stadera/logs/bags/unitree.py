@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
+from stadera.joint_words import by_place, places
 from stadera.logs.bags.clock import TickClock
 from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.decode import IMU_NAMES, Sample, joint_columns, uncompressed
@@ -20,10 +21,6 @@ from stadera.logs.bags.settings import DEFAULTS, BagSettings
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
 """Unitree's order of the motors, and the joints' names in its models."""
-_PARTS = {"hip": ("hip", "haa", "abad", "hx"), "thigh": ("thigh", "hfe", "hy"), "calf": ("calf", "kfe", "knee", "kn")}
-_LEGS = {"FR": ("fr", "rf"), "FL": ("fl", "lf"), "RR": ("rr", "rh", "hr"), "RL": ("rl", "lh", "hl")}
-_MOST_NUMBERS = 10_000
-"""Largest number of fields in a LowState; Unitree's have under a thousand."""
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 _IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
 PUBLISHED = {
@@ -118,25 +115,20 @@ def _bytes(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
 
 def motor_names(joints: Sequence[str] | None) -> tuple[str, ...]:
     """Names of the motors: among the requested joints those of the same leg and part; else Unitree's own."""
-    return tuple(_match(motor, joints or ()) for motor in MOTORS)
+    asked, own = by_place(joints or ()), places(MOTORS)
+    fitting = {motor: asked.get(own[motor], []) for motor in MOTORS}
+    return tuple(motor if motor in names or len(names) != 1 else names[0] for motor, names in fitting.items())
 
 
-def _match(motor: str, joints: Sequence[str]) -> str:
-    leg, part, _ = motor.split("_")
-    fitting = [
-        joint
-        for joint in joints
-        if joint.lower().lstrip("_").startswith(_LEGS[leg]) and any(p in joint.lower()[2:] for p in _PARTS[part])
-    ]
-    return motor if motor in joints or len(fitting) != 1 else fitting[0]
-
-
-def offsets(kind: str, definition: str, *, aligned: bool = True) -> dict[str, int]:
+def offsets(kind: str, definition: str, *, aligned: bool = True, most: int = 10_000) -> dict[str, int]:
     """Position of each number in a message's body [bytes], by path, such as "motor_state.3.q".
 
     In CDR numbers are aligned to their own size (OMG CDR), in ROS 1's encoding they are not. Fields after one of
     unknown size are skipped. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are converted to those of
     ROS 2.
+
+    Args:
+        most: numbers of a message; Unitree's have under a thousand.
 
     Raises:
         RecordingError: the definition lacks fields of a LowState.
@@ -149,8 +141,8 @@ def offsets(kind: str, definition: str, *, aligned: bool = True) -> dict[str, in
     for path, size in _numbers(types, kind, ""):
         start = -(-end // size) * size if aligned else end
         found[_renamed(path)], end = start, start + size
-        if len(found) > _MOST_NUMBERS:
-            raise RecordingError(f"a {kind} in this log has more than {_MOST_NUMBERS} numbers: it is not Unitree's")
+        if len(found) > most:
+            raise RecordingError(f"a {kind} in this log has more than {most} numbers: it is not Unitree's")
     if missing := [name for name in ("tick", "imu_state.quaternion.3", "motor_state.11.tau_est") if name not in found]:
         raise RecordingError(f"a {kind} in this log has no {missing[0]}: its definition is not Unitree's")
     return found

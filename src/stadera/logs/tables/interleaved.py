@@ -12,22 +12,21 @@ from stadera.logs.columns import Layout
 from stadera.types import Bools
 
 INTERLEAVED = "rows without joint positions are left out; the IMU is interpolated at the stamps of the others"
-_FEW = 0.5
-"""Share of complete rows below which a table counts as interleaved: more blanks than this are not a sensor's
-dropouts.
-"""
 
 
-def is_interleaved(batch: Batch, layout: Layout) -> bool:
-    """True if most rows at the log's beginning lack either the joints' values or the IMU's."""
+def is_interleaved(batch: Batch, layout: Layout, few: float = 0.5) -> bool:
+    """True if most rows at the log's beginning lack either the joints' values or the IMU's.
+
+    Complete ones are the exception below a share of `few` [1]: more blanks are no dropouts of a sensor.
+    """
     if batch.blank is None:
         return False
     joints, imu = _complete(batch, layout)
     if not joints.any():
         return False
     many = int(np.count_nonzero(joints))
-    apart = bool(layout.imu) and bool(imu.any()) and bool(np.count_nonzero(joints & imu) < _FEW * many)
-    return apart or many < _FEW * len(batch)
+    apart = bool(layout.imu) and bool(imu.any()) and bool(np.count_nonzero(joints & imu) < few * many)
+    return apart or many < few * len(batch)
 
 
 def aligned(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:

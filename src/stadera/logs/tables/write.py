@@ -12,6 +12,7 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.files import written_together
+from stadera.logs.batches import MOST_ROWS
 from stadera.logs.columns import IMU_FRAME
 from stadera.logs.frames import columns_of
 from stadera.logs.recording import Recording
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 SUFFIXES: tuple[str, ...] = (".csv", ".parquet", ".pq")
-ROW_GROUP = 65536
 
 
 def write_table(recording: Recording | Iterable[Recording], path: str | PathLike[str]) -> Path:
@@ -59,7 +59,7 @@ def _write(chunks: Iterator[Recording], draft: Path, path: Path) -> None:
         for table in chain([head], map(to_arrow, chunks)):
             if table.schema != head.schema:
                 raise RecordingError(f"{path}: chunks differ in their columns")
-            for batch in table.to_batches(ROW_GROUP):
+            for batch in table.to_batches(MOST_ROWS):
                 writer.write_batch(batch)
 
 

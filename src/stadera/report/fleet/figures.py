@@ -11,11 +11,11 @@ from markupsafe import Markup, escape
 from stadera.fleet.departures import Departure
 from stadera.fleet.series import FleetSeries, when
 from stadera.report.numbers import number, with_std
+from stadera.report.shown import SHOWN
 from stadera.types import Array
 
 _WIDTH, _HEIGHT = 380, 150  # of the drawing, in its own units
 _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 8, 8, 20
-_NAMED = 400  # largest number of logs in a figure whose points have tooltips; more make the page too heavy
 
 
 def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) -> Markup:
@@ -40,7 +40,7 @@ def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) 
         _axis(series, low, high),
         Markup('<path class="bar" d="{}"/>').format(_bars(x, bar)),
     ]
-    if named and count <= _NAMED:
+    if named and count <= SHOWN.named:
         parts += [_point(series, k, x[k], y[k], out[k], doubtful[k]) for k in range(count)]
     else:
         for css, chosen in (("pt", ~out & ~doubtful), ("pt weak", ~out & doubtful), ("pt out", out)):

@@ -20,7 +20,6 @@ from stadera.report.page import render
 from stadera.report.table import Cell, Row, TableData
 from stadera.report.trust import Level
 
-_CHANCE = 0.01
 _FIGURES = 1_400_000  # bytes of all figures, such that a page of 1,000 logs stays below 3 MB
 _TERMS = {
     "Stands out": "A stretch of a robot's logs whose level differs from its other logs by more than chance. Every "
@@ -53,7 +52,7 @@ class RobotPanels:
     joints: tuple[FleetPanel, ...]
 
 
-def fleet_html(table: FleetTable, chance: float = _CHANCE) -> str:
+def fleet_html(table: FleetTable, chance: float = 0.01) -> str:
     """The complete, self-contained page.
 
     Args:

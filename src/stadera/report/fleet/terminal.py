@@ -11,12 +11,11 @@ from stadera.fleet.departures import departures
 from stadera.fleet.series import series_of
 from stadera.fleet.table import FleetTable
 from stadera.report.fleet.tables import found_table, robots_table
+from stadera.report.shown import SHOWN
 from stadera.report.terminal import rich_table
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
-
-_LISTED = 10  # of the logs that failed
 
 
 def fleet_tables(table: FleetTable) -> Iterator[RenderableType]:
@@ -25,7 +24,7 @@ def fleet_tables(table: FleetTable) -> Iterator[RenderableType]:
     if found := departures(list(series_of(table))):
         yield rich_table(found_table(found))
     failed = [row for row in table.rows if row["status"] == "failed"]
-    for row in failed[:_LISTED]:
+    for row in failed[: SHOWN.failed]:
         yield Text(f"failed: {row['error']}", style="yellow")
-    if len(failed) > _LISTED:
-        yield Text(f"and {len(failed) - _LISTED} more that failed", style="yellow")
+    if len(failed) > SHOWN.failed:
+        yield Text(f"and {len(failed) - SHOWN.failed} more that failed", style="yellow")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from stadera.constants import SAME
 from stadera.identify.result import Quantity
 from stadera.report.numbers import number, with_std
 from stadera.report.table import Cell
 
 NOT_MEASURED = "not measured"
-_UNMOVED = 1e-6  # relative difference below which a value equals the prior's: well above rounding
 
 MODEL_NAMES: dict[str, str] = {"identified": "identified", "prior_friction": "CAD + friction", "prior": "CAD"}
 """Names of the compared models, best first."""
@@ -21,7 +21,7 @@ def shown(quantity: Quantity, prior: str = "CAD") -> str:
     """
     if not quantity.is_held and quantity.std is not None:
         return with_std(quantity.value, quantity.std)
-    if abs(quantity.value - quantity.prior) <= _UNMOVED * abs(quantity.prior):
+    if abs(quantity.value - quantity.prior) <= SAME * abs(quantity.prior):
         return f"{prior}, {NOT_MEASURED}"
     return f"{NOT_MEASURED} ({number(quantity.value, 3)})"
 

@@ -13,11 +13,11 @@ from rich.text import Text
 
 from stadera.live.state import LiveState
 from stadera.report.numbers import number, with_std
+from stadera.report.shown import SHOWN
 from stadera.report.trust import trust_text
 from stadera.types import Array
 
 _COLOURS = {"good": "green", "doubtful": "yellow", "bad": "bold red"}
-_CHANGES = 5
 _PLACE = ("com x [m]", "com y [m]", "com z [m]")
 
 
@@ -105,7 +105,7 @@ def _changes(state: LiveState) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim")
     for heading in ("load", "at [s]", "noticed after [s]", "change [kg]"):
         table.add_column(Text(heading), justify="right")
-    for change in reversed(state.changes[-_CHANGES:]):
+    for change in reversed(state.changes[-SHOWN.changes :]):
         after = f"{change.noticed - change.time:.2f}"
         table.add_row(change.kind, f"{change.time:.2f}", after, with_std(change.mass, change.mass_std) + _mark(state))
     return table

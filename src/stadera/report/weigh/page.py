@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from stadera.report.numbers import number
 from stadera.report.page import render
+from stadera.report.shown import SHOWN
 from stadera.report.trust import LEVELS, trust_reasons
 from stadera.report.weigh import plots, tables
 from stadera.report.weigh.advice import next_steps
@@ -17,7 +18,6 @@ from stadera.weigh.result import Weighing
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
 
-_MOST = 12  # rows shown of a list
 _VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forces, for the log has no IMU"}
 _TERMS = {
     "Trunk": "The base link of the model with all that is fixed to it or lies on it. Centres of mass are in its frame.",
@@ -58,9 +58,9 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
 def _lists(result: Weighing) -> Iterator[tuple[object, int]]:
     """Tables, each with the number of rows omitted."""
     if result.changes:
-        yield tables.changes_table(result, _MOST), max(len(result.changes) - _MOST, 0)
+        yield tables.changes_table(result, SHOWN.rows), max(len(result.changes) - SHOWN.rows, 0)
     if result.refusals:
-        yield tables.refusals_table(result, _MOST), max(len(result.refusals) - _MOST, 0)
+        yield tables.refusals_table(result, SHOWN.rows), max(len(result.refusals) - SHOWN.rows, 0)
 
 
 def _facts(result: Weighing) -> dict[str, str]:

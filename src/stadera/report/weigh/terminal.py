@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import RenderableType
 from rich.text import Text
 
+from stadera.report.shown import SHOWN
 from stadera.report.terminal import notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, trust_text
 from stadera.report.weigh.tables import (
@@ -22,8 +23,6 @@ from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
-
-_MOST_REASONS = 3
 
 
 def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[RenderableType]:
@@ -50,7 +49,7 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
 
 def _refusals(result: Weighing) -> Iterator[Text]:
     """The longest periods that were not used, and why."""
-    longest = sorted(result.refusals, key=lambda r: r.begin - r.end)[:_MOST_REASONS]
+    longest = sorted(result.refusals, key=lambda r: r.begin - r.end)[: SHOWN.reasons]
     for refusal in sorted(longest, key=lambda r: r.begin):
         yield Text(f"not used: {refusal.begin:.2f} to {refusal.end:.2f} s: {refusal.reason}", style="yellow")
     if (more := len(result.refusals) - len(longest)) > 0:

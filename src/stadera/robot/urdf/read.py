@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import pinocchio as pin
 
+from stadera.constants import ROUNDING, SAME
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Shape
@@ -22,7 +23,6 @@ from stadera.robot.xacro import expanded, is_xacro
 from stadera.types import Array
 
 _DUMMY_MASS_RATIO = 1e-3  # a root this light compared with its fixed child is only the root of the tree
-_AGREES = 1e-6  # relative; sums of rounded numbers
 _JOINT_NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -93,7 +93,7 @@ def _check_bodies(model: Any, bodies: Mapping[str, InertialParameters]) -> None:
     for joint, body in expected.items():
         found = InertialParameters.from_pinocchio(model.inertias[joint]).vector
         size = np.repeat([np.linalg.norm(part) for part in np.split(body.vector, [1, 4])], [1, 3, 6])
-        if joint and (np.abs(found - body.vector) > _AGREES * size + 1e-9).any():
+        if joint and (np.abs(found - body.vector) > SAME * size + ROUNDING).any():
             raise ModelError(f"Pinocchio reads other inertial values than the file states: {', '.join(links[joint])}")
 
 

@@ -54,9 +54,6 @@ TRUNK: tuple[str, ...] = ("m", "mcx", "mcy", "mcz")
 ERRORS = 39
 """Number of constant errors: 12 torques, 12 of feet, 3 of the vertical, 12 masses of links."""
 
-_FEWEST = 30  # samples needed to estimate a covariance from their scatter
-_REPEATABLE = 1e-4  # share of the robot's weight (times 1 m): residual of a pose at rest
-
 
 @lru_cache(maxsize=16)
 def error_names(robot: Robot) -> tuple[str, ...]:
@@ -164,6 +161,7 @@ def equilibrium_rows(
     errors: Array,
     foot_variance: float = 0.0,
     effort_covariance: Array | None = None,
+    fewest: int = 30,
 ) -> Rows:
     """Whitened rows of one pose, in `TRUNK` and the constant errors.
 
@@ -176,6 +174,7 @@ def equilibrium_rows(
         effort_covariance: (n, n), of the mean efforts from their scatter [N²·m²]. It is used where it makes the
             wrench's covariance larger than the noise does (worse sensors than assumed, a controller that shakes the
             robot).
+        fewest: samples whose scatter says something of a covariance.
     """
     m, up = _without(measurement, errors, forces_of)
     forces, state = forces_of.at(m), forces_of.legs.at(m)
@@ -196,9 +195,9 @@ def equilibrium_rows(
     value = np.zeros(len(matrix))
     value[:6] = forces.wrench - legs_only
     white = (forces.noise.torque_white**2 / count).ravel()
-    covariance = np.eye(len(matrix)) * (_REPEATABLE * forces_of.robot.mass * GRAVITY) ** 2
+    covariance = np.eye(len(matrix)) * (forces.noise.repeatable * forces_of.robot.mass * GRAVITY) ** 2
     covariance[:6, :6] += (slope[:, :12] * white) @ slope[:, :12].T
-    if effort_covariance is not None and count >= _FEWEST:
+    if effort_covariance is not None and count >= fewest:
         joints = forces_of.legs.columns.ravel()
         scatter = slope[:, :12] @ effort_covariance[np.ix_(joints, joints)] @ slope[:, :12].T
         covariance[:6, :6] = _at_least(covariance[:6, :6], scatter)

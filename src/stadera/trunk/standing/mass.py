@@ -27,8 +27,6 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.static import StaticEstimator
 from stadera.types import Array
 
-_FIRST_STEP = 1e-3  # s, duration assigned to the first sample after a restart; any short time gives it its full weight
-
 
 @dataclass(frozen=True)
 class MassSettings:
@@ -39,6 +37,7 @@ class MassSettings:
         settled: number of time constants at rest after which the estimate may count as converged.
         faster: ratio of the rates of a second, faster average, in which a change appears first, and the main one.
         change: difference between the two averages that counts as a change, as a share of the robot's mass.
+        first: time that the first sample after a restart counts for [s]; any short one gives it its full weight.
 
     Raises:
         StaderaError: a value that is not positive.
@@ -48,6 +47,7 @@ class MassSettings:
     settled: float = 3.0
     faster: float = 5.0
     change: float = 1e-3
+    first: float = 1e-3
 
     def __post_init__(self) -> None:
         require_positive("mass averaging's", self, (field.name for field in fields(self)))
@@ -113,7 +113,7 @@ class MassEstimator(StaticEstimator):
     def _average(self, time: float, mass: float) -> None:
         """Adds a sample to both averages; weights sum to one from the first sample on."""
         if np.isnan(self._since):
-            self._since, self._before = time, time - _FIRST_STEP
+            self._since, self._before = time, time - self.settings.first
         dt, self._before = time - self._before, time
         keep = exp(-dt / self.settings.time_constant)
         self._weight = keep * self._weight + (1.0 - keep)

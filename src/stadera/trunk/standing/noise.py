@@ -11,8 +11,6 @@ from stadera.errors import ModelError
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
-_LIMIT_LEVER = 0.5  # m, lever with half the weight that a joint without effort limit is assumed to carry: a scale
-
 
 @dataclass(frozen=True, eq=False)
 class ForceNoise:
@@ -22,6 +20,7 @@ class ForceNoise:
         torque_white, torque_constant: (4, 3) [N·m], by leg and joint.
         foot_position: [m], of each component of a foot's position in the trunk frame, constant.
         leg_mass: relative error of the mass of a leg's link, constant.
+        repeatable: what a pose at rest leaves unexplained, share of the robot's weight, moments at 1 m. Assumed.
 
     Raises:
         ModelError: wrong shape, or a value that is negative or not finite.
@@ -31,9 +30,10 @@ class ForceNoise:
     torque_constant: Array
     foot_position: float = 0.0
     leg_mass: float = 0.0
+    repeatable: float = 1e-4
 
     def __post_init__(self) -> None:
-        for name in ("torque_white", "torque_constant", "foot_position", "leg_mass"):
+        for name in ("torque_white", "torque_constant", "foot_position", "leg_mass", "repeatable"):
             value = np.asarray(getattr(self, name), dtype=float)
             if not (np.isfinite(value).all() and (value >= 0).all()):
                 raise ModelError(f"force noise {name!r} must be finite and not negative")
@@ -48,14 +48,15 @@ class ForceNoise:
         constant: float = 0.0033,
         foot_position: float = 0.0,
         leg_mass: float = 0.02,
+        lever: float = 0.5,
     ) -> ForceNoise:
         """Torque noise as shares of the joints' effort limits.
 
         Static friction of a joint at rest lies anywhere within its Coulomb friction ± τ_c: τ_c / √3 is added to the
-        constant part. A joint without effort limit is treated as one made to carry half the robot's weight at half a
-        metre.
+        constant part. A joint without effort limit is treated as one made to carry half the robot's weight at
+        `lever` [m].
         """
-        fallback = 0.5 * robot.mass * GRAVITY * _LIMIT_LEVER
+        fallback = 0.5 * robot.mass * GRAVITY * lever
 
         def limits(leg: Leg) -> list[float]:
             efforts = [robot.limits[joint].effort for joint in leg.joints]

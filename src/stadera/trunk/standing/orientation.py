@@ -49,9 +49,6 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom
 from stadera.types import Array
 
-_GAIN_MARGIN = 4.0  # 12 dB
-_ROTATION_ERROR = 1e-6  # rounding of a rotation matrix
-
 
 @dataclass(frozen=True, eq=False)
 class PostureLaw:
@@ -63,6 +60,7 @@ class PostureLaw:
         frequency: ω [rad/s], and
         damping: ζ, of the trunk's response in roll and pitch.
         lag: with which a new estimate is used [s].
+        gain_margin: of the loop of posture and estimate [1]; 4 is 12 dB.
         feeds_back: True if the controller uses this estimate; else it keeps the estimator's initial one.
 
     Raises:
@@ -75,6 +73,7 @@ class PostureLaw:
     damping: float = 0.8
     lag: float = 0.05
     feeds_back: bool = True
+    gain_margin: float = 4.0
 
     def __post_init__(self) -> None:
         stiffness = np.array(self.stiffness, dtype=float)
@@ -82,20 +81,20 @@ class PostureLaw:
             raise ModelError(f"a posture's stiffness needs three positive numbers, got {self.stiffness}")
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "reference", _rotation(self.reference))
-        for name in ("frequency", "damping"):
+        for name in ("frequency", "damping", "gain_margin"):
             positive(f"posture's {name}", getattr(self, name))
         if not (np.isfinite(self.lag) and self.lag >= 0):
             raise ModelError(f"a posture's lag must not be negative, got {self.lag} s")
 
     def fastest_settling(self, period: float) -> float:
-        """Shortest settling time [s] with a gain margin of 12 dB, for an update every `period` [s]."""
+        """Shortest settling time [s] with the gain margin, for an update every `period` [s]."""
         if not self.feeds_back:
             return 0.0
         lag = self.lag + period  # half a period held, half a period from averaging
         spring, damper = self.frequency**2, 2.0 * self.damping * self.frequency
         a3 = 1.0 + damper * lag
         most = (a3 * (damper + spring * lag) - spring * lag) / a3**2
-        return 3.0 * _GAIN_MARGIN / most
+        return 3.0 * self.gain_margin / most
 
 
 class OrientationCom(RecursiveCom):
@@ -202,7 +201,7 @@ class OrientationCom(RecursiveCom):
 
 def _rotation(matrix: Array) -> Array:
     rotation = np.array(matrix, dtype=float)
-    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_ERROR):
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
         raise ModelError("a posture's reference must be a rotation matrix (3, 3)")
     return rotation
 

@@ -21,13 +21,18 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.pose_means import PoseMean
 from stadera.trunk.standing.poses import PosesSettings
 
-_LEAST = 1e-3  # of the robot's mass: unit of a first moment if there is hardly a payload
-
 
 def payload_between(
-    tare: Sequence[PoseMean], loaded: Sequence[PoseMean], forces: ContactForceEstimator, errors: ConstantErrors
+    tare: Sequence[PoseMean],
+    loaded: Sequence[PoseMean],
+    forces: ContactForceEstimator,
+    errors: ConstantErrors,
+    least: float = 1e-3,
 ) -> Payload:
     """Mass and centre of mass that the `loaded` poses carry in addition to the tare's.
+
+    Args:
+        least: share of the robot's mass that is the unit of the first moment where there is hardly a payload [1].
 
     Raises:
         IdentificationError: there is no pose on one side.
@@ -45,7 +50,7 @@ def payload_between(
 
     # the payload's first moment in units of its mass, which the vertical forces determine well
     rough = solved(1.0)
-    found = solved(max(abs(float(rough.mean[rough["payload"]][0])), _LEAST * forces.robot.mass))
+    found = solved(max(abs(float(rough.mean[rough["payload"]][0])), least * forces.robot.mass))
     moments, covariance = found.mean[found["payload"]], found.covariance("payload")
     return Payload.of_moments(moments, covariance, PosesSettings().observed * bounds.spread[1:])
 

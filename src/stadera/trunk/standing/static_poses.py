@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
+from stadera.errors import ModelError, require_positive
 from stadera.inertia import skew
 from stadera.legs.model import foot_jacobians, foot_positions
 from stadera.robot.model import Robot
@@ -29,11 +29,6 @@ from stadera.trunk.standing.pose_means import PoseMean
 from stadera.trunk.standing.poses import plausible
 from stadera.types import Array
 
-_NEWTON_STEPS = 30
-_LARGEST_STEP = 0.2  # rad
-_SOLVED = 1e-7  # m
-_SHRUNK = 0.8  # factor by which a pose out of reach is reduced in each attempt
-
 
 @dataclass(frozen=True)
 class Reach:
@@ -43,11 +38,24 @@ class Reach:
         least_load: on every foot, as a share of the robot's weight.
         torque: largest torque of any joint, as a share of its effort limit.
         least_size: share of its requested size below which a pose is given up.
+        shrunk: factor by which a pose out of reach is made smaller, attempt by attempt.
+        solved: distance of the feet from where they are to be, below which a pose is reached [m].
+        steps: of Newton's method, and
+        largest_step: of each joint in one of them [rad].
     """
 
     least_load: float = 0.05
     torque: float = 0.8
     least_size: float = 0.25
+    shrunk: float = 0.8
+    solved: float = 1e-7
+    steps: int = 30
+    largest_step: float = 0.2
+
+    def __post_init__(self) -> None:
+        require_positive("reach of a pose", self, self.__dataclass_fields__)
+        if not (self.shrunk < 1.0 and self.torque <= 1.0):
+            raise ModelError(f"poses shrink by a factor below 1, within the effort limits, got {self}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +152,7 @@ def standing_still(
     q0 = standing_configuration(robot)
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     feet = (foot_positions(robot, q0[None])[0] - pose.shift) @ rotation
-    q = _reached(source, feet, q0)
+    q = _reached(source, feet, q0, reach)
     if q is None:
         return None
     up, n = rotation[2], len(q)
@@ -168,22 +176,22 @@ def standing_still(
 def _within_reach(source: ContactForceEstimator, pose: PoseOffset) -> PoseOffset:
     share, robot, reach = 1.0, source.robot, Reach()
     while standing_still(robot, pose.scaled(share), source, reach) is None:
-        share *= _SHRUNK
+        share *= reach.shrunk
         if share < reach.least_size:
             raise ModelError(f"robot {robot.name}: no pose near {pose.shift} m, {pose.turn} rad is within reach")
     return pose.scaled(share)
 
 
-def _reached(source: ContactForceEstimator, feet: Array, start: Array) -> Array | None:
+def _reached(source: ContactForceEstimator, feet: Array, start: Array, reach: Reach) -> Array | None:
     """Joint angles (n,) that bring the feet (4, 3) to these positions, within the limits; None if there are none."""
     robot, columns = source.robot, source.legs.columns
     low = np.array([robot.limits[joint].lower for joint in robot.tree.joints])
     high = np.array([robot.limits[joint].upper for joint in robot.tree.joints])
     q = start.copy()
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(reach.steps):
         miss = feet - foot_positions(robot, q[None])[0]
         step = np.linalg.pinv(foot_jacobians(robot, q[None])[0]) @ miss[:, :, None]
-        q[columns] += np.clip(step[:, :, 0], -_LARGEST_STEP, _LARGEST_STEP)
+        q[columns] += np.clip(step[:, :, 0], -reach.largest_step, reach.largest_step)
     miss = feet - foot_positions(robot, q[None])[0]
     inside = ((q >= low) & (q <= high)).all()
-    return q if inside and float(np.abs(miss).max()) < _SOLVED else None
+    return q if inside and float(np.abs(miss).max()) < reach.solved else None

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stadera.constants import GRAVITY
+from stadera.constants import GRAVITY, NOTHING
 from stadera.legs.model import LegModel, inverse_transposed
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
@@ -32,8 +32,6 @@ from stadera.trunk.standing.forces import CARRIES
 from stadera.types import Array, Bools
 
 _AT_ONCE = 4096  # samples
-_ITERATIONS = 60
-_SOLVED = 1e-12  # rad
 
 
 def vertical_by_forces(
@@ -114,13 +112,13 @@ def measurements_without_imu(recording: Recording, robot: Robot) -> Iterator[Mea
             )
 
 
-def _balanced(fixed: Array, slope: Array, start: Array) -> tuple[Array, Array]:
+def _balanced(fixed: Array, slope: Array, start: Array, iterations: int = 60) -> tuple[Array, Array]:
     """u (samples, 3) such that F₀ + g K u is along u, and that force, from F₀ (samples, 3) and K (samples, 3, 3)."""
     up, force = start, fixed
-    for _ in range(_ITERATIONS):
+    for _ in range(iterations):
         force = fixed + GRAVITY * np.matvec(slope, up)
         size = np.linalg.norm(force, axis=1, keepdims=True)
         before, up = up, np.where(size > 0, force / np.where(size > 0, size, 1.0), up)
-        if float(np.abs(up - before).max(initial=0.0)) < _SOLVED:
+        if float(np.abs(up - before).max(initial=0.0)) < NOTHING:
             break
     return up, force

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.constants import GRAVITY
+from stadera.constants import GRAVITY, ROUNDING
 from stadera.lab.control.planner.support import PlanError, SupportPolygon
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.legs.instant import LegDynamics
 from stadera.types import Array, Bools
-
-_AT_LIMIT = 1e-9  # share of a joint's torque limit, within which its torque is the limit
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ class WalkMonitor:
 
     def at_limit(self) -> Bools:
         """Joints at their torque limit now, (n,) bool."""
-        return np.asarray(np.abs(self.plant.effort) >= (1.0 - _AT_LIMIT) * self._effort)
+        return np.asarray(np.abs(self.plant.effort) >= (1.0 - ROUNDING) * self._effort)
 
     def com(self) -> Array:
         """True centre of mass of the whole robot with its load, (3,) [m], world."""

@@ -176,13 +176,14 @@ class StepTiming:
     Attributes:
         step: [s], total. swing: [s], of the leg. transfer: [s], for unloading before the swing, and for loading after
             it.
-        rest: weight of the body's rest during swings, up to 1.
+        rest: weight of the body's rest during swings, up to 1. least: [s], of a phase of the plan.
     """
 
     step: float
     swing: float
     transfer: float
     rest: float = 1.0
+    least: float = 0.02
 
     @property
     def body(self) -> float:

@@ -28,8 +28,6 @@ from stadera.constants import GRAVITY
 from stadera.lab.control.planner.support import PlanError, SupportPolygon
 from stadera.types import Array
 
-_INFINITE = 1e20
-
 
 @dataclass(frozen=True)
 class PlanWeights:
@@ -39,10 +37,12 @@ class PlanWeights:
         longest: longest piece of constant jerk [s].
         jerk, near, rest: β, γ, the largest δ.
         lacking_zmp, lacking_com: cost of a missing margin, linear [m] and quadratic.
+        infinite: what the solver takes for no bound.
         attempts: successive accuracies [SI units] and iterations; a coarse plan is better than none.
     """
 
     longest: float = 0.08
+    infinite: float = 1e20
     jerk: float = 1e-3
     near: float = 0.5
     rest: float = 20.0
@@ -176,9 +176,9 @@ class _Programme:
         n, m = self._n, len(self._phases)
         hessian, gradient = self._cost()
         rows, bounds = self._supports()
-        least = np.full(len(bounds), -_INFINITE)
+        least = np.full(len(bounds), -_WEIGHTS.infinite)
         rows = np.vstack([rows, np.hstack([np.zeros((2 * m, 2 * n)), np.eye(2 * m)])])
-        bounds, least = np.append(bounds, np.full(2 * m, _INFINITE)), np.append(least, np.zeros(2 * m))
+        bounds, least = np.append(bounds, np.full(2 * m, _WEIGHTS.infinite)), np.append(least, np.zeros(2 * m))
         last, rest = np.zeros((4, 2 * n + 2 * m)), np.zeros(4)
         for k, (what, axis) in enumerate(((1, 0), (1, 1), (2, 0), (2, 1))):
             last[k, axis * n : (axis + 1) * n] = self._maps[what][-1]

@@ -13,8 +13,6 @@ import numpy as np
 
 from stadera.types import Array
 
-_AHEAD = 1.5  # steps from a landing to the middle of the stance that follows
-
 
 @dataclass(frozen=True, eq=False)
 class PathPose:
@@ -54,9 +52,11 @@ class Footholds:
         c, s = np.cos(heading), np.sin(heading)
         return cls((feet[:, :2] - middle) @ np.array([[c, -s], [s, c]])), PathPose(middle, heading)
 
-    def next(self, leg: int, path: PathPose, speed: float, turn: float, step: float) -> Array:
-        """Foothold, (2,) [m], if the path has this pose at landing and steps take `step` [s]."""
-        return path.ahead(speed, turn, _AHEAD * step).place(self.offsets[leg])
+    def next(self, leg: int, path: PathPose, speed: float, turn: float, step: float, ahead: float = 1.5) -> Array:
+        """Foothold, (2,) [m], if the path has this pose at landing and steps take `step` [s];
+        `ahead` is how many steps later the middle of the stance that follows is.
+        """
+        return path.ahead(speed, turn, ahead * step).place(self.offsets[leg])
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,6 @@ from stadera.lab.control.planner.com import SupportPhase, plan_com
 from stadera.lab.control.planner.support import SupportPolygon
 from stadera.types import Array
 
-_LEAST = 0.02  # s, of a phase
-
 
 @dataclass(frozen=True, eq=False)
 class PlannedStep:
@@ -56,12 +54,13 @@ def support_phases(
     feet, phases = np.array(feet[:, :2]), []
     landed = 0.0
     if airborne is not None:
-        phases.append(_on_three(feet, airborne.leg, airborne.target, airborne.remaining, margin))
+        phases.append(_on_three(feet, airborne.leg, airborne.target, max(airborne.remaining, timing.least), margin))
         feet[airborne.leg] = airborne.target
         landed = timing.transfer
     for step in steps:
-        swing = _on_three(feet, step.leg, step.target, 2.0 * timing.transfer + timing.swing, margin)
-        before = max(step.body - timing.transfer - landed, _LEAST)
+        duration = max(2.0 * timing.transfer + timing.swing, timing.least)
+        swing = _on_three(feet, step.leg, step.target, duration, margin)
+        before = max(step.body - timing.transfer - landed, timing.least)
         phases += [SupportPhase(before, SupportPolygon.of(feet), swing.goal, rests=False), swing]
         feet[step.leg] = step.target
         landed = timing.transfer
@@ -85,7 +84,7 @@ def body_times(
         height: [m], of the centre of mass over the feet.
         margin: [m].
     """
-    least = min(2.0 * timing.transfer + _LEAST, timing.body)
+    least = min(2.0 * timing.transfer + timing.least, timing.body)
     feet, steps = np.array(offsets), []
     for k, leg in enumerate(sequence):  # as if the robot had been walking: the last to land is the farthest ahead
         feet[leg, 0] += (k - 1.5) * 0.25 * stride
@@ -107,4 +106,4 @@ def _on_three(feet: Array, leg: int, target: Array, duration: float, margin: flo
     """
     triangle = SupportPolygon.of(np.delete(feet, leg, axis=0))
     middle = feet.mean(axis=0) + 0.125 * (target - feet[leg])  # half-way through the swing
-    return SupportPhase(max(duration, _LEAST), triangle, triangle.goal(middle, margin), rests=True)
+    return SupportPhase(duration, triangle, triangle.goal(middle, margin), rests=True)

@@ -15,8 +15,6 @@ from scipy.spatial import ConvexHull, QhullError
 from stadera.errors import StaderaError
 from stadera.types import Array
 
-_BISECTIONS = 40
-
 
 class PlanError(StaderaError):
     """The plan is impossible."""
@@ -66,7 +64,7 @@ class SupportPolygon:
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         return np.asarray(((a + b) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
 
-    def goal(self, wish: ArrayLike, margin: float) -> Array:
+    def goal(self, wish: ArrayLike, margin: float, bisections: int = 40) -> Array:
         """The point (2,) [m] nearest to `wish` among those with this margin [m] to every edge.
 
         If the polygon is too small for that margin, the largest possible one is used (to 1e-9).
@@ -76,7 +74,7 @@ class SupportPolygon:
             return best
         # towards the point of largest margin: the largest feasible margin by bisection
         low, high, found = 0.0, margin, self.centroid
-        for _ in range(_BISECTIONS):
+        for _ in range(bisections):
             middle = 0.5 * (low + high)
             point = self._nearest(target, middle)
             if point is None:

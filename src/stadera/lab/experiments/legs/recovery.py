@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
+from stadera.constants import SAME
 from stadera.identify.job import LegTask
 from stadera.identify.legs import structural_observability
 from stadera.identify.observability import Combination, Identifiability, Observability, gradients_of
@@ -17,8 +18,6 @@ from stadera.inertia import ORDER
 from stadera.legs import FrictionModel, TrunkMotion
 from stadera.robot.model import Robot
 from stadera.types import Array
-
-_UNMOVED = 1e-6  # of the prior width: a smaller change counts as none
 
 
 @dataclass(frozen=True)
@@ -165,8 +164,8 @@ def fixed_given(seen: Observability, given: list[str]) -> frozenset[str]:
     free = seen.directions[seen.rank :].T
     held = [seen.columns.index(name) for name in given]
     _, moved, directions = np.linalg.svd(free[held])
-    moves = free @ directions[np.count_nonzero(moved > _UNMOVED) :].T
-    still = np.linalg.norm(moves, axis=1) < _UNMOVED
+    moves = free @ directions[np.count_nonzero(moved > SAME) :].T
+    still = np.linalg.norm(moves, axis=1) < SAME
     return frozenset(name for name, s in zip(seen.columns, still, strict=True) if s and name not in given)
 
 

@@ -21,7 +21,6 @@ GAITS: tuple[Gait, ...] = ("trot", "crawl", "shake")
 SEEDS = {"standard": 5, "harsh": 2}
 
 _QUICK = 6.0  # s, of a quick run
-_CONFIDENCE = 0.95
 
 _Pairs = Sequence[tuple[AlarmCase, Outcome]]
 
@@ -62,9 +61,9 @@ def summary(grid: Sequence[AlarmCase], runs: Sequence[Outcome]) -> ExperimentRes
     )
 
 
-def highest_rate(alarms: int, minutes: float) -> float:
+def highest_rate(alarms: int, minutes: float, confidence: float = 0.95) -> float:
     """Upper end of the one-sided 95 % confidence interval of a Poisson process' rate [1/h]: χ²(2 n + 2) / 2 T."""
-    return float(chi2.ppf(_CONFIDENCE, 2 * (alarms + 1))) / 2.0 / (minutes / 60.0)
+    return float(chi2.ppf(confidence, 2 * (alarms + 1))) / 2.0 / (minutes / 60.0)
 
 
 def minutes(pairs: _Pairs) -> float:

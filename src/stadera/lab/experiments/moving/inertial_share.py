@@ -38,9 +38,6 @@ from stadera.types import Array, Progress
 
 PAPER = Paper.of("inertial_share")
 
-_EVERY = 2  # periods from one sample to the next
-_LONGEST = 20.0  # s, of a run
-
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
@@ -100,8 +97,12 @@ class InertialTorques:
         return np.asarray(joints - _transposed(jacobians, share))
 
 
-def crawl_cycle(robot: Robot, speed: float, skip: int = 1) -> Cycle:
+def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longest: float = 20.0) -> Cycle:
     """Lets a robot crawl and keeps one cycle, after so many to get going.
+
+    Args:
+        every: periods from one sample to the next.
+        longest: time until that cycle is over [s].
 
     Raises:
         StaderaError: it fell, or stopped.
@@ -113,8 +114,8 @@ def crawl_cycle(robot: Robot, speed: float, skip: int = 1) -> Cycle:
     bed, monitor, split = TestBed(plant, Sensors(IDEAL, 0, robot), crawl), WalkMonitor(plant), InertialTorques(robot)
     rows: list[tuple[float, float, float, float]] = []
     while (cycles := _cycles(crawl)) <= skip + 1:
-        fall = walk(bed, _EVERY * plant.timestep, monitor)
-        if fall is not None or crawl.failed or plant.time > _LONGEST:
+        fall = walk(bed, every * plant.timestep, monitor)
+        if fall is not None or crawl.failed or plant.time > longest:
             how = fall.how if fall else crawl.reason or "no whole cycle"
             raise StaderaError(f"{robot.name} does not crawl at {speed:.3g} m/s: {how}")
         if cycles == skip + 1:

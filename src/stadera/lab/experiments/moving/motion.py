@@ -24,8 +24,6 @@ from stadera.trunk.trusted import TrustedEstimator
 Gait = Literal["crawl", "trot", "shake"]
 """How a robot moves; a shake is on the spot."""
 
-_TROT_SPEED = 0.26  # of √(g h)
-
 
 @dataclass(frozen=True)
 class MotionSettings:
@@ -34,10 +32,12 @@ class MotionSettings:
     Attributes:
         light: the prior's mass, as a share of the true one.
         off: the prior's error of the centre of mass, as a share of the hips' half spacing.
+        trot: highest speed of a trot, as a share of √(g h).
     """
 
     light: float = 0.9
     off: float = 0.15
+    trot: float = 0.26
 
 
 _GIVEN = MotionSettings()
@@ -120,7 +120,7 @@ def walk_on(controller: Trot | Crawl, speed: float, turn: float) -> None:
 
 def fastest_trot(controller: Trot) -> float:
     """The highest speed asked of a trot [m/s], the same share of √(g h) for all robots: 0.6 m/s for HyQ."""
-    return _TROT_SPEED * GRAVITY * controller.settings.pendulum
+    return _GIVEN.trot * GRAVITY * controller.settings.pendulum
 
 
 def sway(controller: TrunkController, amplitude: float = 1.0) -> None:

@@ -24,8 +24,6 @@ Doing = Literal["standing", "start", "steady", "turning", "stop", "shaking"]
 DOING: tuple[Doing, ...] = ("standing", "start", "steady", "turning", "stop", "shaking")
 """What a schedule is made of; to start and to stop are counted from the command on."""
 
-_LOOKS = 0.02  # s, from one look at what the robot does to the next
-
 
 @dataclass(frozen=True)
 class ScheduleSettings:
@@ -36,6 +34,7 @@ class ScheduleSettings:
         slower: times as long a crawl takes for everything.
         trot_turn: the fastest [rad/s].
         crawl_speed, crawl_turn: the fastest [m/s], [rad/s].
+        looks: time from one look at what the robot does to the next [s].
         hold: periods for which torques are held; sensors and estimator run at 1 kHz all the same.
     """
 
@@ -45,6 +44,7 @@ class ScheduleSettings:
     trot_turn: float = 0.4
     crawl_speed: float = 0.1
     crawl_turn: float = 0.1
+    looks: float = 0.02
     hold: int = 2
 
 
@@ -161,11 +161,11 @@ class _ScheduledRun:
             if self._did:  # a controller takes commands from its first update on
                 command(controller, activity)
             end = min(plant.time + activity.seconds, self.case.seconds)
-            while plant.time < end - 0.5 * _LOOKS:
+            while plant.time < end - 0.5 * _HOW.looks:
                 self._look(activity)
-                if walk(self.motion.bed, _LOOKS, self.monitor) is not None:
+                if walk(self.motion.bed, _HOW.looks, self.monitor) is not None:
                     return
-            if plant.time >= self.case.seconds - _LOOKS:
+            if plant.time >= self.case.seconds - _HOW.looks:
                 return
 
     def _look(self, activity: Activity) -> None:
@@ -177,8 +177,8 @@ class _ScheduledRun:
             if halt not in self.halts:
                 self.halts.append(halt)
         self._did.append((self.motion.bed.plant.time, doing))
-        self.seconds[doing] += _LOOKS
-        self.stepped += _LOOKS * stepping
+        self.seconds[doing] += _HOW.looks
+        self.stepped += _HOW.looks * stepping
 
     def alarm(self, time: float, noticed: float, mass: float) -> dict[str, Any]:
         """A change reported, and what the robot was doing at its time."""

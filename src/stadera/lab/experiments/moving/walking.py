@@ -33,7 +33,6 @@ METHODS: Mapping[str, str] = {
 OTHERS = tuple(name for name in METHODS if name != WALKING)
 
 _BOUNDED = ("crawl", "trot")
-_HARSHER = 3.0  # how much larger the bounds are under `harsh`
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,7 @@ class Metric:
         of_robot: divided by the robot's mass.
         median, high: bounds of median and 95th percentile under `standard`; None for none.
         least_share: of the load, for it to count.
+        harsher: how much larger the bounds are under `harsh`.
     """
 
     title: str
@@ -57,6 +57,7 @@ class Metric:
     high: float | None = None
     of_robot: bool = False
     least_share: float = 0.0
+    harsher: float = 3.0
 
     def values(self, pairs: _Pairs, method: str) -> list[float]:
         """Sizes of a method's errors, over the runs that have one and did not fall before."""
@@ -69,7 +70,7 @@ class Metric:
 
     def bounds(self, errors: str, gait: str) -> tuple[float | None, float | None]:
         """Of median and 95th percentile."""
-        wider = 1.0 if errors == "standard" else _HARSHER
+        wider = 1.0 if errors == "standard" else self.harsher
         promised = (self.median, self.high) if gait in _BOUNDED else (None, None)
         median, high = (None if bound is None else bound * wider for bound in promised)
         return median, high

@@ -8,7 +8,8 @@ they know only that the last instant before it is the tare.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,12 +33,31 @@ PLACES = ("middle", "left front", "right front", "left hind", "right hind")
 WALKING = "walking"
 
 _TOWARDS = dict(zip(PLACES, ((0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True))
-_OUT = 0.75  # of the tray's half size
-_STILL = 0.3  # s, before it moves
-_BEFORE: dict[Gait, float] = {"crawl": 6.0, "trot": 3.0, "shake": 3.0}  # s in motion until the load comes on
-_SOON, _LATE = 1.0, 3.0  # s after the load, when figures are taken
-_SLOWER = 10  # periods from one sample of the other methods to the next: 100 Hz
-_EDGE = 0.04  # of a box's edge [m] at 1 kg, which grows with the cube root of the mass
+
+
+@dataclass(frozen=True)
+class WalkSettings:
+    """How a run goes.
+
+    Attributes:
+        still: time before it moves [s].
+        before: by gait, time in motion until the load comes on [s].
+        soon, late: times after that when figures are taken [s].
+        slower: periods from one sample of the other methods to the next: 100 Hz.
+        out: place of a load towards a corner, share of the tray's half size [1].
+        edge: of a box of 1 kg [m]; it grows with the cube root of the mass.
+    """
+
+    still: float = 0.3
+    before: Mapping[Gait, float] = field(default_factory=lambda: {"crawl": 6.0, "trot": 3.0, "shake": 3.0})
+    soon: float = 1.0
+    late: float = 3.0
+    slower: int = 10
+    out: float = 0.75
+    edge: float = 0.04
+
+
+_HOW = WalkSettings()
 
 
 @dataclass(frozen=True)
@@ -106,9 +126,9 @@ class _WeighedRun:
     def until_loaded(self) -> str | None:
         """Stands, sets out, and walks until the load comes on; how it fell, or None."""
         monitor = WalkMonitor(self.bed.plant)
-        walk(self.bed, _STILL, monitor)
+        walk(self.bed, _HOW.still, monitor)
         _set_out(self.controller, self._commands)
-        walk(self.bed, _BEFORE[self.case.gait], monitor)
+        walk(self.bed, _HOW.before[self.case.gait], monitor)
         if monitor.fall is None:
             self.figures |= _absolute(self.inner, self.bare, "bare")
         return None if monitor.fall is None else monitor.fall.how
@@ -122,7 +142,7 @@ class _WeighedRun:
             plant.apply_payload(payload_of(self.case, self.robot))
         self.loaded = plant.truth()
         monitor = WalkMonitor(plant)
-        for end, name in ((_SOON, "soon"), (_LATE, "late")):
+        for end, name in ((_HOW.soon, "soon"), (_HOW.late, "late")):
             fall = walk(self.bed, self.loaded_at + end - plant.time, monitor)
             if fall is not None:
                 return fall.how
@@ -165,7 +185,7 @@ class _Remembering:
         self.inner, self._run, self._count = inner, run, 0
 
     def update(self, measurement: Measurement) -> None:
-        if self._count % _SLOWER == 0 and self._run.case.others:
+        if self._count % _HOW.slower == 0 and self._run.case.others:
             self._run.kept.append(measurement)
         self._count += 1
         self.inner.update(measurement)
@@ -177,8 +197,8 @@ class _Remembering:
 def payload_of(case: WalkingCase, robot: Robot) -> RigidMass:
     """A cube on the tray."""
     tray, mass = Tray.of(robot), case.share * robot.mass
-    edge = _EDGE * mass ** (1.0 / 3.0)
-    aside = _OUT * np.asarray(_TOWARDS[case.place]) * tray.half_size[:2]
+    edge = _HOW.edge * mass ** (1.0 / 3.0)
+    aside = _HOW.out * np.asarray(_TOWARDS[case.place]) * tray.half_size[:2]
     x, y = (tray.centre[:2] + aside).tolist()
     return RigidMass.box(mass, (edge, edge, edge), (x, y, tray.top + 0.5 * edge))
 
@@ -234,7 +254,7 @@ def _other(name: str, run: _WeighedRun) -> dict[str, Any]:
     """A method's figures on the measurements of the run, as it would have been fed at 100 Hz."""
     estimator = make_estimator(name, Setup(run.model, run.start), ALL_METHODS)
     figures: dict[str, Any] = {}
-    marks = [("tare", run.loaded_at), ("soon", run.loaded_at + _SOON), ("late", run.loaded_at + _LATE)]
+    marks = [("tare", run.loaded_at), ("soon", run.loaded_at + _HOW.soon), ("late", run.loaded_at + _HOW.late)]
     tare: InertialParameters | None = None
     for m in run.kept:
         while marks and m.time >= marks[0][1] - 1e-9:

@@ -23,10 +23,25 @@ from stadera.types import Array, Progress
 
 PAPER = Paper.of("fig6")
 
-_LOAD = 100.0  # N
-_BEFORE, _AFTER = 1.0, 5.0  # s
-_ACCURACY = 0.002  # m
-_FAST = 0.6  # s, the faster of the two settling times
+
+@dataclass(frozen=True)
+class Fig6Settings:
+    """The run.
+
+    Attributes:
+        load: [N]. before, after: times around its coming on [s].
+        accuracy: error from which on the load counts as found [m].
+        fast: the faster of the two settling times [s]; the other one is the paper's.
+    """
+
+    load: float = 100.0
+    before: float = 1.0
+    after: float = 5.0
+    accuracy: float = 0.002
+    fast: float = 0.6
+
+
+_HOW = Fig6Settings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +61,7 @@ class Settling:
     @property
     def reached(self) -> float:
         """Time [s] from which the error stays below 2 mm; the whole run's where it never does."""
-        above = np.flatnonzero(self.error >= _ACCURACY)
+        above = np.flatnonzero(self.error >= _HOW.accuracy)
         return float(self.time[above[-1]]) if len(above) else 0.0
 
 
@@ -59,15 +74,15 @@ def trajectory(settling: float, seed: int) -> Settling:
     forces = ContactForceEstimator(robot, legs=controller.legs)
     estimator = ContactCom(robot, forces=forces, settings=LawSettings(settling=settling))
     bed = TestBed(plant, Sensors(IDEAL, seed, robot), controller, estimator, feed_back=True)
-    bed.run(_BEFORE)
-    plant.apply_payload(VirtualForce(_LOAD, load_point(robot)))
+    bed.run(_HOW.before)
+    plant.apply_payload(VirtualForce(_HOW.load, load_point(robot)))
     applied, times, coms = plant.time, [0.0], [estimator.estimate().trunk.com_trunk]
 
     def note(bed: TestBed) -> None:
         times.append(bed.plant.time - applied)
         coms.append(estimator.estimate().trunk.com_trunk)
 
-    bed.run(_AFTER, note)
+    bed.run(_HOW.after, note)
     return Settling(settling, np.array(times), np.array(coms), plant.truth().com)
 
 
@@ -75,7 +90,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """One trajectory with a fast step, one with the paper's."""
     step = Steps(PAPER.name, progress)
     ways = []
-    for settling in (_FAST,) if settings.quick else (_FAST, settling_time()):
+    for settling in (_HOW.fast,) if settings.quick else (_HOW.fast, settling_time()):
         step(f"weighing with a settling time of {settling:.1f} s")
         ways.append(trajectory(settling, settings.seed))
     step.finished()
@@ -83,7 +98,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         [record for way in ways for record in _records(way)],
         [_table(ways)],
         [_figure(way) for way in ways],
-        {"Robot": "hyq", "Load": f"{_LOAD:g} N", "Plant": "MuJoCo, 1 kHz, controller and estimator in the loop"},
+        {"Robot": "hyq", "Load": f"{_HOW.load:g} N", "Plant": "MuJoCo, 1 kHz, controller and estimator in the loop"},
     )
 
 
@@ -124,6 +139,9 @@ def _figure(way: Settling) -> Figure:
         )
         panels.append(Panel(since, Axis(f"{name} [m]"), lines, title=f"trunk's centre of mass, {name}"))
     error = line(way.time, np.maximum(1000 * way.error, 1e-3), "‖δ‖ in x-y", "ink")
-    bounds = (Guide(1000 * _ACCURACY, of="y", colour="red", name="2 mm"), Guide(PAPER.bounds["reached"], name="2 s"))
+    bounds = (
+        Guide(1000 * _HOW.accuracy, of="y", colour="red", name="2 mm"),
+        Guide(PAPER.bounds["reached"], name="2 s"),
+    )
     panels.append(Panel(since, Axis("‖δ‖ [mm]", log=True), (error,), bounds, "error"))
     return stacked(f"Settling time of {way.settling:.2f} s", panels)

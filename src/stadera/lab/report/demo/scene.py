@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stadera.constants import GRAVITY
 from stadera.lab.demo import DemoResult, DemoRun
 from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.lab.report.demo.parts import robot_parts, short
@@ -37,7 +38,7 @@ def scene(result: DemoResult) -> dict[str, Any]:
     return {
         "load": settings.load_at,
         "box": list(settings.size),
-        "weight": robot.mass * 9.81,
+        "weight": robot.mass * GRAVITY,
         "robot": {"joints": list(_joints(robot)), **robot_parts(robot)},
         "runs": [_run(run, name, settings.load_at - BEFORE) for name, run in zip(NAMES, result.runs, strict=True)],
     }

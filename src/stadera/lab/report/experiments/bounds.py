@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.report.numbers import number
+from stadera.report.shown import SHOWN
 from stadera.report.table import Cell, TableData
 
-_MOST_RECORDS = 24  # in the table; of more, the missed ones alone, for the experiment's own tables show the rest
 _WORDS = {True: "met", False: "NOT met", None: ""}
 
 
@@ -23,7 +23,7 @@ def outcome(result: ExperimentResult) -> str:
 def compared_records(result: ExperimentResult) -> tuple[Record, ...]:
     """Records that have a bound or the paper's value; of very many the missed ones alone."""
     compared = tuple(r for r in result.records if r.bound is not None or r.paper is not None)
-    return compared if len(compared) <= _MOST_RECORDS else result.missed
+    return compared if len(compared) <= SHOWN.records else result.missed
 
 
 def record_table(records: Sequence[Record], title: str = "Measured values, their bounds, and the paper's") -> TableData:

@@ -1,0 +1,28 @@
+"""How many entries of a list a reader is shown; what is left out is counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Most entries of each list.
+
+    Attributes:
+        gaps: of a log. failed: logs of a fleet. reasons: why times of a log were not used, in the terminal.
+        changes: of the load, live. rows: of a table on a page, and
+        records: of an experiment there; of more, those that miss their bound alone.
+        named: points of a figure up to which each says which it is; more make a page too heavy.
+    """
+
+    gaps: int = 5
+    failed: int = 10
+    reasons: int = 3
+    changes: int = 5
+    rows: int = 12
+    records: int = 24
+    named: int = 400
+
+
+SHOWN = Shown()

@@ -1,0 +1,64 @@
+"""Every settings class refuses numbers that are none, where it is made, in one line."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+
+from stadera.errors import StaderaError
+from stadera.excite.design import ExciteSettings
+from stadera.excite.optimise import FourierSearch
+from stadera.excite.paper_draw import DrawSettings
+from stadera.fleet.departures import ScatterSettings
+from stadera.identify.observability import VerdictLimits
+from stadera.identify.settings import LagSettings, SignalSettings, TrustSettings
+from stadera.identify.solutions import SolverSettings
+from stadera.identify.spikes import SpikeSettings
+from stadera.live.settings import LiveSettings
+from stadera.logs.bags.settings import BagSettings
+from stadera.robot.stance import StanceSettings
+from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection
+from stadera.trunk.standing.mass import MassSettings
+from stadera.trunk.standing.static_poses import Reach
+from stadera.weigh.settings import WeighSettings
+
+SETTINGS = (
+    BagSettings,
+    ChangeSettings,
+    DrawSettings,
+    ExciteSettings,
+    FourierSearch,
+    LagSettings,
+    LiveSettings,
+    MassSettings,
+    ModelErrors,
+    Reach,
+    ScatterSettings,
+    SignalSettings,
+    SolverSettings,
+    SpikeSettings,
+    StanceSettings,
+    SwingDetection,
+    TrustSettings,
+    VerdictLimits,
+    WeighSettings,
+)
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=lambda settings: settings.__name__)
+def test_what_is_no_number_is_refused(settings: type) -> None:
+    made = settings()
+    numbers = [f.name for f in fields(settings) if type(getattr(made, f.name)) is float]
+    assert numbers
+    for name in numbers:
+        with pytest.raises(StaderaError) as error:
+            settings(**{name: float("nan")})
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=lambda settings: settings.__name__)
+def test_settings_are_frozen_and_documented(settings: type) -> None:
+    with pytest.raises(AttributeError):
+        setattr(settings(), fields(settings)[0].name, 1.0)
+    assert all(f.name in (settings.__doc__ or "") for f in fields(settings))
