@@ -92,7 +92,7 @@ def test_wrong_links_act_as_told(leg: int, link: int) -> None:
     plain = BaseWrenchRegressor(robot())
     legs, effort = legs_of(plain, m), m.effort[:, plain.columns]
     wrenches = plain.at(legs)
-    told = plain.by_links(wrenches, 30)
+    told = plain.by_links(wrenches, np.eye(30))
     name = robot().legs[leg].links[link]
     body = robot().inertias[name]
     changed = [InertialParameters((1.0 + step) * body.vector), *(body.shifted(step * axis) for axis in np.eye(3))]

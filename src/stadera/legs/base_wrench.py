@@ -125,32 +125,35 @@ class BaseWrenchRegressor(LegModel):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._armature = np.array([[robot.dynamics[joint].armature for joint in leg.joints] for leg in robot.legs])
+        self._armature = np.array([[[robot.dynamics[j].armature] for j in leg.joints] for leg in robot.legs])
 
     def at(self, motion: LegMotions) -> LegWrenches:
         """The legs' side of the rows at some samples."""
-        pose = self.pose(motion.position)
-        turn, arm, origin, axis = pose.turn, pose.arms, pose.joints, pose.axis
-        spin = axis * motion.velocity
+        velocity, acceleration = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in motion[1:3])  # samples last
+        turn, arm, origin, axis, feet = self.parts(np.moveaxis(motion.position, 0, -1))
+        spin = axis * velocity
         # contributions of each joint to its link, summed up along the leg; `from_` is the previous link, first the
         # trunk
         omega, from_omega = _along(motion.angular_velocity, spin)
-        alpha, from_alpha = _along(motion.angular_acceleration, cross(from_omega, spin) + axis * motion.acceleration)
+        alpha, from_alpha = _along(motion.angular_acceleration, cross(from_omega, spin) + axis * acceleration)
         swing = cross(from_alpha, arm) + cross(from_omega, cross(from_omega, arm))
         a, _ = _along(motion.specific_force, swing)
         force, moment = self._inertial(turn, omega, alpha, a, origin)
-        carried_force, carried_moment = outwards(force), outwards(moment)
-        torque = (axis * (carried_moment - cross(origin, carried_force))).sum(axis=0)
-        torque += self._armature * motion.acceleration + self.friction.torque(motion.velocity, motion.sliding)
-        contact = self.contacts(pose.feet, motion.normal)
-        dual, volume = inverse_transposed(pose.jacobians(contact))
-        to_wrench = np.concatenate([dual, cross(contact[..., None], dual)])
-        inertial = np.concatenate([carried_force[..., 0], carried_moment[..., 0]])
-        links = LinkMotions(turn, origin, omega, alpha, force, moment)
-        return LegWrenches(torque, inertial, to_wrench, pose.feet, volume, axis, links)
+        carried_force, carried_moment = outwards(force, -2), outwards(moment, -2)
+        rigid = (axis * (carried_moment - cross(origin, carried_force))).sum(axis=0)
+        torque = np.moveaxis(rigid + self._armature * acceleration, -1, 0)
+        torque += self.friction.torque(motion.velocity, motion.sliding)
+        contact = feet - self._radius[:, None] * motion.normal[:, None]
+        dual, volume = inverse_transposed(cross(axis, contact[:, :, None] - origin), -2)
+        to_wrench = np.concatenate([dual, cross(contact[:, :, None], dual)])
+        inertial = np.concatenate([carried_force[:, :, 0], carried_moment[:, :, 0]])
+        links = LinkMotions(*(np.moveaxis(x, -1, -3) for x in (turn, origin, omega, alpha, force, moment)))
+        by_leg = (np.moveaxis(x, -1, -2) for x in (feet, volume))
+        wrench, map_, axes = np.moveaxis(inertial, -1, -2), np.moveaxis(to_wrench, -1, -3), np.moveaxis(axis, -1, -3)
+        return LegWrenches(torque, wrench, map_, *by_leg, axes, links)
 
-    def by_links(self, wrenches: LegWrenches, samples: int) -> Array:
-        """Effect of errors of the links' masses and centres of mass on b, (samples, 6, 48), for the first samples.
+    def by_links(self, wrenches: LegWrenches, weights: Array) -> Array:
+        """Effect of errors of the links' masses and centres of mass on b, (k, 6, 48), in weighted sums over samples.
 
         A link whose ten parameters are all larger by a share ε has ε times its inertial force F and moment M about the
         trunk's origin added. If its mass is displaced by δ without rotation, about its joint at p and with its centre
@@ -160,30 +163,34 @@ class BaseWrenchRegressor(LegModel):
 
         Link i hangs from the joints k ≤ i, so b changes by Σ_k≤i E_k s_k · (ΔM - p_k x ΔF) - [ΔF ; ΔM].
 
+        Args:
+            weights: (k, n), of the first n samples.
+
         Returns:
             Derivatives with respect to ε [1] of the twelve links, by leg, then to δ [m] along link axes, 3 by 12.
         """
-        links, n = wrenches.links, samples
-        at, turn = links.joints[:, :n], links.turn[:, :, :n]
-        force, moment = links.force[:, :n], links.moment[:, :n]
-        E, s = wrenches.to_wrench[:, :n], wrenches.axis[:, :n]
+        n = weights.shape[1]
+        turn, at, omega, alpha, force, moment = (np.moveaxis(x, -3, -1)[..., :n] for x in wrenches.links)
+        E, s = np.moveaxis(wrenches.to_wrench, -3, -1)[..., :n], np.moveaxis(wrenches.axis, -3, -1)[..., :n]
         felt = np.concatenate([cross(at, s), s])[None] * E[:, None]  # s · (p x F) = (s x p) · F
-        np.cumsum(felt, axis=-1, out=felt)
+        np.cumsum(felt, axis=-2, out=felt)
         felt -= np.eye(6)[..., None, None, None]
-        effects = np.empty((6, 4, n, 4, 3))  # the wrench; ε and three axes; samples, leg, link
+        effects = np.empty((6, 4, 4, 3, n))  # the wrench; ε and three axes; leg, link, samples
         effects[:3, 0], effects[3:, 0] = force, moment
-        omega, alpha = links.angular_velocity[:, :n], links.angular_acceleration[:, :n]
-        centre = at + rotated(turn, self._moment) / self.link_mass
-        for axis in range(3):
-            shift = turn[:, axis]
-            moved = self.link_mass * (cross(alpha, shift) + cross(omega, cross(omega, shift)))
-            effects[:3, 1 + axis], effects[3:, 1 + axis] = moved, cross(shift, force) + cross(centre, moved)
-        return np.asarray(np.einsum("wvnlk,vtnlk->nwtlk", felt, effects).reshape(n, 6, 48))
+        omega, mass = omega[:, None], self.link_mass[..., None]
+        centre = at + rotated(turn, self._moment) / mass
+        moved = mass * (cross(alpha[:, None], turn) + cross(omega, cross(omega, turn)))  # by link axis
+        effects[:3, 1:], effects[3:, 1:] = moved, cross(turn, force[:, None]) + cross(centre[:, None], moved)
+        # Σ over samples and components of the wrench, as one product for each link
+        left = felt.transpose(2, 3, 0, 1, 4)[:, :, None] * weights[:, None, None]  # (leg, link, k, 6, 6, n)
+        right = effects.transpose(2, 3, 0, 4, 1)  # (leg, link, 6, n, effects)
+        total = left.reshape(4, 3, -1, 6 * n) @ right.reshape(4, 3, 6 * n, 4)
+        return np.asarray(total.reshape(4, 3, -1, 6, 4).transpose(2, 3, 4, 0, 1).reshape(-1, 6, 48))
 
     def _inertial(self, turn: Array, omega: Array, alpha: Array, a: Array, origin: Array) -> tuple[Array, Array]:
-        """Inertial force and moment about the trunk's origin of each link, (3, samples, leg, link)."""
+        """Inertial force and moment about the trunk's origin of each link, (3, leg, link, samples)."""
         h = rotated(turn, self._moment)
-        force = self.link_mass * a + cross(alpha, h) + cross(omega, cross(omega, h))
+        force = self.link_mass[..., None] * a + cross(alpha, h) + cross(omega, cross(omega, h))
         own_omega, own_alpha = rotated_back(turn, omega), rotated_back(turn, alpha)
         own = rotated(self._tensor, own_alpha) + cross(own_omega, rotated(self._tensor, own_omega))
         moment = cross(h, a) + rotated(turn, own) + cross(origin, force)
@@ -191,8 +198,8 @@ class BaseWrenchRegressor(LegModel):
 
 
 def _along(trunk: Array, added: Array) -> tuple[Array, Array]:
-    """For each link and the previous one: the trunk's (3, samples) plus the joints' (3, samples, leg, joint)."""
-    chain = np.empty((*added.shape[:-1], 4))
-    chain[..., 0], chain[..., 1:] = trunk[:, :, None], added
-    np.cumsum(chain, axis=-1, out=chain)
-    return chain[..., 1:], chain[..., :3]
+    """For each link and the previous one: the trunk's (3, samples) plus the joints' (3, leg, joint, samples)."""
+    chain = np.empty((3, 4, 4, added.shape[-1]))
+    chain[:, :, 0], chain[:, :, 1:] = trunk[:, None], added
+    np.cumsum(chain, axis=2, out=chain)
+    return chain[:, :, 1:], chain[:, :, :3]

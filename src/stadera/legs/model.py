@@ -8,7 +8,8 @@ pose (B, p) in the link before
 A point r fixed to the last link moves, for each joint at o_j with axis s_j in trunk axes, by s_j x (r - o_j).
 
 All vectors are in the trunk frame. Arrays have components first, (3, samples, leg, joint), so that each operation runs
-over whole vectors. `stadera.legs.base_wrench` adds velocities and accelerations; `stadera.legs.instant` evaluates the
+over whole vectors; in memory the samples come last, (3, leg, joint, samples), since loops over three numbers are slow.
+`stadera.legs.base_wrench` adds velocities and accelerations; `stadera.legs.instant` evaluates the
 same model for a single sample with Pinocchio, as a 1 kHz controller needs: it takes 11 µs instead of 250.
 """
 
@@ -16,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,9 +48,24 @@ class LegPose:
     axis: Array
     feet: Array
 
+    @classmethod
+    def of(cls, parts: PoseParts) -> LegPose:
+        """From arrays with samples last."""
+        return cls(*(np.moveaxis(part, -1, -3) for part in parts[:4]), np.moveaxis(parts.feet, -1, -2))
+
     def jacobians(self, points: Array) -> Array:
         """J (3, samples, 4, 3) [m/rad] of points (3, samples, 4) [m] fixed to the legs' last links."""
         return cross(self.axis, points[..., None] - self.joints)
+
+
+class PoseParts(NamedTuple):
+    """`LegPose` with samples last."""
+
+    turn: Array
+    arms: Array
+    joints: Array
+    axis: Array
+    feet: Array
 
 
 class LegModel:
@@ -67,14 +84,14 @@ class LegModel:
         tree = robot.tree
         axes, fixed = tree.axes[self.columns], tree.rotations[self.columns]
         K = np.array([[skew(axis) for axis in leg] for leg in axes])  # (leg, joint, 3, 3)
-        # rotation to the previous link's axes: B + sin q B K + (1 - cos q) B K²
-        self._turns = [_first(fixed), _first(fixed @ K), _first(fixed @ K @ K)]
-        self._arms, self._axes = _first(tree.translations[self.columns]), _first(axes)
-        self._foot = _first(np.array([leg.foot_position for leg in robot.legs])[:, None])[..., 0]
+        # rotation to the previous link's axes: B + sin q B K + (1 - cos q) B K²; constants are (..., leg, joint, 1)
+        self._turns = [_last(fixed), _last(fixed @ K), _last(fixed @ K @ K)]
+        self._arms, self._axes = _last(tree.translations[self.columns]), _last(axes)
+        self._foot = _last(np.array([leg.foot_position for leg in robot.legs])[:, None])[:, :, 0]
         self._radius = np.array([leg.foot_radius for leg in robot.legs])
         bodies = np.array([[robot.inertias[link].vector for link in leg.links] for leg in robot.legs])
         self.link_mass = bodies[..., 0]
-        self._moment, self._tensor = _first(bodies[..., 1:4]), _first(bodies[..., [[4, 5, 6], [5, 7, 8], [6, 8, 9]]])
+        self._moment, self._tensor = _last(bodies[..., 1:4]), _last(bodies[..., [[4, 5, 6], [5, 7, 8], [6, 8, 9]]])
         self.leg_mass = float(self.link_mass.sum())
 
     @staticmethod
@@ -86,8 +103,8 @@ class LegModel:
     @cached_property
     def length(self) -> float:
         """Length of the shortest leg, hip to foot when fully extended [m]."""
-        thigh = np.linalg.norm(self._arms[:, 0, :, 2], axis=0)
-        return float((thigh + np.linalg.norm(self._foot[:, 0], axis=0)).min())
+        thigh = np.linalg.norm(self._arms[:, :, 2, 0], axis=0)
+        return float((thigh + np.linalg.norm(self._foot[..., 0], axis=0)).min())
 
     @property
     def least_volume(self) -> float:
@@ -96,15 +113,23 @@ class LegModel:
 
     def pose(self, position: Array) -> LegPose:
         """Pose of the legs at joint angles (samples, 4, 3) [rad], by leg."""
-        local = self._turns[0] + np.sin(position) * self._turns[1] + (1.0 - np.cos(position)) * self._turns[2]
+        return LegPose.of(self.parts(np.moveaxis(position, 0, -1)))
+
+    def parts(self, position: Array) -> PoseParts:
+        """Pose with samples last, at joint angles (4, 3, samples) [rad]."""
+        q = np.ascontiguousarray(position)
+        local = self._turns[0] + np.sin(q) * self._turns[1] + (1.0 - np.cos(q)) * self._turns[2]
         turn, arm = np.empty_like(local), np.empty(local.shape[1:])
-        turn[..., 0], arm[..., 0] = local[..., 0], self._arms[..., 0]
+        turn[..., 0, :], arm[..., 0, :] = local[..., 0, :], self._arms[..., 0, :]
         for j in (1, 2):
-            arm[..., j] = rotated(turn[..., j - 1], self._arms[..., j])
-            turn[..., j] = np.einsum("ikns,kjns->ijns", turn[..., j - 1], local[..., j])
-        joints = np.cumsum(arm, axis=-1)
-        feet = joints[..., 2] + rotated(turn[..., 2], self._foot)
-        return LegPose(turn, arm, joints, rotated(turn, self._axes), feet)
+            before, own = turn[..., j - 1, :], local[..., j, :]
+            arm[..., j, :] = rotated(before, self._arms[..., j, :])
+            np.multiply(before[:, 0, None], own[0], out=turn[..., j, :])
+            for k in (1, 2):
+                turn[..., j, :] += before[:, k, None] * own[k]
+        joints = np.cumsum(arm, axis=-2)
+        feet = joints[..., 2, :] + rotated(turn[..., 2, :], self._foot)
+        return PoseParts(turn, arm, joints, rotated(turn, self._axes), feet)
 
     def contacts(self, feet: Array, normal: Array) -> Array:
         """Contact points of foot spheres at feet (3, samples, 4) [m] with a ground of unit normal (3, samples)."""
@@ -112,7 +137,7 @@ class LegModel:
 
     def centres(self, pose: LegPose) -> Array:
         """Centres of mass of the links (3, samples, 4, 3) [m]."""
-        return np.asarray(pose.joints + rotated(pose.turn, self._moment) / self.link_mass)
+        return np.asarray(pose.joints + rotated(pose.turn, np.moveaxis(self._moment, -1, 1)) / self.link_mass)
 
     def weight_torques(self, pose: LegPose) -> Array:
         """H (3, samples, 4, 3) [kg·m]: joint torques at rest, h = Σ_i H_i a_i for a specific force a (3,).
@@ -167,41 +192,51 @@ def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
     return np.ascontiguousarray(pose.jacobians(pose.feet).transpose(1, 2, 0, 3))
 
 
-def inverse_transposed(jacobians: Array) -> tuple[Array, Array]:
+def inverse_transposed(jacobians: Array, axis: int = -1) -> tuple[Array, Array]:
     """J^-T (3, samples, leg, joint), and det J [m³] (samples, leg).
 
     The columns of J^-T are (j_k+1 x j_k+2) / det J; infinite or NaN where a leg is singular.
+
+    Args:
+        axis: of the joints, where it is not the last.
     """
     J = jacobians
-    dual = cross(J[..., [1, 2, 0]], J[..., [2, 0, 1]])
-    volume = (J[..., 0] * dual[..., 0]).sum(axis=0)
+    dual = cross(J.take([1, 2, 0], axis), J.take([2, 0, 1], axis))
+    volume = (J.take(0, axis) * dual.take(0, axis)).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        dual /= volume[..., None]
+        dual /= np.expand_dims(volume, axis)
     return dual, volume
 
 
 def cross(a: Array, b: Array) -> Array:
     """a x b, components first; what comes after the components may broadcast."""
-    (ax, ay, az), (bx, by, bz) = a, b
-    return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
+    a, b = np.concatenate((a, a[:2])), np.concatenate((b, b[:2]))  # x y z x y
+    out = a[1:4] * b[2:]
+    out -= a[2:] * b[1:4]
+    return np.asarray(out)
 
 
 def rotated(R: Array, v: Array) -> Array:
     """R v, components first."""
-    return np.asarray(R[:, 0] * v[0] + R[:, 1] * v[1] + R[:, 2] * v[2])
+    out = R[:, 0] * v[0]
+    out += R[:, 1] * v[1]
+    out += R[:, 2] * v[2]
+    return np.asarray(out)
 
 
 def rotated_back(R: Array, v: Array) -> Array:
     """Rᵀ v, components first."""
-    return np.asarray(R[0] * v[0] + R[1] * v[1] + R[2] * v[2])
+    out = R[0] * v[0]
+    out += R[1] * v[1]
+    out += R[2] * v[2]
+    return np.asarray(out)
 
 
-def outwards(values: Array) -> Array:
-    """Sums over the links from each joint outwards, last axis."""
-    inwards = slice(None, None, -1)
-    return np.cumsum(values[..., inwards], axis=-1)[..., inwards]
+def outwards(values: Array, axis: int = -1) -> Array:
+    """Sums over the links from each joint outwards, along their axis."""
+    return np.flip(np.cumsum(np.flip(values, axis), axis=axis), axis)
 
 
-def _first(values: Array) -> Array:
-    """(leg, joint, ...) to (..., 1, leg, joint)."""
-    return np.ascontiguousarray(np.moveaxis(values, (0, 1), (-2, -1))[..., None, :, :])
+def _last(values: Array) -> Array:
+    """(leg, joint, ...) to (..., leg, joint, 1)."""
+    return np.ascontiguousarray(np.moveaxis(values, (0, 1), (-2, -1))[..., None])

@@ -253,9 +253,10 @@ class RowMaker:
             motion.specific_force[:, :n], motion.angular_velocity[:, :n], motion.angular_acceleration[:, :n]
         )
         target, by_rate = by_leg[:, :n].sum(axis=2), (E * rate).sum(axis=2)
-        links = self.regressor.by_links(wrenches, n)
+        rising = _half_window(n)
+        by_links = self.regressor.by_links(wrenches, np.stack([rising, rising[::-1]]))
 
-        def sums(w: Array) -> _Sums:
+        def sums(w: Array, links: Array) -> _Sums:
             weighted = E * w[:, None]
             noisy = (weighted * self.noise.torque).reshape(6, -1)
             return _Sums(
@@ -263,19 +264,18 @@ class RowMaker:
                 target @ w,
                 np.matmul(weighted.transpose(2, 0, 1), terms.transpose(1, 0, 2)).transpose(1, 0, 2),
                 by_rate @ w,
-                np.tensordot(w, links, 1),
+                links,
                 w @ jerk,
                 np.tensordot(w, joint, 1),
                 noisy @ noisy.T,
             )
 
-        rising = _half_window(n)
         step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
         probes = by_leg[:, n : n + 9] - by_leg[:, n + 9 : n + 10]
         return _Half(
             time=samples.time[1:-1],
-            rising=sums(rising),
-            falling=sums(rising[::-1]),
+            rising=sums(rising, by_links[0]),
+            falling=sums(rising[::-1], by_links[1]),
             probes=probes,
             middle=self._middle(wrenches, by_leg, force, n),
             angular_velocity=samples.angular_velocity[1:-1].mean(axis=0),

@@ -28,7 +28,7 @@ class SpikeFilter:
     """
 
     def __init__(self) -> None:
-        self._usual: dict[str, Array] = {}
+        self._usual: Array | None = None
         self._blocks = 0
         self.count = 0
 
@@ -37,25 +37,26 @@ class SpikeFilter:
         if len(samples) < 4:
             return samples
         self._blocks += 1
-        changed = {}
-        for name in _CHANNELS:
-            values = getattr(samples, name)
-            expected = np.empty_like(values)
-            expected[1:-1] = 0.5 * (values[:-2] + values[2:])
-            expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]
+        channels = [getattr(samples, name) for name in _CHANNELS]
+        values, usual, cleaned = np.hstack(channels), self._usual, False
+        if usual is not None and self._blocks > _LEARNT:
+            steps = np.diff(values, axis=0)
+            away = np.abs(steps)
             deviation = np.empty_like(values)
-            before, now, after = values[:-2], values[1:-1], values[2:]
             # |now - median|: the distance to the nearer neighbour where it is a peak, else zero
-            peak = (now - before) * (now - after) > 0.0
-            deviation[1:-1] = np.where(peak, np.minimum(np.abs(now - before), np.abs(now - after)), 0.0)
-            deviation[[0, -1]] = 0.5 * np.abs(values[[0, -1]] - expected[[0, -1]])
-            usual = self._usual.get(name)
-            if usual is not None and self._blocks > _LEARNT:
-                wild = deviation > _WILD * np.sqrt(usual)
-                if wild.any():
-                    self.count += int(wild[1:-1].sum())
-                    changed[name] = np.where(wild, expected, values)
-                    values = changed[name]
-            square = (np.diff(values, 3, axis=0) ** 2).mean(axis=0) / 20.0 + 1e-12
-            self._usual[name] = square if usual is None else usual + (square - usual) / min(self._blocks, _MEMORY)
-        return replace(samples, **changed) if changed else samples
+            deviation[1:-1] = np.where(steps[:-1] * steps[1:] < 0.0, np.minimum(away[:-1], away[1:]), 0.0)
+            deviation[0], deviation[-1] = 0.5 * np.abs(steps[0] - steps[1]), 0.5 * np.abs(steps[-1] - steps[-2])
+            wild = deviation > _WILD * np.sqrt(usual)
+            if cleaned := bool(wild.any()):
+                self.count += int(wild[1:-1].sum())
+                expected = np.empty_like(values)
+                expected[1:-1] = 0.5 * (values[:-2] + values[2:])
+                expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]
+                values = np.where(wild, expected, values)
+        third = np.diff(values, 3, axis=0)
+        square = np.einsum("nc,nc->c", third, third) / (20.0 * len(third)) + 1e-12
+        self._usual = square if usual is None else usual + (square - usual) / min(self._blocks, _MEMORY)
+        if not cleaned:
+            return samples
+        edges = np.cumsum([channel.shape[1] for channel in channels[:-1]])
+        return replace(samples, **dict(zip(_CHANNELS, np.split(values, edges, axis=1), strict=True)))
