@@ -129,8 +129,8 @@ class BaseWrenchRegressor(LegModel):
 
     def at(self, motion: LegMotions) -> LegWrenches:
         """The legs' side of the rows at some samples."""
-        velocity, acceleration = (np.ascontiguousarray(np.moveaxis(x, 0, -1)) for x in motion[1:3])  # samples last
-        turn, arm, origin, axis, feet = self.parts(np.moveaxis(motion.position, 0, -1))
+        velocity, acceleration = (np.ascontiguousarray(x.transpose(1, 2, 0)) for x in motion[1:3])  # samples last
+        turn, arm, origin, axis, feet = self.parts(motion.position.transpose(1, 2, 0))
         spin = axis * velocity
         # contributions of each joint to its link, summed up along the leg; `from_` is the previous link, first the
         # trunk
@@ -141,16 +141,24 @@ class BaseWrenchRegressor(LegModel):
         force, moment = self._inertial(turn, omega, alpha, a, origin)
         carried_force, carried_moment = outwards(force, -2), outwards(moment, -2)
         rigid = (axis * (carried_moment - cross(origin, carried_force))).sum(axis=0)
-        torque = np.moveaxis(rigid + self._armature * acceleration, -1, 0)
+        torque = (rigid + self._armature * acceleration).transpose(2, 0, 1)
         torque += self.friction.torque(motion.velocity, motion.sliding)
         contact = feet - self._radius[:, None] * motion.normal[:, None]
         dual, volume = inverse_transposed(cross(axis, contact[:, :, None] - origin), -2)
         to_wrench = np.concatenate([dual, cross(contact[:, :, None], dual)])
         inertial = np.concatenate([carried_force[:, :, 0], carried_moment[:, :, 0]])
-        links = LinkMotions(*(np.moveaxis(x, -1, -3) for x in (turn, origin, omega, alpha, force, moment)))
-        by_leg = (np.moveaxis(x, -1, -2) for x in (feet, volume))
-        wrench, map_, axes = np.moveaxis(inertial, -1, -2), np.moveaxis(to_wrench, -1, -3), np.moveaxis(axis, -1, -3)
-        return LegWrenches(torque, wrench, map_, *by_leg, axes, links)
+        links = LinkMotions(
+            turn.transpose(0, 1, 4, 2, 3), *(x.transpose(0, 3, 1, 2) for x in (origin, omega, alpha, force, moment))
+        )
+        return LegWrenches(
+            torque,
+            inertial.transpose(0, 2, 1),
+            to_wrench.transpose(0, 3, 1, 2),
+            feet.transpose(0, 2, 1),
+            volume.T,
+            axis.transpose(0, 3, 1, 2),
+            links,
+        )
 
     def by_links(self, wrenches: LegWrenches, weights: Array) -> Array:
         """Effect of errors of the links' masses and centres of mass on b, (k, 6, 48), in weighted sums over samples.
@@ -170,8 +178,10 @@ class BaseWrenchRegressor(LegModel):
             Derivatives with respect to ε [1] of the twelve links, by leg, then to δ [m] along link axes, 3 by 12.
         """
         n = weights.shape[1]
-        turn, at, omega, alpha, force, moment = (np.moveaxis(x, -3, -1)[..., :n] for x in wrenches.links)
-        E, s = np.moveaxis(wrenches.to_wrench, -3, -1)[..., :n], np.moveaxis(wrenches.axis, -3, -1)[..., :n]
+        turn = wrenches.links.turn.transpose(0, 1, 3, 4, 2)[..., :n]
+        E, s, at, omega, alpha, force, moment = (
+            x.transpose(0, 2, 3, 1)[..., :n] for x in (wrenches.to_wrench, wrenches.axis, *wrenches.links[1:])
+        )
         felt = np.concatenate([cross(at, s), s])[None] * E[:, None]  # s · (p x F) = (s x p) · F
         np.cumsum(felt, axis=-2, out=felt)
         felt -= np.eye(6)[..., None, None, None]

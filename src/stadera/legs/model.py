@@ -51,7 +51,8 @@ class LegPose:
     @classmethod
     def of(cls, parts: PoseParts) -> LegPose:
         """From arrays with samples last."""
-        return cls(*(np.moveaxis(part, -1, -3) for part in parts[:4]), np.moveaxis(parts.feet, -1, -2))
+        arms, joints, axis = (part.transpose(0, 3, 1, 2) for part in parts[1:4])
+        return cls(parts.turn.transpose(0, 1, 4, 2, 3), arms, joints, axis, parts.feet.transpose(0, 2, 1))
 
     def jacobians(self, points: Array) -> Array:
         """J (3, samples, 4, 3) [m/rad] of points (3, samples, 4) [m] fixed to the legs' last links."""
@@ -113,7 +114,7 @@ class LegModel:
 
     def pose(self, position: Array) -> LegPose:
         """Pose of the legs at joint angles (samples, 4, 3) [rad], by leg."""
-        return LegPose.of(self.parts(np.moveaxis(position, 0, -1)))
+        return LegPose.of(self.parts(position.transpose(1, 2, 0)))
 
     def parts(self, position: Array) -> PoseParts:
         """Pose with samples last, at joint angles (4, 3, samples) [rad]."""

@@ -357,7 +357,7 @@ class TrunkEstimator:
         if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
             self._refresh()
         held = self._fit is not None and self._fit.misfit > self.settings.bad
-        if self._blocks % _REFRESHED == 0:
+        if self._blocks % _REFRESHED == _REFRESHED // 2:  # not in the block that also evaluates the fit
             self._detector.learn(self._aged, self._errors)
         jump = self._detector.look(rows, self._aged, self._known[0], self._errors, self._scatter.value, held)
         if jump is not None:

@@ -20,6 +20,15 @@ _LEAST, _MOST = 0.05, 20.0  # times the prior
 _LOWER_QUARTILE = 0.65  # of χ²/n with about ten degrees of freedom
 
 
+def third_differences_squared(signals: Array) -> Array:
+    """Mean square of third differences over its gain of 20, of each column of (samples, columns); at least four
+    samples.
+    """
+    steps = signals[1:] - signals[:-1]
+    third = steps[2:] - 2.0 * steps[1:-1] + steps[:-2]
+    return np.asarray(np.einsum("nc,nc->c", third, third) / (20.0 * len(third)))
+
+
 class WhiteNoise:
     """Running estimate of the standard deviations of white noise.
 
@@ -47,7 +56,7 @@ class WhiteNoise:
         signals = np.hstack(
             [samples.effort[:, flat], samples.velocity[:, flat], samples.angular_velocity, samples.specific_force]
         )
-        seen = (np.diff(signals, 3, axis=0) ** 2).mean(axis=0) / 20.0
+        seen = third_differences_squared(signals)
         above = seen > _LOWER_QUARTILE * self._variance
         self._variance *= np.exp(_GAIN * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
         np.clip(self._variance, _LEAST**2 * self._prior, _MOST**2 * self._prior, out=self._variance)

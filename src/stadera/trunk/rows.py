@@ -206,7 +206,7 @@ class RowMaker:
         rates = [(v[2:] - v[:-2]) / span for v in (samples.velocity, samples.angular_velocity, samples.effort)]
         inside = slice(1, -1)
         omega, alpha = samples.angular_velocity[inside].T, rates[1].T
-        lever = self._lever[:, None] * np.ones(n)
+        lever = self._lever[:, None]
         specific = samples.specific_force[inside].T - cross(alpha, lever) - cross(omega, cross(omega, lever))
         position, velocity, acceleration = (np.zeros((n + more, 4, 3)) for _ in range(3))
         position[:n], velocity[:n] = samples.position[inside][:, columns], samples.velocity[inside][:, columns]
@@ -254,28 +254,29 @@ class RowMaker:
         )
         target, by_rate = by_leg[:, :n].sum(axis=2), (E * rate).sum(axis=2)
         rising = _half_window(n)
-        by_links = self.regressor.by_links(wrenches, np.stack([rising, rising[::-1]]))
-
-        def sums(w: Array, links: Array) -> _Sums:
-            weighted = E * w[:, None]
-            noisy = (weighted * self.noise.torque).reshape(6, -1)
-            return _Sums(
-                signals @ w,
-                target @ w,
-                np.matmul(weighted.transpose(2, 0, 1), terms.transpose(1, 0, 2)).transpose(1, 0, 2),
-                by_rate @ w,
-                links,
-                w @ jerk,
-                np.tensordot(w, joint, 1),
-                noisy @ noisy.T,
-            )
-
+        # both halves at once: rising weights first
+        weights = np.stack([rising, rising[::-1]])
+        links = self.regressor.by_links(wrenches, weights)
+        weighted = E * weights[:, None, :, None]
+        noisy = (weighted * self.noise.torque).reshape(2, 6, -1)
+        by_terms = weighted.transpose(0, 3, 1, 2) @ terms.transpose(1, 0, 2)  # (2, 12, 6, terms)
+        halves = (
+            weights @ signals.T,
+            weights @ target.T,
+            by_terms.transpose(0, 2, 1, 3),
+            weights @ by_rate.T,
+            links,
+            weights @ jerk,
+            (weights @ joint.reshape(n, -1)).reshape(2, 6, 12),
+            noisy @ noisy.transpose(0, 2, 1),
+        )
+        sums = [_Sums(*(part[k] for part in halves)) for k in range(2)]
         step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
         probes = by_leg[:, n : n + 9] - by_leg[:, n + 9 : n + 10]
         return _Half(
             time=samples.time[1:-1],
-            rising=sums(rising, by_links[0]),
-            falling=sums(rising[::-1], by_links[1]),
+            rising=sums[0],
+            falling=sums[1],
             probes=probes,
             middle=self._middle(wrenches, by_leg, force, n),
             angular_velocity=samples.angular_velocity[1:-1].mean(axis=0),
@@ -295,19 +296,20 @@ class RowMaker:
         at = n + _PROBES
         by_position = (by_leg[:, at + 1 :] - by_leg[:, at : at + 1]) / _STEP  # (6, joint, leg)
         f, s, E = force[:, at], wrenches.axis[:, at], wrenches.to_wrench[:, at]  # (3, leg), (3, leg, joint), (6, ...)
-        by_contact = -np.einsum("wlk,clk->wlc", E, cross(f[:, :, None] * np.ones(3), s))
-        by_contact[3:] -= np.array([skew(f[:, leg]) for leg in range(4)]).transpose(1, 0, 2)
+        turning = cross(f[:, :, None], s).transpose(1, 2, 0)  # (leg, joint, 3)
+        by_contact = -(E.transpose(1, 0, 2) @ turning).transpose(1, 0, 2)
+        by_contact[3:] -= cross(f[:, :, None], _UNIT[:, None])
         return np.hstack([by_position.transpose(0, 2, 1).reshape(6, 12), by_contact.reshape(6, 12)])
 
     def _in_the_air(self, wrenches: LegWrenches, force: Array, normal: Array, n: int) -> Bools:
         """Legs (4,) whose foot is lifted off the ground and lightly loaded throughout the block."""
         height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal[:, :n]) - self._standing
-        light = np.linalg.norm(force[:, :n], axis=0) < self._swing.load * self._weight
-        ground = np.where(light, np.nan, height)
-        carried = np.where(light, 0.0, np.einsum("cnl,cn->nl", force[:, :n], normal[:, :n])).sum(axis=1)
+        light = np.square(force[:, :n]).sum(axis=0) < (self._swing.load * self._weight) ** 2
+        loaded = ~light
+        carried = (loaded * np.einsum("cnl,cn->nl", force[:, :n], normal[:, :n])).sum(axis=1)
         if carried.min() < self._swing.carried * self._weight:  # the robot lies, hangs, or flies
             return np.zeros(4, dtype=bool)
-        level = np.nanmean(ground, axis=1, keepdims=True)
+        level = (loaded * height).sum(axis=1, keepdims=True) / loaded.sum(axis=1, keepdims=True)
         standing = ~light.any(axis=0)
         self._standing += _STANDING * np.where(standing, (height - level).mean(axis=0), 0.0)
         return np.asarray(((height - level > self._swing.lift * self.regressor.length) & light).all(axis=0))

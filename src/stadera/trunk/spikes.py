@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stadera.trunk.noise import third_differences_squared
 from stadera.trunk.samples import Samples
 from stadera.types import Array
 
@@ -40,7 +41,7 @@ class SpikeFilter:
         channels = [getattr(samples, name) for name in _CHANNELS]
         values, usual, cleaned = np.hstack(channels), self._usual, False
         if usual is not None and self._blocks > _LEARNT:
-            steps = np.diff(values, axis=0)
+            steps = values[1:] - values[:-1]
             away = np.abs(steps)
             deviation = np.empty_like(values)
             # |now - median|: the distance to the nearer neighbour where it is a peak, else zero
@@ -53,8 +54,7 @@ class SpikeFilter:
                 expected[1:-1] = 0.5 * (values[:-2] + values[2:])
                 expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]
                 values = np.where(wild, expected, values)
-        third = np.diff(values, 3, axis=0)
-        square = np.einsum("nc,nc->c", third, third) / (20.0 * len(third)) + 1e-12
+        square = third_differences_squared(values) + 1e-12
         self._usual = square if usual is None else usual + (square - usual) / min(self._blocks, _MEMORY)
         if not cleaned:
             return samples
