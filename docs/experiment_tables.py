@@ -1,8 +1,9 @@
-"""Writes the tables of docs/experiments.md and docs/comparison.md from the runs' JSON: python docs/experiment_tables.py
+"""Writes tables of experiments.md, comparison.md and walking.md from the runs' JSON: python docs/experiment_tables.py
 
 A run's JSON is docs/results/NAME.json, as `stadera reproduce NAME --json docs/results/NAME.json` writes it, or of peers
-`python benchmarks/peers.py --json docs/results/peers.json`. Each table stands between `<!-- begin NAME -->` and
-`<!-- end NAME -->`; what is around stays as it is.
+`python benchmarks/peers.py --json docs/results/peers.json`, or of the demo a list of what `stadera demo --seed N --json
+F` writes, less `runs`. Each table stands between `<!-- begin NAME -->` and `<!-- end NAME -->`; what is around stays
+as it is.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,8 @@ from typing import Any
 from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
-PAGES, RESULTS = (FOLDER / "experiments.md", FOLDER / "comparison.md"), FOLDER / "results"
+PAGES = tuple(FOLDER / name for name in ("experiments.md", "comparison.md", "walking.md"))
+RESULTS = FOLDER / "results"
 Record = dict[str, Any]
 Naming = Callable[[Record], str]
 
@@ -122,6 +125,47 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         yield crossed(records, case("metric"), case(key), key)
 
 
+def demo(runs: list[Record]) -> str:
+    """Outcomes of the demo's two walks over the seeds, and what was weighed."""
+    with_it, both = [run["with"] for run in runs], ("without", "with")
+    payload = [run["payload"]["mass"] for run in with_it]
+    off = [abs(weighed["value"] - run["load"]["mass"]) for run, weighed in zip(runs, payload, strict=True)]
+    rows = {
+        "outcome": [outcomes([run[way] for run in runs]) for way in both],
+        "least margin of the true centre of mass [cm]": [
+            span([100.0 * run[way]["least_margin"] for run in runs]) for way in both
+        ],
+        "steps lost": ["", span([run["steps_lost"] for run in with_it])],
+        "got ahead, of what was commanded [m]": [
+            span([run[way]["distance"] for run in runs]) + f" of {runs[0]['with']['commanded']:.2f}" * (way == "with")
+            for way in both
+        ],
+        "noticed after [s]": ["", span([run["noticed_after"] for run in with_it])],
+        "taken by controller and planner after [s]": ["", span([run["updated_after"] for run in with_it])],
+        "box as weighed, truth 30 kg [kg]": ["", span([weighed["value"] for weighed in payload])],
+        "its standard deviation [kg]": ["", span([weighed["std"] for weighed in payload])],
+        "weighed within one standard deviation": [
+            "",
+            f"{sum(e <= weighed['std'] for e, weighed in zip(off, payload, strict=True))} of {len(runs)}",
+        ],
+    }
+    head = f"| seeds {runs[0]['seed']} to {runs[-1]['seed']} | without identification | with it |\n|---|---|---|"
+    return "\n".join([head, *(f"| {name} | {a} | {b} |" for name, (a, b) in rows.items())])
+
+
+def outcomes(runs: Iterable[Record]) -> str:
+    """How often each outcome was."""
+    return ", ".join(
+        f"{outcome} in {count}" for outcome, count in Counter(run["outcome"] for run in runs).most_common()
+    )
+
+
+def span(values: Iterable[float]) -> str:
+    """Least and greatest; one value where they look the same."""
+    least, greatest = figure(min(known := list(values))), figure(max(known))
+    return least if least == greatest else f"{least} to {greatest}"
+
+
 def read(name: str) -> list[Record] | None:
     """The records of a run; None where none is kept."""
     path = RESULTS / f"{name}.json"
@@ -138,6 +182,8 @@ def renewed(page: str) -> str:
             body = overview()
         elif name == "peers":
             body = peers()
+        elif name == "demo" and records is not None:
+            body = demo(records)
         elif records is not None:
             body = "\n\n".join(tables(name, records))
         else:

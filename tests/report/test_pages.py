@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import html as markup
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import stadera
@@ -15,6 +17,7 @@ from stadera.errors import StaderaError
 from stadera.excite.design import ExciteSettings
 from stadera.report import pdf
 from stadera.report.page import commands
+from stadera.report.weigh.plots import payload_figure
 
 ROOT = Path(__file__).resolve().parents[2]
 VENDOR = ROOT / "src" / "stadera" / "report" / "vendor"
@@ -73,6 +76,15 @@ def test_the_weighing_s_sentence(pages) -> None:
     assert markup.unescape(said.group(1)).startswith("Payload 8.00 ± 0.10 kg; centre of mass x −0.2000 ± ")
     assert "Trust: doubtful" in pages["weigh"]
     assert "walk <1>" not in pages["weigh"]
+
+
+def test_axes_over_time_show_values_and_the_last_error_bar(weighed) -> None:
+    """A bar of the first rows after a change, twenty times the payload, does not set the scale."""
+    payload = weighed.timeline.payload.copy()
+    payload[np.flatnonzero(np.isfinite(payload[:, 0]))[0], 1] = 160.0
+    wide = replace(weighed, timeline=replace(weighed.timeline, payload=payload))
+    low, high = payload_figure(wide).panels[0].y.limits
+    assert low < 0.0 < 8.0 + 3.0 * 0.1 <= high < 12.0
 
 
 def test_inertia_has_unit_frame_and_point_of_reference(pages, weighed, rested) -> None:

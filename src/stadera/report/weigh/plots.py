@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,7 +110,8 @@ def payload_figure(result: Weighing, truth: Truth | None = None) -> Figure | Non
     marks = [band(time, *found.T), _curve(time, found[:, 0], "payload since the tare")]
     if truth is not None:
         marks.append(_true(truth, result, [m.payload_mass or 0.0 for m in truth.moments]))
-    return _over_time(result, "Payload over time", "payload [kg]", tuple(marks), "As known at that time.")
+    axis = Axis("payload [kg]", limits=_room(*found.T))
+    return _over_time(result, "Payload over time", axis, tuple(marks), "As known at that time.")
 
 
 def mass_figure(result: Weighing, truth: Truth | None = None) -> Figure:
@@ -121,7 +121,8 @@ def mass_figure(result: Weighing, truth: Truth | None = None) -> Figure:
     if truth is not None:
         marks.append(_true(truth, result, [m.mass for m in truth.moments]))
     note = "As known at that time." if result.torque_lag is not None else "Of each block at rest alone."
-    return _over_time(result, "Mass over time", "trunk's mass [kg]", tuple(marks), note)
+    axis = Axis("trunk's mass [kg]", limits=_room(line_.mass, line_.mass_std))
+    return _over_time(result, "Mass over time", axis, tuple(marks), note)
 
 
 def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
@@ -136,7 +137,8 @@ def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
         marks = [band(time, com[:, k], std[:, k]), _curve(time, com[:, k], "found")]
         if truth is not None:
             marks.append(_true(truth, result, [m.com[k] for m in truth.moments]))
-        panels.append(Panel(_time(result), Axis(f"com {'xyz'[k]} [m]"), tuple(marks), _changes(result)))
+        axis = Axis(f"com {'xyz'[k]} [m]", limits=_room(com[:, k], std[:, k]))
+        panels.append(Panel(_time(result), axis, tuple(marks), _changes(result)))
     note = "As known at that time; a gap where it was not."
     if result.torque_lag is None:
         note += (
@@ -153,15 +155,26 @@ def force_figure(result: Weighing) -> Figure | None:
     marks = tuple(
         _curve(result.timeline.time, load[:, k], leg.name, LEGS[k]) for k, leg in enumerate(result.robot.legs)
     )
-    figure = _over_time(result, "Forces of the ground", "vertical force [N]", marks, "Vertical, from joint torques.")
-    (panel,) = figure.panels
-    return replace(figure, rows=((replace(panel, y=replace(panel.y, zero=True)),),))
+    axis = Axis("vertical force [N]", zero=True)
+    return _over_time(result, "Forces of the ground", axis, marks, "Vertical, from joint torques.")
 
 
-def _over_time(result: Weighing, title: str, quantity: str, marks: tuple[Series, ...], note: str) -> Figure:
+def _over_time(result: Weighing, title: str, quantity: Axis, marks: tuple[Series, ...], note: str) -> Figure:
     refused = tuple(Guide(r.begin, r.end, colour="amber", name="not used") for r in result.refusals)
-    panel = Panel(_time(result), Axis(quantity), marks, (*refused, *_changes(result)))
+    panel = Panel(_time(result), quantity, marks, (*refused, *_changes(result)))
     return Figure(title, ((panel,),), note, 300.0, moves=True)
+
+
+def _room(values: Array, std: Array) -> tuple[float, float] | None:
+    """What is shown of a quantity over time: all its values (k,), and the last error bar [the same unit]. Wider bars
+    before, of the first rows after a change, are cut off.
+    """
+    known = np.isfinite(values) & np.isfinite(std)
+    if not known.any():
+        return None
+    low, high = float(values[known].min()), float(values[known].max())
+    room = max(3.0 * float(std[known][-1]), 0.15 * (high - low)) or 1.0
+    return low - room, high + room
 
 
 def _time(result: Weighing) -> Axis:
