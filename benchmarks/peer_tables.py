@@ -18,8 +18,8 @@ REASONS: dict[str, str] = {
     "mb": "memory: no cone solver; of stadera it does not grow with the log, which is streamed",
     "rmse": "held out: fits friction's steps as the low-pass smears them, so lies below the true parameters' residual; "
     "see the error to truth",
-    "place": "place: takes torque offsets to be zero; from one pose at rest they cannot be told from the place, and "
-    "stadera's default says so (`weigh --method contact` is this law)",
+    "place": "place: takes joints at rest to be free of friction, as they are in `standard`; stadera's default does not, for friction "
+    "can hold a whole load; `weigh --method contact` takes them so too",
 }
 """Of a lead, by figure, unless it is within the scatter of the runs."""
 
