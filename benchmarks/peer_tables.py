@@ -15,11 +15,12 @@ CHANCE = 0.05
 
 REASONS: dict[str, str] = {
     "seconds": "time: one least squares, without a search for cut-off and torque lag, physical consistency, checks",
-    "mb": "memory: no cone solver; of stadera it does not grow with the log, which is streamed",
+    "mb": "memory: less by what stadera's search, checks and solver hold, which does not grow with the log's length "
+    "(`benchmarks/offline_leg.py` streams an hour)",
     "rmse": "held out: fits friction's steps as the low-pass smears them, so lies below the true parameters' residual; "
     "see the error to truth",
-    "place": "place: takes joints at rest to be free of friction, as they are in `standard`; stadera's default does not, for friction "
-    "can hold a whole load; `weigh --method contact` takes them so too",
+    "place": "place: assumes no joint friction, which is true of `standard`; on a robot friction can hold a load, "
+    "so stadera's default states no place at rest (`weigh --method contact` assumes the same as this)",
 }
 """Of a lead, by figure, unless it is within the scatter of the runs."""
 
@@ -108,6 +109,8 @@ def _remark(row: Row) -> str:
 
 
 def _coverage(row: Row) -> str:
+    if row["mass"] is None:
+        return "–"
     return "no bars" if row["coverage"] is None else f"{100 * row['coverage']:.0f} %"
 
 

@@ -36,7 +36,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: one cor
 import numpy as np
 from peer_legs import CONTENDERS, LIBRARIES, Fitted, Problem, Signals, truth_predictor
 from peer_tables import LEG_FIGURES, TRUNK_FIGURES, TRUTH, Row, explained, markdown
-from peer_trunks import CASES, Walks, trunk_rows
+from peer_trunks import CASES, SETTINGS, TRUNK_METHODS, Walks, trunk_rows
 
 from stadera.excite.sinusoids import Sinusoids
 from stadera.files import write_text, written_together
@@ -184,7 +184,10 @@ def compared(walks: Walks, contenders: list[str], problems: list[str], cases: li
     leg_rows = explained(list(legs(contenders, problems)), LEG_FIGURES)
     return {
         "cases": {name: f"{name}, {PROBLEMS[name][1]}" for name in problems},
-        "settings": {row["contender"]: row["settings"] for row in leg_rows if "settings" in row},
+        "settings": {
+            **{f"{row['contender']}, legs": row["settings"] for row in leg_rows if "settings" in row},
+            **{f"{TRUNK_METHODS[name]}, trunks": said for name, said in SETTINGS.items()},
+        },
         "legs": [{key: value for key, value in row.items() if key != "settings"} for row in leg_rows],
         "trunks": explained(list(trunk_rows(walks, cases)), TRUNK_FIGURES),
         "walks": asdict(walks),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -85,3 +86,13 @@ def test_sign_test_is_the_binomials() -> None:
     assert peer_tables.sign_test(4, 8) == 1.0
     assert peer_tables.sign_test(8, 8) == pytest.approx(2 / 256)
     assert peer_tables.sign_test(1, 8) == pytest.approx(2 * 9 / 256)
+
+
+def test_no_row_of_the_published_table_is_ahead_without_an_explanation() -> None:
+    record = json.loads((ROOT / "docs" / "results" / "peers.json").read_text(encoding="utf-8"))
+    for rows, figures in (
+        (record["legs"], peer_tables.LEG_FIGURES),
+        (record["trunks"], peer_tables.TRUNK_FIGURES),
+    ):
+        said = [reason for one in peer_tables.explained(rows, figures) for reason in one["ahead"].values()]
+        assert not [reason for reason in said if "no explanation" in reason]
