@@ -7,6 +7,7 @@ residuals' correlation (for real joints they are far from white), summed up once
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from os import PathLike
 
 import numpy as np
@@ -26,6 +27,8 @@ from stadera.identify.warnings import leg_warnings, log_warnings
 from stadera.information import Information
 from stadera.legs import JointMotion, TrunkMotion
 from stadera.logs.reader import Log, as_logs
+from stadera.logs.recording import Recording
+from stadera.logs.topics import LogFile
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.types import Progress
@@ -65,10 +68,16 @@ def identify(
     model = robot if isinstance(robot, Robot) else load_robot(robot)
     asked = settings or IdentifySettings()
     joints = dict.fromkeys(joints_of(model, asked.legs or [leg.name for leg in model.legs]))
-    guard = Guard(model, tuple(joints), on_feet=False)
-    fitted = tuple(guard.admitted(log, fix=fix, force=force) for log in fitted)
-    evaluated = evaluated and tuple(guard.admitted(log, fix=fix, force=force) for log in evaluated)
-    job = prepare(model, fitted, asked, progress or (lambda *_: None))
+    admitted = partial(Guard(model, tuple(joints), on_feet=False).admitted, fix=fix, force=force)
+    fitted = tuple(map(admitted, fitted))
+    evaluated = evaluated and tuple(map(admitted, evaluated))
+    return _identified(prepare(model, fitted, asked, progress or (lambda *_: None)), fitted, evaluated)
+
+
+def _identified(
+    job: Job, fitted: Sequence[LogFile | Recording], evaluated: Sequence[LogFile | Recording] | None
+) -> Identification:
+    """The passes over admitted logs."""
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
     at_rest = not training.moves(job.drop_below)
     if at_rest:
@@ -79,7 +88,7 @@ def identify(
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
     doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
     return Identification(
-        robot=model,
+        robot=job.robot,
         source=", ".join(dict.fromkeys(log.source for log in fitted)),
         method=job.settings.method,
         legs=legs,
