@@ -105,35 +105,24 @@ class Errors:
         K = segment.sensitivity
         return np.asarray(scatter * (segment.inverse @ segment.inverse.T) + K @ self.covariance @ K.T)
 
-    def difference_covariance(
-        self, first: Segment, second: Segment, scatter: float, nested: bool, stiction: bool = True
-    ) -> Array:
+    def difference_covariance(self, first: Segment, second: Segment, scatter: float, stiction: bool = True) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
 
         Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
         hide the load, so it does not cancel.
 
         Args:
-            nested: the second segment starts with the first segment's rows.
             stiction: include a change of the static friction.
         """
         a, b = first.inverse @ first.inverse.T, second.inverse @ second.inverse.T
-        white = _positive(a - b) if nested else a + b
         difference = second.sensitivity - first.sensitivity
-        total = scatter * white + difference @ self.covariance @ difference.T
-        for name in ("stiction",) * stiction + ("regression",) * (not nested):
+        total = scatter * (a + b) + difference @ self.covariance @ difference.T
+        for name in ("stiction",) * stiction + ("regression",):
             place = PLACES[name]
             K1, K2, D = (x[:, place] for x in (first.sensitivity, second.sensitivity, difference))
             own = self.covariance[place, place]
             total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
         return np.asarray(0.5 * (total + total.T))
-
-
-def _positive(matrix: Array) -> Array:
-    """Nearest positive semidefinite matrix. Forgetting may leave negative eigenvalues in a difference."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
-    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T) / np.outer(scale, scale))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 def robot_weight(robot: Robot) -> float:

@@ -29,12 +29,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.inertia import InertialParameters
+from stadera.information import Information
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.trunk.changes import ChangeDetector, Jump
 from stadera.trunk.considered import Errors, RowSums, robot_weight, weighted
-from stadera.trunk.error_model import PLACES, ErrorModel
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.ground import GroundNormal
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
@@ -46,7 +47,7 @@ from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import THETA, Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.swing import SwingJoints
@@ -139,7 +140,8 @@ class TrunkEstimator:
         self._changing: _Change | None = None
         self._candidate: _Change | None = None
         self._tare: Segment | None = None
-        self._nested = False
+        self._loaded: Information | None = None  # rows since the tare, until a change is detected
+        self._unused = 0  # next rows that still contain samples before the tare
         self._fit: Fit | None = None
         self._odd = OddBlocks()
         self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
@@ -192,8 +194,14 @@ class TrunkEstimator:
                 self._block(block)
 
     def tare(self) -> None:
-        """Makes the present estimate of the trunk the reference for `payload`."""
-        self._tare, self._nested = self._current, True
+        """Makes the present estimate of the trunk the reference for `payload`.
+
+        Later rows are summed separately: a load that comes with the tare counts whether or not it is detected as a
+        change.
+        """
+        self._tare, self._unused = self._current, self.settings.changes.spoilt
+        before = self._current.mean(self._errors.mean)
+        self._loaded = Information.prior(THETA, before, _PAYLOAD * self._wide, ERRORS)
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -227,10 +235,13 @@ class TrunkEstimator:
         """Mass added since the tare; None without a tare."""
         if self._tare is None:
             return None
-        p = self._errors.mean
-        difference = self._current.mean(p) - self._tare.mean(p)
-        covariance = self._errors.difference_covariance(self._tare, self._current, self._scatter.value, self._nested)
-        covariance[:4, :4] += np.outer(self._detector.suspected, self._detector.suspected)
+        p, missed = self._errors.mean, self._detector.suspected
+        now = self._current if self._loaded is None else Segment(self._loaded)
+        difference = now.mean(p) - self._tare.mean(p)
+        covariance = self._errors.difference_covariance(self._tare, now, self._scatter.value)
+        if self._loaded is not None and missed.any():  # the rows since the tare already contain part of it
+            missed = missed - (now.mean(p) - self._aged.mean(p))[:4]
+        covariance[:4, :4] += np.outer(missed, missed)
         return Payload.of_parameters(difference, covariance, ObservedLimits().com * self._length)
 
     @property
@@ -351,6 +362,10 @@ class TrunkEstimator:
         self._scatter.count(rows, self._aged, p)
         self._recent.append(rows)
         self._known.append(self._current.add(rows, keep))
+        if self._loaded is not None:
+            self._unused -= 1
+            if self._unused < 0:
+                self._loaded = self._loaded.forget(keep).add(rows.matrix, rows.target, rows.errors)
         if len(self._recent) > 2 * self.settings.changes.pending:
             self._recent.popleft()
             self._known.popleft()
@@ -384,7 +399,8 @@ class TrunkEstimator:
         before = self._known[max(len(recent) - blocks - spoilt, 0)]
         begun = recent[-blocks].time - self.settings.block
         self._finished = (*self._finished[-3:], before)
-        self._known, self._nested = deque([Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)]), False
+        self._known = deque([Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)])
+        self._loaded = None
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
         for rows in self._recent:
             self._known.append(self._current.add(rows))
@@ -412,15 +428,13 @@ class TrunkEstimator:
         """
         p = self._errors.mean
         difference = (self._current.mean(p) - before.mean(p))[:4]
-        covariance = self._errors.difference_covariance(
-            before, self._current, self._scatter.value, nested=False, stiction=False
-        )
+        covariance = self._errors.difference_covariance(before, self._current, self._scatter.value, stiction=False)
         return bool((np.abs(difference) > SIGNIFICANT * np.sqrt(np.diag(covariance)[:4])).any())
 
     def _weighed(self, change: _Change, now: Segment) -> LoadChange:
         p = self._errors.mean
         mass = float(now.mean(p)[0] - change.before.mean(p)[0])
-        covariance = self._errors.difference_covariance(change.before, now, self._scatter.value, nested=False)
+        covariance = self._errors.difference_covariance(change.before, now, self._scatter.value)
         std = float(np.sqrt(covariance[0, 0]))
         kind: ChangeKind = "on" if mass > 0 else "off"
         if abs(mass) < max(3.0 * std, _SHIFTED * self.robot.mass):

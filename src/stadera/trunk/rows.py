@@ -24,6 +24,7 @@ G, L, K of the legs are found by feeding each acceleration alone at the block's 
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -57,7 +58,8 @@ _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint acceleration
 _MIDDLES = 4  # the block's middle sample as it is, and with each joint of all legs moved by a step
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
-_MOVES = 6.0  # standard deviations above which a joint moves; estimated from quiet blocks, at 200 Hz a third too small
+_MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
+_LATELY = 25  # blocks, over which that is taken: a joint that turns back is not one that stands
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
 _UNIT = np.eye(3)
@@ -161,6 +163,7 @@ class RowMaker:
         self._half: _Half | None = None
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
         self._calibration = SignalCalibration()
+        self._speeds: deque[Array] = deque(maxlen=_LATELY)  # squared, over the noise's variance
 
     def restart(self) -> None:
         """Discards the unfinished window: the next samples do not continue the previous ones."""
@@ -333,8 +336,9 @@ class RowMaker:
             C[:, PLACES[name]] = -total.by_terms[:, :, term]
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
         C[:, PLACES["stiction"]] *= np.sign(total.signals[:3] @ total.by_terms[:3, :, _TERMS.index("offset")])
-        # noise is not motion: a joint that moves more does not stick; one that moves less shows no friction or inertia
-        still = np.abs(total.joint[1]) < _MOVES * np.sqrt(averaged) * noise.velocity
+        # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
+        self._speeds.append(total.joint[1] ** 2 / (averaged * noise.velocity**2))
+        still = np.mean(self._speeds, axis=0) < _MOVES**2
         for name in ("rotor", "viscous", "coulomb"):
             C[:, PLACES[name]] *= ~still
         C[:, PLACES["stiction"]] *= still

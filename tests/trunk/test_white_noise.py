@@ -1,0 +1,45 @@
+"""White noise from the log: signals whose noise is known, at the rates at which robots log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stadera.trunk.noise import WhiteNoise
+from stadera.trunk.samples import Samples
+
+TORQUE, VELOCITY, GYRO, ACCELEROMETER = 0.4, 0.03, 0.004, 0.1
+COLUMNS = np.arange(12).reshape(4, 3)
+BLOCK, SECONDS = 0.02, 16.0
+
+
+def learnt(rate: float, touchdowns: bool = False) -> WhiteNoise:
+    """Fed with noise on a slow motion, one sample more before and after each block, as the estimator feeds it."""
+    rng, found = np.random.default_rng(0), WhiteNoise(np.full(12, 1.0), 0.02, 0.005, 0.05)
+    n = round(rate * BLOCK)
+    time = np.arange(round(SECONDS * rate)) / rate
+    wave = np.sin(2.0 * np.pi * 1.5 * time)[:, None]
+    torque = 20.0 * wave + TORQUE * rng.standard_normal((len(time), 12))
+    if touchdowns:
+        torque[(time % 0.25) < 1.5 / rate] += 30.0
+    velocity = 3.0 * wave + VELOCITY * rng.standard_normal((len(time), 12))
+    gyro, force = (std * rng.standard_normal((len(time), 3)) for std in (GYRO, ACCELEROMETER))
+    log = Samples(time, np.zeros((len(time), 12)), velocity, torque, gyro, force)
+    for k in range(1, len(time) - n, n):
+        found.learn(log[k - 1 : k + n + 1], COLUMNS)
+    return found
+
+
+@pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])
+def test_noise_is_found_at_every_rate(rate: float) -> None:
+    """A block at 200 Hz holds three third differences, at 1000 Hz nineteen: the quartile is another."""
+    found = learnt(rate)
+    np.testing.assert_allclose(found.torque.mean(), TORQUE, rtol=0.15)
+    np.testing.assert_allclose(found.velocity.mean(), VELOCITY, rtol=0.15)
+    np.testing.assert_allclose([found.gyro, found.accelerometer], [GYRO, ACCELEROMETER], rtol=0.2)
+
+
+@pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])
+def test_touchdowns_are_not_noise(rate: float) -> None:
+    """Blows of 30 N·m four times a second, in each twelfth block, against noise of 0.4."""
+    np.testing.assert_allclose(learnt(rate, touchdowns=True).torque.mean(), TORQUE, rtol=0.25)
