@@ -219,6 +219,14 @@ def test_a_contact_point_elsewhere_moves_the_rows_as_its_columns_say() -> None:
     agree(left, np.array(said), 0.05)
 
 
+def test_a_joint_that_turns_back_does_not_stand() -> None:
+    """The joints of a walk, which stop at every turn, slide in all rows; none sticks."""
+    later = clean()[25:]
+    for name, there in (("coulomb", True), ("stiction", False)):
+        used = np.array([rows.errors[:, PLACES[name]].any(axis=0) for rows in later])
+        assert (used == there).all(), name
+
+
 def test_places_fill_the_vector() -> None:
     covered = np.concatenate([np.arange(p.start, p.stop) for p in PLACES.values()])
     np.testing.assert_array_equal(covered, np.arange(ERRORS))

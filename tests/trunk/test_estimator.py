@@ -134,6 +134,18 @@ def test_a_load_too_light_for_a_name_is_weighed_all_the_same(share: float) -> No
     assert estimator.changes == ()
 
 
+def test_a_load_that_comes_with_the_tare_is_weighed_though_no_change_is_detected() -> None:
+    blind = TrunkSettings(changes=ChangeSettings(deviations=1e3, suspected=1e3))
+    s, estimator = samples(motion(), STANDARD, 3), TrunkEstimator(robot(), settings=blind)
+    estimator.add(before(s, TARED - 0.02))
+    estimator.tare()
+    estimator.add(after(s, TARED - 0.02))
+    payload = estimator.payload
+    assert payload is not None
+    assert estimator.changes == ()
+    assert abs(payload.mass - load().mass) < min(0.01 * robot().mass, 3.0 * payload.mass_std)
+
+
 def test_neither_slope_nor_heading_enters() -> None:
     estimator = TrunkEstimator(robot())
     estimator.add(samples(motion(Walk(seconds=1.5, rate_hz=RATE, slope=0.2))))

@@ -7,8 +7,8 @@ their mean, divided by that quartile of white noise. The mean square of m third 
 
     ν = m² / Σ_ij ρ²_ij = m² / (m + 2 Σ_k (m - k) ρ_k²)
 
-degrees of freedom: 1.7 in a block of 20 ms at 200 Hz, 4.2 at 500 Hz, 8.5 at 1000 Hz. The noise affects the rows' weights
-and decides what counts as motion; error bars are scaled by the rows' scatter.
+degrees of freedom: 1.7 in a block of 20 ms at 200 Hz, 4.2 at 500 Hz, 8.5 at 1000 Hz. The noise affects the rows'
+weights and decides what counts as motion; error bars are scaled by the rows' scatter.
 """
 
 from __future__ import annotations
