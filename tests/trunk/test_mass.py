@@ -14,8 +14,10 @@ from stadera.lab.plant import IDEAL, STANDARD, Plant, RigidMass, SensorErrors, S
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import MassEstimator, Measurement, Status, TrunkModel
+from stadera.trunk import MassEstimator, Measurement, Status, TrunkEstimate, TrunkModel
+from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.mass import MassSettings
+from stadera.trunk.standing.noise import ForceNoise
 
 ROBOT = load_robot("hyq")
 
@@ -63,6 +65,20 @@ def test_its_standard_deviation_is_that_of_its_errors(standing: Plant) -> None:
     # χ² of 12 draws: its central 99.8 %
     assert 2.2 < (scaled**2).sum() < 33.0
     assert np.std(stds) < 0.1 * np.mean(stds)
+
+
+def test_its_standard_deviation_is_what_the_torques_constant_errors_do(standing: Plant) -> None:
+    """Each of the twelve moved by itself by its standard deviation; all else that is constant is nil."""
+    size, still = 0.5, samples(standing, IDEAL, 0, 200)
+    noise = ForceNoise(np.zeros((4, 3)), np.full((4, 3), size), foot_position=0.0, leg_mass=0.0)
+
+    def weighed(shift: np.ndarray) -> TrunkEstimate:
+        moved = [replace(m, effort=m.effort + shift) for m in still]
+        return fed(MassEstimator(ROBOT, forces=ContactForceEstimator(ROBOT, noise)), moved).estimate()
+
+    bare = weighed(np.zeros(12))
+    felt = [weighed(size * one).trunk.mass - bare.trunk.mass for one in np.eye(12)]
+    assert bare.std[0] == pytest.approx(np.linalg.norm(felt), rel=0.05)
 
 
 def test_it_settles_and_says_so(standing: Plant) -> None:
