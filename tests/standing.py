@@ -6,7 +6,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from stadera.legs.model import foot_jacobians, foot_positions
+from stadera.logs import Imu, Recording
 from stadera.robot import Robot
+from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement
 
 GRAVITY = 9.81
@@ -96,3 +99,49 @@ class StandingRobot:
         q[3:7] = Rotation.from_matrix(rotation).as_quat()
         q[self._in_q] = joints
         return q
+
+
+RATE, HELD = 100.0, 0.5  # Hz, s of each pose
+TILTS = [(0, 0), (6, 0), (-6, 0), (0, 6), (0, -6), (5, 5)]  # °, about x and y
+
+
+def static_log(robot: Robot, load: float = 0.0, seed: int = 3) -> Recording:
+    """Poses held at rest, by Pinocchio, with a little white noise as any sensor has."""
+    plant = StandingRobot(robot, load, (0.05, 0.03, 0.1))
+    rng = np.random.default_rng(seed)
+    nominal = standing_configuration(robot)
+    count = round(HELD * RATE)
+    rows: dict[str, list[np.ndarray]] = {"q": [], "tau": [], "a": [], "turn": []}
+    for roll, pitch in TILTS:
+        turn = Rotation.from_euler("xy", [roll, pitch], degrees=True)
+        joints = _with_feet_at(robot, nominal, turn)
+        for name, values in (
+            ("q", joints),
+            ("tau", plant.efforts(joints, turn.as_matrix())),
+            ("a", GRAVITY * turn.as_matrix()[2]),
+            ("turn", turn.as_quat()),
+        ):
+            rows[name] += [values] * count
+    q, tau, a, turns = (np.array(rows[name]) for name in ("q", "tau", "a", "turn"))
+    samples = len(q)
+    return Recording(
+        time=np.arange(samples) / RATE,
+        joints=robot.tree.joints,
+        position=q + 1e-4 * rng.normal(size=q.shape),
+        velocity=1e-2 * rng.normal(size=q.shape),
+        effort=tau + 1e-2 * rng.normal(size=q.shape),
+        imu=Imu(1e-3 * rng.normal(size=a.shape), a + 2e-2 * rng.normal(size=a.shape), turns, robot.trunk),
+    )
+
+
+def _with_feet_at(robot: Robot, nominal: np.ndarray, turn: Rotation) -> np.ndarray:
+    """Joints with which the feet stay where they are in the world, the trunk turned; Newton's method."""
+    wanted = turn.inv().apply(foot_positions(robot, nominal[None])[0])
+    q = nominal.copy()
+    columns = [[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs]
+    for _ in range(20):
+        error = wanted - foot_positions(robot, q[None])[0]
+        jacobians = foot_jacobians(robot, q[None])[0]
+        for leg, place in enumerate(columns):
+            q[place] += np.linalg.solve(jacobians[leg], error[leg])
+    return q

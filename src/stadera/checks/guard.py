@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 
 from stadera.checks.diagnosis import diagnose, unit_findings
 from stadera.checks.finding import Finding
+from stadera.checks.limits import CheckLimits
+from stadera.checks.units import limit_findings
 from stadera.errors import UntrustedError
 from stadera.logs.mend import Mend, changed
 from stadera.logs.reader import stream
@@ -40,7 +42,10 @@ class Guard:
     def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
         """What is wrong with units and signs in a log's first chunk."""
         first = self._first(log)
-        return () if first is None else unit_findings(first, self.robot)
+        if first is None:
+            return ()
+        found = unit_findings(first, self.robot)
+        return found if found or self.on_feet else tuple(limit_findings(first, self.robot, CheckLimits()))
 
     def findings(self, log: LogFile | Recording) -> tuple[Finding, ...]:
         """All that is wrong with a log's first chunk.

@@ -64,6 +64,28 @@ def position_findings(recording: Recording, robot: Robot, limits: CheckLimits) -
     yield Finding("position_unit", text, "--columns MAP.toml with their unit", mend)
 
 
+def limit_findings(recording: Recording, robot: Robot, limits: CheckLimits) -> Iterator[Finding]:
+    """Legs beyond their joints' limits, and within them with another sign of some: signs, or another joint's values.
+
+    For legs in the air, whose torques say little of what is whose.
+    """
+    for leg in robot.legs:
+        if not set(leg.joints) <= set(recording.joints):
+            continue
+        beyond = [_beyond(recording, robot, joint, 1.0) for joint in leg.joints]
+        if max(beyond) < limits.outside:
+            continue
+        turned = [_beyond(recording, robot, joint, -1.0) for joint in leg.joints]
+        wrong = [j for j, now, then in zip(leg.joints, beyond, turned, strict=True) if now > limits.outside > then]
+        if len(wrong) == sum(value > limits.outside for value in beyond):
+            text = (
+                f"leg {leg.name}: {', '.join(map(repr, wrong))} {'are' if len(wrong) > 1 else 'is'} {max(beyond):.2f} "
+                "rad beyond the joint's limits, and within them with the other sign: the sign is reversed, or the "
+                "values are another joint's"
+            )
+            yield Finding("joint_signs", text, "--columns MAP.toml with factor = -1 or the right names")
+
+
 def _beyond(recording: Recording, robot: Robot, joint: str, factor: float) -> float:
     """Angle by which a joint is beyond its limits for half of the time [rad]."""
     found = robot.limits[joint]

@@ -7,6 +7,7 @@ residuals' correlation (for real joints they are far from white), summed up once
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 
@@ -68,10 +69,13 @@ def identify(
     model = robot if isinstance(robot, Robot) else load_robot(robot)
     asked = settings or IdentifySettings()
     joints = dict.fromkeys(joints_of(model, asked.legs or [leg.name for leg in model.legs]))
-    admitted = partial(Guard(model, tuple(joints), on_feet=False).admitted, fix=fix, force=force)
+    guard = Guard(model, tuple(joints), on_feet=False)
+    admitted = partial(guard.admitted, fix=fix, force=force)
     fitted = tuple(map(admitted, fitted))
     evaluated = evaluated and tuple(map(admitted, evaluated))
-    return _identified(prepare(model, fitted, asked, progress or (lambda *_: None)), fitted, evaluated)
+    forced = tuple(str(finding) for log in fitted for finding in guard.units(log)) if force else ()
+    job = prepare(model, fitted, asked, progress or (lambda *_: None))
+    return _identified(replace(job, doubts=(*forced, *job.doubts)), fitted, evaluated)
 
 
 def _identified(

@@ -176,6 +176,8 @@ class CheckedLog:
                 raise UntrustedError(f"{self.source.source}: {finding}")
             self.doubts["bad", finding.message] = None
         elif verdict := _VERDICTS.get(finding.cause):
+            if verdict == "bad" and not self._request.force:
+                raise UntrustedError(f"{self.source.source}: not to be trusted: {text}")
             self.doubts[verdict, text] = None
         else:
             self.notes[text] = None
