@@ -23,7 +23,7 @@ from stadera.cli.options import (
     LogOptions,
     PdGains,
     ReportFile,
-    RobotName,
+    RobotOfLog,
     Units,
 )
 from stadera.cli.outputs import ResultFiles, figure_files
@@ -42,7 +42,7 @@ class Solver(StrEnum):
 
 def identify(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs to fit; several are merged.")],
-    robot: RobotName,
+    robot: RobotOfLog = None,
     legs: Annotated[
         str | None, typer.Option(metavar="RH,...", help="Legs to identify [default: all]. LF, RF, LH, RH in any case.")
     ] = None,
@@ -112,7 +112,7 @@ def identify(
     settings = IdentifySettings(
         chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
     )
-    model = load_robot(robot, reading.reading.limits)
+    model = load_robot(reading.robot(robot, logs[0]), reading.reading.limits)
     files = ResultFiles(json, report, export, figure_files(figure), latex)
     files.check(model)
     training = [reading.log(path) for path in logs]

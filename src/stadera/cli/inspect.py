@@ -100,20 +100,9 @@ def _is_robot(target: str) -> bool:
 
 
 def _fitting(joints: tuple[str, ...]) -> list[str]:
-    """Installed robots known by name, of which the log contains all joints of one leg or more."""
-    from stadera.errors import StaderaError
-    from stadera.robot import CATALOG, load_robot
+    """Robots known by name that the log fits, with its legs where they are not all."""
+    from stadera.robot.guess import fitting
 
-    fitting = []
     with progress() as watch:
-        for k, name in enumerate(CATALOG):
-            if watch:
-                watch("comparing with known robots", k, len(CATALOG))
-            try:
-                robot = load_robot(name)
-            except StaderaError:  # not installed
-                continue
-            legs = [leg.name for leg in robot.legs if set(leg.joints) <= set(joints)]
-            if legs:
-                fitting.append(name if len(legs) == len(robot.legs) else f"{name} ({', '.join(legs)})")
-    return fitting
+        found = fitting(joints, watch)
+    return [name if len(legs) == 4 else f"{name} ({', '.join(legs)})" for name, legs in found.items()]

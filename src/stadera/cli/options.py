@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 RobotName = Annotated[
     str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.", show_default=False)
 ]
+RobotOfLog = Annotated[
+    str | None,
+    typer.Option(
+        "--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF [default: as the log says]."
+    ),
+]
 JsonFile = Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")]
 ReportFile = Annotated[
     Path | None,
@@ -151,3 +157,26 @@ class LogOptions:
         from stadera.logs.topics import LogFile
 
         return LogFile(path, self.topics, self.reading)
+
+    def robot(self, given: str | None, path: Path) -> str:
+        """The robot given, else the one that a log's metadata name, else the only one with its joints, which is shown.
+
+        Raises:
+            RecordingError: neither; lists those that have the joints.
+        """
+        from stadera.cli.terminal import progress, show
+        from stadera.errors import RecordingError
+        from stadera.fleet.metadata import robot_named_in
+        from stadera.logs.reader import read_head
+        from stadera.robot.guess import guessed
+
+        if given is not None:
+            return given
+        head = read_head(self.log(path))
+        try:
+            return robot_named_in(path)
+        except RecordingError:
+            with progress() as watch:
+                name = guessed(head.joints, str(path), watch)
+        show(f"robot {name}, by the joints of {path}")
+        return name

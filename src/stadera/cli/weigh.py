@@ -23,7 +23,7 @@ from stadera.cli.options import (
     LogOptions,
     PdGains,
     ReportFile,
-    RobotName,
+    RobotOfLog,
     RrdFile,
     Units,
     View,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 def weigh(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a robot on its feet, walking or standing.")],
-    robot: RobotName,
+    robot: RobotOfLog = None,
     method: Annotated[
         str | None,
         typer.Option(
@@ -105,7 +105,7 @@ def weigh(
 
     check_choice(method, springs)
     files = ResultFiles(json, report, export, figure_files(figure), latex)
-    model = robot_with_legs(robot, legs, reading.reading.limits)
+    model = robot_with_legs(reading.robot(robot, log), legs, reading.reading.limits)
     files.check(model)
     known = _truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:

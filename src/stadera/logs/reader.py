@@ -132,6 +132,17 @@ def stream(
     return (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
 
 
+def read_head(log: Log) -> Recording:
+    """The first samples of a log, all joints.
+
+    Raises:
+        RecordingError: as `stream`, or an empty log.
+    """
+    for chunk in stream(log, rows=256):
+        return chunk
+    raise RecordingError(f"{as_log(log).source}: no samples")
+
+
 def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:
     """Reads a whole log as one recording. Arguments and errors as `stream`."""
     log = as_log(log)
