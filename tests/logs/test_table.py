@@ -84,6 +84,14 @@ def test_unknown_columns_are_kept_out_and_named(tmp_path: Path) -> None:
     assert any("imu.linear_acceleration.x" in note for note in recording.notes)
 
 
+def test_a_quaternion_is_read_by_the_names_of_its_columns(tmp_path: Path) -> None:
+    imu = [f"imu.{of}.{axis}" for of in ("angular_velocity", "linear_acceleration") for axis in "xyz"]
+    header = ",".join(["time,a.position", *(f"imu.orientation.{axis}" for axis in "wzyx"), *imu])
+    recording = read(csv_of(tmp_path, *(f"{t},1,0.7,0.5,0.5,0.1,0,0,0,0,0,9.81" for t in (0, 1)), header=header))
+    assert recording.imu is not None
+    np.testing.assert_array_equal(recording.imu.orientation, [[0.1, 0.5, 0.5, 0.7]] * 2)  # xyzw
+
+
 def test_a_header_may_have_a_byte_order_mark_quotes_and_spaces(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes(b'\xef\xbb\xbf"time" , "LF_HAA.position"\r\n0, 1.5\r\n0.1, -2\r\n')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,15 @@ import pytest
 
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.moving.walking import cases, summary
-from stadera.lab.experiments.moving.weighed import PLACES, WALKING, WalkingCase, compared, payload_of, weigh_in_motion
+from stadera.lab.experiments.moving.weighed import (
+    PLACES,
+    WALKING,
+    WalkingCase,
+    _absolute,
+    compared,
+    payload_of,
+    weigh_in_motion,
+)
 from stadera.lab.experiments.paper import ReproduceSettings
 from stadera.lab.plant.payload import Tray
 from stadera.robot import load_robot
@@ -49,6 +58,32 @@ def test_errors_are_differences_to_the_tare() -> None:
     assert figures["soon.payload_mass"] == pytest.approx(0.0, abs=1e-12)
     assert figures["soon.payload_xy"] == pytest.approx(0.0, abs=1e-12)
     assert figures["soon.shift_xy"] > 1e-3
+
+
+def test_errors_have_their_size() -> None:
+    bare = InertialParameters.from_com(10.0, [0.0, 0.0, 0.0], np.eye(3))
+    load = InertialParameters.from_com(2.0, [0.3, -0.1, 0.2], 0.01 * np.eye(3))
+    found = InertialParameters.from_com(2.5, [0.33, -0.14, 0.3], 0.01 * np.eye(3))
+    figures = compared(bare, bare + found, bare, bare + load, "soon")
+    assert figures["soon.payload_mass"] == pytest.approx(0.5)
+    assert figures["soon.payload_xy"] == pytest.approx(0.05)
+    assert figures["soon.payload_z"] == pytest.approx(0.1)
+    assert figures["soon.com_z"] == pytest.approx(0.75 / 12.5 - 0.4 / 12.0)
+    np.testing.assert_allclose(
+        figures["soon.shift_xy"], np.hypot(0.825 / 12.5 - 0.6 / 12.0, 0.35 / 12.5 - 0.2 / 12.0), rtol=1e-9
+    )
+
+
+def test_normalised_errors_are_those_of_what_is_observed() -> None:
+    truth = InertialParameters.from_com(10.0, [0.1, 0.0, 0.0], np.eye(3))
+    off = InertialParameters.from_com(10.4, [0.13, 0.0, 5.0], np.eye(3))
+    found = SimpleNamespace(
+        inertial=off, observed=np.array([True, True, True, False]), covariance=np.diag([0.04, 1e-4, 1.0, 1.0])
+    )
+    figures = _absolute(SimpleNamespace(parameters=lambda: found), truth, "loaded")  # type: ignore[arg-type]
+    assert figures["loaded.nees"] == pytest.approx(2.0**2 + 3.0**2)
+    assert figures["loaded.worst_sigmas"] == pytest.approx(3.0)
+    assert figures["loaded.observed"] == 3
 
 
 def outcome(error: float, **more: Any) -> dict[str, Any]:
