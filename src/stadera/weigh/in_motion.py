@@ -22,6 +22,7 @@ from stadera.trunk.protocol import Status
 from stadera.trunk.samples import Samples
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
+from stadera.weigh.against_model import Footprint, doubts
 from stadera.weigh.reading import CheckedLog, require_imu
 from stadera.weigh.result import Refusal, Timeline, Weighing
 from stadera.weigh.settings import IN_MOTION, Request
@@ -84,6 +85,7 @@ class _Reading:
         self._time = np.nan  # of the last sample
         self._shift: float | None = None if before is not None else 0.0
         self._done = 0
+        self._footprint = Footprint(request.robot, request.settings.model)
         self._entries: list[tuple[float, Array, Array, Array]] = []
         self._refused: list[Refusal] = []
 
@@ -102,6 +104,7 @@ class _Reading:
                 self._estimator = self._made(chunk)
             samples = Samples.of_recording(chunk, self._request.robot, frame)
             self._check_rate(samples)
+            self._footprint.add(samples)
             if self._shift is None and self._before is not None:  # puts this log after the tare's
                 self._shift = self._before.last + settings.log_gap - self.log.begin
             for start in range(0, len(samples), settings.ahead):
@@ -232,5 +235,10 @@ class _Reading:
             if log.event is not None:
                 trust = trust.at_most("doubtful", f"as known at {log.event.begin:.2f} s: {log.event.reason}")
             for doubt in log.doubts:
+                trust = trust.at_most(*doubt)
+        found, payload = self.estimator.parameters(), self.estimator.payload
+        if found.observed[0]:
+            limits = self._request.settings.model
+            for doubt in doubts(self._request.robot, found.inertial, payload, self._footprint, limits):
                 trust = trust.at_most(*doubt)
         return trust

@@ -16,6 +16,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Progress
+from stadera.weigh.against_model import ModelLimits
 
 if TYPE_CHECKING:
     from stadera.trunk.estimator import TrunkEstimator
@@ -50,6 +51,7 @@ class WeighSettings:
         doubtful_misfit: variance of the masses of blocks at rest, divided by the stated one, above which the result is
             doubtful and its error bars are widened.
         windows: criteria for signals that contradict each other in part of a log, see `WindowLimits`.
+        model: when a difference of the trunk from its model is doubted, see `ModelLimits`.
         window: length of the windows in which encoders, torques and IMU are compared in such a log [s].
     """
 
@@ -67,10 +69,12 @@ class WeighSettings:
     stale: float = 1.0
     doubtful_misfit: float = 3.0
     windows: WindowLimits = field(default_factory=WindowLimits)
+    model: ModelLimits = field(default_factory=ModelLimits)
     window: float = 0.5
 
     def __post_init__(self) -> None:
-        require_positive("weighing setting", self, [f.name for f in fields(self) if f.name not in ("trunk", "windows")])
+        numbers = [f.name for f in fields(self) if f.name not in ("trunk", "windows", "model")]
+        require_positive("weighing setting", self, numbers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,147 @@
+"""The weighed trunk against its model: differences that torques with an error explain at least as well as a load.
+
+While the feet stay where they are, a torque of one leg that is scaled, offset, clipped or dead changes that leg's
+vertical force by some f and no other residual: near-vertical forces through the foot at p balance as
+
+    Δm g = f,      Δh = Δm p      (horizontal components)
+
+so mass m and first moment h of the trunk change as by a load right above that foot, or as by taking one away. A load of
+its own is rarely there, and never negative. A common factor of all torques is a load, too; then only its size tells.
+Steps break this: the foot's place and load vary, and a wrong torque leaves a residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from stadera.errors import require_positive
+from stadera.inertia import InertialParameters
+from stadera.legs.model import foot_positions
+from stadera.robot.model import Robot
+from stadera.trunk.load import Payload
+from stadera.trunk.samples import Samples
+from stadera.trust import Verdict
+from stadera.types import Array
+
+
+@dataclass(frozen=True)
+class ModelLimits:
+    """When a difference from the model is doubted.
+
+    Attributes:
+        lighter: than the model, share of the robot's mass; models and gains of all torques err by half as much.
+        heavier: than the model, share of it: quadrupeds are built for loads of a third to a half of their mass.
+        least: force of one leg that may be wrong, share of the weight.
+        above: what a load right above a foot may leave of the difference in mass and first moment, relative; one
+            half way from the middle to the foot leaves 0.32.
+        missing: the same where something would have been taken away.
+        stepped: standard deviation of a distance between feet that have stepped [m].
+        rate: at which feet are looked at [Hz].
+    """
+
+    lighter: float = 0.12
+    heavier: float = 0.7
+    least: float = 0.08
+    above: float = 0.28
+    missing: float = 0.35
+    stepped: float = 0.015
+    rate: float = 20.0
+
+    def __post_init__(self) -> None:
+        require_positive("limit of differences from the model", self, [field.name for field in fields(self)])
+
+
+class Footprint:
+    """Where the feet are in the trunk, and the vertical, on average over a log.
+
+    Args:
+        robot: its model. limits: see `ModelLimits`.
+    """
+
+    def __init__(self, robot: Robot, limits: ModelLimits) -> None:
+        self._robot, self._limits = robot, limits
+        self._pairs = np.triu_indices(4, 1)
+        self._count, self._feet, self._up = 0, np.zeros((4, 3)), np.zeros(3)
+        self._moments = np.zeros((2, 6))  # of the distances between feet
+
+    def add(self, samples: Samples) -> None:
+        """Takes in samples of the robot's joints."""
+        period = float(np.median(np.diff(samples.time))) if len(samples) > 1 else 1.0
+        kept = slice(None, None, max(1, round(1.0 / (self._limits.rate * period))))
+        feet = foot_positions(self._robot, samples.position[kept])
+        apart = np.linalg.norm(feet[:, self._pairs[0]] - feet[:, self._pairs[1]], axis=-1)
+        self._count += len(feet)
+        self._feet += feet.sum(axis=0)
+        self._up += samples.specific_force[kept].sum(axis=0)
+        self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
+
+    @property
+    def stood(self) -> bool:
+        """Whether no foot has stepped."""
+        if not self._count:
+            return False
+        mean, square = self._moments / self._count
+        return bool(np.sqrt(np.maximum(square - mean**2, 0.0)).max() < self._limits.stepped)
+
+    def above(self, mass: float, moment: Array) -> tuple[int, float, float]:
+        """The leg whose force explains a difference best, its force [kg], and what is left of the difference, relative.
+
+        Args:
+            mass: difference [kg]. moment: (3,) of the first moment [kg·m], trunk frame.
+        """
+        up = self._up / max(float(np.linalg.norm(self._up)), 1e-9)
+        feet = self._feet / self._count
+        centre = feet.mean(axis=0)
+        level = np.eye(3) - np.outer(up, up)
+        places = (feet - centre) @ level
+        length = float(np.linalg.norm(places, axis=1).mean())
+        places = np.column_stack([np.ones(4), places / length])
+        difference = np.concatenate([[mass], level @ (moment - mass * centre) / length])
+        force = places @ difference / (places**2).sum(axis=1)
+        left = np.linalg.norm(difference - force[:, None] * places, axis=1)
+        best = int(np.argmin(left))
+        return best, float(force[best]), float(left[best] / max(np.linalg.norm(difference), 1e-12))
+
+
+def doubts(
+    robot: Robot, trunk: InertialParameters, payload: Payload | None, footprint: Footprint, limits: ModelLimits
+) -> Iterator[tuple[Verdict, str]]:
+    """Verdict and reason of what torques with an error would explain.
+
+    Args:
+        robot: its model.
+        trunk: as weighed, with all that is on it. payload: since the tare; None without one.
+        footprint: of the log.
+    """
+    difference = trunk - robot.inertias[robot.trunk]
+    found: list[tuple[Verdict, str]] = []
+    if footprint.stood:
+        added = None if payload is None else payload.parameters
+        loads = [difference] if added is None else [difference, added]
+        found = [doubt for load in loads for doubt in _of_one_leg(robot, load, footprint, limits)]
+    yield from found[:1] or _of_all(difference.mass / robot.mass, limits)
+
+
+def _of_one_leg(
+    robot: Robot, load: InertialParameters, footprint: Footprint, limits: ModelLimits
+) -> Iterator[tuple[Verdict, str]]:
+    leg, force, left = footprint.above(load.mass, load.vector[1:4])
+    name, felt = robot.legs[leg].name, abs(force) / robot.mass > limits.least
+    if felt and force < 0.0 and left < limits.missing:
+        text = f"the robot would weigh {-force:.3g} kg less than expected, all of it above foot {name}"
+        yield "bad", f"{text}: the torques of {name} read too little"
+    elif felt and force > 0.0 and left < limits.above:
+        text = f"all that the robot weighs more than expected, {force:.3g} kg, would be right above foot {name}"
+        yield "doubtful", f"{text}: while it stands, torques of {name} that read too much look the same"
+
+
+def _of_all(share: float, limits: ModelLimits) -> Iterator[tuple[Verdict, str]]:
+    """By the difference in mass, as a share of the robot's."""
+    if share < -limits.lighter:
+        yield "doubtful", f"the robot would weigh {-100 * share:.0f} % less than its model: torques read too little"
+    elif share > limits.heavier:
+        text = f"the robot would weigh {1 + share:.2g} times what its model does"
+        yield "doubtful", f"{text}: torques in another unit or with another gear ratio look the same"
