@@ -66,6 +66,14 @@ def test_only_faults_that_a_log_can_show_are_counted_against_it() -> None:
     assert found["none, share called faulty"] == pytest.approx(0.5)
 
 
+def test_sides_are_hidden_where_nothing_moves_alone() -> None:
+    swapped, swaying = "whole left and right legs swapped", LogCase("go2", "shake", 0)
+    assert runs.hidden(FaultCase(LOG, swapped))
+    assert not runs.hidden(FaultCase(swaying, swapped))
+    assert runs.hidden(FaultCase(swaying, "a person carries a tenth"))
+    assert not runs.hidden(FaultCase(LOG))
+
+
 def test_a_part_of_it_is_run_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     grid = [FaultCase(LOG, fault) for fault in (CLEAN, "accelerometer in g")]
     settings = ReproduceSettings(keep=tmp_path, pool=Pool(0))

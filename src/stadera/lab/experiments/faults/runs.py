@@ -12,7 +12,6 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -34,12 +33,6 @@ from stadera.weigh.weigh import weigh
 
 CLEAN = "none"
 """The unmodified log."""
-
-HIDDEN: Mapping[str, str] = MappingProxyType(
-    {name: fault.hidden for name, fault in SIGNAL_FAULTS.items() if fault.hidden}
-    | {name: force.hidden for name, force in FORCES.items() if force.hidden}
-)
-"""Faults that cannot show in a log, and why."""
 
 _ERRORS = "real-unit-gain"
 _RATE, _HOLD = 250.0, 2  # Hz; periods of the test-bed between two torques of the controller
@@ -88,6 +81,14 @@ class FaultCase:
 
     log: LogCase
     fault: str = CLEAN
+
+
+def hidden(case: FaultCase) -> str:
+    """Why no log of this motion can show the fault; empty where one can."""
+    if case.fault in FORCES:
+        return FORCES[case.fault].hidden
+    fault = SIGNAL_FAULTS.get(case.fault)
+    return "" if fault is None or case.log.scenario not in (fault.motions or (case.log.scenario,)) else fault.hidden
 
 
 def make_log(case: LogCase, folder: Path) -> dict[str, Any]:

@@ -26,11 +26,13 @@ class Fault:
         group: effort, encoder, velocity, imu, time, or force for external forces.
         spoil: applies the fault to a log.
         hidden: why it cannot show in a log, if so; empty otherwise.
+        motions: in which it cannot show; empty for all.
     """
 
     group: str
     spoil: Spoil
     hidden: str = ""
+    motions: tuple[str, ...] = ()
 
 
 # -- joints -----------------------------------------------------------------------------------------------------------
@@ -194,11 +196,14 @@ def _lost(share: float, log: Recording, _: Robot, rng: Rng) -> Recording:
 
 _SIDES = (("LF", "RF"), ("LH", "RH"))
 _ENDS = (("LF", "LH"), ("RF", "RH"))
+_MIRROR = "sides swapped on a robot that stands symmetrically are the mirror image of its load, and nothing moves"
 _COMMON = "a common factor of all torques, or of the accelerometer, is the same as another weight"
 
 SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
-        "efforts of left and right legs swapped": Fault("effort", partial(_legs_swapped, ("effort",), _SIDES)),
+        "efforts of left and right legs swapped": Fault(
+            "effort", partial(_legs_swapped, ("effort",), _SIDES), _MIRROR, ("stand",)
+        ),
         "efforts of front and hind legs swapped": Fault("effort", partial(_legs_swapped, ("effort",), _ENDS)),
         "efforts of two legs swapped": Fault("effort", partial(_legs_swapped, ("effort",), (("LF", "RH"),))),
         "efforts of a leg's hip and knee swapped": Fault("effort", partial(_kinds_swapped, ("effort",))),
@@ -225,10 +230,10 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "one encoder stuck": Fault("encoder", partial(_constant, "position", True)),
         "one encoder noisy": Fault("encoder", partial(_noisy, "position", 0.3)),
         "legs' positions and velocities swapped": Fault(
-            "encoder", partial(_legs_swapped, ("position", "velocity"), _SIDES)
+            "encoder", partial(_legs_swapped, ("position", "velocity"), _SIDES), _MIRROR, ("stand",)
         ),
         "whole left and right legs swapped": Fault(
-            "encoder", partial(_legs_swapped, ("position", "velocity", "effort"), _SIDES)
+            "encoder", partial(_legs_swapped, ("position", "velocity", "effort"), _SIDES), _MIRROR, ("stand",)
         ),
         "velocities' sign": Fault("velocity", partial(_scaled, "velocity", -1.0, False)),
         "one velocity's sign": Fault("velocity", partial(_scaled, "velocity", -1.0, True)),

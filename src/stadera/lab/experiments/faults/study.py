@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from stadera.lab.experiments.faults.forces import FORCES
-from stadera.lab.experiments.faults.runs import CLEAN, HIDDEN, FaultCase, LogCase, make_log, weigh_faulty, worst
+from stadera.lab.experiments.faults.runs import CLEAN, FaultCase, LogCase, hidden, make_log, weigh_faulty, worst
 from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
 from stadera.lab.experiments.grid import Outcome, grouped, run_grid
 from stadera.lab.experiments.paper import Paper, ReproduceSettings
@@ -83,13 +83,13 @@ def summary(grid: Sequence[FaultCase], runs: Sequence[Outcome], fell: int = 0) -
         fell: number of logs that were not weighed because the robot fell.
     """
     pairs = list(zip(grid, runs, strict=True))
-    shown = [pair for pair in pairs if pair[0].fault not in (CLEAN, *HIDDEN)]
+    shown = [pair for pair in pairs if pair[0].fault != CLEAN and not hidden(pair[0])]
     clean = [pair for pair in pairs if pair[0].fault == CLEAN]
     tables = (
-        _table("Faults, by where they are", pairs, lambda case: _group(case.fault)),
+        _table("Faults, by where they are", pairs, _group),
         _table("Faults that a log can show, by motion", shown, lambda case: case.log.scenario),
         _table("Faults that a log can show, by robot", shown, lambda case: case.log.robot),
-        _table("Every fault", pairs, lambda case: case.fault),
+        _table("Every fault", pairs, lambda case: case.fault + " (hidden)" * bool(hidden(case))),
         _silent(shown),
     )
     facts = {"Weighings": f"{len(pairs)}", "Logs": f"{len({case.log for case in grid})}", "Robots that fell": f"{fell}"}
@@ -120,11 +120,11 @@ def _clean(pairs: _Pairs) -> Iterator[Record]:
     yield PAPER.record(case, "share with parts left out", "1", part)
 
 
-def _group(fault: str) -> str:
-    if fault == CLEAN:
+def _group(case: FaultCase) -> str:
+    if case.fault == CLEAN:
         return _NO_FAULT
-    where = SIGNAL_FAULTS[fault].group if fault in SIGNAL_FAULTS else "force from outside"
-    return f"{where}, that no log can show" if fault in HIDDEN else where
+    where = SIGNAL_FAULTS[case.fault].group if case.fault in SIGNAL_FAULTS else "force from outside"
+    return f"{where}, that no log can show" if hidden(case) else where
 
 
 def _table(title: str, pairs: _Pairs, key: Callable[[FaultCase], str]) -> TableData:
