@@ -131,3 +131,18 @@ def test_windows_are_left_out_only_while_they_are_few(hyq: Robot, trot: Recordin
         faults = window_faults(spoilt(trot, hyq, name), hyq)
         verdicts = {verdict for _, verdict in judged(faults, 4.0, limits)}
         assert share in verdicts
+
+
+def test_a_signal_that_is_stuck_is_left_out_or_refused(hyq: Robot, shake: Recording) -> None:
+    assert shake.effort is not None
+    for share, refused in ((0.1, False), (0.6, True)):
+        effort, end = shake.effort.copy(), round((0.2 + share) * len(shake))
+        effort[len(shake) // 5 : end, 4] = effort[len(shake) // 5, 4]
+        log = replace(shake, effort=effort)
+        if refused:
+            with pytest.raises(UntrustedError, match="stands still bit for bit"):
+                weigh(hyq, log)
+        else:
+            result = weigh(hyq, log)
+            assert any("left out" in note and "stands still" in note for note in result.notes)
+            assert any("stands still" in refusal.reason for refusal in result.refusals)

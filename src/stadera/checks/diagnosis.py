@@ -130,6 +130,7 @@ def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
             "stuck",
             f"{_listed(names)} stand{'s' * (len(names) == 1)} still bit for bit from {begin:.3f} to {end:.3f} s, and "
             f"change{'s' * (len(names) == 1)} with every sample elsewhere: a sensor that dropped out",
+            span=(begin, end),
         )
 
 

@@ -32,12 +32,14 @@ class Finding:
         message: the fault and the evidence for it, one sentence.
         option: command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`.
         mend: correction applied by `--fix`; None if there is none.
+        span: begin and end of the part of the log that has it [s]; None for all of it.
     """
 
     cause: str
     message: str
     option: str = ""
     mend: Mend | None = None
+    span: tuple[float, float] | None = None
 
     @property
     def fatal(self) -> bool:

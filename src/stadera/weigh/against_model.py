@@ -37,6 +37,7 @@ class ModelLimits:
         least: force of one leg that may be wrong, share of the weight.
         above: what a load right above a foot may leave of the difference in mass and first moment, relative; one
             half way from the middle to the foot leaves 0.32.
+        plain: force from which that holds, share of the weight; a smaller one has to fit as much better.
         missing: the same where something would have been taken away.
         stepped: standard deviation of a distance between feet that have stepped [m].
         rate: at which feet are looked at [Hz].
@@ -46,6 +47,7 @@ class ModelLimits:
     heavier: float = 0.7
     least: float = 0.08
     above: float = 0.28
+    plain: float = 0.15
     missing: float = 0.35
     stepped: float = 0.015
     rate: float = 20.0
@@ -120,7 +122,7 @@ def doubts(
     found: list[tuple[Verdict, str]] = []
     if footprint.stood:
         added = None if payload is None else payload.parameters
-        loads = [difference] if added is None else [difference, added]
+        loads = [difference] if added is None else [difference - added, added]
         found = [doubt for load in loads for doubt in _of_one_leg(robot, load, footprint, limits)]
     yield from found[:1] or _of_all(difference.mass / robot.mass, limits)
 
@@ -133,7 +135,7 @@ def _of_one_leg(
     if felt and force < 0.0 and left < limits.missing:
         text = f"the robot would weigh {-force:.3g} kg less than expected, all of it above foot {name}"
         yield "bad", f"{text}: the torques of {name} read too little"
-    elif felt and force > 0.0 and left < limits.above:
+    elif felt and force > 0.0 and left < limits.above * min(1.0, force / robot.mass / limits.plain):
         text = f"all that the robot weighs more than expected, {force:.3g} kg, would be right above foot {name}"
         yield "doubtful", f"{text}: while it stands, torques of {name} that read too much look the same"
 

@@ -27,7 +27,7 @@ WITH_IMU, WITHOUT_IMU = "contact", "poses"
 """Default methods at rest."""
 
 _FIRST = 256  # samples read to determine the channels and the sampling rate
-_VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "bad", "stuck": "doubtful"}
+_VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "bad", "stuck": "bad"}
 
 
 def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
@@ -166,8 +166,13 @@ class CheckedLog:
             self._sound = True
             return
         self._sound = self._sound or not wrong
+        most = self._request.settings.windows.left_out * float(chunk.time[-1] - chunk.time[0])
         for finding in findings:
-            self._note(finding)
+            if finding.span is not None and finding.span[1] - finding.span[0] <= most:
+                self.notes[f"left out: {finding}"] = None
+                self.left_out.append(Refusal(*finding.span, finding.message))
+            else:
+                self._note(finding)
 
     def _note(self, finding: Finding) -> None:
         text = f"{finding.cause.replace('_', ' ')}: {finding}"

@@ -131,7 +131,12 @@ def _late(channel: str, seconds: float, one: bool, log: Recording, robot: Robot,
     columns = [_a_joint(robot, log, rng)] if one else range(values.shape[1])
     for column in columns:
         values[:, column] = np.interp(log.time - seconds, log.time, values[:, column])
-    return _with(log, channel, values)
+    return _since(seconds, _with(log, channel, values))
+
+
+def _since(seconds: float, log: Recording) -> Recording:
+    """The log without its beginning, for which late signals have no values."""
+    return take(log, log.time > log.time[0] + seconds)
 
 
 def _noisy(channel: str, factor: float, log: Recording, robot: Robot, rng: Rng) -> Recording:
@@ -182,7 +187,7 @@ def _imu_late(seconds: float, log: Recording, _: Robot, __: Rng) -> Recording:
     def late(values: Array) -> Array:
         return np.column_stack([np.interp(log.time - seconds, log.time, column) for column in values.T])
 
-    return _imu(log, late(imu.angular_velocity), late(imu.linear_acceleration))
+    return _since(seconds, _imu(log, late(imu.angular_velocity), late(imu.linear_acceleration)))
 
 
 # -- time -------------------------------------------------------------------------------------------------------------
