@@ -180,13 +180,13 @@ def test_table_4_holds_every_method_against_its_own_bound(pretended: Callable[..
 
 
 def test_table_4s_errors_reach_the_runs_in_their_units() -> None:
-    case = table4.Column("foot", "sample", 0.0, 2.0).case("contact", 3)
+    case = table4.ErrorColumn("foot", "sample", 0.0, 2.0).case("contact", 3)
     assert case.errors.foot_position == Gaussian(0.0, 0.02, "sample")
     assert not case.misled
-    assert table4.Column("foot", "misled", 0.0, 2.0).case("contact", 3).misled
-    case = table4.Column("torque", "run", 10.0, 1.0).case("contact", 3)
+    assert table4.ErrorColumn("foot", "misled", 0.0, 2.0).case("contact", 3).misled
+    case = table4.ErrorColumn("torque", "run", 10.0, 1.0).case("contact", 3)
     assert (case.errors.torque_offset, case.drive_offset.is_zero) == (Gaussian(10.0, 1.0, "run"), True)
-    case = table4.Column("torque", "drive", 10.0, 1.0).case("contact", 3)
+    case = table4.ErrorColumn("torque", "drive", 10.0, 1.0).case("contact", 3)
     assert (case.errors.torque_offset.is_zero, case.drive_offset) == (True, Gaussian(10.0, 1.0))
 
 
