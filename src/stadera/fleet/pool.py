@@ -41,7 +41,7 @@ class Pool:
         workers: processes of a local cluster; None for one per core, 0 for this process, without Dask.
         scheduler: address of a Dask scheduler to use, "tcp://host:8786"; None for a local cluster.
         memory: limit of a local worker [bytes], above which it is restarted and its task tried again; weighing needs
-            less than 700 MB for logs of any length.
+            about 700 MB at most in logs of ten minutes.
         connect: time in which a scheduler must have answered [s].
         first_worker: time in which it must have a worker [s].
 
