@@ -1,4 +1,4 @@
-"""Beside a controller: sends its sensors to `stadera live` and has the payload at hand, by Python 3.10 and zenoh alone.
+"""Send a controller's sensor values to `stadera live` and read the payload, with Python 3.10 and zenoh alone.
 
 stadera live --robot go2 --listen tcp/127.0.0.1:7447     # in one terminal
 python examples/live_client.py tcp/127.0.0.1:7447        # in another; or `Stadera` from your own loop
@@ -16,7 +16,7 @@ IMU = "0/imu/sensor_msgs::msg::dds_::Imu_/TypeHashNotSupported"
 
 
 class Stadera:
-    """Sends samples; `state` is the last state that came, see docs/live.md."""
+    """Sends samples; `state` is the last state received, see docs/live.md."""
 
     def __init__(self, endpoint: str) -> None:
         config = zenoh.Config()
@@ -32,7 +32,7 @@ class Stadera:
         self.session.put(JOINTS, joint_state(t, names, q, dq, tau))
 
     def tare(self):
-        """Makes the robot as it is the reference of the payload: whether that was done, and a sentence."""
+        """Makes the robot's present load the reference of the payload; returns success and a message."""
         for reply in self.session.get("stadera/tare", timeout=5.0):
             if reply.ok is not None:  # std_srvs/Trigger: a bool, and a string after its length
                 data = reply.ok.payload.to_bytes()

@@ -1,4 +1,4 @@
-"""A ROS 2 node beside `stadera live`: follows the payload, tares, and hands a controller what it needs.
+"""A ROS 2 node for `stadera live`: follows the payload, tares, and gives a controller the inertia it needs.
 
 ros2 run rmw_zenoh_cpp rmw_zenohd                         # or zenoh-bridge-ros2dds, for nodes that speak DDS
 stadera live --robot go2
@@ -28,7 +28,7 @@ class PayloadFollower(Node):
             self.timer = self.create_timer(1.0, self.tare)
 
     def on_trunk(self, message: InertiaStamped) -> None:
-        """While figures are not to be trusted nothing comes: the last trunk stays."""
+        """Keeps the last trunk while there are no trusted figures, since none are sent then."""
         self.trunk = message
 
     def on_payload(self, message: InertiaStamped) -> None:
@@ -42,7 +42,7 @@ class PayloadFollower(Node):
             self.get_logger().warn(status.message, throttle_duration_sec=1.0)
 
     def tare(self) -> None:
-        """Once, as soon as the trunk is known."""
+        """Tares once, as soon as the trunk is known."""
         if not (self.ready and self.tare_client.service_is_ready()):
             return
         self.timer.cancel()

@@ -1,6 +1,6 @@
-"""Write an estimator of the trunk of your own: the mass of a robot at rest, from the forces of its feet.
+"""Write your own estimator of the trunk: the mass of a robot at rest, from the forces of its feet.
 
-An estimator is whatever has `update(measurement)` and `estimate()`. Registered in `METHODS` of `trunk/registry.py`
+An estimator is any object with `update(measurement)` and `estimate()`. Registered in `METHODS` of `trunk/registry.py`
 it has a name for `stadera weigh --method`, and the contract tests run on it.
 
     python examples/own_estimator.py stand.csv hyq

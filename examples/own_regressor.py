@@ -1,4 +1,4 @@
-"""Add a term of your own to the joint-torque model: a torsion spring at the knee.
+"""Add your own term to the joint-torque model: a torsion spring at the knee.
 
 Whatever is linear in its parameters becomes `Rows`: names, matrix, target, noise. An `Information` adds rows up and
 solves them; it does not know where they come from.

@@ -9,18 +9,20 @@ SATURATED = 0.98
 """Share of a joint's effort limit above which its measured torque counts as saturated and is not used."""
 
 SINGULAR = 0.01
-"""det J of a leg's contact Jacobian, as a share of the leg's cubed length, below which the leg is singular: its torques
-do not show one direction of the contact force."""
+"""det J of a leg's contact Jacobian, as a share of the leg's cubed length, below which the leg is near-singular: its
+torques do not determine one direction of the contact force.
+"""
 
 EPOCH = 1e8
-"""s; later stamps count from 1970, earlier ones from a log's or a robot's own beginning."""
+"""Stamps above this [s] count from 1970, smaller ones from the start of the log or of the robot."""
 
 ROUNDING = 1e-9
-"""Difference that is rounding of double precision after some thousand operations: relative to what is compared, or in
-its SI unit where that is of the order of 1 (a robot's times, angles, masses and forces)."""
+"""Rounding error in double precision after some thousand operations: relative to the compared values, or in SI units
+for values of the order of 1 (a robot's times, angles, masses and forces).
+"""
 
 SAME = 1e-6
-"""Relative difference below which two numbers that were rounded or computed in different ways are the same."""
+"""Relative difference below which two numbers that were rounded or computed differently are equal."""
 
 NOTHING = 1e-12
-"""Value below which a robot's quantity in SI units, or a share, is zero but for rounding."""
+"""Magnitude below which a quantity in SI units, or a share, is zero except for rounding."""

@@ -59,7 +59,7 @@ def _part(name: str, found: set[str], has_abad: bool) -> int | None:
 
 
 def by_place(names: Iterable[str]) -> dict[Place, list[str]]:
-    """By leg and joint, the names that say it."""
+    """By leg and joint, the names that indicate it."""
     found: dict[Place, list[str]] = {}
     for name, place in places(names).items():
         found.setdefault(place, []).append(name)

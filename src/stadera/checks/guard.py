@@ -1,7 +1,7 @@
-"""The checks on a log that every command makes before any other: what is wrong with it, and what `fix` makes of it.
+"""Checks made on a log by every command before anything else: detection of faults, and their correction with `fix`.
 
-Units and signs are checked whatever the robot does. What needs a robot on its feet is checked chunk by chunk where
-logs are weighed (`stadera.weigh.reading`), because a log may begin before the robot stands up, or end in a fall.
+Units and signs are checked for any motion. Checks that need a robot on its feet are made chunk by chunk during weighing
+(`stadera.weigh.reading`), because a log may start before the robot stands up, or end in a fall.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
 from stadera.robot.model import Robot
 
-_ROUNDS = 4  # a wrong unit hides other faults until it is mended
+_ROUNDS = 4  # a wrong unit hides other faults until it is corrected
 
 
 @dataclass(frozen=True, eq=False)
 class Guard:
-    """Checks logs of a robot.
+    """Checks the logs of a robot.
 
     Attributes:
         robot: its model.
-        joints: that a log needs to have.
-        on_feet: whether the robot stands or walks; else it is held, legs in the air.
+        joints: needed in a log.
+        on_feet: True if the robot stands or walks; False if its trunk is held, legs in the air.
         imu_frame: frame of the IMU's values; None for the log's own, else the model's.
     """
 
@@ -40,7 +40,7 @@ class Guard:
     imu_frame: str | None = None
 
     def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
-        """What is wrong with units and signs in a log's first chunk."""
+        """Faults of units and signs in a log's first chunk."""
         first = self._first(log)
         if first is None:
             return ()
@@ -48,7 +48,7 @@ class Guard:
         return found if found or self.on_feet else tuple(limit_findings(first, self.robot, CheckLimits()))
 
     def findings(self, log: LogFile | Recording) -> tuple[Finding, ...]:
-        """All that is wrong with a log's first chunk.
+        """All faults in a log's first chunk.
 
         Raises:
             RecordingError: the log cannot be read, or lacks a joint. UnknownNameError: no such frame.
@@ -59,16 +59,16 @@ class Guard:
         return () if first is None else diagnose(first, self.robot, self.imu_frame)
 
     def require(self, log: LogFile | Recording) -> None:
-        """Refuses a log whose units or signs are wrong.
+        """Refuses a log with wrong units or signs.
 
         Raises:
-            UntrustedError: they are; names the option that mends it. And as `findings`.
+            UntrustedError: they are wrong; names the option that corrects them. Also raises as `findings`.
         """
         if fatal := [finding for finding in self.units(log) if finding.fatal]:
             raise UntrustedError(f"{log.source}: {fatal[0]}")
 
     def mended(self, log: LogFile | Recording) -> LogFile | Recording:
-        """The log with all faults undone that can be without a doubt, and a note on each; errors as `findings`."""
+        """The log with all unambiguous faults corrected, and a note on each; raises as `findings`."""
         for _ in range(_ROUNDS):
             mends = [finding.mend for finding in self.findings(log) if finding.mend is not None]
             if not mends:
@@ -77,7 +77,7 @@ class Guard:
         return log
 
     def admitted(self, log: LogFile | Recording, *, fix: bool, force: bool) -> LogFile | Recording:
-        """The log as it is to be used: mended by `fix`, and checked unless a result is forced; errors as `require`."""
+        """The log to use: corrected with `fix`, and checked unless a result is forced; raises as `require`."""
         if fix:
             log = self.mended(log)
         if not force:

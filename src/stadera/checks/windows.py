@@ -72,7 +72,7 @@ class Windows:
 
     @classmethod
     def of(cls, time: Array, length: float) -> Windows:
-        """As many windows of about this length [s] as fit."""
+        """Divides the time into equal windows of about this length [s]."""
         count = max(1, round(float(time[-1] - time[0]) / length))
         edges = np.linspace(time[0], time[-1], count + 1)
         return cls(edges, np.clip(np.searchsorted(edges, time, side="right") - 1, 0, count - 1))

@@ -1,4 +1,4 @@
-"""`stadera demo`: a load is put on a walking robot, with and without identification."""
+"""`stadera demo`: a load is added to a walking robot, with and without identification."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ GearRatio = Annotated[
     typer.Option("--gear", metavar="RATIO", help="Torques are the motors': times this; or N,N,N for hip, thigh, calf."),
 ]
 Fix = Annotated[
-    bool, typer.Option("--fix", help="Mend what is certainly wrong with the log (units, signs, orders), and note it.")
+    bool, typer.Option("--fix", help="Correct unambiguous faults of the log (units, signs, orders), with a note.")
 ]
 LimitValues = Annotated[
     list[str] | None,

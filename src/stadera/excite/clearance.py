@@ -47,7 +47,7 @@ class Clearance:
         ground: height of the ground in the trunk frame [m], None for no ground.
         margin: distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest.
         notes: pairs whose shapes touch at rest, and which are therefore not checked.
-        far: distance beyond which a bound from enclosing spheres is as good as the distance itself [m].
+        far: distance beyond which a bound from enclosing spheres is used [m].
     """
 
     tree: Tree

@@ -36,10 +36,11 @@ class ExciteSettings:
         margins: distances from the leg's limits.
         stand_height: height of the trunk's origin above level ground [m], None for no ground.
         search: settings of the optimisation.
-        draw: what the paper leaves open of its draws.
-        noise: standard deviation of a torque sample, share of the joint's effort limit [1]: the paper's test-bed.
-        noise_of_gravity: the same where the model states no limit, share of the largest gravity torque [1]. Assumed.
-        look_rate: at which motions are compared and their peaks taken [Hz]; enough for motions of a few hertz.
+        draw: settings of the paper's draws that the paper does not state.
+        noise: standard deviation of a torque sample, as a share of the joint's effort limit [1]: that of the paper's
+            test-bed.
+        noise_of_gravity: the same as a share of the largest gravity torque, if the model states no limit [1]. Assumed.
+        look_rate: sampling rate for comparing motions and their peaks [Hz]; sufficient for motions of a few hertz.
 
     Raises:
         IdentificationError: an invalid value.

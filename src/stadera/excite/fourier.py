@@ -31,7 +31,7 @@ class FourierSeries:
         harmonics: K.
         period: 1/f [s].
         duration: from rest to rest [s].
-        longest_fade: of each end [s]; a third of a short motion.
+        longest_fade: longest fade at each end [s]; a third of a short motion.
     """
 
     bounds: LegBounds

@@ -44,13 +44,13 @@ class FourierSearch:
         samples: evaluated in one period.
         starts: number of local searches.
         iterations: largest number of steps in each.
-        poses: tried for each start.
-        penalties: one after the other, for a whole bound exceeded by one sample [nat].
+        poses: number tried for each start.
+        penalties: successive weights, for one sample that exceeds a bound by its whole size [nat].
         spare: share of each bound left unused [1].
-        clearance_unit: lack of clearance that counts as one whole bound [m].
-        clearance_rate: at which exact distances are taken along the motion [Hz].
-        clearance_spare: for what lies between two of them [m].
-        tightenings: of the clearance map, at most.
+        clearance_unit: missing clearance that counts as one whole bound [m].
+        clearance_rate: sampling rate of exact distances along the motion [Hz].
+        clearance_spare: margin for the motion between two samples [m].
+        tightenings: largest number of corrections of the clearance map.
         step: of the finite differences, in the unknowns' own scale [1].
     """
 

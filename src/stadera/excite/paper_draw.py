@@ -30,15 +30,15 @@ _AMPLITUDE_SHARES = np.array([0.25, 0.20, 0.40]) / np.deg2rad([95.0, 120.0, 120.
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """What the paper leaves open of its random draw.
+    """Settings of the random draw that the paper does not state.
 
     Attributes:
-        origins: positions of the origin, at most.
-        segment: least time at one origin [s], for a few periods of the slowest sinusoid.
-        fade: time from one origin to the next, at most [s].
-        amplitude: largest amplitude, share of the reach [1], so that there is room to shift origins.
+        origins: largest number of positions of the origin.
+        segment: least time at one origin [s], a few periods of the slowest sinusoid.
+        fade: longest time from one origin to the next [s].
+        amplitude: largest amplitude, as a share of the reach [1], which leaves room to shift origins.
         candidates: origins tried along each joint.
-        choice: candidates for each origin, at least, where few are clear.
+        choice: least number of candidates for each origin, if few are clear.
     """
 
     origins: int = 6
@@ -126,8 +126,8 @@ def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rat
     """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds; 1 if it does.
 
     Args:
-        step: factor from one trial to the next.
-        rate: at which the bounds are looked at [Hz].
+        step: factor between two trials.
+        rate: sampling rate for checking the bounds [Hz].
 
     Raises:
         IdentificationError: the rest pose itself violates the bounds.

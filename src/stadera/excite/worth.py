@@ -57,7 +57,7 @@ class LegExperiment:
     def usual(
         cls, bounds: LegBounds, rate: float = 1000.0, noise: float = 0.0033, noise_of_gravity: float = 0.02
     ) -> LegExperiment:
-        """Torque noise as shares: of each joint's effort limit, or of its largest gravity torque if it has none."""
+        """Torque noise as shares of each joint's effort limit, or of its largest gravity torque if it has none."""
         limits = np.array([bounds.robot.limits[joint].effort for joint in bounds.joints])
         poses = np.random.default_rng(0).uniform(bounds.lower, bounds.upper, (_POSES, 3))
         gravity = np.abs(bounds.gravity_torque(poses)).max(axis=0)

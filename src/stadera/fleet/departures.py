@@ -43,13 +43,13 @@ Kind = Literal["since", "once", "while"]
 
 @dataclass(frozen=True)
 class ScatterSettings:
-    """How much a robot's logs scatter, see the module's text; all dimensionless.
+    """Settings for the scatter of a robot's logs, see the module's text; all dimensionless.
 
     Attributes:
-        fewest: logs that have a scatter.
-        left_out: share of the differences of successive logs that is left out, the largest.
-        worth: degrees of freedom of κ² for each difference, by simulation of normal errors.
-        least: κ at least; logs that agree better are copies.
+        fewest: number of logs needed to estimate a scatter.
+        left_out: share of the differences of successive logs that is trimmed, the largest ones.
+        worth: degrees of freedom of κ² for each difference, from simulation of normal errors.
+        least: lower limit of κ; logs that agree better are copies.
     """
 
     fewest: int = 6

@@ -35,15 +35,15 @@ _CONFIG = {
 
 @dataclass(frozen=True)
 class Pool:
-    """Where tasks are run.
+    """Settings of the processes that run the tasks.
 
     Attributes:
         workers: processes of a local cluster; None for one per core, 0 for this process, without Dask.
         scheduler: address of a Dask scheduler to use, "tcp://host:8786"; None for a local cluster.
         memory: limit of a local worker [bytes], above which it is restarted and its task tried again; weighing needs
-            about 700 MB at most in logs of ten minutes.
-        connect: time in which a scheduler must have answered [s].
-        first_worker: time in which it must have a worker [s].
+            about 700 MB at most for logs of ten minutes.
+        connect: time limit for connecting to a scheduler [s].
+        first_worker: time limit for the first worker to connect [s].
 
     Raises:
         StaderaError: a negative number of workers, one combined with a scheduler, or no memory.

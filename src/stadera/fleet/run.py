@@ -40,7 +40,7 @@ def run_fleet(
         out: path of the table, .parquet; logs that it already contains are skipped.
         pool: where logs are processed; None for one process per core.
         watch: see `Watch`.
-        saved_every: time between two writings of the table while rows come in [s].
+        saved_every: interval between two saves of the table [s].
 
     Raises:
         StaderaError: the table cannot be written or read, or there is no scheduler. Never raised for a log, whose row

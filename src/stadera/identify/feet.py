@@ -22,7 +22,7 @@ def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int =
         recording: positions and efforts of the legs' joints; legs that are not recorded are skipped.
         robot: the model.
         up: (3,), the vertical in trunk axes, of any length.
-        samples: that a longer log is thinned out to.
+        samples: number to which a longer log is thinned out.
     """
     model, joints = LegModel.of(robot), robot.tree.joints
     thin = slice(None, None, -(-len(recording) // samples))

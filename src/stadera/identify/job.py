@@ -159,7 +159,7 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
 def _beginnings(
     robot: Robot, logs: Sequence[Log], wanted: tuple[str, ...], settings: IdentifySettings
 ) -> tuple[list[Recording], tuple[str, ...]]:
-    """The checked first chunk of each log, and the legs in it: those wanted, then those that inform on the drives."""
+    """The checked first chunk of each log, and its legs: the requested ones, then those that inform on the drives."""
     spikes = settings.signals.spikes
     beginnings = [head(log, joints_of(robot, wanted), spikes) for log in logs]
     for beginning in beginnings:

@@ -28,11 +28,11 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class VerdictLimits:
-    """From where on a parameter counts as known, all dimensionless.
+    """Limits for the observability of a parameter, all dimensionless.
 
     Attributes:
         flat: prior widths that stand for "no prior".
-        firm: standard deviation without a prior, in prior widths, up to which it is observable.
+        firm: largest standard deviation without prior, in prior widths, of an observable parameter.
         silent: change of the data by the parameter's whole prior width, in units of their noise, up to which it is
             unobservable.
     """

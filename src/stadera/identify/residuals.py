@@ -72,7 +72,7 @@ def residual_noise(
         fits: for each joint the parameters, by name, whose residuals are evaluated.
         ranks: for each joint the number of directions in which these parameters were fitted to the same rows, which
             reduces the residuals.
-        correlated: rows at the beginning by which the correlation is estimated.
+        correlated: number of rows at the beginning from which the correlation is estimated.
     """
     kept: list[list[Array]] = [[] for _ in joints]
     count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))

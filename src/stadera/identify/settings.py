@@ -29,10 +29,11 @@ class TrustSettings:
             Assumed; it matters where there is no friction.
         doubtful, bad: misfit of a joint above which the fit is doubtful or bad [1]: residuals 1.7 and 5.5 times the
             stated size.
-        outlier: error of a sample, in RMSE of its joint, from which it is an outlier [1].
-        outliers: share of outliers that is warned of [1]; of Gaussian errors, 2e-9 are beyond six times their size.
+        outlier: error of a sample above which it is an outlier, in RMSE of its joint [1].
+        outliers: share of outliers above which a warning is given [1]; of Gaussian errors, 2e-9 exceed six times their
+            size.
         turning: root mean square of the IMU's angular velocity above which the trunk is not held [rad/s].
-        fewest: moving samples, fewer of which are warned of.
+        fewest: number of moving samples below which a warning is given.
         far: probability, under the prior, of values as far from the model's, below which the result is doubtful.
         reversed_gain: factor by which the cost must fall with a torque's sign reversed for the sign to count as wrong.
     """
@@ -54,14 +55,14 @@ class TrustSettings:
 
 @dataclass(frozen=True)
 class LagSettings:
-    """Search for the lateness of the torques, see `stadera.identify.lag`.
+    """Settings for estimating the torques' lag, see `stadera.identify.lag`.
 
     Attributes:
         earliest, latest: ends of the search [s]. Real Go2 and Aliengo: 10 to 15 ms.
-        step: of the search [s]; a parabola finds the lag between steps.
-        noticeable: relative fall of the residual's variance below which a lag is not significant [1].
-        resolution: lag below which none is taken [s]: what friction's deviations from its model pass for.
-        sliding: velocity from which a joint slides [rad/s].
+        step: of the search [s]; a parabola interpolates the lag between steps.
+        noticeable: relative decrease of the residual's variance below which a lag is not significant [1].
+        resolution: smaller lags are ignored [s], since deviations of friction from its model can cause them.
+        sliding: velocity above which a joint slides [rad/s].
     """
 
     earliest: float = -0.010
@@ -87,8 +88,8 @@ class SignalSettings:
         lag_cutoff: cut-off for estimating the torque lag [Hz], which shows best in fast changes.
         any_part: cut-off of a part as a share of the log's highest one; sampling rates vary where samples are lost.
         drop_below: the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction.
-        lag: search for the torque lag.
-        spikes: when a sample is wild, and replaced.
+        lag: estimation of the torque lag.
+        spikes: detection of outliers, which are replaced.
     """
 
     lowest_cutoff: float = 15.0
@@ -120,7 +121,7 @@ class IdentifySettings:
             robot carry a quarter on average; for real legs in the air the estimate is at most 0.01.
         trust: limits for a doubtful or bad fit.
         signals: cut-offs and selection of samples.
-        solver: of the small problem that the rows are summed up to.
+        solver: settings of the small problem to which the rows are reduced.
 
     Raises:
         UnknownNameError: no such method.

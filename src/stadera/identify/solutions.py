@@ -25,7 +25,7 @@ _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How the physically consistent parameters are searched for; all dimensionless.
+    """Settings for solving for the physically consistent parameters; all dimensionless.
 
     Attributes:
         margin: least eigenvalue of a link's pseudo-inertia in the prior's coordinates, 1 at the model's values.
@@ -33,7 +33,7 @@ class SolverSettings:
         contradicted: shift of the solution by the constraints, in standard deviations, that noise cannot explain.
         resolved: ratio of weights that the solver resolves.
         inwards: share of the way to the model's values that moves a solution off the border of the consistent set.
-        verdicts: from where on a parameter counts as known; masses that are not observable are held at CAD.
+        verdicts: limits for observability; unobservable masses are fixed at CAD.
     """
 
     margin: float = 1e-3

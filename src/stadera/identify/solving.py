@@ -27,7 +27,7 @@ def solve_legs(
         legs: rows of each leg in units of their noise, and the prior of its parameters.
         method: "consistent" or "null-space".
         spread: spread between the drives of the legs; None to solve for each leg separately.
-        solver: of each leg's problem.
+        solver: settings of each leg's problem.
         progress: called with the number of legs done.
     """
     priors = [prior for _, _, prior in legs]

@@ -12,10 +12,10 @@ from stadera.logs.recording import Recording
 
 @dataclass(frozen=True)
 class SpikeSettings:
-    """When a sample is wild.
+    """Settings that define which samples are spikes.
 
     Attributes:
-        usual: quantile of a signal's steps from sample to sample that counts as its usual step [1].
+        usual: quantile of a signal's steps between samples that defines its usual step [1].
         wild: distance from the median of three samples, in usual steps [1]; of white Gaussian noise 3 are eleven
             standard deviations.
     """

@@ -1,4 +1,4 @@
-"""Runs of the test-bed as recordings: what the sensors said, and, apart from it, what was true."""
+"""Converts runs of the test-bed to recordings: the sensors' values and, separately, the truth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stadera.types import Array
 
 
 def recording_of(samples: Sequence[SensorReading], robot: Robot, source: str = "simulation") -> Recording:
-    """What the sensors said, as a log of the robot would hold it: joints and IMU, neither feet nor truth.
+    """The sensors' values as a log of the robot: joints and IMU, without feet and truth.
 
     Raises:
         RecordingError: times that do not increase.
@@ -37,7 +37,7 @@ def recording_of(samples: Sequence[SensorReading], robot: Robot, source: str = "
 
 
 def truth_of(states: Sequence[TrueState], robot: Robot, source: str = "simulation's truth") -> Recording:
-    """What was true: joint motion with accelerations, efforts, and the ground's forces on the feet in world axes.
+    """The truth: joint motion with accelerations, efforts, and the forces of the ground on the feet in world axes.
 
     Raises:
         RecordingError: times that do not increase.

@@ -1,4 +1,4 @@
-"""Errors of the sensors, and of the model that an estimator is given: named sets of their sizes."""
+"""Named sets of sizes of sensor errors, and of errors of the estimator's model."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from stadera.errors import ModelError, UnknownNameError
 
 @dataclass(frozen=True)
 class Gaussian:
-    """A Gaussian error of every component, drawn once a run or anew for every sample.
+    """A Gaussian error of every component, drawn once a run or for every sample.
 
     Attributes:
-        mean, std: in the unit of what it is added to.
+        mean, std: in the unit of the perturbed quantity.
         drawn: "run" for a constant error, "sample" for a white one.
     """
 
@@ -31,23 +31,23 @@ class Gaussian:
 
     @property
     def is_zero(self) -> bool:
-        """Whether it adds nothing."""
+        """True if it adds nothing."""
         return self.mean == 0.0 and self.std == 0.0
 
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Sizes of the errors, one standard deviation unless it says otherwise. "Constant" is drawn once a run.
+    """Sizes of the errors, one standard deviation unless stated otherwise. "Constant" ones are drawn once a run.
 
     Attributes:
         position: white [rad].
         velocity: white [rad/s].
         torque, torque_constant: white, constant; as a share of the joint's effort limit.
-        torque_delay: [s], by how much measured torques are late.
+        torque_delay: [s], of the measured torques.
         gyro, gyro_constant: white, constant [rad/s].
         accelerometer, accelerometer_constant: white, constant [m/s²].
         orientation_constant: of each component of a rotation vector, in the IMU frame [rad].
-        imu_misalignment: exact angle, about a random axis, by which the IMU is mounted off [rad].
+        imu_misalignment: exact angle of the IMU's misalignment, about a random axis [rad].
         torque_offset: of every joint's torque [N·m] (Table IV).
         foot_position: of every component of the feet's positions in the trunk frame [m] (Table IV).
         friction: Coulomb friction in the plant's joints, as a share of the effort limit (exact).
@@ -95,7 +95,7 @@ STANDARD = SensorErrors(
     accelerometer_constant=0.03,
     orientation_constant=np.deg2rad(0.2),
 )
-"""Encoders, torque sensors and an IMU as good robots have them."""
+"""Encoders, torque sensors and an IMU of good robots."""
 
 HARSH = SensorErrors(
     position=4e-4,
@@ -131,10 +131,10 @@ def sensor_errors(name: str) -> SensorErrors:
 
 
 def with_torque_offset(mean: float, std: float, drawn: Literal["run", "sample"] = "run") -> SensorErrors:
-    """Table IV's upper half: a Gaussian error of every joint torque [N·m], nothing else."""
+    """Upper half of Table IV: a Gaussian error of every joint torque [N·m], and no others."""
     return replace(IDEAL, torque_offset=Gaussian(mean, std, drawn))
 
 
 def with_foot_position(mean: float, std: float, drawn: Literal["run", "sample"] = "run") -> SensorErrors:
-    """Table IV's lower half: a Gaussian error of every foot coordinate in the trunk frame [m], nothing else."""
+    """Lower half of Table IV: a Gaussian error of every foot coordinate in the trunk frame [m], and no others."""
     return replace(IDEAL, foot_position=Gaussian(mean, std, drawn))

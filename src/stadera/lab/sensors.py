@@ -1,4 +1,4 @@
-"""Sensors of the plant: what estimators and controllers get is the truth with errors, and nothing else."""
+"""Sensors of the plant: estimators and controllers get the true values with errors, and nothing else."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _BLOCK = 64  # samples
 
 @dataclass(frozen=True, eq=False)
 class SensorReading:
-    """What the sensors say at one instant.
+    """Sensor values at one instant.
 
     Attributes:
         time, joint_position, joint_velocity, effort: as in `Measurement`.
         angular_velocity, specific_force: (3,) [rad/s], [m/s²], IMU frame.
         orientation: (4,) quaternion xyzw of the IMU frame in the world.
-        foot_position: (4, 3) [m], centres of the feet in the trunk frame by the robot's own kinematics, where these
-            are given an error of their own (Table IV); None where forward kinematics of `joint_position` say it.
+        foot_position: (4, 3) [m], centres of the feet in the trunk frame from the robot's own kinematics, if these have
+            a separate error (Table IV); None if they follow from forward kinematics of `joint_position`.
     """
 
     time: float
@@ -48,12 +48,12 @@ class SensorReading:
 
 
 class Sensors:
-    """Reads a plant with errors, the constant ones drawn when made. The same seed gives the same errors.
+    """Reads a plant with errors; constant ones are drawn on construction. The same seed gives the same errors.
 
     Args:
         errors: their sizes.
         seed: of all draws.
-        robot: the robot the sensors sit on, for its limits and its nominal kinematics.
+        robot: provides limits and nominal kinematics.
 
     Raises:
         ModelError: an error is a share of a joint's effort limit, and the joint has none.
@@ -70,20 +70,22 @@ class Sensors:
         self._offset = np.concatenate([np.zeros(2 * n), torque.constant, gyro, accelerometer])
         white = [errors.position, errors.velocity, *torque.white, errors.gyro, errors.accelerometer]
         self._scale = np.repeat(white, [n, n, *[1] * n, 3, 3])
-        # The IMU is mounted misaligned, r_nominal = mounting r_imu, and its orientation has an error of its own.
+        # The IMU is misaligned, r_nominal = mounting r_imu, and its orientation has a separate error.
         self._mounting = Rotation.from_rotvec(errors.imu_misalignment * _unit_vector(constant))
         turn = Rotation.from_rotvec(constant.normal(0.0, errors.orientation_constant, 3))
         self._from_nominal = block_diag(self._mounting.as_matrix().T, self._mounting.as_matrix().T)
         self._turn = (self._mounting * turn).as_quat(scalar_first=True)
         self._foot_offset = _constant_part(errors.foot_position, constant, (len(robot.legs), 3))
         self._kinematics = None if errors.foot_position.is_zero else FootKinematics(robot)
-        # drawn for many samples at once, where nothing else is drawn in between
+        # drawn for many samples at once if nothing else is drawn in between
         self._block = 1 if errors.foot_position.drawn == "sample" else _BLOCK
         self._noise: Iterator[Array] = iter(())
         self._late: deque[tuple[float, Array]] = deque()
 
     def read(self, plant: Plant) -> SensorReading:
-        """One sample of the plant's present instant; read every step, as late torques are kept here meanwhile."""
+        """Reads one sample at the plant's present instant; must be called every step, since delayed torques are stored
+        here.
+        """
         n, time = self._joint_count, plant.time
         values = next(self._noise, None)
         if values is None:
@@ -108,7 +110,7 @@ class Sensors:
         )
 
     def _arriving(self, time: float, effort: Array) -> Array:
-        """The torques that arrive now: those of `torque_delay` ago, the first ones until then."""
+        """Torques that arrive now: those of `torque_delay` ago, or the first ones."""
         late = self._late
         if late and time < late[-1][0]:  # the plant was reset
             late.clear()
@@ -128,14 +130,14 @@ class Sensors:
 
 @dataclass(frozen=True, eq=False)
 class JointTorqueError:
-    """Errors of joint torques: a run's constants and the standard deviations of the white part, (n,) each [N·m]."""
+    """Errors of joint torques: constants of a run and standard deviations of the white part, (n,) each [N·m]."""
 
     constant: Array
     white: Array
 
     @classmethod
     def drawn(cls, errors: SensorErrors, robot: Robot, rng: np.random.Generator) -> JointTorqueError:
-        """The run's constants drawn from `rng`."""
+        """Draws the constants of a run."""
         n = len(robot.tree.joints)
         limit = effort_limits(robot) if errors.torque or errors.torque_constant else np.zeros(n)
         constant = errors.torque_constant * limit * rng.standard_normal(n)
@@ -145,19 +147,20 @@ class JointTorqueError:
         return cls(constant + offset.mean, np.hypot(errors.torque * limit, offset.std))
 
     def applied(self, effort: Array, rng: np.random.Generator) -> Array:
-        """Efforts (..., n) as measured."""
+        """Efforts (..., n) with errors."""
         return effort + self.constant + self.white * rng.standard_normal(effort.shape)
 
 
 def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int) -> Recording:
-    """A recording of true joint motion and effort as joint sensors would have given it.
+    """Adds joint sensors' errors to a recording of true joint motion and effort.
 
-    White noise on position, velocity and effort, the constants of a run on the effort, and late torques (by whole
-    samples, the first one repeated). Accelerations are left out: nothing measures them. IMU and feet are kept.
+    White noise on position, velocity and effort, the constants of a run on the effort, and delayed torques (by whole
+    samples, the first one repeated). Accelerations are dropped, since they are not measured. IMU and feet are
+    unchanged.
 
     Raises:
-        UnknownNameError: a recorded joint is not the robot's.
-        ModelError: as `Sensors`.
+        UnknownNameError: a recorded joint does not belong to the robot.
+        ModelError: as in `Sensors`.
         RecordingError: velocity or effort is not recorded.
     """
     constant, white = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
@@ -179,10 +182,10 @@ def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int
 
 
 def plant_model(robot: Robot, errors: SensorErrors) -> Robot:
-    """The robot that the plant is made of: the given one, with the errors' dry friction in its joints.
+    """The robot of the plant: the given one, with the errors' dry friction in its joints.
 
     Raises:
-        ModelError: friction is a share of a joint's effort limit, and the joint has none.
+        ModelError: friction is relative to a joint's effort limit, and the joint has none.
     """
     if not errors.friction:
         return robot
@@ -194,13 +197,14 @@ def plant_model(robot: Robot, errors: SensorErrors) -> Robot:
 
 
 def estimator_model(robot: Robot, errors: SensorErrors, seed: int) -> Robot:
-    """The model that an estimator is given: the plant's robot, with wrong legs and roughly known friction.
+    """The estimator's model: the plant's robot, with wrong legs and approximate friction.
 
-    A leg link's ten parameters are scaled by 1 + N(0, leg_mass²), and its matter displaced by N(0, leg_com²) a
-    component. Each joint's Coulomb friction is scaled by 1 + N(0, friction_known²). The trunk is the plant's.
+    A leg link's ten parameters are scaled by 1 + N(0, leg_mass²), and its mass distribution is displaced by N(0,
+    leg_com²) in each component. Each joint's Coulomb friction is scaled by 1 + N(0, friction_known²). The trunk is the
+    plant's.
 
     Args:
-        robot: the plant's, as made by `plant_model`.
+        robot: the plant's, from `plant_model`.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
     inertias = dict(robot.inertias)
@@ -238,5 +242,5 @@ def _unit_vector(rng: np.random.Generator) -> Array:
 
 
 def _known(joints: tuple[str, ...], robot: Robot) -> tuple[str, ...]:
-    robot.tree.restricted(joints)  # names an unknown one
+    robot.tree.restricted(joints)  # raises for an unknown one
     return joints

@@ -47,8 +47,8 @@ class Postures:
 
     Args:
         robot: the model.
-        settling: time in which the tilt follows the specific force [s].
-        period: between two postures [s].
+        settling: time constant with which the tilt follows the specific force [s].
+        period: interval of the postures [s].
     """
 
     def __init__(self, robot: Robot, settling: float = 1.0, period: float = 0.04) -> None:

@@ -30,8 +30,8 @@ def replay(
     Args:
         log: with velocities or positions, torques and an IMU.
         rate: factor on the speed; infinite for as fast as the estimator.
-        piece: of the log that is handed over at once [s].
-        queue: pieces that may wait where the log is faster than the estimator.
+        piece: duration of the parts of the log passed on at once [s].
+        queue: largest number of waiting pieces, if the log is faster than the estimator.
 
     Raises:
         RecordingError: the log cannot be read, or lacks a joint's torque or the IMU.

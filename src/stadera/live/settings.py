@@ -25,9 +25,9 @@ class LiveSettings:
         other_publisher: time after the last message of a publisher, or on a clock, after which another one is accepted
             [s].
         rate_change: factor between two rates above which sampling restarts.
-        lost: periods between two samples from which on messages between them were lost; stamps jitter by up to one.
-        changes: of the load that are sent with every state, the latest.
-        clocks_apart: difference of two clocks below which they mean the same time [s]: a day.
+        lost: periods between two samples above which messages were lost; stamps jitter by up to one.
+        changes: number of latest changes of the load in every state.
+        clocks_apart: difference below which two clocks are taken as synchronised [s]: a day.
         least_rate: samples a second below which the motion is not resolved.
         bags: for decoding and merging. Streams wait for each other at most half a second, any number of stamps that
             repeat or run back is skipped, and delays of two topics may differ by those of a network.

@@ -39,8 +39,8 @@ class Viewer:
         robot: the model.
         spawn: open the viewer.
         save: write its recording to this .rrd file.
-        period: between two entries of the timelines [s].
-        deviations: standard deviations that a band shows.
+        period: interval of the timelines' entries [s].
+        deviations: number of standard deviations in a band.
 
     Raises:
         MissingExtraError: rerun is not installed.

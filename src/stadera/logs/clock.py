@@ -22,7 +22,7 @@ class RowClock:
 
     Attributes:
         source: name of the log, for messages.
-        most_wrong: share of the samples so far that may repeat or run back [1]; above it the column is no clock.
+        most_wrong: share of the samples so far that may repeat or run back [1]; above it the column is not a clock.
     """
 
     source: str

@@ -99,7 +99,8 @@ def low_pass(
 
     Args:
         stop_band_db: of the Kaiser window [dB].
-        width: of the window times the cut-off [1]: Kaiser's estimate for that and a transition as wide as the cut-off.
+        width: of the window times the cut-off [1]: Kaiser's estimate for this stop band and a transition as wide as the
+            cut-off.
         tolerance: by how much the rates of two parts of one log may differ [1]: stamps rounded to 1 ms, over 1000
             samples at 500 Hz.
 

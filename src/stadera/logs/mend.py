@@ -1,4 +1,6 @@
-"""Changes of a log while it is read: faults that are undone, torques of motors made those of joints."""
+"""Changes applied to a log while it is read: corrections of faults, and conversion of motor torques to joint
+torques.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,16 @@ GYRO, ACCELEROMETER = "gyro", "accelerometer"
 
 @dataclass(frozen=True)
 class Mend:
-    """One operation; fields that are left out change nothing.
+    """One correction; fields at their defaults change nothing.
 
     Attributes:
-        text: what is done, for a note.
-        factors: by quantity ("time", a channel of the joints, "gyro", "accelerometer"), what it is multiplied with.
-        joint_factors: the same, by channel and joint.
-        swapped: by channel and joint, the joint in whose columns the values of this one are.
-        turn: rows of the rotation that turns the IMU's values into the axes they should be in.
-        gravity: whether gravity, by the IMU's orientation, is put back into the specific force.
-        quaternion: where w is first: "wxyz"; of the world in the IMU's frame: "inverse".
+        text: description for a note.
+        factors: by quantity ("time", a channel of the joints, "gyro", "accelerometer").
+        joint_factors: factors by channel and joint.
+        swapped: by channel and joint, the joint whose columns contain the values.
+        turn: rows of the rotation that takes the IMU's values to the right axes.
+        gravity: add gravity to the specific force, according to the IMU's orientation.
+        quaternion: "wxyz" if w is first; "inverse" if it is that of the world in the IMU's frame.
     """
 
     text: str
@@ -41,13 +43,13 @@ class Mend:
     quaternion: str = ""
 
     def sources(self, joints: Iterable[str]) -> tuple[str, ...]:
-        """The joints whose columns are needed for these joints' values."""
+        """Joints whose columns are needed for these joints' values."""
         needed = dict.fromkeys(joints)
         others = [source for (_, joint), source in self.swapped.items() if joint in needed]
         return tuple(needed | dict.fromkeys(others))
 
     def __call__(self, recording: Recording) -> Recording:
-        """The recording as it should be; joints whose columns are swapped need to be in it."""
+        """Returns the corrected recording, which must contain the joints whose columns are swapped."""
         scaled = recording.mapped(self._scaled)
         channels = {c: getattr(scaled, c) for c in CHANNELS}
         kept = {c: self._joints(c, v, recording.joints) for c, v in channels.items() if v is not None}
@@ -71,20 +73,20 @@ class Mend:
         if self.gravity and orientation is not None:
             force = force + GRAVITY * upwards(orientation)
         if self.turn and orientation is not None:
-            orientation = None  # of a frame that is not the values' any more
+            orientation = None  # the frame no longer matches the values
         return replace(imu, angular_velocity=imu.angular_velocity @ turn.T, linear_acceleration=force @ turn.T,
                        orientation=orientation)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Gear:
-    """Gear ratios, for torques of motors: a joint's torque is the motor's times the ratio.
+    """Gear ratios for torques of motors: a joint's torque is the motor's times the ratio.
 
     Attributes:
-        ratios: one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE), joint's lever included.
+        ratios: one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE), including the joint's lever.
 
     Raises:
-        RecordingError: neither one nor three, or a ratio that is not positive.
+        RecordingError: neither one nor three ratios, or a ratio that is not positive.
     """
 
     ratios: tuple[float, ...]
@@ -95,10 +97,10 @@ class Gear:
 
     @classmethod
     def parse(cls, text: str) -> Gear:
-        """Ratios from "6.33" or "6.33,6.33,9.55".
+        """Parses ratios from "6.33" or "6.33,6.33,9.55".
 
         Raises:
-            RecordingError: anything else.
+            RecordingError: another format.
         """
         try:
             return cls(tuple(float(part) for part in text.split(",")))
@@ -107,7 +109,7 @@ class Gear:
 
     @property
     def text(self) -> str:
-        """What is done, for a note."""
+        """Description for a note."""
         return f"torques are the motors', times gear ratios of {', '.join(f'{ratio:g}' for ratio in self.ratios)}"
 
     def sources(self, joints: Iterable[str]) -> tuple[str, ...]:
@@ -115,10 +117,10 @@ class Gear:
         return tuple(joints)
 
     def __call__(self, recording: Recording) -> Recording:
-        """The recording with torques of joints.
+        """Returns the recording with torques of the joints.
 
         Raises:
-            RecordingError: three ratios, and a joint whose name does not say which of the leg's it is.
+            RecordingError: three ratios are given, and a joint's name does not identify hip, thigh or calf.
         """
         if recording.effort is None:
             return recording
@@ -132,13 +134,15 @@ class Gear:
 
 
 Change = Mend | Gear
-"""Of recordings, while a log is read."""
+"""Change applied to recordings while a log is read."""
 
 
 def changed(
     recording: Recording, changes: Sequence[Change], joints: Sequence[str] | None = None, *, first: bool = True
 ) -> Recording:
-    """A recording after changes, in order, with notes on them if it is a log's first; of these joints, all for None."""
+    """A recording after all changes, in order, with notes on them if it is a log's first; for these joints, None for
+    all.
+    """
     for change in changes:
         recording = change(recording)
     if first:
@@ -151,7 +155,7 @@ def changed(
 
 
 def sources_of(changes: Sequence[Change], joints: Sequence[str] | None) -> tuple[str, ...] | None:
-    """The joints to read so that these can be had after changes; None for all."""
+    """The joints to read to obtain these after all changes; None for all."""
     if joints is None:
         return None
     found = tuple(joints)
@@ -161,6 +165,6 @@ def sources_of(changes: Sequence[Change], joints: Sequence[str] | None) -> tuple
 
 
 def upwards(xyzw: Array) -> Array:
-    """The world's z axis in the body's axes, (samples, 3), of orientations that are not zero."""
+    """The world's z axis in the body's axes, (samples, 3), from nonzero orientations."""
     x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
     return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])

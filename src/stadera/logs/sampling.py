@@ -63,7 +63,7 @@ def sampling_of(
         tolerance, gap_factor: see Sampling.
         even: True or False to override the stamps.
         source: of the log, for messages.
-        even_share: of an even log's steps that are even; the few others cut it instead of having it interpolated.
+        even_share: share of even steps in an even log; the few others split it instead of causing interpolation.
 
     Raises:
         RecordingError: fewer than two stamps.

@@ -1,4 +1,4 @@
-"""How many entries of a list a reader is shown; what is left out is counted."""
+"""Numbers of list entries shown to a reader; omitted ones are counted."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Shown:
-    """Most entries of each list.
+    """Largest number of entries in each list.
 
     Attributes:
         gaps: of a log. failed: logs of a fleet. reasons: why times of a log were not used, in the terminal.
         changes: of the load, live. rows: of a table on a page, and
-        records: of an experiment there; of more, those that miss their bound alone.
-        named: points of a figure up to which each says which it is; more make a page too heavy.
+        records: of an experiment there; if there are more, only those that miss their bound.
+        named: points of a figure with tooltips; more make a page too heavy.
     """
 
     gaps: int = 5

@@ -32,7 +32,8 @@ def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], n
     else the farthest sphere; else the far end of the farthest other primitive shape.
 
     Args:
-        near: distance of a sphere from the frame within which it is the foot, share of the frame's from the knee [1].
+        near: distance of a sphere from the frame within which it is the foot, as a share of the frame's from the knee
+            [1].
 
     Raises:
         ModelError: none of these exists.

@@ -15,15 +15,15 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class StanceSettings:
-    """What stance is looked for, and how.
+    """Settings for finding the nominal stance.
 
     Attributes:
         extensions: height of the HFE joint above the foot, as a share of the stretched leg [1]; tried in turn, for
             limits may forbid some.
-        grid: starts of Newton's method for HAA, HFE, KFE.
-        steps: of Newton's method, and
-        largest_step: of a joint in one of them [rad].
-        solved: what is left, below which it is a solution [m and sine of an angle].
+        grid: number of starts of Newton's method for HAA, HFE, KFE.
+        steps: number of steps of Newton's method.
+        largest_step: of a joint in one step [rad].
+        solved: residual below which a solution is accepted [m and sine of an angle].
     """
 
     extensions: tuple[float, ...] = (0.8, 0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)

@@ -53,7 +53,7 @@ class Jump:
 
 
 class Deviations(NamedTuple):
-    """Averages over the latest blocks, one a window, in units of `scale`.
+    """Averages over the latest blocks, one for each window, in units of `scale`.
 
     Attributes:
         blocks: (windows,) number of blocks.
@@ -135,7 +135,7 @@ class _Blocks:
         return self._rows[self._end - n : self._end]
 
     def totals(self, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-        """(k, 4, PROJECTED), sums over ranges that begin and end so many blocks before the latest (k,)."""
+        """Sums (k, 4, PROJECTED) over ranges given by their numbers of blocks before the latest (k,)."""
         return np.asarray(self._sums[self._end - end] - self._sums[self._end - begin])
 
     def reduced(self, n: int, errors: Array) -> Array:

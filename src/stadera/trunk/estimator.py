@@ -72,7 +72,7 @@ class _Change:
 
 
 class _Reading:
-    """The trunk as known at one time, computed on first use."""
+    """The trunk as estimated at one time, computed on first use."""
 
     def __init__(self, of: TrunkEstimator) -> None:
         self._of, self._segment, self._errors = of, of._current, of._errors
@@ -214,7 +214,7 @@ class TrunkEstimator:
     # -- asking -----------------------------------------------------------------------------------------------------
     @property
     def trunk(self) -> TrunkParameters:
-        """All ten parameters of the trunk, payload included, and how well they are known."""
+        """The trunk's ten parameters, payload included, with their uncertainty."""
         return self._good.parameters if self._good is not None else TrunkParameters.unobserved(self._start)
 
     def parameters(self) -> TrunkParameters:
@@ -460,7 +460,7 @@ class TrunkEstimator:
             self._shape = read.parameters.inertial
 
     def _complaint(self, vector: Array, read: _Reading) -> str | None:
-        """Why the trunk (10,), the prior in place of what is not observed, is implausible; None if plausible."""
+        """Why the trunk (10,), with the prior for unobserved parameters, is implausible; None if plausible."""
         mass = float(vector[0])
         if not mass > 0.0:
             return f"a mass of {mass:.3g} kg"

@@ -46,7 +46,7 @@ def weigh_at_rest(request: Request) -> Weighing:
 
 @dataclass
 class _Poses:
-    """Means of the poses held during one load, the latest `most` of them."""
+    """Means of the poses held during one load, of which the latest `most` are kept."""
 
     most: int
     alike: Alike = field(default_factory=Alike)

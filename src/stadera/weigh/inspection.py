@@ -1,4 +1,4 @@
-"""Whether a log can be weighed by: its findings, and whether weighing goes through."""
+"""Inspection of a log for weighing: its faults, and whether `weigh` accepts it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from stadera.weigh.weigh import weigh
 
 @dataclass(frozen=True)
 class Inspection:
-    """What is wrong with a log.
+    """Result of inspecting a log.
 
     Attributes:
-        findings: of its first chunk, in which most faults show.
-        refusal: why weighing by it fails, one line; empty where it does not.
-        trust: of the weighing; None where it was refused, or where the robot is in the air.
+        findings: faults of its first chunk, in which most faults show.
+        refusal: why weighing fails, one line; empty if it succeeds.
+        trust: of the weighing; None if it was refused, or if the robot is in the air.
     """
 
     findings: tuple[Finding, ...]
@@ -29,19 +29,19 @@ class Inspection:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing was found, and weighing goes through."""
+        """True if no fault was found and weighing succeeds."""
         return not self.findings and self.trust is not None and self.trust.verdict == "good"
 
 
 def inspected(
     robot: Robot, log: Log, imu_frame: str | None = None, *, fix: bool = False, progress: Progress | None = None
 ) -> Inspection:
-    """Checks a log, and weighs by it unless the robot is in the air.
+    """Checks a log, and weighs from it unless the robot is in the air.
 
     Args:
         robot: its model.
-        log: as `stadera.weigh` takes it.
-        imu_frame, fix, progress: as of `stadera.weigh`.
+        log: as in `stadera.weigh`.
+        imu_frame, fix, progress: as in `stadera.weigh`.
 
     Raises:
         RecordingError: the log cannot be read.

@@ -39,8 +39,9 @@ class WeighSettings:
         entry: interval of the timeline in motion [s].
         ahead: samples passed to the estimator at once.
         log_gap: gap inserted between the tare's log and the other log [s].
-        sound: consistent windows in a row that are not a coincidence, in a log that contradicts itself elsewhere.
-        poses: kept of one load at rest, the latest.
+        sound: number of successive consistent windows that cannot be a coincidence, in a log with contradictions
+            elsewhere.
+        poses: number of latest poses kept of one load at rest.
         trunk: settings of the estimator for motion, see `TrunkSettings`.
         block: length of a block at rest [s].
         least_change: least difference in mass between blocks at rest that counts as a change, as a share of the robot's

@@ -29,9 +29,9 @@ class KalmanTrunk(SignalBaseline):
 
     Args:
         robot, start, mount: as for `SignalBaseline`.
-        step: over which signals are averaged, and which the published process noise is of [s].
-        settled: time after which that noise has forgotten where it started [s].
-        first: standard deviation at the start, in units of the robot's mass and leg's length; not published [1].
+        step: averaging time of the signals, to which the published process noise refers [s].
+        settled: time after which the initial state has no influence with that noise [s].
+        first: initial standard deviation, in units of the robot's mass and leg's length; not published [1].
     """
 
     def __init__(

@@ -31,8 +31,9 @@ class LeastSquaresTrunk(SignalBaseline):
         robot, start, mount: as for `SignalBaseline`.
         window: length of the window [s].
         block: over which rows are averaged [s].
-        hint: weight of the prior, share of the information [1]; it decides only what the rows say nothing of.
-        least_blocks: of six rows each, before ten parameters are sought.
+        hint: weight of the prior, as a share of the information [1]; affects only directions without information in the
+            rows.
+        least_blocks: number of blocks of six rows needed to estimate ten parameters.
 
     Raises:
         StaderaError: the window is not longer than a few blocks; and the errors of `SignalBaseline`.

@@ -27,7 +27,7 @@ class RlsTrunk(SignalBaseline):
         robot, start, mount: as for `SignalBaseline`.
         memory: time constant of forgetting [s]: λ = exp(-block / memory).
         block: [s].
-        first: P at the start, in units of the robot's mass and leg's length [1].
+        first: initial P, in units of the robot's mass and leg's length [1].
 
     Raises:
         StaderaError: the memory is not positive; and the errors of `SignalBaseline`.

@@ -37,7 +37,7 @@ class SignalBaseline:
         block: over which signals are averaged [s].
         settled: time of data after which it counts as converged [s].
         mount: of the IMU; None for the model's.
-        least_residual: share of the robot's weight that residuals have at least [1].
+        least_residual: least standard deviation of the residuals, as a share of the robot's weight [1].
 
     Raises:
         ImplausibleError: the start is implausible.

@@ -32,7 +32,7 @@ class LegOdometry:
 
     Args:
         velocity_time: T [s]; 0 for the legs alone.
-        slip: by which one foot may disagree with the others before it counts as slipped [m].
+        slip: deviation of one foot from the others above which it counts as slipped [m].
 
     Attributes:
         position: (3,) [m], of the trunk's origin in the odometry frame.

@@ -14,7 +14,7 @@ class OverloadWatch:
 
     Args:
         joints: their names, in the order of the values.
-        longest: time at its limit from which a joint is overloaded [s].
+        longest: time at its limit after which a joint is overloaded [s].
     """
 
     def __init__(self, joints: Sequence[str], longest: float = 0.5) -> None:

@@ -38,7 +38,7 @@ class Shake:
         begin: [s].
         angle: amplitudes of roll, pitch and yaw, (3,) [rad].
         shift: amplitudes along x, y and z of the odometry frame, (3,) [m].
-        ease: time in which the motion grows [s].
+        ease: time over which the motion grows [s].
 
     Raises:
         ModelError: an amplitude is negative, not finite, or above half a radian.

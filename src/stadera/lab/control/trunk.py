@@ -78,8 +78,8 @@ class TrunkController:
         gains: None for those scaled from the robot.
         trunk: initial model; None for the robot's own.
         limits: of the contacts; None for friction 0.6 and `least_load` on every foot.
-        least_load: share of the robot's weight on every foot in stance, at least [1].
-        first_load: share of the weight that a foot may carry as soon as it lands [1].
+        least_load: least share of the robot's weight on every foot in stance [1].
+        first_load: share of the weight that a foot may carry immediately after landing [1].
         legs: shared with estimators that use the same measurements; None for a new one.
         trunk_time: time constant [s] with which a new model of the trunk is adopted.
         jacobian: for the torques, at the "feet" as measured or by the "encoders"; the two differ only if the

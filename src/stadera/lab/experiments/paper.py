@@ -1,4 +1,6 @@
-"""An experiment as the registry holds it: its text, the paper's values and its bounds (`experiments.toml`), its run."""
+"""An entry of the registry of experiments: its text, the paper's values and bounds (`experiments.toml`), its
+function.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +22,18 @@ from stadera.types import Progress
 
 @dataclass(frozen=True)
 class ReproduceSettings:
-    """Settings that all experiments share.
+    """Settings common to all experiments.
 
     Attributes:
-        seed: of every random draw; the same seed gives the same figures.
-        quick: a short, coarse version that shows the same in less time; its figures are not the published ones.
-        data: the folder of real logs; None to look for it (see `experiments.legs.real_logs`).
-        keep: the folder in which long studies keep their runs, to go on from (see `experiments.grid`); None for none.
-        seeds: how many, of a study that repeats its whole grid for each; None for its default.
+        seed: of all random draws; the same seed gives the same values.
+        quick: run a short, coarse version; its values are not the published ones.
+        data: folder of real logs; None to search for it (see `experiments.legs.real_logs`).
+        keep: folder in which long studies store their runs, to resume from (see `experiments.grid`); None for none.
+        seeds: number of seeds for a study that repeats its whole grid for each; None for its default.
         pool: where the runs of a grid are run.
 
     Raises:
-        StaderaError: a negative seed, less than one of them.
+        StaderaError: a negative seed, or a number of seeds below one.
     """
 
     seed: int = 0
@@ -50,13 +52,13 @@ class ReproduceSettings:
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment as the registry holds it.
+    """An experiment of the registry.
 
     Attributes:
-        name, title: of it.
-        run: pure, it neither prints nor writes.
-        study: hundreds of runs that take an hour: asked for by name, and left out of `all`.
-        seeded: it repeats its grid for each of `ReproduceSettings.seeds`.
+        name, title: of the experiment.
+        run: a pure function that neither prints nor writes.
+        study: True for hundreds of runs that take an hour: run on request only, not by `all`.
+        seeded: whether it repeats its grid for each of `ReproduceSettings.seeds`.
     """
 
     name: str
@@ -73,8 +75,8 @@ class Paper:
     Attributes:
         name: of the experiment.
         title, lead, differs, notes, study, seeded: see `ExperimentResult` and `Experiment`.
-        values: what the paper prints.
-        bounds: what records are held against, by name.
+        values: printed in the paper.
+        bounds: for records, by name.
     """
 
     name: str
@@ -89,13 +91,13 @@ class Paper:
 
     @classmethod
     def of(cls, name: str) -> Paper:
-        """The entry of that name."""
+        """The entry with that name."""
         entry = dict(_entries()[name])
         values, (differs, notes) = entry.pop("paper", {}), (tuple(entry.pop(key, ())) for key in ("differs", "notes"))
         return cls(name, values=values, differs=differs, notes=notes, **entry)
 
     def experiment(self, run: Callable[[ReproduceSettings, Progress], ExperimentResult]) -> Experiment:
-        """With what runs it."""
+        """The experiment with its function."""
         return Experiment(self.name, self.title, run, self.study, self.seeded)
 
     def record(
@@ -118,7 +120,7 @@ class Paper:
         facts: Mapping[str, str] | None = None,
         notes: tuple[str, ...] = (),
     ) -> ExperimentResult:
-        """A result with the text of this entry; `notes` come after its own."""
+        """A result with the text of this entry; `notes` follow its own."""
         whole = tuple(records), tuple(tables), tuple(figures)
         notes = (*self.notes, *notes)
         return ExperimentResult(self.name, self.title, self.lead, *whole, notes, facts or {}, self.differs)
@@ -131,19 +133,19 @@ def _entries() -> Mapping[str, Mapping[str, Any]]:
 
 
 class Steps:
-    """Reports the step that an experiment is at."""
+    """Reports the present step of an experiment."""
 
     def __init__(self, name: str, progress: Progress) -> None:
         self._name, self._progress, self._at = name, progress, ""
 
     def __call__(self, what: str) -> None:
-        """The next step begins, so the last one is over."""
+        """Starts the next step."""
         self.finished()
         self._at = f"{self._name}: {what}"
         self._progress(self._at, 0, 0)
 
     def finished(self) -> None:
-        """The last step is over."""
+        """Ends the last step."""
         if self._at:
             self._progress(self._at, 1, 1)
             self._at = ""

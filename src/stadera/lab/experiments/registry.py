@@ -1,4 +1,4 @@
-"""The experiments by name, in the paper's order. A new one is a file, an entry of experiments.toml and a line here."""
+"""Registry of experiments, in the paper's order. A new one is a file, an entry of experiments.toml and a line here."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EX
 
 
 def experiments_named(name: str) -> tuple[Experiment, ...]:
-    """The experiment of that name; for `all`, every one but the studies of hundreds of runs.
+    """The experiment with that name; for `all`, every one except the studies of hundreds of runs.
 
     Raises:
         UnknownNameError: no such experiment.
@@ -55,10 +55,10 @@ def experiments_named(name: str) -> tuple[Experiment, ...]:
 def run_experiments(
     experiments: Sequence[Experiment], settings: ReproduceSettings, progress: Progress
 ) -> Iterator[ExperimentResult | Skipped]:
-    """Runs them in turn. Of several, one whose logs or robot models are not on this machine is skipped.
+    """Runs experiments in turn. If there are several, one whose logs or robot models are not available is skipped.
 
     Raises:
-        StaderaError: an experiment could not be run, or takes no number of seeds.
+        StaderaError: an experiment failed, or does not accept a number of seeds.
     """
     if settings.seeds is not None and not all(experiment.seeded for experiment in experiments):
         seeded = ", ".join(name for name, experiment in EXPERIMENTS.items() if experiment.seeded)

@@ -1,4 +1,4 @@
-"""What an experiment returns, as plain values: records with bounds, tables and figures yet to be drawn."""
+"""Result of an experiment as plain values: records with bounds, tables and figures."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from stadera.report.table import Cell, TableData
 from stadera.results import Result, data_frame
 
 CaseValues = Mapping[str, str | float]
-"""What was run, by name."""
+"""Settings of the run, by name."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """One measured figure, and what it is compared with.
+    """A measured value, and what it is compared with.
 
     Attributes:
         experiment: its name.
-        case: what was run, by name.
-        metric: what was measured.
+        case: settings of the run, by name.
+        metric: name of the quantity.
         unit: of value, paper and bound; "1" for a plain number.
-        value: measured.
-        paper: what the paper prints, None where it prints nothing comparable.
-        bound: what the value has to keep to, None where nothing was promised.
-        bound_is: whether the bound is the largest or the least value that meets it.
+        value: the measured value.
+        paper: the paper's value, None if it gives none that is comparable.
+        bound: limit of the value, None for none.
+        bound_is: whether the bound is an upper or a lower limit.
 
     Raises:
-        StaderaError: a value or bound that is not finite.
+        StaderaError: a value or bound is not finite.
     """
 
     experiment: str
@@ -51,13 +51,13 @@ class Record:
 
     @property
     def met(self) -> bool | None:
-        """Whether the bound is kept; None without one."""
+        """Whether the bound is met; None without one."""
         if self.bound is None:
             return None
         return self.value <= self.bound if self.bound_is == "at most" else self.value >= self.bound
 
     def to_dict(self) -> dict[str, Any]:
-        """As the JSON contract has it."""
+        """Plain values of the JSON contract."""
         bound_is = None if self.bound is None else self.bound_is
         return {**vars(self), "case": dict(self.case), "bound_is": bound_is, "met": self.met}
 
@@ -68,7 +68,9 @@ Naming = Callable[[Record], str]
 def crossed(
     title: str, records: Iterable[Record], group: Naming, row: Naming, column: Naming, corner: str, note: str = ""
 ) -> TableData:
-    """Records by group, row and column: each cell a value, the paper's in brackets, coloured by its bound."""
+    """A table of records by group, row and column: each cell a value, the paper's in brackets, coloured by its
+    bound.
+    """
     groups: dict[str, dict[str, dict[str, Cell]]] = {}
     for record in records:
         groups.setdefault(group(record), {}).setdefault(row(record), {})[column(record)] = _error_cell(record)
@@ -81,7 +83,7 @@ def crossed(
 
 
 def spread(values: Sequence[float], bounds: tuple[float | None, float | None] = (None, None)) -> Cell:
-    """A cell of median and 95th percentile, coloured where there are bounds."""
+    """A cell with median and 95th percentile, coloured if there are bounds."""
     if not values:
         return Cell("–")
     found = float(np.median(values)), float(np.percentile(values, 95))
@@ -97,17 +99,17 @@ def _error_cell(record: Record) -> Cell:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExperimentResult(Result):
-    """What one experiment showed.
+    """Result of one experiment.
 
     Attributes:
         name, title: of the experiment.
-        lead: what was done, in a few sentences for a reader who has not seen it.
-        records: figures, each with unit, the paper's value and its bound.
-        tables: for terminal and page; the first is the one the experiment is about.
+        lead: summary of the experiment for readers.
+        records: values with unit, the paper's value and the bound.
+        tables: for terminal and page, the main one first.
         figures: for the page.
-        notes: how to read it.
-        facts: what was run, by name.
-        differs: from the paper, and why; empty for a study of our own.
+        notes: explanations for the reader.
+        facts: settings of the runs, by name.
+        differs: differences from the paper, and why; empty for our own studies.
     """
 
     name: str
@@ -122,7 +124,7 @@ class ExperimentResult(Result):
 
     @property
     def missed(self) -> tuple[Record, ...]:
-        """Records whose bound is not kept."""
+        """Records whose bound is not met."""
         return tuple(record for record in self.records if record.met is False)
 
     def __repr__(self) -> str:
@@ -135,31 +137,33 @@ class ExperimentResult(Result):
         return {"name": self.name, "title": self.title, "facts": dict(self.facts), "records": records}
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame, one row a record, its case in words. MissingExtraError: pandas is not installed."""
+        """A pandas DataFrame, one row per record, with the case in words. Raises MissingExtraError if pandas is not
+        installed.
+        """
         rows = [record.to_dict() for record in self.records]
         for row in rows:
             row["case"] = ", ".join(f"{name}: {value}" for name, value in row["case"].items())
         return data_frame({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
 
     def to_html(self) -> str:
-        """The report: one page that loads nothing."""
+        """The report as one self-contained HTML page."""
         from stadera.lab.report.experiments.page import experiments_html
 
         return experiments_html([self])
 
     def to_tables(self) -> list[TableData]:
-        """The experiment's own, the first the one that it is about."""
+        """The experiment's tables, the main one first."""
         return list(self.tables)
 
     def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """figure-1, figure-2, ..., then table-1, ..."""
+        """Figures figure-1, figure-2, ..., then table-1, ..."""
         shown = {f"figure-{k}": figure for k, figure in enumerate(self.figures, start=1)}
         return shown | {f"table-{k}": table for k, table in enumerate(self.tables, start=1)}
 
 
 @dataclass(frozen=True)
 class Skipped:
-    """An experiment that was left out, and why."""
+    """An experiment that was skipped, and why."""
 
     name: str
     reason: str

@@ -1,4 +1,4 @@
-"""Where the ground acts on a simulated robot, read from MuJoCo's contacts."""
+"""Contacts of a simulated robot with the ground, read from MuJoCo."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from stadera.types import Array, Bools
 
 
 class Contacts:
-    """Who touches whom in one compiled world.
+    """Contacts between bodies in one compiled world.
 
     Args:
         model: the world, as `build_world` makes it.
-        robot: that stands in it.
+        robot: the robot in it.
     """
 
     def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
@@ -30,11 +30,11 @@ class Contacts:
             if name.startswith(FRAME)
         }
         self.feet = np.array([model.geom(foot_geom(leg)).id for leg in robot.legs])
-        """(4,) the geoms that are feet, legs in the robot's order."""
+        """Geoms of the feet, (4,), legs in the robot's order."""
         self._leg_of_geom = {int(geom): k for k, geom in enumerate(self.feet)}
 
     def on_ground(self, data: mujoco.MjData) -> str:
-        """What touches the ground though it should not: "trunk", "LF knee", "RH hip", ...; empty for nothing."""
+        """The part that touches the ground but should not: "trunk", "LF knee", "RH hip", ...; empty for none."""
         for pair in data.contact.geom.tolist():
             touching = [self._frame[geom] for geom in pair if geom in self._frame]
             if touching and not self._ground.isdisjoint(pair):
@@ -42,15 +42,16 @@ class Contacts:
         return ""
 
     def box_on_tray(self, data: mujoco.MjData, index: int) -> bool:
-        """Whether the box of that number touches the tray."""
+        """True if the box of that number touches the tray."""
         pair = {self._tray, self._model.geom(box_body(index)).id}
         return any({int(a), int(b)} == pair for a, b in data.contact.geom)
 
     def of_feet(self, data: mujoco.MjData) -> tuple[Array, Array, Bools]:
-        """Where the ground acts on the feet (4, 3) [m], how (4, 3) [N], both in the world, and whether (4,).
+        """Contact points of the feet (4, 3) [m] and forces on them (4, 3) [N], both in the world, and contact states
+        (4,).
 
-        A foot on several stones gets their sum, at the mean of their points by normal force; the point of a foot in
-        the air is NaN.
+        A foot on several stones gets the sum of their forces, at the mean of their points weighted by normal force; the
+        point of a foot in the air is NaN.
         """
         count = len(self.feet)
         points, forces, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)

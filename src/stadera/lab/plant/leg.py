@@ -18,11 +18,11 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How a leg is simulated.
+    """Settings of the simulation of a leg.
 
     Attributes:
-        bandwidth: natural frequency that default gains give the tracking loop [rad/s], well above an excitation's.
-        largest_step: of the integration [s].
+        bandwidth: natural frequency of the tracking loop with default gains [rad/s], well above an excitation's.
+        largest_step: of the integrator [s].
         tolerance: of the dry-friction constraint; MuJoCo's default leaves errors of 3e-5 N·m in the torque.
     """
 
@@ -35,7 +35,7 @@ _TRACKING = TrackingSettings()
 
 
 class Trajectory(Protocol):
-    """A reference for the three joints of a leg, on an even clock."""
+    """A reference for the three joints of a leg, evenly sampled."""
 
     @property
     def time(self) -> Array:
@@ -96,17 +96,17 @@ def simulate_leg(
     """Simulates one leg tracking a reference, the trunk held level and the other legs at rest.
 
     The motor's torque is continuous in time (the reference is interpolated linearly between its samples), saturated at
-    the joint's effort limit, and integrated by Runge-Kutta of fourth order. Joint limits are no end stops here. What
-    is recorded is exact and belongs to one instant: position, velocity, acceleration and effort of a sample obey
+    the joint's effort limit, and integrated by a fourth-order Runge-Kutta method. Joint limits are not end stops here.
+    The recorded values are exact and simultaneous: position, velocity, acceleration and effort of a sample satisfy
 
         effort = M(q) q̈ + h(q, q̇) + armature q̈ + viscous q̇ + friction + offset
 
-    where friction is coulomb sign(q̇) while a joint slides, and whatever holds it (below coulomb) while it sticks.
+    where friction is coulomb sign(q̇) while a joint slides, and the static friction (below coulomb) while it sticks.
 
     Args:
-        robot: the truth, physical or not (see `stadera.lab.plant.model`).
+        robot: the true robot, physically possible or not (see `stadera.lab.plant.model`).
         leg: LF, RF, LH or RH.
-        trajectory: the reference; the leg starts on it.
+        trajectory: the reference, on which the leg starts.
         gains: of the tracking loop; None for `Gains.scaled` of this robot.
         feedforward: (samples, 3) [N·m], added to the tracking torque.
 
@@ -115,15 +115,15 @@ def simulate_leg(
 
     Raises:
         UnknownNameError: no such leg.
-        ModelError: a reference of the wrong shape or an uneven clock; a robot that cannot be simulated, or a motion
-            that runs away.
+        ModelError: a reference of the wrong shape or with uneven sampling, a robot that cannot be simulated, or a
+            motion that diverges.
     """
     tree = robot.leg_tree(leg)
     gains = gains or Gains.scaled(robot, leg)
     interval = _check(trajectory, feedforward)
     substeps = max(1, int(np.ceil(interval / _TRACKING.largest_step - SAME)))
     model = _tracking_model(robot, tree, gains, interval / substeps)
-    # the actuator adds -stiffness q - damping q̇ itself, so that only this drive is prescribed over time
+    # the actuator itself adds -stiffness q - damping q̇, so only this drive is prescribed over time
     drive = gains.stiffness * trajectory.position + gains.damping * trajectory.velocity
     if feedforward is not None:
         drive = drive + feedforward
@@ -147,7 +147,7 @@ def simulate_leg(
 
 
 def _check(trajectory: Trajectory, feedforward: Array | None) -> float:
-    """The sampling interval [s] of a reference that is in order."""
+    """Checks a reference; returns its sampling interval [s]."""
     time = np.asarray(trajectory.time, dtype=float)
     if time.ndim != 1 or len(time) < 2:
         raise ModelError(f"a leg's reference needs at least two samples, time has shape {time.shape}")

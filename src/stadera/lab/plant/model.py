@@ -1,12 +1,12 @@
-"""From a `Robot` value to a compiled MuJoCo model.
+"""Compiles a `Robot` into a MuJoCo model.
 
-The plant is built from the tree, the inertias, the joint dynamics and the feet alone, not by MuJoCo's own reader of
-model files: it needs no meshes, and its parameters may be any `Robot`, the truth an experiment chose among them.
+The plant is built from the tree, the inertias, the joint dynamics and the feet only, not by MuJoCo's own reader of
+model files: it needs no meshes, and its parameters may be those of any `Robot`, such as the truth of an experiment.
 
-Inertias are written into the compiled model. MuJoCo's compiler refuses bodies whose principal moments are negative or
-break the triangle inequality, but its dynamics need only that the joint-space mass matrix M(q) is positive definite.
-That is checked here over a sampled workspace, so a link of the kind in the paper's Table I (perturbed to negative
-moments) can be simulated as long as the whole mechanism still has a kinetic energy.
+Inertias are written into the compiled model. MuJoCo's compiler rejects bodies whose principal moments are negative or
+violate the triangle inequality, but its dynamics only need a positive definite joint-space mass matrix M(q). This is
+checked here over a sampled workspace, so a link as in the paper's Table I (perturbed to negative moments) can be
+simulated as long as the whole mechanism has a positive kinetic energy.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ _DRY_FRICTION = (0.99, 0.99, 1e-3, 0.5, 2.0)  # with the fastest reference allow
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """How the model is compiled.
+    """Options of the compiled model.
 
     Attributes:
-        floating: the trunk is free (a free joint) rather than held level.
+        floating: whether the trunk is free (a free joint) instead of held level.
         timestep: [s].
-        drive_state: each motor's torque is the time integral of its control, so that a torque can be prescribed as a
-            continuous function of time, rather than the control itself.
+        drive_state: whether each motor's torque is the time integral of its control, so that a torque can be prescribed
+            as a continuous function of time, instead of the control itself.
     """
 
     floating: bool = False
@@ -49,11 +49,11 @@ class ModelOptions:
 
 
 def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec:
-    """The bodies, joints and torque actuators of a tree of this robot; inertias are placeholders until compiled.
+    """Makes the bodies, joints and torque actuators of a tree of this robot; inertias are placeholders until compiled.
 
-    Every link becomes a body of its own name, every joint a hinge with armature and viscous damping and dry friction
-    (`frictionloss`) of the robot's joint dynamics, and gets one actuator that applies a torque and saturates at the
-    joint's effort limit. Offsets of the joint dynamics are constant generalised forces: see `joint_offsets`.
+    Every link becomes a body with its name, every joint a hinge with armature, viscous damping and dry friction
+    (`frictionloss`) of the robot's joint dynamics, and an actuator that applies a torque and saturates at the joint's
+    effort limit. Offsets of the joint dynamics are constant generalised forces: see `joint_offsets`.
     """
     keep_quiet()
     spec = mujoco.MjSpec()
@@ -89,7 +89,7 @@ def compile_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjMod
     """The compiled model, with the robot's inertias in it.
 
     Raises:
-        ModelError: M(q) is not positive definite somewhere in the workspace; names the least eigenvalue and links.
+        ModelError: M(q) is not positive definite somewhere in the workspace; names the least eigenvalue and the links.
     """
     model = _filled_model(spec, robot, tree)
     least = least_mass_eigenvalue(model, workspace(robot, tree))
@@ -108,7 +108,7 @@ def build_model(robot: Robot, tree: Tree | None = None, options: ModelOptions | 
     """A compiled model of the robot, or of a part of its tree such as `robot.leg_tree("RH")`.
 
     Raises:
-        ModelError: as `compile_model`.
+        ModelError: as in `compile_model`.
     """
     tree = tree or robot.tree
     options = options or ModelOptions()
@@ -116,21 +116,21 @@ def build_model(robot: Robot, tree: Tree | None = None, options: ModelOptions | 
 
 
 def least_leg_eigenvalue(robot: Robot, leg: str) -> float:
-    """Least eigenvalue of a held leg's M(q) over its workspace, positive where the leg can be simulated."""
+    """Least eigenvalue of a held leg's M(q) over its workspace; positive if the leg can be simulated."""
     tree = robot.leg_tree(leg)
     model = _filled_model(build_spec(robot, tree, ModelOptions()), robot, tree)
     return least_mass_eigenvalue(model, workspace(robot, tree))
 
 
 def joint_offsets(robot: Robot, tree: Tree) -> Array:
-    """Constant torque that each joint itself takes from the actuator, the offset of its dynamics [N·m], (n,)."""
+    """Constant torque of each joint on the actuator, the offset of its dynamics [N·m], (n,)."""
     return np.array([robot.dynamics[joint].offset for joint in tree.joints])
 
 
 def set_body_inertia(model: mujoco.MjModel, body: int, parameters: InertialParameters) -> None:
-    """Writes a body's mass, centre of mass and inertia, physical or not; call `mj_setConst` afterwards.
+    """Writes a body's mass, centre of mass and inertia, physically possible or not; call `mj_setConst` afterwards.
 
-    MuJoCo keeps the inertia about the centre of mass by its principal values and axes: I_c = R diag(d) Rᵀ.
+    MuJoCo stores the inertia about the centre of mass by its principal values and axes: I_c = R diag(d) Rᵀ.
     """
     values, axes = np.linalg.eigh(parameters.inertia_com)
     if np.linalg.det(axes) < 0:
@@ -152,7 +152,7 @@ def workspace(robot: Robot, tree: Tree, samples: int = 200, seed: int = 20170924
 
 
 def least_mass_eigenvalue(model: mujoco.MjModel, positions: Array) -> float:
-    """Least eigenvalue of M(q) over joint positions (samples, n), the trunk where it is at rest in the model."""
+    """Least eigenvalue of M(q) over joint positions (samples, n), with the trunk at its reference pose."""
     data = mujoco.MjData(model)
     matrices = np.empty((len(positions), model.nv, model.nv))
     n = positions.shape[1]
@@ -180,9 +180,9 @@ def _filled_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjMod
 
 
 def placeholder_inertia(body: mujoco.MjsBody) -> None:
-    """Any inertia, for the compiler; `set_body_inertia` writes the true one into the compiled model.
+    """Sets any inertia, for the compiler; `set_body_inertia` writes the true one into the compiled model.
 
-    It lies away from the body's frame on purpose: the compiler takes shortcuts where the two frames are one.
+    It differs from the body's frame on purpose: the compiler takes shortcuts if the two frames coincide.
     """
     body.explicitinertial = True
     body.mass = 1.0

@@ -1,12 +1,11 @@
-"""Forces on the trunk from outside that are no load: a person who pushes or lifts, a rope, a wall that is leant on.
+"""External forces on the trunk other than a load: a person who pushes or lifts, a rope, a wall.
 
-With n the direction of the force, p the point of the trunk where it acts and p_0 where that point was when the force
-began,
+With n the direction of the force, p the point of the trunk where it acts and p_0 its position when the force began,
 
     f = s n max(0, F - k n · (p - p_0))        s = 1 between begin and end, with ramps
 
-k = 0 is a force of one size: a person, or a weight on a rope over a pulley. k > 0 with n out of a wall is a wall
-that is leant on, with n towards the other end a rope. Both give way on one side.
+k = 0 is a constant force: a person, or a weight on a rope over a pulley. k > 0 with n out of a wall models leaning on
+the wall, with n towards the other end a rope. Both yield on one side.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class OutsideForce:
-    """A force on the trunk from outside.
+    """An external force on the trunk.
 
     Attributes:
         size: F [N], not negative.
-        direction: n, world axes; of any length but zero.
-        at: where it acts [m], trunk frame.
-        begin, end: of it [s].
+        direction: n, world axes; any nonzero length.
+        at: point of application [m], trunk frame.
+        begin, end: times [s].
         stiffness: k [N/m], not negative.
-        ramp: time that it takes to come and to go [s].
+        ramp: time to rise and to fall [s].
 
     Raises:
-        ModelError: a value that is not finite or out of its range.
+        ModelError: a value is not finite or out of its range.
     """
 
     size: float
@@ -50,7 +49,7 @@ class OutsideForce:
             raise ModelError(f"an outside force needs finite sizes, a direction and a time, got {self}")
 
     def force(self, time: float, moved: Array) -> Array:
-        """(3,) [N], world axes.
+        """Force (3,) [N], world axes.
 
         Args:
             time: [s].

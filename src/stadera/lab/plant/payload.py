@@ -1,6 +1,6 @@
-"""Three ways to load a trunk: a force in the place of a weight, a mass bolted on, a box let fall on the back.
+"""Three kinds of loads on a trunk: a force in place of a weight, a fixed mass, and a box dropped on the back.
 
-Each knows what it adds to the trunk's ten parameters, in the trunk frame: the truth that weighing has to find.
+Each provides its contribution to the trunk's ten parameters, in the trunk frame: the ground truth of weighing.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class VirtualForce:
-    """The paper's virtual load (section V.A): a force straight down in the world, at a point fixed to the trunk.
+    """The paper's virtual load (section V.A): a downward force in the world, at a point fixed to the trunk.
 
-    It weighs but has no inertia: what it adds is the point mass that it equals at rest, whose tensor does not act.
+    It has weight but no inertia: its contribution is the equivalent point mass at rest, whose tensor has no effect.
 
     Attributes:
         force: [N], downwards.
@@ -69,13 +69,13 @@ class RigidMass:
 
 @dataclass(frozen=True)
 class DroppedBox:
-    """A homogeneous box let go above the trunk's tray, held by friction alone; it can slide and it can fall off.
+    """A homogeneous box dropped on the trunk's tray, held by friction only; it can slide and fall off.
 
     Attributes:
         mass: [kg].
         size: full edge lengths [m].
         position: (x, y) of its centre in the trunk frame [m].
-        height: [m] of its underside above the tray when it is let go.
+        height: [m] of its underside above the tray when it is released.
         friction: Coulomb friction coefficient of the box, on the tray and on the ground.
     """
 
@@ -119,7 +119,7 @@ class Tray:
 
     @classmethod
     def of(cls, robot: Robot, thickness: float = 0.02) -> Tray:
-        """The tray of a robot; where its trunk has no box shape, the upper face is at the hips' height.
+        """The tray of a robot; if its trunk has no box shape, the upper face is at the hips' height.
 
         `thickness` [m].
         """

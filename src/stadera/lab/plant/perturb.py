@@ -1,4 +1,4 @@
-"""Robots whose leg is not what its CAD says: the truths that an identification has to find."""
+"""Robots with a leg that differs from its CAD: ground truth for identification."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stadera.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class Perturbed:
-    """A perturbed robot, and how many draws were thrown away before it."""
+    """A perturbed robot, and the number of rejected draws before it."""
 
     robot: Robot
     redraws: int
@@ -34,12 +34,12 @@ def perturbed(
 ) -> Perturbed:
     """The paper's perturbation (section IV.A): white noise on the leg links' centres of mass and inertia tensors.
 
-    Masses stay. Each component of a centre of mass gets an independent N(0, com_std²), and so does each of the six
-    entries of the tensor about the LINK ORIGIN, in link axes (the paper's footnote 5), N(0, inertia_std²). The two
-    draws are independent: the tensor does not follow the shifted centre. At the paper's sizes the links come out
-    non-physical more often than not (Table I has negative moments); the joint-space mass matrix is a sum over links,
-    and the whole set is drawn again until its least eigenvalue over the leg's workspace is at least `margin` times
-    that of the robot given, which keeps the leg simulable.
+    Masses are unchanged. Each component of a centre of mass is perturbed by an independent N(0, com_std²), and each of
+    the six entries of the tensor about the LINK ORIGIN, in link axes (the paper's footnote 5), by N(0, inertia_std²).
+    The two draws are independent: the tensor does not follow the shifted centre. At the paper's sizes the links are
+    usually not physically possible (Table I has negative moments). The joint-space mass matrix is a sum over links, and
+    the whole set is drawn again until its least eigenvalue over the leg's workspace is at least `margin` times that of
+    the given robot, which keeps the leg simulable.
 
     Args:
         com_std: [m]. inertia_std: [kg·m²]. margin: dimensionless, above 0. draws: at most.
@@ -66,19 +66,19 @@ def perturbed(
 def perturbed_physical(
     robot: Robot, leg: str, rng: np.random.Generator, *, com_std: float = 0.02, stretch_std: float = 0.3
 ) -> Perturbed:
-    """A perturbation of the same size that stays physically possible, link by link, with no redraws.
+    """A perturbation of the same size for which every link is physically possible, without redraws.
 
-    The link's matter is displaced as a whole by N(0, com_std²) a component, then deformed about its centre of mass by
-    the linear map exp(E), the nine entries of E independent N(0, stretch_std²). Matter moved is still matter: the
-    pseudo-inertia is acted on by congruence, so it stays positive definite where it was. To first order the second
-    moments change by 2 stretch_std of themselves. Masses stay.
+    The link's mass distribution is displaced by N(0, com_std²) in each component, then deformed about its centre of
+    mass by the linear map exp(E), with the nine entries of E independent N(0, stretch_std²). The result is again a mass
+    distribution: the pseudo-inertia is transformed by congruence, so it remains positive definite. To first order the
+    second moments change by a share of 2 stretch_std. Masses are unchanged.
 
     Args:
         com_std: [m]. stretch_std: dimensionless.
 
     Raises:
         UnknownNameError: no such leg.
-        ModelError: a link of this leg is not physical to begin with.
+        ModelError: a link of this leg is not physically possible before the perturbation.
     """
     changed = {}
     for link in robot.leg(leg).links:

@@ -1,15 +1,15 @@
-"""The test-bed: a quadruped standing or walking on the ground in MuJoCo, and the loads on its back.
+"""The plant of the test-bed: a quadruped on the ground in MuJoCo, with loads on its back.
 
-One step applies a torque to the joints, held over the step, and integrates (semi-implicit Euler). Afterwards the
-accelerations and contact forces are worked out once more at the new instant with that torque still acting, so that
-whatever is read between two steps belongs to one instant and obeys
+A step applies a torque to the joints, held over the step, and integrates (semi-implicit Euler). Then the accelerations
+and contact forces are computed again at the new instant with that torque still acting, so that all values read between
+two steps are simultaneous and satisfy
 
     M(q) v̇ + h(q, v) + joint dynamics = Sᵀ effort + Σ Jᵀ f + payload and outside forces
 
-to the accuracy of the contact solver. Positions and velocities are not worked out again in the next step.
+to the accuracy of the contact solver. Positions and velocities are not recomputed in the next step.
 
-The joints' viscous damping is integrated implicitly, after the contacts are solved: where it nears joint inertia over
-timestep, standing feet chatter. Robots' own damping is a hundred times less.
+The joints' viscous damping is integrated implicitly, after the contacts are solved: if it approaches joint inertia over
+timestep, standing feet chatter. The damping of real robots is a hundred times smaller.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ _WXYZ = np.array([3, 0, 1, 2])
 
 
 class SimulationError(StaderaError):
-    """The plant was handed something it cannot simulate, or its motion ran away."""
+    """The plant got an input that it cannot simulate, or its motion diverged."""
 
 
 class Plant:
-    """A simulated quadruped whose parameters are the truth of an experiment. Deterministic.
+    """A simulated quadruped with the true parameters of an experiment. Deterministic.
 
     Args:
-        robot: the truth: inertias, joint dynamics and limits are this robot's.
-        terrain: what it stands on.
+        robot: the truth: provides inertias, joint dynamics and limits.
+        terrain: the ground.
         timestep: [s], of simulation and control.
 
     Raises:
@@ -67,14 +67,15 @@ class Plant:
 
     # -- running ----------------------------------------------------------------------------------------------
     def reset(self, joint_position: ArrayLike, orientation: ArrayLike | None = None) -> None:
-        """Stands the robot on the ground at rest at time zero, above the world's origin, without payload.
+        """Places the robot on the ground at rest at time zero, above the world's origin, without payload.
 
         Args:
             joint_position: (n,) [rad], in the tree's order.
-            orientation: (4,) quaternion xyzw of the trunk; None for parallel to the plane. The lowest foot touches it.
+            orientation: (4,) quaternion xyzw of the trunk; None for parallel to the plane. The lowest foot touches the
+                ground.
 
         Raises:
-            SimulationError: a wrong shape or a value that is not finite; no ground around the origin.
+            SimulationError: a wrong shape, a value that is not finite, or no ground around the origin.
         """
         q = self._checked(joint_position, "joint positions")
         self._payloads, self._outside, self._steps = (), None, 0
@@ -97,7 +98,7 @@ class Plant:
         """Applies joint torques (n,) [N·m], saturated at the effort limits, for one timestep.
 
         Raises:
-            SimulationError: a wrong shape, a value that is not finite, or a motion that ran away.
+            SimulationError: a wrong shape, a value that is not finite, or a motion that diverged.
         """
         model, data = self._model, self._data
         self._control[:] = self._checked(torque, "joint torques")
@@ -109,11 +110,11 @@ class Plant:
     # -- payload ----------------------------------------------------------------------------------------------
     @property
     def payloads(self) -> tuple[Payload, ...]:
-        """What is on the robot now."""
+        """Present loads on the robot."""
         return self._payloads
 
     def apply_payload(self, payload: Payload) -> None:
-        """Puts one more payload on, while running; a dropped box starts above the tray, moving with the trunk."""
+        """Adds a load during the simulation; a dropped box starts above the tray, moving with the trunk."""
         self._payloads = (*self._payloads, payload)
         if isinstance(payload, DroppedBox):
             self._rebuild()
@@ -123,7 +124,7 @@ class Plant:
         self._evaluate()
 
     def remove_payload(self) -> None:
-        """Takes everything off, while running."""
+        """Removes all loads during the simulation."""
         had_box = any(isinstance(payload, DroppedBox) for payload in self._payloads)
         self._payloads = ()
         if had_box:
@@ -133,15 +134,15 @@ class Plant:
         self._evaluate()
 
     def pull(self, force: OutsideForce) -> None:
-        """From now on this force acts from outside, in the place of any other; where it acts is where it began."""
+        """Applies an external force from now on, replacing any other; its reference point is the present position."""
         self._outside, self._outside_start = force, None
         self._evaluate()
 
     def truth(self) -> InertialParameters:
-        """Trunk and payload, in the trunk frame: what weighing has to find.
+        """Trunk and payload, in the trunk frame: the ground truth of weighing.
 
-        A virtual force counts as the point mass that it equals at rest, without inertia; a dropped box
-        counts where it lies now, as long as it touches the tray.
+        A virtual force counts as the equivalent point mass at rest, without inertia; a dropped box counts at its
+        present position while it touches the tray.
         """
         total = self.robot.inertias[self.robot.trunk]
         boxes = 0
@@ -157,27 +158,27 @@ class Plant:
     # -- truth of this instant --------------------------------------------------------------------------------
     @property
     def time(self) -> float:
-        """[s] since the reset."""
+        """Time since the reset [s]."""
         return self._steps * self.timestep
 
     @property
     def joint_position(self) -> Array:
-        """(n,) [rad], a copy."""
+        """Joint positions (n,) [rad], a copy."""
         return np.array(self._joint_position)
 
     @property
     def joint_velocity(self) -> Array:
-        """(n,) [rad/s], a copy."""
+        """Joint velocities (n,) [rad/s], a copy."""
         return np.array(self._joint_velocity)
 
     @property
     def effort(self) -> Array:
-        """(n,) [N·m], what the actuators do to the joints, a copy."""
+        """Torques of the actuators on the joints, (n,) [N·m], a copy."""
         return np.array(self._effort)
 
     @property
     def imu_motion(self) -> Array:
-        """(6,) angular velocity [rad/s] and specific force [m/s²] at and in the IMU frame, a copy."""
+        """Angular velocity [rad/s] and specific force [m/s²] at the IMU, in its frame, (6,), a copy."""
         return np.array(self._imu_motion)
 
     @property
@@ -189,19 +190,19 @@ class Plant:
 
     @property
     def on_ground(self) -> str:
-        """What touches the ground though it should not, such as "trunk" or "LF knee"; empty for nothing."""
+        """The part that touches the ground but should not, such as "trunk" or "LF knee"; empty for none."""
         return self._contacts.on_ground(self._data)
 
     @property
     def box_poses(self) -> tuple[Array, ...]:
-        """Where every dropped box is now: (7,) position of its centre [m] and quaternion xyzw, in the world."""
+        """Present poses of all dropped boxes: (7,) position of the centre [m] and quaternion xyzw, in the world."""
         data, count = self._data, sum(isinstance(payload, DroppedBox) for payload in self._payloads)
         bodies = [self._model.body(box_body(index)).id for index in range(count)]
         return tuple(np.concatenate([data.xpos[body], data.xquat[body][_XYZW]]) for body in bodies)
 
     @property
     def state(self) -> TrueState:
-        """Everything that is true now."""
+        """All true values at the present instant."""
         data = self._data
         points, forces, touching = self._contacts.of_feet(data)
         return TrueState(
@@ -242,7 +243,7 @@ class Plant:
         self._data.qfrc_applied[self._v] = -joint_offsets(self.robot, self.robot.tree)
 
     def _rebuild(self) -> None:
-        """A new world with the boxes of now, the robot going on where it was."""
+        """Compiles a new world with the present boxes, and continues from the robot's state."""
         before = self._data
         self._build()
         after, q, v = self._data, self._q.stop, self._v.stop
@@ -255,7 +256,7 @@ class Plant:
         virtual = [payload for payload in self._payloads if isinstance(payload, VirtualForce)]
         set_body_inertia(self._model, self._trunk, sum(rigid, start=self.robot.inertias[self.robot.trunk]))
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
-        # the virtual forces as one, at MuJoCo's point of application, the body's centre of mass
+        # all virtual forces as one, at MuJoCo's point of application, the body's centre of mass
         com = self._model.body_ipos[self._trunk]
         self._virtual_force = float(sum(payload.force for payload in virtual))
         self._trunk_com = np.array(com)
@@ -277,7 +278,7 @@ class Plant:
             raise SimulationError(f"robot {self.robot.name}: the simulated motion ran away at {self.time:.3f} s")
 
     def _add_outside(self, outside: OutsideForce) -> None:
-        """Its force and moment about the trunk's centre of mass, world axes, on top of the virtual forces."""
+        """Adds its force and moment about the trunk's centre of mass, world axes, to the virtual forces."""
         data, at = self._data, np.asarray(outside.at)
         if not self._virtual_force:
             data.xfrc_applied[self._trunk] = 0.0

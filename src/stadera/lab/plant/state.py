@@ -1,4 +1,4 @@
-"""What is true in the plant at one instant. Estimators never see it."""
+"""True state of the plant at one instant, hidden from estimators."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True, eq=False)
 class TrueState:
-    """The plant's state with the torque that acted up to this instant; all values belong to the same instant.
+    """The plant's state with the torque applied up to this instant; all values are simultaneous.
 
     Attributes:
         time: [s].
@@ -22,11 +22,11 @@ class TrueState:
         linear_acceleration: (3,) [m/s²], second derivative of `position`, world axes.
         angular_acceleration: (3,) [rad/s²], trunk axes.
         joint_position, joint_velocity, joint_acceleration: (n,) [rad, rad/s, rad/s²], in the tree's order.
-        effort: (n,) [N·m], what the actuators do to the joints.
+        effort: (n,) [N·m], torques of the actuators on the joints.
         foot_position: (4, 3) [m], centres of the feet in the world, legs in the robot's order.
-        contact_point: (4, 3) [m], where the ground touches them, world; NaN for feet in the air.
-        foot_force: (4, 3) [N], what the ground does to the feet, world axes.
-        foot_contact: (4,) bool, the foot touches the ground.
+        contact_point: (4, 3) [m], contact points, world; NaN for feet in the air.
+        foot_force: (4, 3) [N], forces of the ground on the feet, world axes.
+        foot_contact: (4,) bool, whether the foot touches the ground.
     """
 
     time: float

@@ -1,4 +1,4 @@
-"""The ground: a plane, level or a ramp, with stones of uneven height on it. Gravity stays along -z of the world."""
+"""The ground: a plane, level or inclined, optionally with stones of uneven height. Gravity is along -z of the world."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ _STEEPEST = np.deg2rad(60.0)
 
 @dataclass(frozen=True)
 class Stones:
-    """Stepping stones: square slabs side by side, their tops parallel to the plane and uniformly drawn heights off it.
+    """Stepping stones: adjacent square slabs, with tops parallel to the plane at uniformly drawn heights.
 
-    Seen in the plane's own axes they form a grid, of which one stone is centred at the origin.
+    In the plane's own axes they form a grid, with one stone centred at the origin.
 
     Attributes:
         seed: of the heights; the same seed gives the same stones.
-        height: [m], the tops lie within ± so much of the plane.
+        height: [m], largest distance of the tops from the plane, up or down.
         size: [m], edge of a stone.
-        length: [m], (behind, ahead) of the origin along the plane's x, to which stones are laid.
-        width: [m], across; half of it to either side.
-        level: [m], half edge of the square around the origin in which stones lie in the plane, to start from.
-        missing: share of the stones, away from that square, that are missing: nothing to stand on.
+        length: [m], (behind, ahead) of the origin along the plane's x, covered by stones.
+        width: [m], across, half of it on either side.
+        level: [m], half edge of the square around the origin in which stones are in the plane.
+        missing: share of missing stones outside that square.
 
     Raises:
-        ModelError: sizes that are not positive, a share that is none.
+        ModelError: sizes that are not positive, or a share outside 0 to 1.
     """
 
     seed: int = 0
@@ -53,12 +53,12 @@ class Stones:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Stones behind, ahead and to either side of the one at the origin."""
+        """Number of stones behind, ahead and on either side of the one at the origin."""
         behind, ahead = (int(np.ceil(reach / self.size - 0.5)) for reach in self.length)
         return behind, ahead, int(np.ceil(0.5 * self.width / self.size - 0.5))
 
     def heights(self) -> Array:
-        """Tops over the plane [m], (along, across); NaN where a stone is missing."""
+        """Heights of the tops above the plane [m], (along, across); NaN for missing stones."""
         behind, ahead, side = self.counts
         shape = (behind + ahead + 1, 2 * side + 1)
         rng = np.random.default_rng(self.seed)
@@ -74,11 +74,11 @@ class Terrain:
     """A plane through the world's origin, or stones along it.
 
     Attributes:
-        slope: [rad], how steeply it rises; 0 for level ground.
+        slope: [rad], inclination; 0 for level ground.
         heading: [rad], about the world's z from x: the direction in which it rises.
         friction: Coulomb friction coefficient between the feet and it.
-        stones: on it; None for the bare plane. With stones the plane itself is not there.
-        softness: time constant of its contacts [s]; 0 for as hard as the simulation's timestep allows.
+        stones: on it; None for the bare plane. With stones there is no plane.
+        softness: time constant of its contacts [s]; 0 for the hardest that the simulation's timestep allows.
     """
 
     slope: float = 0.0
@@ -99,7 +99,7 @@ class Terrain:
 
     @property
     def rotation(self) -> Array:
-        """The least rotation from level to this plane, (3, 3); its last column is the normal, in world axes."""
+        """Smallest rotation from level to this plane, (3, 3); its last column is the normal, in world axes."""
         c, s = np.cos(self.heading), np.sin(self.heading)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         c, s = np.cos(self.slope), np.sin(self.slope)
@@ -112,7 +112,7 @@ class Terrain:
         return self.rotation[:, 2]
 
     def clearance(self, points: ArrayLike) -> Array:
-        """How far points (..., 3) [m] are over the ground, along its normal; infinite where there is none."""
+        """Height of points (..., 3) [m] above the ground, along its normal; infinite where there is none."""
         local = np.asarray(points, dtype=float) @ self.rotation
         if self.stones is None:
             return np.asarray(local[..., 2])

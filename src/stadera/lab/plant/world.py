@@ -1,6 +1,6 @@
-"""A robot in its world: floating trunk, feet as spheres, ground to stand on, a tray for boxes, an IMU.
+"""The MuJoCo world of a robot: floating trunk, spherical feet, ground, a tray for boxes, an IMU.
 
-Where the robot must not touch the ground it can: trunk, hips and knees. A robot that falls lies on them.
+Trunk, hips and knees can collide with the ground too, so that a fallen robot lies on them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
 GROUND, TRAY, IMU, FRAME = "ground", "tray", "imu_site", "frame"
-"""Names in the compiled model; every geom of the ground begins with the first, what is to stay off it with the last."""
+"""Names in the compiled model; geoms of the ground begin with the first, those that should not touch it with the
+last.
+"""
 
 # Who touches whom: a pair collides where one's contype shares a bit with the other's conaffinity.
 _FOOT_BIT, _BOX_BIT = 1, 2
@@ -27,16 +29,17 @@ _FOOT_BIT, _BOX_BIT = 1, 2
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """How feet and boxes touch, and how exactly contacts are solved.
+    """Settings of contacts and of their solver.
 
     Attributes:
-        timesteps: time constant of a hard contact, in timesteps: as stiff as stays stable, so that feet sink in by
+        timesteps: time constant of a hard contact, in timesteps: as stiff as is stable, so that feet penetrate by
             micrometres.
         impedance: MuJoCo's solimp.
-        friction_to_normal: stiffness of friction over that of the normal (impratio); keeps standing feet from creeping.
+        friction_to_normal: ratio of the stiffnesses of friction and normal force (impratio); keeps standing feet from
+            creeping.
         tolerance: of MuJoCo's solver.
-        least_radius: of a foot [m]; where the model knows none, it is a point at its frame.
-        extent: drawn size of the ground [m]; the plane itself is endless.
+        least_radius: of a foot [m]; used if the model states none.
+        extent: drawn size of the ground [m]; the plane itself is infinite.
         thickness: of stones [m].
     """
 
@@ -68,7 +71,7 @@ def box_body(index: int) -> str:
 
 
 class FootKinematics:
-    """Where a robot's own kinematics see its feet; fast for one sample at a time."""
+    """Positions of the feet from a robot's own kinematics; fast for single samples."""
 
     def __init__(self, robot: Robot) -> None:
         spec = build_spec(robot, robot.tree, ModelOptions())
@@ -79,14 +82,14 @@ class FootKinematics:
         self._feet = [self._model.site(foot_geom(leg)).id for leg in robot.legs]  # the compiler sorts them by body
 
     def positions(self, joint_position: Array) -> Array:
-        """Centres of the feet in the trunk frame [m], (4, 3), of joint positions (n,) [rad]."""
+        """Centres of the feet in the trunk frame [m], (4, 3), at joint positions (n,) [rad]."""
         self._data.qpos[:] = joint_position
         mujoco.mj_kinematics(self._model, self._data)
         return np.array(self._data.site_xpos[self._feet])
 
 
 def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence[DroppedBox] = ()) -> mujoco.MjModel:
-    """The compiled world; boxes come after the robot in the state, in their order.
+    """Compiles the world; boxes follow the robot in the state, in their order.
 
     Raises:
         ModelError: the robot's mass matrix is not positive definite in its workspace.
@@ -166,7 +169,7 @@ def _add_foot(spec: mujoco.MjSpec, leg: Leg, terrain: Terrain) -> None:
 
 
 def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
-    """Knees and hips as spheres as large as the feet, and the trunk's boxes; they touch the ground alone."""
+    """Adds knees and hips as spheres of the feet's size, and the trunk's boxes, which only collide with the ground."""
     for leg in robot.legs:
         for link, part in zip(leg.links[1:], ("hip", "knee"), strict=True):
             _add_sphere(spec, link, f"{FRAME} {leg.name} {part}", (0.0, 0.0, 0.0), foot_radius(leg), terrain)
@@ -210,7 +213,7 @@ def _add_box(spec: mujoco.MjSpec, name: str, box: DroppedBox, timestep: float) -
         size=0.5 * np.asarray(box.size),
         contype=0,
         conaffinity=_FOOT_BIT | _BOX_BIT,
-        priority=1,  # its friction counts, whatever it lies on
+        priority=1,  # its friction is used for any contact
         **_contact(timestep, box.friction),
     )
 

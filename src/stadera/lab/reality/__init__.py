@@ -1,4 +1,4 @@
-"""The `real` errors of the test-bed: what robots do and their model files do not say, drawn anew each run."""
+"""The `real` errors of the test-bed: differences between robots and their model files, drawn for each run."""
 
 from stadera.lab.reality.draw import Drawn, drawn
 from stadera.lab.reality.log import TrueMotion, measured_log

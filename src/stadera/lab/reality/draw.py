@@ -1,4 +1,4 @@
-"""One robot of the `real` kind: its true bodies, joints, sensors and ground, drawn from a seed."""
+"""Draws one robot with `real` errors: its true bodies, joints, sensors and ground."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ _KINDS = 3  # of joints in a leg
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What is true of one run. Joint-wise values are in the tree's order, (n,).
+    """True values of one run. Joint values are in the tree's order, (n,).
 
     Attributes:
-        robot: the plant: links, feet, friction and rotors as they are.
+        robot: the plant, with true links, feet, friction and rotors.
         noise: factor on the noise of `STANDARD`.
         torque_gain: measured torque over the true one; torque_offset: [N·m], added to it.
         common_gain: the mean of `torque_gain` over the joints.
-        encoder_zero: [rad], measured position less the true one.
-        imu_rotation: (3,) rotation vector [rad] and imu_place: (3,) [m], of the IMU from its nominal place, both in
-            the nominal IMU frame.
+        encoder_zero: [rad], measured position minus the true one.
+        imu_rotation: (3,) rotation vector [rad] and imu_place: (3,) [m], of the IMU relative to its nominal pose, both
+            in the nominal IMU frame.
         gyro_offset, accelerometer_offset, orientation_offset: (3,) constant errors [rad/s, m/s², rad].
         delay: [s], of the measured torques.
-        quantum: [rad], of the encoders; None where positions are not quantised and velocities are measured.
-        differenced: [s], over which quantised positions are differenced.
+        quantum: [rad], of the encoders; None if positions are not quantised and velocities are measured.
+        differenced: [s], interval for differencing quantised positions.
         rate: of the log [Hz].
         terrain: the ground.
-        lost: share of samples. spikes: a second.
+        lost: share of samples. spikes: per second.
     """
 
     robot: Robot
@@ -60,7 +60,7 @@ class Drawn:
     spikes: float
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values, SI units; joints by name, links with their true ten parameters."""
+        """Plain values, SI units; joints by name, links with their true ten parameters."""
         joints = self.robot.tree.joints
         by_joint = {"torque_gain": self.torque_gain, "torque_offset": self.torque_offset}
         by_joint["encoder_zero"] = self.encoder_zero
@@ -85,13 +85,13 @@ class Drawn:
 
 
 def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
-    """The robot of that seed. The same seed gives the same robot, sensors and ground, whatever it is to do.
+    """Draws the robot of a seed. The same seed gives the same robot, sensors and ground in every scenario.
 
     Args:
-        robot: the model file's.
+        robot: that of the model file.
 
     Raises:
-        ModelError: a joint has no effort limit to take friction, rotor inertia and torque errors from.
+        ModelError: a joint has no effort limit, to which friction, rotor inertia and torque errors are scaled.
     """
     body, sensors, ground = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     n, limit = len(robot.tree.joints), effort_limits(robot)
@@ -147,7 +147,7 @@ def _true_robot(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Gen
 
 
 def _joints(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Generator) -> dict[str, JointDynamics]:
-    """Friction and rotors on top of the model file's; joints of a kind (HAA, HFE, KFE) are much alike."""
+    """Friction and rotors added to the model file's; joints of a kind (HAA, HFE, KFE) are similar."""
     kind = {joint: k for leg in robot.legs for k, joint in enumerate(leg.joints)}
     coulomb, viscous = _log_uniform(sizes.coulomb, rng), _log_uniform(sizes.viscous, rng)
     rotor = rng.uniform(*sizes.rotor, _KINDS)

@@ -1,4 +1,4 @@
-"""What the sensors of a drawn robot log of a motion: the true motion at 1 kHz, with every error of the draw."""
+"""Log of a drawn robot's sensors: the true motion at 1 kHz, with all drawn errors."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class SpikeSizes:
-    """How far single wild samples are off, the largest of a uniform draw; torques: times the joint's limit.
+    """Size of single outliers, the limit of a uniform draw; for torques as a multiple of the joint's limit.
 
-    A dropped or damaged message gives any value in the channel's range; these stay in what a log could hold.
+    A dropped or damaged message can give any value in the channel's range; these are plausible in a log.
     """
 
     position: float = 1.0  # rad
@@ -37,7 +37,7 @@ _SPIKES = SpikeSizes()
 
 @dataclass(frozen=True, eq=False)
 class TrueMotion:
-    """What is true at every millisecond of a run; of these joints, n of them.
+    """True motion at every millisecond of a run, for n joints.
 
     Attributes:
         joints: names.
@@ -60,7 +60,7 @@ class TrueMotion:
 
     @classmethod
     def of(cls, states: Sequence[TrueState], robot: Robot) -> TrueMotion:
-        """Of a robot on the ground."""
+        """The motion of a robot on the ground."""
         joints = ("joint_position", "joint_velocity", "effort")
         trunk = ("orientation", "angular_velocity", "angular_acceleration", "linear_acceleration")
         values = [np.array([getattr(state, name) for state in states]) for name in joints + trunk]
@@ -68,7 +68,7 @@ class TrueMotion:
 
     @classmethod
     def held(cls, recording: Recording) -> TrueMotion:
-        """Of legs on a trunk that is held level and still; the recording is exact."""
+        """The motion of legs on a trunk that is held level and still, from an exact recording."""
         velocity, effort = (recording.channel(name, recording.joints) for name in ("velocity", "effort"))
         level, still = np.tile([0.0, 0.0, 0.0, 1.0], (len(recording), 1)), np.zeros((len(recording), 3))
         position = recording.position
@@ -81,17 +81,17 @@ class TrueMotion:
 def measured_log(
     motion: TrueMotion, robot: Robot, draw: Drawn, seed: int, rate: float | None = None, source: str = ""
 ) -> Recording:
-    """The log of a true motion.
+    """Makes the log of a true motion.
 
-    Torques are late by the draw's delay, then scaled and offset; the IMU is misaligned and displaced; positions have
-    their zeros off. All is sampled at `rate`, gets white noise, and is quantised where the draw says so; then single
-    samples are made wild, and others lost.
+    Torques are delayed, then scaled and offset; the IMU is misaligned and displaced; positions get their zero errors.
+    All channels are sampled at `rate`, get white noise, and are quantised if the draw includes this; then single
+    outliers are added, and samples removed.
 
     Args:
-        motion: of every millisecond.
-        robot: the model file's; its limits and its IMU's nominal place count.
+        motion: at every millisecond.
+        robot: that of the model file, whose limits and nominal IMU pose are used.
         seed: of noise, spikes and losses.
-        rate: [Hz], 1000 over a whole number; None for the draw's.
+        rate: [Hz], 1000 over an integer; None for the drawn one.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])
     time, columns = motion.time, [robot.tree.joints.index(joint) for joint in motion.joints]
@@ -126,7 +126,7 @@ def measured_log(
 
 
 def _spoil(channels: Sequence[Array], limit: Array, count: int, rng: np.random.Generator) -> None:
-    """Makes so many single values wild."""
+    """Replaces `count` single values by outliers."""
     most = (
         _SPIKES.position,
         _SPIKES.velocity,
@@ -142,7 +142,7 @@ def _spoil(channels: Sequence[Array], limit: Array, count: int, rng: np.random.G
 
 
 def _late(effort: Array, time: Array, delay: float) -> Array:
-    """Torques as they were `delay` ago, linear between the milliseconds; the first one until then."""
+    """Torques delayed by `delay`, interpolated linearly between the milliseconds; constant before the first one."""
     at = np.clip((time - delay - time[0]) / (time[1] - time[0]), 0.0, len(time) - 1.0)
     before = np.minimum(at.astype(int), len(time) - 2)
     share = (at - before)[:, None]
@@ -152,7 +152,7 @@ def _late(effort: Array, time: Array, delay: float) -> Array:
 def _encoded(
     position: Array, draw: Drawn, period: float, noise: float, rng: np.random.Generator, kept: slice
 ) -> tuple[Array, Array]:
-    """Quantised positions, and velocities that a drive makes by differencing them over a few milliseconds."""
+    """Quantised positions, and velocities computed by a drive from their differences over a few milliseconds."""
     quantum = draw.quantum or 1.0
     steps = max(1, round(draw.differenced / period))
     encoded = quantum * np.round((position + noise * rng.standard_normal(position.shape)) / quantum)
@@ -161,7 +161,7 @@ def _encoded(
 
 
 def _imu(motion: TrueMotion, robot: Robot, draw: Drawn) -> Imu:
-    """Without noise: what an IMU reads that sits off its nominal pose.
+    """Values of an IMU off its nominal pose, without noise.
 
     The point r of the trunk, in trunk axes, has the specific force Rᵀ (a - g) + α x r + ω x (ω x r).
     """

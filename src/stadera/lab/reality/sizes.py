@@ -1,4 +1,4 @@
-"""How large the `real` errors are: the distributions that a run draws its robot, sensors and ground from."""
+"""Sizes of the `real` errors: the distributions from which a run draws its robot, sensors and ground."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ Range = tuple[float, float]
 class RealSizes:
     """Sizes of the `real` errors. A pair is a range to draw from; a single number is a standard deviation.
 
-    Three rules scale with the robot and are assumed, not looked up:
+    Three rules scale with the robot and are assumptions:
 
     - Rotor inertia seen at the joint is proportional to the joint's effort limit, 3e-4 kg·m² per N·m: 0.010 for A1
       (33.5 N·m), 0.007 to 0.014 for Go2, whose real calf was identified at the order of 0.01, and 0.045 for HyQ.
     - Viscous friction is 0.1 to 1 % of the effort limit at 1 rad/s.
-    - A joint's encoder has 13 to 16 bits a turn, and its drive differences positions over 5 ms.
+    - A joint's encoder has 13 to 16 bits per turn, and its drive differences positions over 5 ms.
 
     Attributes:
         noise: factor on the noise of `standard`, uniform.
         joint_gain, common_gain: of the measured torques, relative; of each joint, and of all together.
         coulomb: of each kind of joint, as a share of its effort limit, log-uniform.
         viscous: likewise, at 1 rad/s.
-        rotor: of each kind of joint, times what the class of robot has, uniform.
-        rotor_per_limit: what the class has [kg·m² per N·m of the effort limit].
-        alike: relative, how much joints of a kind differ in friction; rotors are alike.
+        rotor: of each kind of joint, relative to its class of robots, uniform.
+        rotor_per_limit: rotor inertia of the class [kg·m² per N·m of the effort limit].
+        alike: relative difference in friction between joints of a kind; rotors are alike.
         encoder_zero: [rad].
         imu_rotation: [rad], of the whole rotation vector; imu_place: [m], of the whole displacement.
         foot: [m], of the radius and of each component of the contact point.
@@ -43,10 +43,10 @@ class RealSizes:
         softness: time constant of soft ground [s], uniform. At 0.03 s feet sink by 1 mm standing, 2.5 mm trotting;
             from 0.04 s on some robots fall in a trot.
         roughness: ± heights of rough ground [m], uniform.
-        slope: [rad], the steepest; its heading is any.
-        friction: coefficient of the ground, uniform; the controllers count on 0.6, so feet slip at times.
+        slope: [rad], the largest; its heading is random.
+        friction: coefficient of the ground, uniform; the controllers assume 0.6, so feet sometimes slip.
         lost: share of samples lost, uniform.
-        spikes: wild samples a second, uniform.
+        spikes: outliers per second, uniform.
     """
 
     noise: Range = (0.5, 3.0)
@@ -81,4 +81,4 @@ class RealSizes:
 REAL_SETS: Mapping[str, RealSizes] = MappingProxyType(
     {"real": RealSizes(), "real-unit-gain": replace(RealSizes(), common_gain=0.0)}
 )
-"""By name: as real robots are, and the same with the mean gain of all torques at one, which a weight cannot show."""
+"""By name: realistic errors, and the same with a mean gain of all torques of one, which weight cannot show."""

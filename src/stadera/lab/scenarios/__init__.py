@@ -1,1 +1,1 @@
-"""Runs of the test-bed by name, as logs that the rest of the package reads."""
+"""Named runs of the test-bed, as logs for the rest of the package."""

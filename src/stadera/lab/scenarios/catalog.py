@@ -1,4 +1,4 @@
-"""The scenarios, by name. A new one is a function that lists its events, and an entry here."""
+"""Catalogue of scenarios. A new one is a function that lists its events, and an entry here."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.standing.static_poses import static_poses
 
 SWING = "swing"
-"""The scenario without a controller, of legs in the air: see `stadera.lab.scenarios.swing`."""
+"""The scenario with legs in the air and without a controller: see `stadera.lab.scenarios.swing`."""
 
 
 @dataclass(frozen=True)
 class ScenarioDefaults:
-    """What scenarios do unless asked for otherwise.
+    """Default settings of scenarios.
 
     Attributes:
-        load: as a share of the robot's mass, of a scenario's own load.
-        load_after: as a share of the duration, when a load is put on.
+        load: default load as a share of the robot's mass.
+        load_after: time of the load as a share of the duration.
         trot, crawl: speeds [m/s].
-        over_stones: by which a crawling foot clears the highest stone next to the lowest [m].
-        still: of standing before a motion begins [s].
-        moving: share of the time for a pose, that the way there takes.
+        over_stones: clearance of a crawling foot above the difference between the highest and the lowest stone [m].
+        still: time of standing before a motion begins [s].
+        moving: share of the time for a pose used for moving to it.
     """
 
     load: float = 0.1
@@ -54,11 +54,11 @@ _DEFAULTS = ScenarioDefaults()
 
 @dataclass(frozen=True, eq=False)
 class ScriptEvent:
-    """Something that happens once.
+    """A single event.
 
     Attributes:
         time: [s], from the start.
-        act: done to the test-bed at that time.
+        act: function applied to the test-bed at that time.
     """
 
     time: float
@@ -66,10 +66,10 @@ class ScriptEvent:
 
 
 Script = Callable[[Robot, SimulateSettings, float], Sequence[ScriptEvent]]
-"""Events of a run of a robot with settings and a duration [s]."""
+"""Events of a run, from a robot, settings and a duration [s]."""
 
 ControllerOf = Callable[[Robot, TrunkModel], Controller]
-"""A controller for the model of a robot, with a model of its trunk to start with."""
+"""Controller for a robot model and an initial trunk model."""
 
 
 def _standing(robot: Robot, trunk: TrunkModel) -> Controller:
@@ -82,13 +82,13 @@ def _crawling(robot: Robot, trunk: TrunkModel) -> Controller:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A kind of run.
+    """A scenario.
 
     Attributes:
         summary: one line.
-        duration: [s], unless asked for otherwise.
-        script: what happens.
-        slope: [rad], unless asked for otherwise.
+        duration: default duration [s].
+        script: its events.
+        slope: default slope [rad].
         controller: of stance and gait.
     """
 
@@ -108,7 +108,7 @@ def _stand_load(robot: Robot, settings: SimulateSettings, duration: float) -> Se
 
 
 def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-    """Level, then every pose of `static_poses` relative to where the trunk is first, evenly over the duration."""
+    """Level, then every pose of `static_poses` relative to the initial pose, evenly over the duration."""
     poses = static_poses(robot)
     each = duration / len(poses)
     nominal: list[TrunkPose] = []
@@ -156,7 +156,9 @@ def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
 
 
 def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = False) -> Sequence[ScriptEvent]:
-    """The settings' load at the settings' time, else at this one [s]; without one the scenario's own, if it has one."""
+    """The settings' load at the settings' time, else at this time [s]; without one the scenario's own, if it has
+    one.
+    """
     if settings.load is None and not own:
         return []
     payload = (settings.load or Load(round(_DEFAULTS.load * robot.mass, 2))).payload(robot)
@@ -165,7 +167,7 @@ def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = 
 
 
 def trunk_controller_of(bed: TestBed) -> TrunkController:
-    """The trunk controller that a test-bed stands or walks by."""
+    """The trunk controller of a test-bed's controller."""
     controller = bed.controller
     if isinstance(controller, TrunkController):
         return controller
@@ -204,10 +206,10 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
 
 
 def scenario_named(name: str) -> Scenario:
-    """The scenario of that name.
+    """The scenario with that name.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: there is none with that name.
     """
     if name not in SCENARIOS:
         raise UnknownNameError("scenario", name, (*SCENARIOS, SWING))

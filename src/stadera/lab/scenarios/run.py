@@ -1,4 +1,4 @@
-"""A scenario run on the test-bed: what the sensors said, and what was true."""
+"""Runs a scenario on the test-bed: the sensors' log, and the truth."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ _PROGRESS_EVERY = 250  # periods
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a run left behind.
+    """Output of a run.
 
     Attributes:
-        recording: what the sensors said.
-        truth: what was true of the trunk.
-        true_motion: joints, accelerations, efforts and the ground's forces as they were, at the log's times.
-        model: the robot as estimators are given it; harsh and real errors make it differ from the plant's.
+        recording: values of the sensors.
+        truth: of the trunk.
+        true_motion: true joint motion, accelerations, efforts and contact forces, at the log's times.
+        model: the robot model for estimators; with harsh and real errors it differs from the plant's.
     """
 
     recording: Recording
@@ -51,7 +51,7 @@ class Run:
 
 
 class _KeptSensors(Sensors):
-    """Sensors that keep every so manieth sample, and the state it was read in."""
+    """Sensors that store samples at intervals, with the state at which they were read."""
 
     def keep(self, every: int) -> None:
         self._every, self._reads = every, 0
@@ -72,17 +72,17 @@ def simulate(
 ) -> Run:
     """Runs a scenario. The same arguments give the same run.
 
-    The trunk controller keeps the model file's trunk: a load tilts the trunk, as eq. 12 says.
+    The trunk controller keeps the model file's trunk, so a load tilts the trunk, according to eq. 12.
 
     Args:
-        robot: the truth; friction and wrong legs of harsh errors come on top.
+        robot: the true robot, before friction and wrong legs of harsh errors are added.
         name: of the scenario.
         settings: None for the defaults.
-        progress: called with how many periods are done.
+        progress: called with the number of periods done.
 
     Raises:
         UnknownNameError: no such scenario.
-        StaderaError: the robot cannot be simulated, or its motion runs away.
+        StaderaError: the robot cannot be simulated, or its motion diverges.
     """
     settings, scenario = settings or SimulateSettings(), scenario_named(name)
     duration = settings.duration or scenario.duration
@@ -116,7 +116,7 @@ def simulate(
 
 @dataclass(frozen=True, eq=False)
 class _Made:
-    """What a run is made of: plant, model file, ground, and the draw of real errors."""
+    """Parts of a run: plant, model file, ground, and the draw of real errors."""
 
     real: Robot
     model: Robot
@@ -134,7 +134,7 @@ def _sized(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
 
 
 def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
-    """With real errors the model file's robot is what controller and estimator have; what is asked for comes first."""
+    """With real errors controller and estimator have the model file's robot; requested settings override drawn ones."""
     assert settings.real_sizes is not None
     draw = drawn(robot, settings.real_sizes, settings.seed)
     terrain = draw.terrain
@@ -153,7 +153,7 @@ def _when(event: ScriptEvent) -> float:
 
 
 def _played(bed: TestBed, events: list[ScriptEvent], duration: float, progress: Progress | None) -> tuple[TruthAt, ...]:
-    """Runs the events out; the trunk's truth at the start and whenever it changes."""
+    """Runs the events; returns the trunk's truth at the start and at each change."""
     bare = bed.plant.truth()
     moments = [TruthAt.of(0.0, bare, bare)]
     total, waiting = round(duration / PERIOD), list(events)

@@ -1,4 +1,4 @@
-"""What a simulated run is asked for."""
+"""Settings of a simulated run."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _BOX = (0.1, 0.1, 0.1)  # m, edges of a load given as a mass
 
 @dataclass(frozen=True)
 class Load:
-    """What is put on the trunk.
+    """A load on the trunk.
 
     Attributes:
         amount: positive.
-        unit: "kg", a rigid cube of 10 cm fixed to the trunk; "N", the paper's virtual force, without inertia.
+        unit: "kg" for a rigid cube of 10 cm fixed to the trunk; "N" for the paper's virtual force, without inertia.
         at: [m], of its centre in the trunk frame; None for a quarter of the feet's rectangle behind and to the left of
-            the middle, on the level of the hips.
+            the middle, at the height of the hips.
 
     Raises:
-        StaderaError: an amount that is not positive, a unit that is none of these, a place that is not finite.
+        StaderaError: an amount that is not positive, an unknown unit, or a position that is not finite.
     """
 
     amount: float
@@ -46,35 +46,34 @@ class Load:
             raise StaderaError(f"a load's place must be three finite numbers, got {self.at}")
 
     def payload(self, robot: Robot) -> Payload:
-        """As the test-bed takes it."""
+        """Converts it to a payload of the test-bed."""
         at = self.at or _behind(robot)
         return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, _BOX, at)
 
 
 @dataclass(frozen=True)
 class SimulateSettings:
-    """A run.
+    """Settings of a run.
 
     Attributes:
         errors: ideal, standard or harsh, of the sensors; or real, real-unit-gain: of robot, sensors and ground.
         load: None for the scenario's own.
-        slope: of the ground [rad]; None for the scenario's own, or of real errors the drawn one.
+        slope: of the ground [rad]; None for the scenario's own, or with real errors the drawn one.
         duration: [s]; None for the scenario's own.
-        rate: of the log [Hz]; the test-bed itself runs at 1 kHz, of which the log keeps every so manieth sample. None
-            for 250 Hz, or of real errors the drawn one.
+        rate: of the log [Hz]; the test-bed itself runs at 1 kHz, and the log keeps every n-th sample. None for 250 Hz,
+            or with real errors the drawn one.
         seed: of all sensor errors.
-        load_time: [s], at which the load is put on; None for the scenario's own.
+        load_time: [s], at which the load is added; None for the scenario's own.
         speed: of a walk, forwards [m/s]; None for the scenario's own.
         turn: of a walk, to the left [rad/s].
         amplitude: of a shake, times 3° and 3 % of the robot's height.
-        stones: [m], the ground is made of stepping stones whose heights differ by ± so much; 0 for a plane.
+        stones: [m], largest deviation of the stepping stones' heights; 0 for a plane.
         hold: periods of the test-bed for which the controller's torques are held, see `TestBed`.
-        outside: a force that is no load; None for none.
+        outside: an external force other than a load; None for none.
 
     Raises:
         StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
-            negative seed; a load's time that is negative; a speed, turn, amplitude or stones' height that is
-            not finite.
+            negative seed; a negative load time; or a speed, turn, amplitude or stones' height that is not finite.
     """
 
     errors: str = "standard"
@@ -107,22 +106,24 @@ class SimulateSettings:
 
     @property
     def sensor_errors(self) -> SensorErrors:
-        """Of the sensors that the controller sees; with real errors it has some of `standard` quality for itself."""
+        """Errors of the controller's sensors; with real errors the controller has separate sensors of `standard`
+        quality.
+        """
         return sensor_errors("standard" if self.real_sizes else self.errors)
 
     @property
     def real_sizes(self) -> RealSizes | None:
-        """What real errors are drawn from; None for errors of another kind."""
+        """Sizes from which real errors are drawn; None for errors of another kind."""
         return REAL_SETS.get(self.errors.lower())
 
     @property
     def every(self) -> int:
-        """Periods of the test-bed for one sample of the log."""
+        """Periods of the test-bed per sample of the log."""
         return round(1000.0 / (self.rate or _RATE))
 
 
 def _require(least: float, **values: float | None) -> None:
-    """Values that are given are finite, and at least so large."""
+    """Checks that given values are finite, and at least `least`."""
     for name, value in values.items():
         if value is not None and not (np.isfinite(value) and value >= least):
             wanted = "finite" if least == -np.inf else f"finite and at least {least:g}"

@@ -1,7 +1,7 @@
-"""Legs that swing in the air, the trunk held level: the log that legs are identified from, of the robot of a run.
+"""Legs that swing in the air with the trunk held level: a log for identifying the legs of a run's robot.
 
-Each leg follows a draw of the paper's sinusoids, two and a half times as fast, so that rotor inertia shows. The legs
-move at once: on a held trunk none of them feels another, and nothing collides in this plant.
+Each leg follows one of the paper's random draws, two and a half times as fast, so that rotor inertia is observable. The
+legs move simultaneously: on a held trunk they do not affect each other, and nothing collides in this plant.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from stadera.weigh.truth import Truth, TruthAt
 
 ALL = "all"
 DURATION = 40.0
-"""[s], unless asked for otherwise."""
+"""Default duration [s]."""
 
-_FASTER = 2.5  # than the paper's 0.3 to 0.9 Hz
-_DRAWS = 10  # until one is clear
+_FASTER = 2.5  # factor on the paper's 0.3 to 0.9 Hz
+_DRAWS = 10  # attempts to find a clear one
 
 
 def swing(
@@ -42,14 +42,14 @@ def swing(
     """Swings one leg, or all at once. The same seed draws the same robot as for a run on the ground.
 
     Args:
-        robot: the model file's.
+        robot: that of the model file.
         leg: LF, RF, LH, RH or all.
-        settings: errors, duration, rate and seed count; None for the defaults.
-        progress: called with what is done, how many legs are, and of how many.
+        settings: errors, duration, rate and seed are used; None for the defaults.
+        progress: called with the step's name, legs done and total.
 
     Raises:
         UnknownNameError: no such leg.
-        StaderaError: as `simulate_leg`.
+        StaderaError: as in `simulate_leg`.
     """
     settings = settings or SimulateSettings()
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None
@@ -74,7 +74,7 @@ def swing(
 
 
 def _swings(robot: Robot, real: Robot, leg: str, settings: SimulateSettings, progress: Progress) -> list[Recording]:
-    """Exact recordings of the legs, a millisecond a sample."""
+    """Exact recordings of the legs, one sample per millisecond."""
     every = [one.name for one in robot.legs]
     names = every if leg.lower() == ALL else [robot.leg(leg).name]
     swings = []
@@ -87,9 +87,9 @@ def _swings(robot: Robot, real: Robot, leg: str, settings: SimulateSettings, pro
 
 
 def _brisk(robot: Robot, leg: str, rng: np.random.Generator, duration: float) -> Sinusoids:
-    """The paper's draw, faster, drawn in towards the rest pose where speeds or torques would be too large.
+    """The paper's draw, faster, and scaled towards the rest pose if speeds or torques would be too large.
 
-    Where the way to the rest pose is not clear (a draw on the far side of the trunk), another one is drawn.
+    If the path to the rest pose is not clear (a draw on the far side of the trunk), another one is drawn.
     """
     for left in reversed(range(_DRAWS)):
         try:
@@ -103,7 +103,7 @@ def _brisk(robot: Robot, leg: str, rng: np.random.Generator, duration: float) ->
 
 
 def _merged(swings: Sequence[Recording], every: int = 1) -> Recording:
-    """Recordings of the same times, of different joints, as one of every so manieth sample."""
+    """Merges simultaneous recordings of different joints into one, keeping every n-th sample."""
     first = swings[0]
     joints = tuple(joint for swing in swings for joint in swing.joints)
 

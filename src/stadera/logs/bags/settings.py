@@ -30,7 +30,7 @@ class BagSettings:
         counter_jump: difference between stamp and counter above which one of the clocks has stepped [s].
         counter_drift: relative rate by which the robot's clock may run faster than the recorder's (crystals: 20 to 100
             ppm).
-        counter_enough: ticks in a batch whose median is the counter's period.
+        counter_enough: number of ticks in a batch whose median is the counter's period.
     """
 
     head: int = 2000

@@ -128,7 +128,7 @@ def offsets(kind: str, definition: str, *, aligned: bool = True, most: int = 10_
     ROS 2.
 
     Args:
-        most: numbers of a message; Unitree's have under a thousand.
+        most: largest number of fields in a message; Unitree's have under a thousand.
 
     Raises:
         RecordingError: the definition lacks fields of a LowState.

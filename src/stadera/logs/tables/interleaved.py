@@ -17,7 +17,7 @@ INTERLEAVED = "rows without joint positions are left out; the IMU is interpolate
 def is_interleaved(batch: Batch, layout: Layout, few: float = 0.5) -> bool:
     """True if most rows at the log's beginning lack either the joints' values or the IMU's.
 
-    Complete ones are the exception below a share of `few` [1]: more blanks are no dropouts of a sensor.
+    Below a share of `few` complete rows [1] a table counts as interleaved: so many blanks are not a sensor's dropouts.
     """
     if batch.blank is None:
         return False

@@ -9,7 +9,7 @@ from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line
 
 SHOWN = 30.0  # s of the motion in the plot
 _RATE = 100.0  # Hz, in the plot
-_LONGEST = 60  # characters of a combination's name beside a plot
+_LONGEST = 60  # characters of a combination's name next to a plot
 
 
 def figures(result: Excitation) -> dict[str, Figure]:

@@ -166,8 +166,8 @@ def _over_time(result: Weighing, title: str, quantity: Axis, marks: tuple[Series
 
 
 def _room(values: Array, std: Array) -> tuple[float, float] | None:
-    """What is shown of a quantity over time: all its values (k,), and the last error bar [the same unit]. Wider bars
-    before, of the first rows after a change, are cut off.
+    """Range of a plot over time that shows all values (k,) and the last error bar [the same unit]. Wider bars
+    before it, of the first rows after a change, are cut off.
     """
     known = np.isfinite(values) & np.isfinite(std)
     if not known.any():

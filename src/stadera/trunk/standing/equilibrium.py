@@ -174,7 +174,7 @@ def equilibrium_rows(
         effort_covariance: (n, n), of the mean efforts from their scatter [N²·m²]. It is used where it makes the
             wrench's covariance larger than the noise does (worse sensors than assumed, a controller that shakes the
             robot).
-        fewest: samples whose scatter says something of a covariance.
+        fewest: number of samples needed to estimate a covariance from their scatter.
     """
     m, up = _without(measurement, errors, forces_of)
     forces, state = forces_of.at(m), forces_of.legs.at(m)

@@ -37,7 +37,7 @@ class MassSettings:
         settled: number of time constants at rest after which the estimate may count as converged.
         faster: ratio of the rates of a second, faster average, in which a change appears first, and the main one.
         change: difference between the two averages that counts as a change, as a share of the robot's mass.
-        first: time that the first sample after a restart counts for [s]; any short one gives it its full weight.
+        first: duration assigned to the first sample after a restart [s]; any short one gives it its full weight.
 
     Raises:
         StaderaError: a value that is not positive.

@@ -20,7 +20,7 @@ class ForceNoise:
         torque_white, torque_constant: (4, 3) [N·m], by leg and joint.
         foot_position: [m], of each component of a foot's position in the trunk frame, constant.
         leg_mass: relative error of the mass of a leg's link, constant.
-        repeatable: what a pose at rest leaves unexplained, share of the robot's weight, moments at 1 m. Assumed.
+        repeatable: residual of a pose at rest, as a share of the robot's weight, moments at 1 m. Assumed.
 
     Raises:
         ModelError: wrong shape, or a value that is negative or not finite.

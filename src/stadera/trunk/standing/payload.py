@@ -32,7 +32,7 @@ def payload_between(
     """Mass and centre of mass that the `loaded` poses carry in addition to the tare's.
 
     Args:
-        least: share of the robot's mass that is the unit of the first moment where there is hardly a payload [1].
+        least: unit of the first moment if there is hardly a payload, as a share of the robot's mass [1].
 
     Raises:
         IdentificationError: there is no pose on one side.

@@ -38,10 +38,10 @@ class Reach:
         least_load: on every foot, as a share of the robot's weight.
         torque: largest torque of any joint, as a share of its effort limit.
         least_size: share of its requested size below which a pose is given up.
-        shrunk: factor by which a pose out of reach is made smaller, attempt by attempt.
-        solved: distance of the feet from where they are to be, below which a pose is reached [m].
-        steps: of Newton's method, and
-        largest_step: of each joint in one of them [rad].
+        shrunk: factor by which a pose out of reach is reduced in each attempt.
+        solved: distance of the feet from their targets below which a pose is reached [m].
+        steps: number of steps of Newton's method.
+        largest_step: of each joint in one step [rad].
     """
 
     least_load: float = 0.05

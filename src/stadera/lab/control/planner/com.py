@@ -37,7 +37,7 @@ class PlanWeights:
         longest: longest piece of constant jerk [s].
         jerk, near, rest: β, γ, the largest δ.
         lacking_zmp, lacking_com: cost of a missing margin, linear [m] and quadratic.
-        infinite: what the solver takes for no bound.
+        infinite: value that the solver treats as no bound.
         attempts: successive accuracies [SI units] and iterations; a coarse plan is better than none.
     """
 

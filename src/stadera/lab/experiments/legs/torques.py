@@ -1,4 +1,4 @@
-"""Torques and their errors over time, and tables of their RMSE: what Figs. 4 and 5 show."""
+"""Torques and their errors over time, and tables of their RMSE, for Figs. 4 and 5."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[s
     """Three panels of torques, then the errors of the first joint, as the paper's Figs. 4 and 5.
 
     Args:
-        models: which are drawn, the later over the earlier.
+        models: the models drawn, later ones over earlier ones.
     """
     trace = validation_trace(leg)
     panels = []
@@ -38,7 +38,7 @@ def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[s
 
 
 def validation_trace(leg: LegIdentification) -> TorqueTrace:
-    """The trace on motion that was not fitted.
+    """The trace of motion that was not used for fitting.
 
     Raises:
         IdentificationError: there is none.
@@ -50,7 +50,7 @@ def validation_trace(leg: LegIdentification) -> TorqueTrace:
 
 
 def rmse_table(result: Identification, title: str, note: str, models: tuple[str, ...]) -> TableData:
-    """Torque RMSE on validation, a row a joint, a column a model (the reference first, identified last)."""
+    """Torque RMSE on validation, one row per joint, one column per model (the reference first, identified last)."""
     head = ("joint", "torque RMS [N·m]", *(f"{NAMES[m]} [N·m]" for m in models), f"against {NAMES[models[-2]]}")
     groups = {}
     for leg in result.legs:
@@ -71,7 +71,7 @@ def rmse_records(
     against: str,
     models: tuple[str, ...] = MODELS,
 ) -> Iterator[Record]:
-    """RMSE of each joint and model; the identified one has to keep to that of the model `against`."""
+    """RMSE of each joint and model; the identified one is bounded by that of the model `against`."""
     for joint in leg.leg.joints:
         errors = {m: leg.rmse[PART][m][joint] for m in models}
         where = {**case, "leg": leg.leg.name, "joint": joint}

@@ -1,4 +1,4 @@
-"""What the motion is worth: the paper's random draw and the optimised excitation, before any log is made."""
+"""Information expected from the paper's random draw and from the optimised excitation, without any log."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from stadera.legs import FrictionModel
 from stadera.report.table import TableData
 
 _NOISELESS = 1e-7
-_RATE = 100.0  # Hz, at which motions are looked at
+_RATE = 100.0  # Hz, at which motions are evaluated
 _QUICK = FourierSearch(starts=1, iterations=10)
 _SEARCH = FourierSearch(starts=2, iterations=40)
 
 
 @dataclass(frozen=True)
 class Worth:
-    """What a log of one motion could tell of the links' 30 parameters.
+    """Information that a log of one motion would contain on the links' 30 parameters.
 
     Attributes:
-        motion: in words.
+        motion: description.
         rank: without noise.
-        noisy_rank: with the usual torque noise, against the prior.
-        observable: parameters that the data alone fix, with that noise.
+        noisy_rank: with the usual torque noise, relative to the prior.
+        observable: number of parameters that the data alone determine, with that noise.
         gain: information [nat].
     """
 
@@ -44,7 +44,7 @@ class Worth:
 
 
 def motion_worth(runs: LegRuns, quick: bool) -> tuple[Worth, Worth]:
-    """The paper's draw and the optimised excitation, within the same bounds and time."""
+    """Evaluates the paper's draw and the optimised excitation, within the same bounds and time."""
     bounds = LegBounds.of(runs.cad, LEG)
     noise = LegExperiment.usual(bounds).noise
     noisy = LegExperiment(bounds, noise, runs.size.rate, FrictionModel())

@@ -1,1 +1,1 @@
-"""Robots in motion: Table V, section III, and the studies of weighing on the way."""
+"""Robots in motion: Table V, section III, and the studies of weighing while walking."""

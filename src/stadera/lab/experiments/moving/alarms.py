@@ -1,4 +1,6 @@
-"""Changes of the load that the walking estimator reports where there are none: robots stand, walk, turn and sway."""
+"""False alarms of the walking estimator: changes of the load reported for unloaded robots that stand, walk, turn and
+sway.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ _Pairs = Sequence[tuple[AlarmCase, Outcome]]
 
 
 def cases(settings: ReproduceSettings) -> list[AlarmCase]:
-    """The grid, `standard` first, seed by seed; a small corner of it for a first look."""
+    """The grid, `standard` first, seed by seed; a small part of it in quick mode."""
     if settings.quick:
         return [AlarmCase("go2", gait, "standard", settings.seed, _QUICK) for gait in GAITS]
     return [
@@ -39,13 +41,13 @@ def cases(settings: ReproduceSettings) -> list[AlarmCase]:
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """The whole grid, over the processor's cores; runs kept in `settings.keep` are not done again."""
+    """Runs the whole grid on all cores; runs stored in `settings.keep` are not repeated."""
     grid = cases(settings)
     return summary(grid, run_grid(PAPER.name, watch, grid, progress, settings.keep, settings.pool))
 
 
 def summary(grid: Sequence[AlarmCase], runs: Sequence[Outcome]) -> ExperimentResult:
-    """What any part of the grid shows."""
+    """Summarises any part of the grid."""
     pairs = list(zip(grid, runs, strict=True))
     found = grouped(pairs, lambda case: case.errors)
     by_errors = {errors: found[errors] for errors in SEEDS if errors in found}
@@ -67,12 +69,12 @@ def highest_rate(alarms: int, minutes: float, confidence: float = 0.95) -> float
 
 
 def minutes(pairs: _Pairs) -> float:
-    """Simulated [min]."""
+    """Simulated time [min]."""
     return sum(sum(r["seconds"].values()) for _, r in pairs) / 60.0
 
 
 def _count(pairs: _Pairs, what: str) -> int:
-    """Alarms or halts."""
+    """Number of alarms or halts."""
     return sum(len(r[what]) for _, r in pairs)
 
 
@@ -101,7 +103,7 @@ def _records(errors: str, pairs: _Pairs) -> Iterator[Record]:
 
 
 def _alarm_cell(pairs: _Pairs) -> Cell:
-    """Alarms in how many minutes."""
+    """Number of alarms, and the simulated minutes."""
     if not pairs:
         return Cell("–")
     count = _count(pairs, "alarms")
@@ -133,7 +135,7 @@ def _by_doing(by_errors: Mapping[str, _Pairs]) -> TableData:
 
 
 def _each(pairs: _Pairs) -> TableData:
-    """Every false alarm."""
+    """All false alarms."""
     rows = [
         (
             f"{c.robot}, {c.gait}, {c.errors}, seed {c.seed}",

@@ -1,19 +1,20 @@
 """The share of inertial forces in the joint torques of a crawl (section III), at four speeds.
 
 Over one cycle the paper compares the integral of the norm of the joint torques with that of "the joint torques related
-to inertial forces". Here, from the plant's truth. The equations of motion split into what rest would take at the same
-place, and what the motion takes besides::
+to inertial forces". Here both are computed from the plant's truth. The equations of motion are split into the part
+required at rest in the same configuration, and the part due to motion::
 
     τ = (g_j + n_j) - Jᵀ f,            G f = w_g + w_n
     f = f_g + f_n + f_0,   f_g = G⁺ w_g,   f_n = G⁺ w_n,   G f_0 = 0
 
-with f the ground's forces, G their map to a wrench on the robot, w_g the weight's counterpart, w_n what the motion of
-all links takes (accelerations, centrifugal and Coriolis), g_j and n_j the same of the joints, f_0 internal to the feet.
-The least forces (G⁺) are taken for both parts, so that the split does not hang on how the controller shares out. Then
+with f the contact forces, G their map to a wrench on the robot, w_g the counterpart of the weight, w_n the inertial
+wrench of all links (accelerations, centrifugal and Coriolis), g_j and n_j the corresponding joint torques, f_0 internal
+to the feet. The least forces (G⁺) are used for both parts, so that the split does not depend on the controller's
+distribution. Then
 
     τ_n = n_j - Jᵀ f_n,              share = ∫ ‖τ_n‖ dt / ∫ ‖τ‖ dt.
 
-Neither accelerations nor the trunk's tensor are needed: w_n = G f - w_g and n_j = τ + Jᵀ f - g_j - friction.
+Neither accelerations nor the trunk's tensor is needed: w_n = G f - w_g and n_j = τ + Jᵀ f - g_j - friction.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Cycle:
         reached: [m/s].
         time: (k,) [s], evenly spaced.
         torque: (k,) [N·m], norm of the joint torques, and
-        inertial: (k,) [N·m], of those that the motion takes.
+        inertial: (k,) [N·m], norm of the part due to motion.
     """
 
     speed: float
@@ -67,7 +68,7 @@ class InertialTorques:
     """Splits a plant's joint torques; see the module.
 
     Args:
-        robot: the plant's; its joints' viscous friction belongs to neither part, and it has no other.
+        robot: the plant's; its joints' viscous friction, the only friction, belongs to neither part.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -98,14 +99,14 @@ class InertialTorques:
 
 
 def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longest: float = 20.0) -> Cycle:
-    """Lets a robot crawl and keeps one cycle, after so many to get going.
+    """Lets a robot crawl and keeps one cycle, after the first `skip`.
 
     Args:
-        every: periods from one sample to the next.
-        longest: time until that cycle is over [s].
+        every: periods between two samples.
+        longest: time limit for that cycle [s].
 
     Raises:
-        StaderaError: it fell, or stopped.
+        StaderaError: the robot fell, or stopped.
     """
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
@@ -187,7 +188,7 @@ def _figure(cycles: list[Cycle]) -> Figure:
 
 
 def _cycles(crawl: Crawl) -> int:
-    """How many times the first leg of the sequence has lifted."""
+    """Number of times that the first leg of the sequence has lifted."""
     first = crawl.settings.sequence[0]
     return sum(event.phase is CrawlPhase.SWING and event.leg == first for event in crawl.events)
 

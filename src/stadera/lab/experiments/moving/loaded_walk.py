@@ -1,7 +1,7 @@
-"""A robot that crawls and is loaded on its way, with or without a supervisor: Table V, survival, the demo.
+"""A crawling robot that is loaded, with or without a supervisor: for Table V, the survival study and the demo.
 
-The plant is MuJoCo with sensor errors; crawl, estimators and supervisor see measurements alone. The plant's truth is
-read for evaluation: whether the robot fell, and how far inside its support polygon its centre of mass was.
+The plant is MuJoCo with sensor errors; crawl, estimators and supervisor receive measurements only. The plant's truth is
+used for evaluation: whether the robot fell, and the margin of its centre of mass in the support polygon.
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ from stadera.trunk.load import Payload as FoundPayload
 from stadera.types import Array
 
 STAND = 1.0
-"""For how long the robot stands before it walks [s]: long enough to weigh the tare."""
+"""Time for which the robot stands before it walks [s]: enough to weigh the tare."""
 
 CORNERS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}
 """Signs of x and y of the trunk's corners."""
 
 
-_BRAKED = 10.0  # rad/s, at which drives that brake do so with all their torque
+_BRAKED = 10.0  # rad/s, above which braking drives apply their full torque
 
 
 class Supervision(StrEnum):
-    """The supervisor of a walk: none, or one that weighs the load at rest or on the way."""
+    """Supervisor of a walk: none, or one that weighs the load at rest or while walking."""
 
     NONE = "without identification"
     STOPPING = "with identification"
@@ -64,14 +64,14 @@ class Supervision(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class LoadedWalkCase:
-    """What one walk is made of.
+    """Settings of one walk.
 
     Attributes:
         robot: its name.
-        payload: put on under way; None for nothing.
-        load_at: when [s].
-        unload_at: when everything is taken off again [s]; never by default.
-        supervision: without, controller and planner keep the model file's trunk.
+        payload: the load added; None for none.
+        load_at: time at which it is added [s].
+        unload_at: time at which all loads are removed [s]; never by default.
+        supervision: without it, controller and planner keep the model file's trunk.
         seconds: of the run, standing included.
         speed: [m/s], ahead.
         errors: of the sensors.
@@ -94,27 +94,27 @@ class LoadedWalkCase:
 
     @property
     def load(self) -> InertialParameters:
-        """What is put on, in a frame of its own; zero for nothing."""
+        """The load, in its own frame; zero for none."""
         return InertialParameters.zero() if self.payload is None else self.payload.parameters
 
 
 @dataclass(frozen=True, eq=False)
 class LoadedWalkOutcome:
-    """How one walk went.
+    """Outcome of one walk.
 
     Attributes:
-        case: what was run.
-        trace: true states, and what was commanded.
-        margin: (k,) [m], of the true centre of mass inside the support polygon at the trace's times: negative outside,
-            NaN on fewer than three feet.
-        evaluated_from: the first time with four feet in stance that is a step's time and more after the load [s], since
-            no supervisor can act on the step taken before; NaN if it never came.
-        transitions, checks, state: of the supervisor; empty, and WALKING, without one. One that does not stop makes no
-            checks.
-        noticed: when changes of the load were noticed [s].
-        model: the trunk as controller and planner have it at the end.
+        case: the settings.
+        trace: true states, and the command.
+        margin: (k,) [m], of the true centre of mass in the support polygon at the trace's times: negative outside, NaN
+            on fewer than three feet.
+        evaluated_from: first time with four feet in stance at least one step's time after the load [s], since no
+            supervisor can affect the previous step; NaN if there is none.
+        transitions, checks, state: of the supervisor; empty, and WALKING, without one. A supervisor that does not stop
+            makes no checks.
+        noticed: times of detection of changes of the load [s].
+        model: trunk model of controller and planner at the end.
         truth, bare: the trunk with its load at the end, and without.
-        payload: as the supervisor weighed it; None if it weighed nothing.
+        payload: as estimated by the supervisor; None without an estimate.
     """
 
     case: LoadedWalkCase
@@ -132,34 +132,34 @@ class LoadedWalkOutcome:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """How it ended, and why it counts as that."""
+        """The outcome with its reasons."""
         return verdict(self.trace)
 
     @property
     def least_margin(self) -> float:
-        """[m], while evaluated; NaN if it was never seen."""
+        """Least margin from `evaluated_from` on [m]; NaN without data."""
         return _least(self.margin[self.trace.time >= self._evaluated])
 
     @property
     def least_margin_ever(self) -> float:
-        """[m], since the load came on, the steps that no supervisor can act on included."""
+        """Least margin since the load [m], including the step that no supervisor can affect."""
         return _least(self.margin[self.trace.since :])
 
     @property
     def outside(self) -> float:
-        """For how long the centre of mass was outside the support polygon, while evaluated [s]."""
+        """Time for which the centre of mass was outside the support polygon, from `evaluated_from` on [s]."""
         since = self.margin[self.trace.time >= self._evaluated]
         return float((since < 0.0).sum()) * float(np.median(np.diff(self.trace.time)))
 
     @property
     def noticed_after(self) -> float:
-        """Time from the load to the first change noticed [s]; NaN if none was."""
+        """Time from the load to the first detected change [s]; NaN if there is none."""
         times = [time for time in self.noticed if time >= self._from]
         return times[0] - self._from if times else float("nan")
 
     @property
     def updated_after(self) -> float | None:
-        """Time from the load until the robot walked by a new trunk [s]; None if it never did."""
+        """Time from the load until the robot used a new trunk model [s]; None if it never did."""
         after = [t.time for t in self.transitions if t.after is State.WALKING and t.time >= self._from]
         return after[0] - self._from if after else None
 
@@ -185,13 +185,13 @@ def corner_of(robot: Robot, corner: str) -> Array:
 def box_at(
     robot: Robot, corner: str, mass: float, size: tuple[float, float, float], height: float = 0.05
 ) -> DroppedBox:
-    """A box of a mass [kg] and edges [m] let fall from a height [m] on the back, flush with a corner."""
+    """A box of a mass [kg] and edges [m] dropped from a height [m] on the back, flush with a corner."""
     (x, y), (sx, sy) = corner_of(robot, corner)[:2], CORNERS[corner]
     return DroppedBox(mass, size, (float(x - 0.5 * sx * size[0]), float(y - 0.5 * sy * size[1])), height=height)
 
 
 def weight_at(robot: Robot, corner: str, force: float) -> RigidMass:
-    """A body of a weight [N] fixed on the back's corner: a cube of a decimetre."""
+    """A cube of a decimetre with a weight [N], fixed to a corner of the back."""
     x, y, z = corner_of(robot, corner).tolist()
     return RigidMass.box(force / GRAVITY, (0.1, 0.1, 0.1), (x, y, z + 0.05))
 
@@ -200,18 +200,18 @@ Watch = Callable[["LoadedWalk"], None]
 
 
 class LoadedWalk:
-    """A case under way.
+    """A walk in progress.
 
     Args:
-        case: what is run.
+        case: the settings.
 
     Attributes:
         bed, crawl, monitor, supervisor: its parts; no supervisor without identification.
-        fault: why the controller gave up, so that the drives only brake; empty while it has not.
+        fault: why the controller failed, so that the drives only brake; empty otherwise.
         loaded_at, evaluated_from: as in the outcome; NaN before.
 
     Raises:
-        StaderaError: it cannot be set up.
+        StaderaError: the walk cannot be set up.
     """
 
     def __init__(self, case: LoadedWalkCase) -> None:
@@ -238,7 +238,7 @@ class LoadedWalk:
             self.supervisor = NonstopSupervisor(model, CrawlWalker(self.crawl))
 
     def run(self, watch: Watch | None = None) -> LoadedWalkOutcome:
-        """Runs it out, or until the robot has fallen; `watch` is called after every period."""
+        """Runs to the end, or until the robot has fallen; `watch` is called after every period."""
         for _ in range(round(self.case.seconds / self.bed.plant.timestep)):
             self.step()
             if watch is not None:
@@ -248,7 +248,7 @@ class LoadedWalk:
         return self.outcome()
 
     def step(self) -> None:
-        """One period. After a controller has given up the drives only brake."""
+        """Simulates one period. After a failure of the controller the drives only brake."""
         while self._events and self._events[0][0] <= self.bed.plant.time + 1e-9:
             self._events.pop(0)[1]()
         try:
@@ -263,7 +263,7 @@ class LoadedWalk:
             self.evaluated_from = time
 
     def give_up(self, reason: str) -> None:
-        """From now on the drives only brake."""
+        """Makes the drives only brake from now on."""
         self.fault = self.fault or reason
 
     def _control(self) -> None:
@@ -287,7 +287,7 @@ class LoadedWalk:
         self.bed.plant.remove_payload()
 
     def outcome(self) -> LoadedWalkOutcome:
-        """How it went so far."""
+        """The outcome so far."""
         monitor, supervisor, plant = self.monitor, self.supervisor, self.bed.plant
         return LoadedWalkOutcome(
             case=self.case,

@@ -1,4 +1,4 @@
-"""A robot in motion with the walking estimator, and a controller that follows the estimate once it can be trusted."""
+"""A robot in motion with the walking estimator, and a controller that uses the estimate once it can be trusted."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from stadera.trunk.protocol import TrunkEstimate
 from stadera.trunk.trusted import TrustedEstimator
 
 Gait = Literal["crawl", "trot", "shake"]
-"""How a robot moves; a shake is on the spot."""
+"""Motion of a robot; a shake is on the spot."""
 
 
 @dataclass(frozen=True)
 class MotionSettings:
-    """What estimators are given in the studies.
+    """Settings of the estimators in the studies.
 
     Attributes:
         light: the prior's mass, as a share of the true one.
@@ -44,20 +44,20 @@ _GIVEN = MotionSettings()
 
 
 class RobotInMotion:
-    """A robot that stands and is ready to go.
+    """A robot that stands, ready to move.
 
     Args:
-        robot: as it is, but for what the errors make of it.
-        gait: what it will move by.
-        errors: of the sensors, a named set; the estimator is given their sizes.
-        draw: the seed of everything drawn.
+        robot: the true robot, except for the effect of the errors.
+        gait: its motion.
+        errors: of the sensors, a named set; their sizes are known to the estimator.
+        draw: seed of all random draws.
         hold: see `TestBed`.
 
     Attributes:
-        model: the robot as controller and estimator are given it.
+        model: the robot model of controller and estimator.
         start: the estimator's prior of the trunk.
         inner: the walking estimator.
-        trusted: its estimates that the controller follows.
+        trusted: the estimates used by the controller.
         controller, bed: as made.
     """
 
@@ -75,12 +75,12 @@ class RobotInMotion:
 
     @property
     def cost(self) -> float:
-        """Seconds of processor time that the estimator took."""
+        """Processor time of the estimator [s]."""
         return self._timed.seconds
 
 
 class _Timed:
-    """An estimator with a clock."""
+    """Measures an estimator's processor time."""
 
     def __init__(self, inner: TrunkEstimator) -> None:
         self.inner, self.seconds = inner, 0.0
@@ -95,14 +95,14 @@ class _Timed:
 
 
 def wrong_start(robot: Robot) -> TrunkModel:
-    """The prior of the trunk: 10 % too light, off by 15 % of the hips' half spacing."""
+    """Prior of the trunk: 10 % too light, with an error of 15 % of the hips' half spacing."""
     prior, tray = TrunkModel.prior(robot), Tray.of(robot)
     shift = _GIVEN.off * np.array([*tray.half_size[:2], 0.0])
     return TrunkModel(_GIVEN.light * prior.mass, prior.com_trunk + shift)
 
 
 def controller_of(gait: Gait, model: Robot, trunk: TrunkModel) -> Controller:
-    """That of a gait, standing."""
+    """Controller of a gait, standing."""
     if gait == "trot":
         return Trot.of(model, trunk)
     controller = TrunkController(model, trunk=trunk)
@@ -110,7 +110,7 @@ def controller_of(gait: Gait, model: Robot, trunk: TrunkModel) -> Controller:
 
 
 def walk_on(controller: Trot | Crawl, speed: float, turn: float) -> None:
-    """Walks from now on: ahead [m/s], and to the left [rad/s]."""
+    """Starts walking: forwards [m/s], and turning to the left [rad/s]."""
     if isinstance(controller, Trot):
         controller.walk((speed, 0.0), turn)
     else:
@@ -124,5 +124,5 @@ def fastest_trot(controller: Trot) -> float:
 
 
 def sway(controller: TrunkController, amplitude: float = 1.0) -> None:
-    """Shakes its body where it stands; see `Shake`."""
+    """Moves the body on the spot; see `Shake`."""
     controller.follow(Shake.of(controller.robot, controller.reference, controller.time, amplitude))

@@ -1,14 +1,14 @@
-"""Outcome of a commanded walk, from the states of the simulation alone: walked, stuck or fell.
+"""Outcome of a commanded walk, from the states of the simulation: walked, stuck or fell.
 
-With v the commanded speed, and s(t) how far ahead the trunk is, a walk that ends at T without a fall is stuck if
+With v the commanded speed, and s(t) the forward position of the trunk, a walk that ends at T without a fall is stuck if
 
-- over its last gait cycle C it got ahead by less than a share of what was commanded, s(T) - s(T - C) < share · v C, or
-  took less than that share of the commanded steps: so a robot that stops to weigh its load and walks on has walked;
-- since the load came on, the trunk sagged by more than a share of its height, for longer than a stated time;
-- since then, one joint was at its torque limit for longer than a stated time without a break.
+- over its last gait cycle C it advanced by less than a share of the command, s(T) - s(T - C) < share · v C, or took
+  fewer than that share of the commanded steps: so a robot that stops to weigh its load and walks on has walked;
+- since the load, the trunk sagged by more than a share of its height for longer than a limit;
+- since the load, one joint was continuously at its torque limit for longer than a limit.
 
-The same limits hold with and without identification. The margin of the centre of mass in the support polygon is no part
-of the outcome: a robot that tips onto the foot it was about to lift may still walk on.
+The same limits hold with and without identification. The margin of the centre of mass in the support polygon is not
+part of the outcome: a robot that tips onto the foot it was about to lift may still walk on.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from stadera.types import Array, Bools
 
 
 class WalkOutcome(StrEnum):
-    """How a walk ended."""
+    """Outcome of a walk."""
 
     WALKED = "walked"
     STUCK = "stuck"
@@ -33,18 +33,19 @@ class WalkOutcome(StrEnum):
 
 @dataclass(frozen=True)
 class OutcomeLimits:
-    """What counts as stuck; what counts as a fall is `FallLimits`.
+    """Limits for being stuck; those for a fall are `FallLimits`.
 
     Attributes:
-        share: of the commanded distance and steps over the last cycle, below which the robot does not get on. Half: a
-            loaded robot may be slower, one that only marks time has stopped.
-        sag: share of the trunk's height above ground by which it is too low. 0.15: three times what the virtual springs
-            give under 40 % of the robot's mass (m g / k = 0.05 h), and more than a swing clears the ground by.
-        sagging: [s], for which it must be that low. A step's time: a landing load may push it down for a moment.
-        overload: [s], that a joint may be at its torque limit; drives get hot. The controllers' own limit.
+        share: of the commanded distance and steps over the last cycle below which the robot is stuck. Half: a loaded
+            robot may be slower, while one that only steps in place has stopped.
+        sag: decrease of the trunk's height above ground, as a share. 0.15: three times the deflection of the virtual
+            springs under 40 % of the robot's mass (m g / k = 0.05 h), and more than a swing's ground clearance.
+        sagging: [s], time for which it must be that low. A step's time, since a landing load may push it down briefly.
+        overload: [s], time for which a joint may be at its torque limit, since drives heat up. The controllers' own
+            limit.
 
     Raises:
-        StaderaError: a limit that is not positive.
+        StaderaError: a limit is not positive.
     """
 
     share: float = 0.5
@@ -58,17 +59,17 @@ class OutcomeLimits:
 
 @dataclass(frozen=True, eq=False)
 class WalkTrace:
-    """True states of a walk, evenly sampled, and what was commanded.
+    """True states of a walk, evenly sampled, and the command.
 
     Attributes:
         time: (k,) [s]. position: (k, 3) [m], of the trunk's origin, world; the walk leads along x.
-        height: (k,) [m], of the trunk's origin over the ground.
+        height: (k,) [m], of the trunk's origin above the ground.
         limited: (k, n) bool, joints whose torque is at its limit. joints: their n names.
         steps: when legs were lifted [s].
         speed: commanded [m/s]. step_time: of one step, as commanded [s].
-        loaded_at: when the load came on [s]; NaN if none did.
+        loaded_at: time of the load [s]; NaN if there is none.
         fall: None if it did not fall.
-        fault: why the controller gave up; empty if it did not.
+        fault: why the controller failed; empty otherwise.
     """
 
     time: Array
@@ -92,18 +93,18 @@ class WalkTrace:
 
     @property
     def distance(self) -> float:
-        """How far the trunk got ahead since the load came on [m]."""
+        """Forward distance of the trunk since the load [m]."""
         return float(self.position[-1, 0] - self.position[self.since, 0])
 
     @property
     def commanded(self) -> float:
-        """How far it was to get in that time [m], until it fell if it did."""
+        """Commanded distance in that time [m], until the fall if there was one."""
         return self.speed * float(self.time[-1] - self.time[self.since])
 
     @property
     def steps_lost(self) -> int:
-        """Steps for which there was time, as commanded, while none was taken: in pauses and at the end, from the last
-        step before the load on, or else from the load; 0 without one. In a pause a step counts from half its time on.
+        """Number of commanded steps that were not taken, in pauses and at the end, counted from the last step before
+        the load, or else from the load; 0 without one. In a pause a step counts from half its time on.
         """
         before = [time for time in self.steps if time < self.loaded_at]
         since = before[-1] if before else self.loaded_at
@@ -116,14 +117,14 @@ class WalkTrace:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a walk ended, and why it counts as that; no reasons where it walked."""
+    """Outcome of a walk with its reasons; none if it walked."""
 
     outcome: WalkOutcome
     reasons: tuple[str, ...] = ()
 
 
 def verdict(trace: WalkTrace, limits: OutcomeLimits | None = None) -> Verdict:
-    """The outcome of a walk."""
+    """Evaluates the outcome of a walk."""
     limits, fault = limits or OutcomeLimits(), (trace.fault,) if trace.fault else ()
     if trace.fall is not None:
         return Verdict(WalkOutcome.FELL, (trace.fall.how, *fault))
@@ -149,7 +150,7 @@ def _sagging(trace: WalkTrace, limits: OutcomeLimits) -> str:
 
 
 def _progress(trace: WalkTrace, limits: OutcomeLimits) -> str:
-    """What is missing of the last cycle, or of the time since the load where that is shorter."""
+    """The shortfall over the last cycle, or over the time since the load if that is shorter."""
     end, cycle = float(trace.time[-1]), 4.0 * trace.step_time
     window = min(cycle, end - float(trace.time[trace.since]))
     first = int(np.searchsorted(trace.time, end - window))
@@ -163,7 +164,7 @@ def _progress(trace: WalkTrace, limits: OutcomeLimits) -> str:
 
 
 def longest_spell(time: Array, true: Bools) -> float:
-    """Longest time [s] for which samples (k,) at times (k,) were true without a break."""
+    """Longest time [s] for which samples (k,) at times (k,) were continuously true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(true, dtype=int), [0]])))
     begins, ends = edges[::2], edges[1::2] - 1
     return float((time[ends] - time[begins]).max()) if len(begins) else 0.0

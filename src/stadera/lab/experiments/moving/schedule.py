@@ -1,4 +1,4 @@
-"""A robot without a load: it stands, sets out, walks, turns, stops and sways as drawn. Each change of load that the
+"""An unloaded robot that stands, sets out, walks, turns, stops and sways at random. Each change of load that the
 walking estimator reports is a false alarm.
 """
 
@@ -22,19 +22,19 @@ from stadera.robot import load_robot
 Doing = Literal["standing", "start", "steady", "turning", "stop", "shaking"]
 
 DOING: tuple[Doing, ...] = ("standing", "start", "steady", "turning", "stop", "shaking")
-"""What a schedule is made of; to start and to stop are counted from the command on."""
+"""Parts of a schedule; start and stop are counted from the command on."""
 
 
 @dataclass(frozen=True)
 class ScheduleSettings:
-    """How a robot moves in the study.
+    """Settings of the robot's motion in the study.
 
     Attributes:
-        start, stop: how long it has for each [s].
-        slower: times as long a crawl takes for everything.
+        start, stop: time for each [s].
+        slower: factor on all times for a crawl.
         trot_turn: the fastest [rad/s].
         crawl_speed, crawl_turn: the fastest [m/s], [rad/s].
-        looks: time from one look at what the robot does to the next [s].
+        looks: interval for evaluating the robot's activity [s].
         hold: periods for which torques are held; sensors and estimator run at 1 kHz all the same.
     """
 
@@ -53,14 +53,14 @@ _HOW = ScheduleSettings()
 
 @dataclass(frozen=True)
 class AlarmCase:
-    """A run.
+    """Settings of one run.
 
     Attributes:
         robot: its name.
         gait: crawl, trot or shake.
         errors: of the sensors, a named set.
         seed: of sensors and commands.
-        seconds: simulated; a shorter run is the beginning of a longer one.
+        seconds: simulated time; a shorter run is the beginning of a longer one.
     """
 
     robot: str
@@ -75,8 +75,8 @@ class Activity:
     """One part of a schedule.
 
     Attributes:
-        doing: what it is.
-        seconds: for how long.
+        doing: kind of activity.
+        seconds: duration.
         ahead: share of the fastest speed, 0 to 1.
         turn: share of the fastest turn, -1 to 1, to the left.
         amplitude: of a shake.
@@ -90,9 +90,9 @@ class Activity:
 
 
 def schedule(gait: Gait, rng: np.random.Generator) -> Iterator[Activity]:
-    """Activities without end, as drawn: stand, set out, go on in some way or other, stop, and again.
+    """Yields random activities without end: stand, set out, continue in some way, stop, and again.
 
-    A trot's stands are used for a shake now and then; a crawl takes its time.
+    Stands of a trot are sometimes used for a shake; a crawl takes longer.
     """
     slower = _HOW.slower if gait == "crawl" else 1.0
     yield Activity("standing", rng.uniform(0.3, 2.0))
@@ -122,10 +122,10 @@ def _shake(rng: np.random.Generator) -> Iterator[Activity]:
 def watch(case: AlarmCase) -> dict[str, Any]:
     """Changes of load reported in a run without a load.
 
-    `fell`: None, or how. `seconds`: simulated, by what the robot did. `stepped`: seconds of feet being lifted and put
-    down. `alarms`: every change reported: its `time`, when it was `noticed`, what the robot was `doing` then, and its
-    `mass` as a share of the robot's. `halts`: when and why a crawl stopped by itself. `share_of_time`: the estimator's
-    processor time in the simulated time.
+    `fell`: None, or a description. `seconds`: simulated time by activity. `stepped`: time in seconds in which feet were
+    lifted and put down. `alarms`: every reported change: its `time`, when it was `noticed`, the robot's activity
+    `doing` at that time, and its `mass` as a share of the robot's. `halts`: when and why a crawl stopped unasked.
+    `share_of_time`: the estimator's processor time divided by the simulated time.
     """
     run = _ScheduledRun(case)
     run.go()
@@ -155,10 +155,10 @@ class _ScheduledRun:
         self._schedule = schedule(case.gait, np.random.default_rng(draw))
 
     def go(self) -> None:
-        """Until the time is up or the robot has fallen."""
+        """Runs until the end or a fall."""
         controller, plant = self.motion.controller, self.motion.bed.plant
         for activity in self._schedule:
-            if self._did:  # a controller takes commands from its first update on
+            if self._did:  # a controller accepts commands after its first update
                 command(controller, activity)
             end = min(plant.time + activity.seconds, self.case.seconds)
             while plant.time < end - 0.5 * _HOW.looks:
@@ -181,20 +181,20 @@ class _ScheduledRun:
         self.stepped += _HOW.looks * stepping
 
     def alarm(self, time: float, noticed: float, mass: float) -> dict[str, Any]:
-        """A change reported, and what the robot was doing at its time."""
+        """A reported change, and the robot's activity at its time."""
         doing = [doing for begin, doing in self._did if begin <= time] or ["standing"]
         return {"time": time, "noticed": noticed, "doing": doing[-1], "mass": mass / self.robot.mass}
 
 
 def steps(controller: Controller) -> bool:
-    """Whether it lifts feet and puts them down."""
+    """True if it lifts feet and puts them down."""
     if isinstance(controller, Trot):
         return controller.stepping
     return isinstance(controller, Crawl) and controller.leg is not None
 
 
 def command(controller: Controller, activity: Activity) -> None:
-    """Commands the controller to an activity; a trot that has not come to rest yet does not shake."""
+    """Commands an activity; a trot that has not come to rest yet does not shake."""
     if isinstance(controller, Crawl):
         _command_crawl(controller, activity)
     elif isinstance(controller, Trot):

@@ -1,8 +1,8 @@
-"""Who walks on with a load: walks with and without identification, over loads, corners and seeds.
+"""Survival study: walks with a load, with and without identification, over loads, corners and seeds.
 
-Both are held to the same outcome (`outcome.py`): walked, stuck or fell. How often the true centre of mass left the
-support polygon is counted besides, of both. Also: whether changes of 3 kg are noticed, on and off, whenever in the gait
-they happen, and whether any is noticed where there is none.
+Both are evaluated by the same criteria (`outcome.py`): walked, stuck or fell. The number of walks in which the true
+centre of mass left the support polygon is counted as well. The study also tests whether changes of 3 kg are detected,
+on and off, at any phase of the gait, and whether there are false alarms.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ WALKED, FELL = str(WalkOutcome.WALKED), str(WalkOutcome.FELL)
 
 @dataclass(frozen=True)
 class SurvivalSettings:
-    """The walks of the study.
+    """Walks of the study.
 
     Attributes:
         loads, corners, seeds: of the grid, loads in [N].
         paper, paper_corner, paper_seeds: the paper's load, over many seeds.
-        small, small_seeds: the least change that has to be noticed [N].
-        quiet_walks: without any load.
+        small, small_seeds: the least change that must be detected [N].
+        quiet_walks: number of walks without a load.
         load_at: [s], and up to a cycle later. seconds: of a walk [s], with identification and without: at least a cycle
             of walking under load.
-        on, off, noticing: when small changes come and go, and how long these walks are [s].
-        quiet: how long walks without a load are [s], of which all but the stand is walking.
+        on, off, noticing: times at which small changes are made and undone, and duration of these walks [s].
+        quiet: duration of walks without a load [s], of which all but the stand is walking.
     """
 
     loads: tuple[float, ...] = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0)
@@ -71,17 +71,17 @@ class SurvivalSettings:
 
 FULL = SurvivalSettings()
 PAPER_CASE = SurvivalSettings(loads=(), quiet_walks=0)
-"""The paper's load and small changes alone: a third of the study."""
+"""The paper's load and small changes only: a third of the study."""
 _QUICK = SurvivalSettings((100.0, 300.0), ("LH", "RF"), 1, paper_seeds=1, small_seeds=1, quiet_walks=1)
 
 
 @dataclass(frozen=True)
 class SurvivalCase:
-    """One walk.
+    """Settings of one walk.
 
     Attributes:
         load: [N], 0 for none. corner: of the back.
-        identify: with identification.
+        identify: whether identification is used.
         seed: of the sensors' errors.
         load_at, unload_at: [s]; 0 for never.
         seconds: of the walk.
@@ -97,7 +97,7 @@ class SurvivalCase:
 
 
 def survive(case: SurvivalCase) -> Outcome:
-    """How a walk went.
+    """Outcome of a walk.
 
     Raises:
         StaderaError: it cannot be set up.
@@ -135,7 +135,7 @@ def _or_none(value: float) -> float | None:
 
 
 def _noticed(outcome: LoadedWalkOutcome, since: float) -> float | None:
-    """Time [s] from a change to the first check after it that says so."""
+    """Time [s] from a change to the first check after it that detects it."""
     if not since:
         return None
     return next((check.time - since for check in outcome.checks if check.changed and check.time > since), None)
@@ -152,7 +152,7 @@ class _Walks:
 
     @classmethod
     def of(cls, study: SurvivalSettings, first: int) -> _Walks:
-        """Seeds count from the first; loads come on all over the gait."""
+        """Makes the cases: seeds count from the first, and loads are spread over the gait."""
         cycle, seeds = _cycle(), study.seeds
 
         def walk(load: float, corner: str, identify: bool, seed: int, phase: float) -> SurvivalCase:
@@ -190,7 +190,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
 
 
 def run_study(study: SurvivalSettings, settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """The walks of a study; without a grid there are no tables, without quiet walks no count of false alarms."""
+    """Runs the walks of a study; without a grid there are no tables, without quiet walks no count of false alarms."""
     walks = _Walks.of(study, settings.seed)
     cases = list(dict.fromkeys((*walks.grid, *walks.paper, *walks.small, *walks.quiet)))
     found = dict(zip(cases, run_grid(PAPER.name, survive, cases, progress, settings.keep, settings.pool), strict=True))
@@ -212,7 +212,7 @@ def run_study(study: SurvivalSettings, settings: ReproduceSettings, progress: Pr
 
 
 def _cycle() -> float:
-    """Of four steps [s]."""
+    """Duration of four steps [s]."""
     return 4.0 * CrawlSettings.of(load_robot(_ROBOT)).timing(CrawlCommand(_SPEED)).step
 
 
@@ -220,7 +220,9 @@ _Found = Mapping[SurvivalCase, Outcome]
 
 
 def _paper_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
-    """The same counts of both ways; bounds are the paper's: with identification it walks, without the walk fails."""
+    """Counts for both kinds of walks; the bounds are the paper's: the robot walks with identification and fails
+    without.
+    """
     for identify in (True, False):
         yield from _way_records(study, identify, [found[c] for c in cases if c.identify is identify])
 

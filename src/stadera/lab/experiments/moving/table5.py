@@ -1,4 +1,4 @@
-"""Table V: a robot that walks is loaded, stops, and is weighed by contact forces (c) and by static poses (a)."""
+"""Table V: a walking robot is loaded, stops, and is weighed by contact forces (c) and by static poses (a)."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Table5Times:
     """Times of a run [s].
 
     Attributes:
-        load, ask: when the load comes on, and when a weighing is asked for without a load.
+        load, ask: time of the load, and time at which a weighing is requested without a load.
         longest: of a run.
-        every: control periods from one measurement that is weighed by to the next.
+        every: control periods between two measurements used for weighing.
     """
 
     load: float = 5.5
@@ -51,7 +51,7 @@ class Table5Case:
 
 
 def weigh_on_the_way(case: Table5Case) -> Outcome:
-    """Centres of mass (x, y) [m] by (c), by (c) on torques as measured and by (a), and the truth.
+    """Centres of mass (x, y) [m] from (c), from (c) with uncorrected torques and from (a), and the truth.
 
     Raises:
         StaderaError: the robot fell, or was not weighed.
@@ -60,7 +60,7 @@ def weigh_on_the_way(case: Table5Case) -> Outcome:
 
 
 class _LoadedRun:
-    """A walk with a weighing in it, and another one after it."""
+    """A walk with a weighing, followed by another weighing."""
 
     def __init__(self, case: Table5Case) -> None:
         self.case, self.times = case, case.times
@@ -85,7 +85,7 @@ class _LoadedRun:
         }
 
     def _by_forces(self) -> list[float]:
-        """The supervisor's weighing; and another one of the same moments, with torque offsets left in."""
+        """The supervisor's weighing, and another one of the same moments without correction of torque offsets."""
         supervisor, asked = self.supervisor, self.case.load > 0.0
         while not supervisor.weighing:
             time = self._step()
@@ -95,7 +95,7 @@ class _LoadedRun:
         uncorrected = self._weighing(CorrectedForces.none(supervisor.forces), "contact")
         while supervisor.state is not State.CONVERGED:
             self._step(uncorrected)
-        self.walk.supervisor = None  # it stays where it stands
+        self.walk.supervisor = None  # it stays in place
         return self._weighed(uncorrected)
 
     def _weighing(self, scale: CorrectedForces, method: str) -> StandingWeighing:
@@ -104,7 +104,7 @@ class _LoadedRun:
         return StandingWeighing(scale, self.supervisor.trunk, walker, settings, time)
 
     def _weighed(self, weighing: StandingWeighing) -> list[float]:
-        """Runs a weighing out; the centre of mass in x and y."""
+        """Completes a weighing; returns the centre of mass in x and y."""
         while weighing.stage is not Stage.DONE:
             if weighing.stage is Stage.FAILED:
                 raise StaderaError(f"{self.case}: {weighing.reason}")
@@ -113,7 +113,7 @@ class _LoadedRun:
         return [float(c) for c in weighing.estimate.trunk.com_trunk[:2]]
 
     def _step(self, weighing: StandingWeighing | None = None) -> float:
-        """One period; the time [s]."""
+        """Simulates one period; returns the time [s]."""
         self.walk.step()
         bed, self._periods = self.walk.bed, self._periods + 1
         if self.walk.monitor.fall is not None:

@@ -1,4 +1,4 @@
-"""Weighing without stopping: robots crawl, trot and sway, loads come on on the way, all methods on the same runs."""
+"""Study of weighing without stopping: robots crawl, trot and sway, loads are added, all methods use the same runs."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ _BOUNDED = ("crawl", "trot")
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of the study.
+    """A quantity of the study.
 
     Attributes:
-        title, unit: as printed.
-        key: of a method's figures.
-        scale: to the unit.
-        of_robot: divided by the robot's mass.
+        title, unit: as displayed.
+        key: of a method's values.
+        scale: factor to the unit.
+        of_robot: whether it is divided by the robot's mass.
         median, high: bounds of median and 95th percentile under `standard`; None for none.
         least_share: of the load, for it to count.
-        harsher: how much larger the bounds are under `harsh`.
+        harsher: factor on the bounds under `harsh`.
     """
 
     title: str
@@ -85,7 +85,7 @@ METRICS = (
 
 
 def cases(settings: ReproduceSettings) -> list[WalkingCase]:
-    """The grid; a small corner of it for a first look."""
+    """The grid; a small part of it in quick mode."""
     if settings.quick:
         return [
             WalkingCase(robot, "trot", 0.10, "left hind", "standard", settings.seed, OTHERS) for robot in ROBOTS[:2]
@@ -102,7 +102,7 @@ def cases(settings: ReproduceSettings) -> list[WalkingCase]:
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """The whole grid, over the processor's cores; runs kept in `settings.keep` are not done again."""
+    """Runs the whole grid on all cores; runs stored in `settings.keep` are not repeated."""
     grid = cases(settings)
     return summary(grid, run_grid(PAPER.name, weigh_in_motion, grid, progress, settings.keep, settings.pool))
 
@@ -111,7 +111,7 @@ _Pairs = Sequence[tuple[WalkingCase, Outcome]]
 
 
 def summary(grid: Sequence[WalkingCase], runs: Sequence[Outcome]) -> ExperimentResult:
-    """What any part of the grid shows."""
+    """Summarises any part of the grid."""
     pairs = list(zip(grid, runs, strict=True))
     order: list[tuple[str, str]] = [(errors, gait) for errors in ERRORS for gait in GAITS]
     found = grouped(pairs, lambda case: (case.errors, str(case.gait)))

@@ -1,8 +1,8 @@
-"""One robot in motion on which a load is put, and each method's estimate of it.
+"""A robot in motion to which a load is added, and each method's estimate of it.
 
-The controllers use the walking estimator's estimate when it can be trusted; before, the model file's trunk. The
-estimators' prior is wrong, 10 % too light and its centre of mass off by 15 % of the hips' half spacing. Of the load
-they know only that the last instant before it is the tare.
+The controllers use the walking estimator's estimate when it can be trusted, and the model file's trunk before. The
+estimators' prior is wrong: 10 % too light, with a centre of mass off by 15 % of the hips' half spacing. The only
+information on the load is that the last instant before it is the tare.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from stadera.trunk import Estimator, Measurement, TrunkEstimator, TrunkModel, ma
 from stadera.trunk.registry import Setup
 
 PLACES = ("middle", "left front", "right front", "left hind", "right hind")
-"""Of a load on the back: over the tray's middle, or over three quarters of the way to a corner."""
+"""Positions of a load on the back: the tray's middle, or three quarters of the way to a corner."""
 
 WALKING = "walking"
 
@@ -37,15 +37,15 @@ _TOWARDS = dict(zip(PLACES, ((0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)), strict
 
 @dataclass(frozen=True)
 class WalkSettings:
-    """How a run goes.
+    """Settings of a run.
 
     Attributes:
         still: time before it moves [s].
-        before: by gait, time in motion until the load comes on [s].
-        soon, late: times after that when figures are taken [s].
-        slower: periods from one sample of the other methods to the next: 100 Hz.
-        out: place of a load towards a corner, share of the tray's half size [1].
-        edge: of a box of 1 kg [m]; it grows with the cube root of the mass.
+        before: by gait, time in motion before the load [s].
+        soon, late: times after the load at which results are evaluated [s].
+        slower: periods between two samples of the other methods: 100 Hz.
+        out: position of a load towards a corner, as a share of the tray's half size [1].
+        edge: of a box of 1 kg [m]; proportional to the cube root of the mass.
     """
 
     still: float = 0.3
@@ -62,7 +62,7 @@ _HOW = WalkSettings()
 
 @dataclass(frozen=True)
 class WalkingCase:
-    """A run.
+    """Settings of one run.
 
     Attributes:
         robot: its name.
@@ -71,7 +71,7 @@ class WalkingCase:
         place: one of `PLACES`.
         errors: of the sensors, a named set.
         seed: of sensors and commands.
-        others: further methods, by their registry's names, on the same measurements.
+        others: additional methods, by their registry's names, on the same measurements.
     """
 
     robot: str
@@ -84,11 +84,11 @@ class WalkingCase:
 
 
 def weigh_in_motion(case: WalkingCase) -> dict[str, Any]:
-    """The run's figures.
+    """Results of the run.
 
-    `fell`: None, or how. `robot_mass`: [kg]. `noticed`: [s] from the load to the change found, None if it was not.
-    `false_alarms`: changes found that were none. `share_of_time`: the estimator's processor time in the simulated
-    time. `methods`: errors by method, see `compared`; of the walking estimator its error bars besides.
+    `fell`: None, or a description. `robot_mass`: [kg]. `noticed`: [s] from the load to its detection, None if it was
+    not detected. `false_alarms`: number of false changes. `share_of_time`: the estimator's processor time divided by
+    the simulated time. `methods`: errors by method, see `compared`; for the walking estimator also its error bars.
     """
     robot = load_robot(case.robot)
     run = _WeighedRun(case, robot)
@@ -107,7 +107,7 @@ def weigh_in_motion(case: WalkingCase) -> dict[str, Any]:
 
 
 class _WeighedRun:
-    """The robot on its way, with the walking estimator."""
+    """The robot in motion, with the walking estimator."""
 
     def __init__(self, case: WalkingCase, robot: Robot) -> None:
         self.case, self.robot = case, robot
@@ -124,7 +124,7 @@ class _WeighedRun:
 
     # -- running --------------------------------------------------------------------------------------------------
     def until_loaded(self) -> str | None:
-        """Stands, sets out, and walks until the load comes on; how it fell, or None."""
+        """Stands, sets out, and walks until the load; returns a description of a fall, or None."""
         monitor = WalkMonitor(self.bed.plant)
         walk(self.bed, _HOW.still, monitor)
         _set_out(self.controller, self._commands)
@@ -134,7 +134,7 @@ class _WeighedRun:
         return None if monitor.fall is None else monitor.fall.how
 
     def after_load(self) -> str | None:
-        """Puts the load on and walks on; how it fell, or None."""
+        """Adds the load and walks on; returns a description of a fall, or None."""
         plant = self.bed.plant
         self.inner.tare()
         self.loaded_at = plant.time
@@ -166,20 +166,20 @@ class _WeighedRun:
 
     @property
     def noticed(self) -> float | None:
-        """Seconds from the load to the first change that was found after it."""
+        """Time from the load to the first change detected after it [s]."""
         after = [change.noticed - self.loaded_at for change in self.inner.changes if change.noticed > self.loaded_at]
         return after[0] if after and self.case.share > 0 else None
 
     @property
     def false_alarms(self) -> int:
-        """Changes found before the load, and all but one after it."""
+        """Number of changes detected before the load, and of all but one after it."""
         before = sum(change.noticed <= self.loaded_at for change in self.inner.changes)
         after = len(self.inner.changes) - before
         return before + max(after - (self.case.share > 0), 0)
 
 
 class _Remembering:
-    """An estimator that keeps every so manieth measurement, for the other methods."""
+    """An estimator that stores measurements at intervals, for the other methods."""
 
     def __init__(self, inner: Estimator, run: _WeighedRun) -> None:
         self.inner, self._run, self._count = inner, run, 0
@@ -206,9 +206,10 @@ def payload_of(case: WalkingCase, robot: Robot) -> RigidMass:
 def compared(
     tare: InertialParameters, now: InertialParameters, bare: InertialParameters, loaded: InertialParameters, when: str
 ) -> dict[str, Any]:
-    """Errors of a payload and of the shift of the trunk's centre of mass, [kg] and [m]; the truth comes last.
+    """Errors of a payload and of the shift of the trunk's centre of mass, [kg] and [m]; the truth is the last argument.
 
-    Mass of the payload, shift in x-y and height of the trunk's centre of mass, place of the payload in x-y and height.
+    Mass of the payload, shift in x-y and height of the trunk's centre of mass, position of the payload in x-y and
+    height.
     """
     figures: dict[str, Any] = {f"{when}.payload_mass": float((now.mass - tare.mass) - (loaded.mass - bare.mass))}
     shift = (now.com - tare.com) - (loaded.com - bare.com)
@@ -225,7 +226,7 @@ def compared(
 
 
 def _absolute(estimator: TrunkEstimator, truth: InertialParameters, when: str) -> dict[str, Any]:
-    """Error of mass and centre of mass in units of their own error bars: NEES over what is observed, and the worst."""
+    """Errors of mass and centre of mass relative to their error bars: NEES over the observed ones, and the largest."""
     found = estimator.parameters()
     which = found.observed[:4]
     error = (np.array([found.inertial.mass, *found.inertial.com]) - [truth.mass, *truth.com])[which]
@@ -241,7 +242,7 @@ def _absolute(estimator: TrunkEstimator, truth: InertialParameters, when: str) -
 
 
 def _set_out(controller: Controller, rng: np.random.Generator) -> None:
-    """Lets it move: ahead, and a little to one side, as drawn."""
+    """Starts the motion: forwards, and slightly to one side, at random."""
     if isinstance(controller, Trot):
         walk_on(controller, rng.uniform(0.0, 1.0) * fastest_trot(controller), rng.uniform(-0.2, 0.2))
     elif isinstance(controller, Crawl):
@@ -251,7 +252,7 @@ def _set_out(controller: Controller, rng: np.random.Generator) -> None:
 
 
 def _other(name: str, run: _WeighedRun) -> dict[str, Any]:
-    """A method's figures on the measurements of the run, as it would have been fed at 100 Hz."""
+    """Results of a method on the run's measurements, as if fed at 100 Hz."""
     estimator = make_estimator(name, Setup(run.model, run.start), ALL_METHODS)
     figures: dict[str, Any] = {}
     marks = [("tare", run.loaded_at), ("soon", run.loaded_at + _HOW.soon), ("late", run.loaded_at + _HOW.late)]

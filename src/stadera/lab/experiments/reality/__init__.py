@@ -1,1 +1,1 @@
-"""How well a robot is weighed that is not what its model file says: runs with `real` errors, and what they show."""
+"""Study of robots that differ from their model files: runs with `real` errors, and their evaluation."""

@@ -1,6 +1,6 @@
-"""One log of a robot with `real` errors, weighed by every method with the model file and nothing else.
+"""One log of a robot with `real` errors, weighed by every method with the model file only.
 
-The only thing that is known of the run is the time of the tare, the last instant before the load comes on.
+The only information on the run is the time of the tare, the last instant before the load.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from stadera.types import Array
 from stadera.weigh.truth import Truth, read_truth, truth_json, truth_paths
 
 OURS = "walking"
-"""The library's estimator, by its name in the registry of methods."""
+"""Name of the library's estimator in the registry of methods."""
 LEGS = "walking, legs identified"
-"""The same with the legs that `identify` found in a log of the same robot's legs in the air."""
+"""The same with legs identified from a log of the robot's legs in the air."""
 
 LOADED_AT, DURATION = 5.0, 10.0  # s
 FIGURES = (
@@ -54,24 +54,24 @@ FIGURES = (
     "payload z",
     "change mass",
 )
-"""What is found, each with its error and its standard deviation [kg, m]."""
+"""Estimated quantities, each with error and standard deviation [kg, m]."""
 
 _OUT = 0.6  # of the tray's half size, within which loads are placed
 _HALF_CUBE = 0.05  # m, of a load
 _TOPPLED = np.deg2rad(45.0)
-_HOLD = 2  # periods of the test-bed between two torques of the controller
+_HOLD = 2  # periods of the test-bed for which the controller's torques are held
 
 
 @dataclass(frozen=True)
 class RealityCase:
-    """A run.
+    """Settings of one run.
 
     Attributes:
         robot: its name.
         scenario: trot, crawl, shake or stand.
         share: of the load in the robot's mass; 0 for none.
         errors: real or real-unit-gain.
-        seed: of the draw, with the rest of the case: no two cases draw the same robot, but for the common gain.
+        seed: of the draw, combined with the other fields: no two cases draw the same robot, except for the common gain.
     """
 
     robot: str
@@ -82,15 +82,15 @@ class RealityCase:
 
 
 def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
-    """A run's figures.
+    """Results of a run.
 
-    `fell`: None, or how. `robot_mass`: [kg]. `methods`: by method (of the registry, and `LEGS`) a mapping with every
-    figure of `FIGURES` that it gives, as [error, standard deviation]; `verdict_before`, `verdict`: of the fit, at the
-    tare and at the end, None where the method has none; `noticed`: [s] from the load to the change found;
+    `fell`: None, or a description. `robot_mass`: [kg]. `methods`: by method (of the registry, and `LEGS`) a mapping
+    with every quantity of `FIGURES` that it gives, as [error, standard deviation]; `verdict_before`, `verdict`: of the
+    fit, at the tare and at the end, None for methods without one; `noticed`: [s] from the load to its detection;
     `false_changes`; `share_of_time`.
 
     Args:
-        logs: the folder in which logs are kept for another time; None to keep none.
+        logs: folder in which logs are stored for reuse; None to store none.
     """
     robot = load_robot(case.robot)
     try:
@@ -111,7 +111,7 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
 
 
 def _log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
-    """The run's log and truth, as kept or run now."""
+    """The run's log and truth, stored earlier or simulated now."""
     path = None if logs is None else logs / f"{_name(case)}.parquet"
     if path is not None and path.exists():
         return read(path), read_truth(truth_paths(path)[0])
@@ -133,7 +133,7 @@ def _log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording,
 
 
 def _identified(case: RealityCase, robot: Robot, logs: Path | None) -> Robot | None:
-    """The model file with the legs identified from the robot's own log in the air; None where that log is refused."""
+    """The model file with legs identified from the robot's own log in the air; None if that log is refused."""
     with TemporaryDirectory() as folder:
         path = (Path(folder) if logs is None else logs) / f"{_name(case)}.legs.json"
         if not path.exists():
@@ -151,12 +151,12 @@ def _name(case: RealityCase) -> str:
 
 
 def _draw(case: RealityCase) -> int:
-    """The seed of the robot."""
+    """Seed of the robot."""
     return zlib.crc32(repr(replace(case, errors="")).encode())
 
 
 def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
-    """A cube on the tray, anywhere but near its edges."""
+    """A cube on the tray, at a random position away from its edges."""
     if not case.share:
         return None
     tray = Tray.of(robot)
@@ -166,7 +166,7 @@ def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
 
 
 def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
-    """A method's figures on the log."""
+    """A method's results on the log."""
     estimator: Any = make_estimator(name, Setup(robot), ALL_METHODS)
     begun = time.process_time()
     estimator.add(samples[samples.time < LOADED_AT])
@@ -188,13 +188,13 @@ def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[st
 
 
 def _errors(names: tuple[str, ...], errors: Array, stds: Array) -> dict[str, list[float]]:
-    """Those that were observed."""
+    """The observed ones."""
     pairs = zip(names, errors.tolist(), stds.tolist(), strict=True)
     return {name: [error, std] for name, error, std in pairs if np.isfinite(error) and np.isfinite(std)}
 
 
 def _payload(estimator: Any) -> tuple[Array, Array]:
-    """Mass and place of the payload since the tare, and their standard deviations, (4,) each."""
+    """Mass and position of the payload since the tare, and their standard deviations, (4,) each."""
     found = estimator.payload
     if found is None:
         return np.full(4, np.nan), np.full(4, np.nan)
@@ -202,7 +202,9 @@ def _payload(estimator: Any) -> tuple[Array, Array]:
 
 
 def _difference(before: Any, after: Any) -> tuple[Array, Array]:
-    """The same from two estimates of the trunk whose errors are taken to be independent; no bar for the place."""
+    """The same from two estimates of the trunk with independent errors; without standard deviations for the
+    position.
+    """
     mass = after.trunk.mass - before.trunk.mass
     moment = after.trunk.mass * after.trunk.com_trunk - before.trunk.mass * before.trunk.com_trunk
     seen = np.isfinite(before.std) & np.isfinite(after.std)
@@ -218,7 +220,7 @@ def _verdict(estimator: Any) -> str | None:
 
 
 def _changes(changes: tuple[Any, ...], mass: float) -> dict[str, Any]:
-    """The first change that was noticed after the load is the load's, if there is one; all others are false."""
+    """The first change detected after the load is assigned to the load; all others are false."""
     after = [change for change in changes if change.noticed > LOADED_AT]
     found = after[0] if after and mass > 0 else None
     figures: Mapping[str, Any] = {

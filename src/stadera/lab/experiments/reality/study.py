@@ -1,4 +1,4 @@
-"""Robots with `real` errors, weighed with their model file alone, by every method on the same logs."""
+"""Study of robots with `real` errors, weighed with their model file only, by every method on the same logs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAPER = Paper.of("reality")
 ROBOTS = ("hyq", "go2", "anymal_b", "anymal_c", "b1", "a1")
 SCENARIOS = ("trot", "crawl", "shake", "stand")
 SHARES = (0.10, 0.05, 0.25, 0.0, 0.15)
-"""Of the load in the robot's mass, one a draw."""
+"""Shares of the load in the robot's mass, one for each draw."""
 SETS = ("real-unit-gain", "real")
 METHODS = {
     OURS: "stadera",
@@ -34,10 +34,10 @@ METHODS = {
 _UNIT, _YARDSTICK = SETS[0], "ls"
 _OWN = (OURS, LEGS)
 _PROMISED = {OURS: 1.0, LEGS: 0.5}
-"""What bounds are multiplied by: identified legs halve them."""
+"""Factors on the bounds: identified legs halve them."""
 _MOVING = ("trot", "crawl", "shake")
-_HEAVY = 0.10  # share from which a payload's place is evaluated
-_NOTICEABLE = 0.05  # share from which a load is to be noticed
+_HEAVY = 0.10  # share above which a payload's position is evaluated
+_NOTICEABLE = 0.05  # share above which a load should be detected
 _SOON = 0.5  # s
 _TITLES = {_UNIT: "mean torque gain one", "real": "mean torque gain drawn"}
 
@@ -47,14 +47,14 @@ _Pairs = Sequence[tuple[RealityCase, Outcome]]
 
 @dataclass(frozen=True)
 class ErrorSize:
-    """A figure of the study: the size of an error.
+    """A quantity of the study: the size of an error.
 
     Attributes:
-        title, unit: as printed.
-        names: of `FIGURES`; of several the length of the vector.
+        title, unit: as displayed.
+        names: of `FIGURES`; for several, the length of the vector.
         relative: in percent of the robot's mass; else in mm.
         median, high: bounds of median and 95th percentile for robots in motion, their mean gain one; None for none.
-        least_share: of the load, for it to count.
+        least_share: least load as a share of the robot's mass.
     """
 
     title: str
@@ -66,7 +66,7 @@ class ErrorSize:
     least_share: float = 0.0
 
     def values(self, pairs: _Pairs, method: str) -> list[float]:
-        """Sizes of a method's errors over the runs that have one: every part of it was found."""
+        """Sizes of a method's errors over the runs in which every component was estimated."""
         found = []
         for case, outcome in pairs:
             figures = outcome["methods"].get(method, {})
@@ -77,7 +77,7 @@ class ErrorSize:
         return found
 
     def bounds(self, errors: str, scenario: str, method: str) -> tuple[float | None, float | None]:
-        """Of median and 95th percentile: of the library's own estimator, where they are promised."""
+        """Bounds of median and 95th percentile for the library's own estimator, where there are any."""
         share = _PROMISED.get(method) if errors == _UNIT and scenario in _MOVING else None
         median, high = (None if share is None or bound is None else share * bound for bound in (self.median, self.high))
         return median, high
@@ -93,7 +93,7 @@ ERROR_SIZES = (
 
 
 def cases(settings: ReproduceSettings) -> list[RealityCase]:
-    """The grid, one load a draw; a handful of it for a first look."""
+    """The grid, one load for each draw; a small part of it in quick mode."""
     if settings.quick:
         few = (("hyq", "trot", _UNIT), ("go2", "trot", _UNIT), ("go2", "stand", _UNIT), ("hyq", "trot", SETS[1]))
         return [RealityCase(robot, scenario, 0.10, errors, settings.seed) for robot, scenario, errors in few]
@@ -107,7 +107,7 @@ def cases(settings: ReproduceSettings) -> list[RealityCase]:
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """The whole grid, over the processor's cores; logs and figures kept in `settings.keep` are not made again."""
+    """Runs the whole grid on all cores; logs and results stored in `settings.keep` are reused."""
     grid = cases(settings)
     logs = None if settings.keep is None else settings.keep.absolute() / f"{PAPER.name}-logs"
     return summary(
@@ -116,7 +116,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
 
 
 def summary(grid: Sequence[RealityCase], runs: Sequence[Outcome]) -> ExperimentResult:
-    """What any part of the grid shows."""
+    """Summarises any part of the grid."""
     pairs = list(zip(grid, runs, strict=True))
     sets = grouped(pairs, lambda case: case.errors)
     accuracy = (
@@ -180,8 +180,8 @@ def _head(first: str) -> tuple[str, ...]:
 
 # -- error bars and behaviour -------------------------------------------------------------------------------------
 def _coverage(pairs: _Pairs, name: str, method: str) -> tuple[float, int, int] | None:
-    """How the error bars of a figure hold: the share of errors within 2 σ, how many are beyond 4 σ although the verdict
-    is good (or there is none), and of how many. None where the figure was never given.
+    """Coverage of a quantity's error bars: the share of errors within 2 σ, the number beyond 4 σ with a good verdict
+    (or none), and the total number. None if the quantity was never estimated.
     """
     sigmas, good = [], []
     for _, outcome in pairs:
@@ -225,13 +225,13 @@ def _verdicts(pairs: _Pairs, method: str) -> list[str]:
 
 
 def _noticed(pairs: _Pairs, method: str) -> list[bool]:
-    """Of each load that is to be noticed, whether it soon was."""
+    """For each load that should be detected, whether it was detected soon."""
     stood = [r["methods"][method]["noticed"] for c, r in pairs if method in r["methods"] and c.share >= _NOTICEABLE]
     return [late is not None and late <= _SOON for late in stood]
 
 
 def _false_rate(pairs: _Pairs, method: str) -> float:
-    """In ten minutes."""
+    """Number of false changes in ten minutes."""
     counts = [r["methods"][method]["false_changes"] for _, r in pairs if method in r["methods"]]
     return 600.0 * sum(counts) / (DURATION * len(counts)) if counts else 0.0
 

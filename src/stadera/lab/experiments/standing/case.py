@@ -1,7 +1,7 @@
-"""One run of a standing robot: what it is made of, and what it found.
+"""Settings and outcome of one run of a standing robot.
 
-The prior is CAD's trunk with its centre of mass shifted by shares of the hips' half spacing; the load presses down at
-a point that is the paper's (-0.75, 0.4, 0.0) m on HyQ, and on other robots that point scaled with the hips' spacing.
+The prior is CAD's trunk with its centre of mass shifted by shares of the hips' half spacing; the load presses down at a
+point, the paper's (-0.75, 0.4, 0.0) m on HyQ, scaled with the hips' spacing on other robots.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ METHOD_NAMES: Mapping[str, str] = {
     "contact": "(c) contact forces",
     "combined": "combined",
 }
-"""As the paper calls them, by the registry's names."""
+"""The paper's names of the methods, by the registry's names."""
 
 _PAPER_ROBOT, _PAPER_POINT = "hyq", (-0.75, 0.4, 0.0)  # m, trunk frame
 
@@ -34,9 +34,9 @@ class StandingTimes:
     Attributes:
         settle: before anything is estimated.
         mass, mass_at_most: for the mass to converge.
-        plane, height: of a recursive law in the plane and along the height, 12 and 8 of its time constants.
-        move, hold: from one static pose to the next, and in each.
-        trace, trace_poses: between points of the trace; more where every look solves for all poses anew.
+        plane, height: for a recursive law in the plane and along the height, 12 and 8 of its time constants.
+        move, hold: to move between static poses, and to hold each.
+        trace, trace_poses: between points of the trace; longer if every evaluation solves for all poses again.
     """
 
     settle: float = 0.5
@@ -52,7 +52,7 @@ class StandingTimes:
 
 @dataclass(frozen=True)
 class StandingCase:
-    """What one run is made of.
+    """Settings of one run.
 
     Attributes:
         robot: its name.
@@ -60,14 +60,14 @@ class StandingCase:
         load: [N], pressing down at the paper's point; 0 for none.
         slope: of the ground, rising forwards [deg].
         errors: of the sensors.
-        misled: the controller is given the sensors' foot positions as well; else it uses the encoders.
-        drive_offset: of every joint [N·m], drawn once a run: the drives follow a torque measured with this error, so
-            that what acts is less by it. Zero for drives that give what is asked for.
+        misled: the controller also gets the sensors' foot positions; else it uses the encoders.
+        drive_offset: of every joint [N·m], drawn once a run: the drives regulate a torque measured with this error, so
+            that the actual torque is lower by it. Zero for exact drives.
         seed: of all draws.
-        start: the prior's error: shares of the hips' half spacing in x, of that in y, and again of that in x for z.
-        every: the estimator looks at one measurement in so many.
-        height: go on to look for the height with a tilted trunk, where the method has a phase of its own for it.
-        tilt: of the trunk, to find the height [rad].
+        start: the prior's error: shares of the hips' half spacing in x, of that in y, and of that in x for z.
+        every: periods between two measurements for the estimator.
+        height: whether to continue with a tilted trunk for the height, if the method has a separate phase for it.
+        tilt: of the trunk, for the height [rad].
         times: see `StandingTimes`.
     """
 
@@ -88,18 +88,18 @@ class StandingCase:
 
 @dataclass(frozen=True, eq=False)
 class StandingOutcome:
-    """What one run found, and the truth it is evaluated by; trunk frame.
+    """Outcome of one run, and the truth; trunk frame.
 
     Attributes:
-        case: what was run.
+        case: the settings.
         mass, true_mass: of trunk and load [kg].
-        com, true_com, start: centres of mass: found, true, of the prior, (3,) [m].
-        std: (3,) [m], as the estimator states it; NaN where it observed nothing.
-        one_pose_com: (3,) [m], what was found before the trunk was tilted for the height; `com` where it was not.
-        rotation: (3, 3), of the trunk in the world when that was found.
+        com, true_com, start: centres of mass: estimated, true, prior, (3,) [m].
+        std: (3,) [m], stated by the estimator; NaN where not observed.
+        one_pose_com: (3,) [m], estimate before the trunk was tilted for the height; `com` if it was not.
+        rotation: (3, 3), of the trunk in the world at that time.
         status, reason: of the estimate at the end.
         seconds: simulated [s].
-        trace_time, trace_com: (k,) [s], (k, 3) [m], the estimate on the way.
+        trace_time, trace_com: (k,) [s], (k, 3) [m], the estimate over time.
     """
 
     case: StandingCase
@@ -129,7 +129,7 @@ class StandingOutcome:
 
     @property
     def level(self) -> float:
-        """The same in the world's x-y plane, all that forces at rest in one pose can show [m]."""
+        """The same in the world's x-y plane, which is all that static forces in one pose determine [m]."""
         return float(np.linalg.norm((self.rotation @ (self.one_pose_com - self.true_com))[:2]))
 
     @property
@@ -144,18 +144,18 @@ class StandingOutcome:
 
     @property
     def mass_error(self) -> float:
-        """[kg], found minus true."""
+        """Estimated minus true mass [kg]."""
         return self.mass - self.true_mass
 
 
 def start_range(outcomes: Sequence[StandingOutcome]) -> str:
-    """How far off the priors were in x-y, in words."""
+    """Range of the priors' errors in x-y, in words."""
     errors = [100 * o.start_error for o in outcomes]
     return f"the centre of mass {min(errors):.0f} to {max(errors):.0f} cm off in x-y"
 
 
 def load_point(robot: Robot) -> tuple[float, float, float]:
-    """Where the load presses, trunk frame [m]."""
+    """Point of application of the load, trunk frame [m]."""
     scale = hip_spacing(robot) / hip_spacing(load_robot(_PAPER_ROBOT))
     x, y, z = np.asarray(_PAPER_POINT) * [*scale, 1.0]
     return float(x), float(y), float(z)

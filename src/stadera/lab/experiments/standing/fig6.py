@@ -1,4 +1,4 @@
-"""Fig. 6: a load is put on while the robot stands, and contact forces find the new centre of mass."""
+"""Fig. 6: a load is added to a standing robot, and contact forces determine the new centre of mass."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Fig6Settings:
     """The run.
 
     Attributes:
-        load: [N]. before, after: times around its coming on [s].
-        accuracy: error from which on the load counts as found [m].
-        fast: the faster of the two settling times [s]; the other one is the paper's.
+        load: [N]. before, after: times around the load [s].
+        accuracy: error below which the load counts as found [m].
+        fast: the shorter of the two settling times [s]; the other is the paper's.
     """
 
     load: float = 100.0
@@ -46,7 +46,7 @@ _HOW = Fig6Settings()
 
 @dataclass(frozen=True, eq=False)
 class Settling:
-    """The estimate after the load was put on; time [s] from there, (k,); com (k, 3) [m]; true_com (3,) [m]."""
+    """The estimate after the load was added; time [s] from then, (k,); com (k, 3) [m]; true_com (3,) [m]."""
 
     settling: float
     time: Array
@@ -66,7 +66,7 @@ class Settling:
 
 
 def trajectory(settling: float, seed: int) -> Settling:
-    """Puts the load on a standing HyQ that weighs itself with this settling time [s]."""
+    """Adds the load to a standing HyQ that weighs itself with this settling time [s]."""
     robot = load_robot("hyq")
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
@@ -87,7 +87,7 @@ def trajectory(settling: float, seed: int) -> Settling:
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """One trajectory with a fast step, one with the paper's."""
+    """One trajectory with a fast step, and one with the paper's."""
     step = Steps(PAPER.name, progress)
     ways = []
     for settling in (_HOW.fast,) if settings.quick else (_HOW.fast, settling_time()):

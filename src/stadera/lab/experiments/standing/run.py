@@ -1,9 +1,9 @@
-"""One robot weighed while it stands: what Tables II to IV and Fig. 6 are made of.
+"""A robot weighed while it stands: the runs of Tables II to IV and Fig. 6.
 
-A plant stands under the trunk controller, which starts with a centre of mass far off. First the mass is estimated
-(eq. 7), then the centre of mass by one of the methods, whose estimate the controller follows while it runs. Methods
-that need several poses are led through them, and the controller is updated between one and the next; methods with a
-separate phase for the height get a trunk pitched by 10° for it. The plant's truth is read afterwards, for evaluation.
+The plant stands under the trunk controller, whose initial centre of mass is far off. First the mass is estimated (eq.
+7), then the centre of mass by one of the methods, whose estimate the controller uses meanwhile. Methods that need
+several poses are led through them, and the controller is updated between poses; for methods with a separate phase for
+the height the trunk is then pitched by 10°. The plant's truth is used for evaluation only.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def stand(case: StandingCase) -> StandingOutcome:
     Raises:
         UnknownNameError: no such method or robot.
         MissingExtraError: the robot's model is not installed.
-        SimulationError: the motion ran away.
+        SimulationError: the motion diverged.
     """
     run = _StandingRun(case)
     run.weigh()
@@ -52,7 +52,7 @@ def poses_of(robot: str, count: int) -> tuple[PoseOffset, ...]:
 
 
 class _ByEncoders(TrunkController):
-    """A controller with exact kinematics of its own, whatever foot positions the estimators are given."""
+    """A controller with exact kinematics, whatever foot positions the estimators get."""
 
     def update(self, measurement: Measurement) -> Array:
         if measurement.foot_position is not None:
@@ -61,7 +61,7 @@ class _ByEncoders(TrunkController):
 
 
 class _StandingRun:
-    """A case under way."""
+    """A run in progress."""
 
     def __init__(self, case: StandingCase) -> None:
         self.case, self.times, self.robot = case, case.times, load_robot(case.robot)
@@ -81,7 +81,7 @@ class _StandingRun:
         self._one_pose: tuple[Array, Array] | None = None
 
     def weigh(self) -> None:
-        """Eq. 7: the mass, until it has converged."""
+        """Estimates the mass by eq. 7, until it has converged."""
         self.bed.run(self.times.settle)
         self.home = self.controller.reference
         self._watched(self.estimator, self.times.mass)
@@ -92,7 +92,7 @@ class _StandingRun:
         self.weighed = self.estimator.estimate().trunk
 
     def locate(self) -> None:
-        """The centre of mass."""
+        """Estimates the centre of mass."""
         self.estimator = self._made()
         estimator = self.estimator
         if self.case.method in _POSES:
@@ -114,7 +114,7 @@ class _StandingRun:
             self._watched(estimator, self.times.height)
 
     def outcome(self) -> StandingOutcome:
-        """Found values next to the truth."""
+        """Estimated values and the truth."""
         found, plant = self.estimator.estimate(), self.bed.plant
         truth = plant.truth()
         one_pose_com, rotation = self._one_pose or (found.trunk.com_trunk, plant.state.rotation)
@@ -145,7 +145,7 @@ class _StandingRun:
         self.bed.estimator = None
 
     def _hold(self, seconds: float) -> None:
-        """Static poses need a trunk that rests: the controller gets the estimate between them."""
+        """Holds a pose. Static poses need a trunk at rest, so the controller gets the estimate between poses only."""
         self.bed.feed_back = False
         self._watched(self.estimator, seconds)
         self.bed.feed_back = True
@@ -162,7 +162,7 @@ class _StandingRun:
             self._trace.append((time, bed.estimator.estimate().trunk.com_trunk))
 
     def _move(self, goal: TrunkPose) -> None:
-        """Without an estimator."""
+        """Moves the trunk without the estimator."""
         self.controller.move(goal, self.times.move)
         self.bed.run(self.times.move)
 

@@ -27,7 +27,9 @@ _OTHERS, _SHARES = ("go2", "anymal_c", "b1"), (0.0, 0.06, 0.12)
 
 @dataclass(frozen=True)
 class _Cases:
-    """The runs: on HyQ by every method, and by the last on other robots, whose loads are shares of their weights."""
+    """The runs: on HyQ with every method, and on other robots with the last, whose loads are shares of their
+    weights.
+    """
 
     hyq: Sequence[StandingCase]
     others: Sequence[tuple[StandingCase, float]]
@@ -44,7 +46,7 @@ class _Cases:
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Weighs HyQ by three methods under three loads, and other robots by the last."""
+    """Weighs HyQ with three methods under three loads, and other robots with the last."""
     plan = _Cases.of(settings)
     outcomes = run_grid(
         PAPER.name, stand, [*plan.hyq, *(case for case, _ in plan.others)], progress, pool=settings.pool
@@ -82,7 +84,7 @@ def _finds_height(method: str) -> bool:
 
 
 def _weight(name: str) -> float | None:
-    """Of a robot [N]; None if its model is not installed."""
+    """Weight of a robot [N]; None if its model is not installed."""
     try:
         return load_robot(name).mass * GRAVITY
     except MissingExtraError:
@@ -112,7 +114,7 @@ def _robot_records(o: StandingOutcome, share: float) -> Iterator[Record]:
 
 
 def _table(title: str, error: str, records: list[Record], note: str) -> TableData:
-    """A row a method, a column a load."""
+    """One row for each method, one column for each load."""
     return crossed(
         title,
         records,
@@ -143,7 +145,7 @@ def _robots_table(others: Sequence[tuple[StandingOutcome, float]]) -> TableData:
 
 
 def _convergence(outcomes: Sequence[StandingOutcome]) -> Figure:
-    """How each method gets there under the largest load."""
+    """Convergence of each method under the largest load."""
     most = max(o.case.load for o in outcomes)
     panels = []
     for o in (o for o in outcomes if o.case.load == most):

@@ -1,4 +1,4 @@
-"""Table IV: what torque offsets and wrong foot positions do to each method, and to all evidence taken together."""
+"""Table IV: effect of torque offsets and wrong foot positions on each method, and on the combined method."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _READINGS: dict[Reading, str] = {
 
 @dataclass(frozen=True)
 class _Error:
-    """A kind of error in words: what is off, what constant ones are called, its unit, its columns (μ, σ), readings."""
+    """Texts for a kind of error: its object, constant errors, unit, columns (μ, σ), readings."""
 
     name: str
     title: str
@@ -74,7 +74,7 @@ _METRIC = "‖δ‖ in x-y, median"
 
 @dataclass(frozen=True)
 class ErrorColumn:
-    """One kind of error: which, how it is read, its mean and standard deviation [N·m or cm]."""
+    """One kind of error: its kind and reading, its mean and standard deviation [N·m or cm]."""
 
     kind: Kind
     reading: Reading
@@ -82,7 +82,7 @@ class ErrorColumn:
     std: float
 
     def case(self, method: str, seed: int) -> StandingCase:
-        """The run of a method under it."""
+        """The run of a method under this error."""
         drawn: Literal["run", "sample"] = "sample" if self.reading == "sample" else "run"
         plain = StandingCase("hyq", method, _LOAD, seed=seed, height=False)
         if drawn == "sample":  # it averages out, over every sample and over time
@@ -96,11 +96,11 @@ class ErrorColumn:
 
     @property
     def runs(self) -> int:
-        """How many seeds: errors that average out need one."""
+        """Number of seeds: errors that average out need one."""
         return 1 if self.reading == "sample" else _SEEDS
 
     def named(self, method: str) -> dict[str, str | float]:
-        """The case of a method under it, in words."""
+        """Description of a method's case under this error."""
         error = _ERRORS[self.kind]
         return {
             "error": error.name,
@@ -111,7 +111,7 @@ class ErrorColumn:
         }
 
     def limits(self, method: str) -> tuple[float | None, float]:
-        """The paper's error and the bound [cm]: of (b) and (c) the paper's itself."""
+        """The paper's error and the bound [cm]; for (b) and (c) the bound is the paper's error."""
         if method == "combined":
             return None, PAPER.bounds[self.kind]
         paper = PAPER.values[self.kind][method][_ERRORS[self.kind].columns.index((self.mean, self.std))]
@@ -119,7 +119,7 @@ class ErrorColumn:
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Weighs HyQ by three methods under all errors."""
+    """Weighs HyQ with three methods under all errors."""
     cells = [(ErrorColumn("torque", "sample", 0.0, 1.0), "contact")] if settings.quick else list(_cells())
     planned = [(cell, cell[0].case(cell[1], settings.seed + k)) for cell in cells for k in range(cell[0].runs)]
     outcomes = run_grid(PAPER.name, stand, [case for _, case in planned], progress, pool=settings.pool)
@@ -181,7 +181,9 @@ def _table(kind: Kind, records: Sequence[Record]) -> TableData:
 
 
 def _reach(kind: Kind) -> str:
-    """What constant errors of the table's own sizes leave of the centre of mass, for any estimator, in one sentence."""
+    """One sentence on the error of the centre of mass that constant errors of the table's sizes leave for any
+    estimator.
+    """
     error, robot, poses = _ERRORS[kind], load_robot("hyq"), poses_of("hyq", 11)
     reached = []
     for mean, std in error.columns:
@@ -195,7 +197,7 @@ def _reach(kind: Kind) -> str:
 
 
 def _expected(column: ErrorColumn, robot: Robot, poses: Sequence[PoseOffset]) -> float:
-    """‖δ‖ [m], 1 σ, that constant errors leave; their mean μ as a common part of standard deviation μ."""
+    """‖δ‖ [m], 1 σ, due to constant errors; their mean μ is treated as a common part of standard deviation μ."""
     torque = np.full((4, 3), column.std if column.kind == "torque" else 1e-6)
     foot = 0.01 * column.std if column.kind == "foot" else 0.0
     noise = ForceNoise(np.full((4, 3), 1e-3), torque, foot)

@@ -1,4 +1,4 @@
-"""The page of the demo: both walks in one scene, to be watched, and what was measured meanwhile."""
+"""Page of the demo: both walks in one animated scene, and the measured results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LEGEND = (
 
 
 def demo_html(result: DemoResult) -> str:
-    """A whole page; it loads nothing from anywhere."""
+    """The complete, self-contained page."""
     settings, identified = result.settings, result.identified.outcome
     drawn = scene(result)
     return render(
@@ -54,7 +54,7 @@ def demo_html(result: DemoResult) -> str:
 
 
 def _marked(runs: list[dict[str, list[dict[str, str | float]]]]) -> list[dict[str, float]]:
-    """Moments worth a look, each once, in the order of time."""
+    """Moments of interest, without duplicates, in order of time."""
     marks = {str(event["mark"]): event for run in runs for event in run["events"] if "mark" in event}
     return sorted(marks.values(), key=lambda event: event["time"])  # type: ignore[return-value, arg-type]
 
@@ -73,7 +73,7 @@ def _facts(result: DemoResult) -> dict[str, str]:
 
 
 def _cards(result: DemoResult, load: InertialParameters) -> Iterator[dict[str, str]]:
-    """Arguments of the macro `card`, of the run with identification."""
+    """Arguments of the macro `card`, for the run with identification."""
     identified = result.identified.outcome
     yield _card("Noticed after", f"{identified.noticed_after:.2f}", "s")
     if identified.updated_after is not None:

@@ -1,4 +1,4 @@
-"""What a robot looks like in the demo's scene: its meshes where stadera has them (HyQ), else rounded parts."""
+"""Appearance of a robot in the demo's scene: its meshes if available (HyQ), else rounded parts."""
 
 from __future__ import annotations
 
@@ -44,17 +44,17 @@ def _mesh_part(part: dict[str, Any], joints: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _plate(robot: Robot) -> dict[str, Any]:
-    """What boxes land on; a little higher than in the plant, so that it covers a back that is level with it."""
+    """The plate on which boxes land; slightly higher than in the plant, so that it covers a back at the same height."""
     tray = Tray.of(robot)
     at = tray.centre + np.array([0.0, 0.0, _COVER])
     return {"link": 0, "kind": "plate", "size": short(2.0 * tray.half_size), "at": short(at), "turn": [0, 0, 0, 1]}
 
 
 def _rounded(robot: Robot) -> Iterator[dict[str, Any]]:
-    """A trunk, and legs from joint to joint."""
+    """Yields a trunk, and legs from joint to joint."""
     boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
     largest = max(boxes, key=lambda shape: float(np.prod(shape.size)), default=None)
-    if largest is not None:  # lower by the plate's thickness, which is on top of it
+    if largest is not None:  # lower by the thickness of the plate on top of it
         under = np.array([0.0, 0.0, 2.0 * Tray.of(robot).half_size[2]])
         turn = short(Rotation.from_matrix(largest.rotation).as_quat())
         size, at = short(largest.size), short(largest.translation - under)
@@ -64,7 +64,7 @@ def _rounded(robot: Robot) -> Iterator[dict[str, Any]]:
 
 
 def _limbs(robot: Robot, leg: Leg) -> Iterator[dict[str, Any]]:
-    """Of each link a limb to the next joint or foot, thinner downwards, and a drive about each joint's axis."""
+    """Yields for each link a limb to the next joint or foot, thinner downwards, and a drive about each joint's axis."""
     tree = robot.tree
     joints = [tree.joints.index(name) for name in leg.joints]
     ends = [*(tree.translations[j] for j in joints[1:]), np.array(leg.foot_position)]
@@ -87,5 +87,5 @@ def _feet(robot: Robot) -> Iterator[dict[str, Any]]:
 
 
 def short(values: Any) -> list[float]:
-    """Six digits of each."""
+    """Rounds each value to six digits."""
     return [float(f"{value:.6g}") for value in values]

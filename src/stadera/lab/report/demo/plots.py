@@ -14,7 +14,7 @@ from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, lin
 from stadera.supervise import LoadCheck, State
 
 CLOSE = (1.0, 2.5)
-"""Before the load and after it [s], that plots of a weighing on the way begin with."""
+"""Default time range of plots of weighing while walking: before the load and after it [s]."""
 
 _TRUE, _CONTROLLER = "true", "controller and planner"
 _BAND = "as weighed, ± 2 standard deviations"
@@ -28,7 +28,7 @@ _SHADES = {
 
 
 def margin_figure(result: DemoResult, note: str = "") -> Figure:
-    """How far the true centre of mass was inside the support polygon, in both runs."""
+    """Margin of the true centre of mass in the support polygon, in both runs."""
     marks = tuple(
         line(run.outcome.trace.time, 100.0 * run.outcome.margin, name, colour)
         for name, run, colour in zip(NAMES, result.runs, ("red", "blue"), strict=True)
@@ -38,7 +38,7 @@ def margin_figure(result: DemoResult, note: str = "") -> Figure:
 
 
 def mass_figure(result: DemoResult, note: str = "") -> Figure:
-    """Mass in controller and planner, true and as weighed on the way, of the run with identification."""
+    """Mass in controller and planner, true and estimated, of the run with identification."""
     film, outcome = result.identified.film, result.identified.outcome
     marks = [_thresholds(outcome.checks)] if outcome.checks else []
     if not outcome.checks:
@@ -54,7 +54,7 @@ def mass_figure(result: DemoResult, note: str = "") -> Figure:
 
 
 def com_figure(result: DemoResult, note: str = "") -> Figure:
-    """The trunk's centre of mass: true, in controller and planner, and as weighed, with its band."""
+    """The trunk's centre of mass: true, in controller and planner, and estimated, with its band."""
     film, panels = result.identified.film, []
     for axis, label in enumerate("xy"):
         values = 100.0 * film.trunk_com[:, :, axis]
@@ -91,7 +91,7 @@ def _checks(checks: Sequence[LoadCheck]) -> list[Series]:
 
 
 def _window(result: DemoResult) -> tuple[float, float] | None:
-    """What is weighed on the way is known so soon that it is looked at closely."""
+    """Time range for weighing while walking, which converges quickly; None otherwise."""
     if result.settings.classic:
         return None
     at, (before, after) = result.settings.load_at, CLOSE
@@ -105,7 +105,7 @@ def _over_time(
     note: str,
     window: tuple[float, float] | None = None,
 ) -> Figure:
-    """Time axes, all of it or a window [s] to begin with, the load, and what the supervisor did meanwhile."""
+    """Plots over time, all of it or an initial window [s], with the load and the supervisor's states."""
     outcome = result.identified.outcome
     longest = float(outcome.trace.time[-1])
     guides = [Guide(a, b, colour=_SHADES[state]) for a, b, state in _spans(outcome) if state in _SHADES]
@@ -116,6 +116,6 @@ def _over_time(
 
 
 def _spans(outcome: LoadedWalkOutcome) -> list[tuple[float, float, State]]:
-    """Begin, end and state of the supervisor's states."""
+    """Begin, end and state of each state of the supervisor."""
     times = [t.time for t in outcome.transitions] + [float(outcome.trace.time[-1])]
     return [(t.time, end, t.after) for t, end in zip(outcome.transitions, times[1:], strict=True)]

@@ -1,7 +1,7 @@
-"""What the demo's 3D scene is drawn from: the robot's tree and parts, and both films, packed.
+"""Data of the demo's 3D scene: the robot's tree and parts, and both films, packed.
 
-A film's columns are kept as 16-bit integers between each column's least and largest value, in base64: a value is off by
-at most half of its range / 65534, 10 µm of a metre. -32768 stands for what is not there.
+A film's columns are stored as 16-bit integers between each column's least and largest value, in base64: the error is at
+most half of the range / 65534, 10 µm of a metre. -32768 marks missing values.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from stadera.supervise import State
 from stadera.types import Array
 
 BEFORE = 2.0
-"""The scene begins so long before the box is let go [s]."""
+"""Time before the drop at which the scene begins [s]."""
 
 _TIPS = np.deg2rad(10.0)
 _MOST, _NONE = 32767, -32768
@@ -61,7 +61,7 @@ def _run(run: DemoRun, name: str, begin: float) -> dict[str, Any]:
 
 
 def _smooth(name: str, values: Array) -> Array:
-    """Quaternions with the sign that is nearest to the frame before: so that one can go between two."""
+    """Quaternions with the sign nearest to the previous frame, for interpolation."""
     if name not in ("trunk", "box"):
         return values.astype(float)
     found = np.array(values)
@@ -86,7 +86,7 @@ def packed(values: Array) -> dict[str, Any]:
 
 
 def _events(run: DemoRun) -> Iterator[dict[str, Any]]:
-    """What is said of a robot from a time on, in the order of time; `mark` names a moment worth a look."""
+    """Yields captions on a robot with their times, in order; `mark` names a moment of interest."""
     outcome = run.outcome
     trace, payload = outcome.trace, outcome.payload
     yield {"time": 0.0, "text": "walking", "level": ""}
@@ -109,7 +109,7 @@ def _events(run: DemoRun) -> Iterator[dict[str, Any]]:
 
 
 def _tips(run: DemoRun) -> float | None:
-    """When the trunk is first tilted by more than `_TIPS` with the load."""
+    """Time at which the trunk is first tilted by more than `_TIPS` with the load."""
     film = run.film
     upright = 1.0 - 2.0 * (film.trunk[:, 3] ** 2 + film.trunk[:, 4] ** 2)
     tilted = np.flatnonzero((upright < np.cos(_TIPS)) & (film.time > run.outcome.trace.loaded_at))

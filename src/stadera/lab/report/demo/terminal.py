@@ -1,4 +1,4 @@
-"""The demo in the terminal."""
+"""Terminal output of the demo."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from stadera.report.terminal import rich_table
 from stadera.report.weigh.tables import place
 
 NAMES = ("without identification", "with identification")
-"""Of the two runs."""
+"""Names of the two runs."""
 
 _CM = 100.0
 
 
 def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
-    """How both runs went, what was weighed, and what the supervisor did."""
+    """Outcomes of both runs, the estimated payload, and the supervisor's actions."""
     worked = result.identified.outcome.verdict.outcome is WalkOutcome.WALKED
     yield Text(headline(result), style="bold" if worked else "bold red")
     yield rich_table(comparison_table(result))
@@ -36,7 +36,7 @@ def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
 
 
 def headline(result: DemoResult) -> str:
-    """What happened, in two sentences."""
+    """Summary in two sentences."""
     without, identified = result.without.outcome, result.identified.outcome
     payload = identified.payload
     weighed = "" if payload is None else f", having weighed {with_std(payload.mass, payload.mass_std)} kg"
@@ -44,7 +44,7 @@ def headline(result: DemoResult) -> str:
 
 
 def _ended(outcome: LoadedWalkOutcome) -> str:
-    """How a run ended, as the rest of a sentence."""
+    """Outcome of a run, as the end of a sentence."""
     trace = outcome.trace
     match outcome.verdict.outcome:
         case WalkOutcome.FELL:
@@ -58,25 +58,25 @@ def _ended(outcome: LoadedWalkOutcome) -> str:
 
 
 def comparison_table(result: DemoResult) -> TableData:
-    """What was seen in both runs."""
+    """Comparison of both runs."""
     head = ("since the box was let go", *NAMES)
     return TableData.of("The same walk twice", head, _comparison(result))
 
 
 def load_table(outcome: LoadedWalkOutcome) -> TableData:
-    """Mass and centre of mass of the payload as weighed, and the truth."""
+    """Mass and centre of mass of the estimated payload, and the truth."""
     head = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
     return TableData.of("The box", head, _weighed(outcome))
 
 
 def log_table(outcome: LoadedWalkOutcome) -> TableData:
-    """When the supervisor changed its state, and why."""
+    """Changes of the supervisor's state, and their reasons."""
     rows = ((f"{t.time:.2f}", str(t.after), t.reason) for t in outcome.transitions)
     return TableData.of("What the supervisor did", ("time [s]", "state", "because"), rows, sides="lww")
 
 
 def _comparison(result: DemoResult) -> Iterator[Row]:
-    """A name, then a cell for each run."""
+    """Yields rows of a name and a cell for each run."""
 
     def each(name: str, shown: Callable[[LoadedWalkOutcome], str | Cell]) -> Row:
         return name, shown(result.without.outcome), shown(result.identified.outcome)

@@ -1,1 +1,1 @@
-"""Report of reproduced experiments: terminal, page and plots."""
+"""Report of reproduced experiments: terminal, page and figures."""

@@ -1,4 +1,4 @@
-"""Reproduced experiments against their bounds: the records as a table, and the outcome in a sentence."""
+"""Compares reproduced experiments with their bounds: a table of the records, and the outcome in a sentence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _WORDS = {True: "met", False: "NOT met", None: ""}
 
 
 def outcome(result: ExperimentResult) -> str:
-    """How many bounds are met, in half a sentence."""
+    """Number of bounds met, in half a sentence."""
     bounded = sum(record.met is not None for record in result.records)
     if not result.missed:
         return f"all {bounded} bounds met"
@@ -21,13 +21,13 @@ def outcome(result: ExperimentResult) -> str:
 
 
 def compared_records(result: ExperimentResult) -> tuple[Record, ...]:
-    """Records that have a bound or the paper's value; of very many the missed ones alone."""
+    """Records that have a bound or the paper's value; if there are many, only the missed ones."""
     compared = tuple(r for r in result.records if r.bound is not None or r.paper is not None)
     return compared if len(compared) <= SHOWN.records else result.missed
 
 
 def record_table(records: Sequence[Record], title: str = "Measured values, their bounds, and the paper's") -> TableData:
-    """Records, those of one case, whatever the joint, under one heading."""
+    """Records grouped by case, for all joints, under one heading."""
     groups: dict[str, list[tuple[Cell, ...]]] = {}
     for record in records:
         case = ", ".join(f"{name}: {value}" for name, value in record.case.items() if name != "joint")

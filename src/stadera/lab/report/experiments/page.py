@@ -1,4 +1,4 @@
-"""The page of reproduced experiments: which bounds are met, then tables and figures of each."""
+"""Page of reproduced experiments: bounds met, then tables and figures of each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAPER_CITED = (
 
 
 def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
-    """A whole page. Loads nothing from anywhere."""
+    """The complete, self-contained page."""
     done = [result for result in results if isinstance(result, ExperimentResult)]
     missed = sum(len(result.missed) for result in done)
     bounded = sum(record.met is not None for result in done for record in result.records)
@@ -38,7 +38,7 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
 
 
 def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
-    """Level, word, headline and reason for so many bounds missed of so many set."""
+    """Level, word, headline and reason for a number of bounds missed and their total."""
     if missed:
         why = "A bound that is missed is a measurement, not an error; why is said below."
         return "warning", f"{missed} missed", f"{bounded - missed} of {bounded} bounds are met", why
@@ -64,7 +64,7 @@ def _outcome(result: ExperimentResult | Skipped) -> tuple[str, str, str]:
 
 
 def _experiment(result: ExperimentResult) -> dict[str, object]:
-    """What the template shows of one experiment."""
+    """The template's values for one experiment."""
     records = compared_records(result)
     tables = [*result.tables, *([record_table(records)] if records else [])]
     return {

@@ -1,4 +1,4 @@
-"""Reproduced experiments in the terminal: tables in Table I's colours, the outcome last."""
+"""Terminal output of reproduced experiments: tables in Table I's colours, the outcome last."""
 
 from __future__ import annotations
 

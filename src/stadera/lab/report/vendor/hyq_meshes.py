@@ -1,9 +1,9 @@
 """Makes hyq.json, the meshes of HyQ for the demo's scene, from example-robot-data: python hyq_meshes.py SHARE
 
-SHARE is the folder share/ with example-robot-data/ in it. A mesh is kept as triangles of 16-bit integers in base64:
-corners between least and greatest value of each coordinate, so off by at most 10 µm, and the three corners of each
-face. What is higher than the back is left out (the frame that protects HyQ when it rolls over), for there the plant has
-a plate that boxes land on.
+SHARE is the folder share/ that contains example-robot-data/. A mesh is stored as triangles of 16-bit integers in
+base64: corners between the least and greatest value of each coordinate, with an error of at most 10 µm, and the three
+corners of each face. Parts above the back are left out (the frame that protects HyQ when it rolls over), because the
+plant has a plate there, on which boxes land.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-BACK = 0.105  # m, over the trunk's origin: a little more than the highest point of the body
+BACK = 0.105  # m, above the trunk's origin: slightly above the highest point of the body
 MOST = 65535
 
 
 def packed(corners: np.ndarray, faces: np.ndarray) -> dict[str, Any]:
-    """Corners (k, 3) [m] and faces (n, 3), those without a face left out."""
+    """Corners (k, 3) [m] and faces (n, 3), without corners that belong to no face."""
     used, faces = np.unique(faces, return_inverse=True)
     corners = corners[used]
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -34,7 +34,7 @@ def packed(corners: np.ndarray, faces: np.ndarray) -> dict[str, Any]:
 
 
 def main(share: Path) -> None:
-    """Writes hyq.json beside this file."""
+    """Writes hyq.json next to this file."""
     urdf = share / "example-robot-data/robots/hyq_description/robots/hyq_no_sensors.urdf"
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
     shapes = pin.GeometryModel()
