@@ -211,3 +211,10 @@ def test_a_robot_on_its_feet_is_not_identified(run, clean: Recording, tmp_path: 
     finished = run("identify", write_table(clean, tmp_path / "log.parquet"), "--robot", "hyq")
     assert finished.code == 1
     assert "feet carry a share of the robot's weight" in finished.err
+
+
+def test_a_tare_before_the_log_is_refused(run, hyq: Robot, clean: Recording, tmp_path: Path) -> None:
+    log = write_table(replace(clean, time=clean.time + 1.7e9), tmp_path / "log.parquet")
+    finished = run("weigh", log, "--robot", "hyq", "--tare", "0:1")
+    assert finished.code == 1
+    assert "lies before the log, which begins at 1700000000.000 s" in finished.err
