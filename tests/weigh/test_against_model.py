@@ -17,9 +17,9 @@ from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.samples import Samples
 from stadera.weigh import weigh
-from stadera.weigh.against_model import Footprint, ModelLimits, doubts
+from stadera.weigh.against_model import AgreementLimits, Footprint, doubts
 
-LIMITS = ModelLimits()
+LIMITS = AgreementLimits()
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_feet_that_step_say_nothing_of_one_leg(robot: Robot) -> None:
     assert footprint(robot).stood
     assert not list(doubts(robot, with_load(robot, 0.2 * robot.mass, feet(robot)[0]), None, steps, LIMITS))
     with pytest.raises(StaderaError):
-        ModelLimits(least=0.0)
+        AgreementLimits(least=0.0)
 
 
 def test_a_dead_leg_is_refused_and_a_load_above_a_foot_said_to_look_alike(robot: Robot) -> None:

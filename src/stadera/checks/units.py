@@ -13,7 +13,7 @@ from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
 from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
 from stadera.logs.recording import Imu, Recording
-from stadera.robot.model import Robot
+from stadera.robot.model import Leg, Robot
 from stadera.types import Array, Bools
 
 DEGREE = np.pi / 180.0
@@ -36,16 +36,17 @@ def time_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding
         yield Finding("time_unit", text, f"--units {unit}", mend)
 
 
+def _in_degrees(recording: Recording, robot: Robot, leg: Leg, limits: CheckLimits) -> bool:
+    beyond = [_beyond(recording, robot, joint, 1.0) for joint in leg.joints]
+    converted = [_beyond(recording, robot, joint, DEGREE) for joint in leg.joints]
+    # a hip stays within a few degrees, thigh and knee do not
+    return min(beyond[1:]) > limits.turns and max(converted) < 0.5 * limits.turns
+
+
 def position_findings(recording: Recording, robot: Robot, limits: CheckLimits) -> Iterator[Finding]:
     """Detects joint positions in degrees, of all legs or of some: beyond the limits, and within them once converted."""
-    degrees = []
     legs = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
-    for leg in legs:
-        beyond = [_beyond(recording, robot, joint, 1.0) for joint in leg.joints]
-        converted = [_beyond(recording, robot, joint, DEGREE) for joint in leg.joints]
-        # a hip stays within a few degrees, thigh and knee do not
-        if min(beyond[1:]) > limits.turns and max(converted) < 0.5 * limits.turns:
-            degrees.append(leg)
+    degrees = [leg for leg in legs if _in_degrees(recording, robot, leg, limits)]
     if not degrees:
         return
     joints = [joint for leg in degrees for joint in leg.joints]

@@ -28,8 +28,8 @@ from stadera.types import Array
 
 
 @dataclass(frozen=True)
-class ModelLimits:
-    """When a difference from the model is doubted.
+class AgreementLimits:
+    """When a difference from the model makes a weighing doubtful.
 
     Attributes:
         lighter: than the model, share of the robot's mass; models and gains of all torques err by half as much.
@@ -60,10 +60,10 @@ class Footprint:
     """Where the feet are in the trunk, and the vertical, on average over a log.
 
     Args:
-        robot: its model. limits: see `ModelLimits`.
+        robot: its model. limits: see `AgreementLimits`.
     """
 
-    def __init__(self, robot: Robot, limits: ModelLimits) -> None:
+    def __init__(self, robot: Robot, limits: AgreementLimits) -> None:
         self._robot, self._limits = robot, limits
         self._pairs = np.triu_indices(4, 1)
         self._count, self._feet, self._up = 0, np.zeros((4, 3)), np.zeros(3)
@@ -109,7 +109,7 @@ class Footprint:
 
 
 def doubts(
-    robot: Robot, trunk: InertialParameters, payload: Payload | None, footprint: Footprint, limits: ModelLimits
+    robot: Robot, trunk: InertialParameters, payload: Payload | None, footprint: Footprint, limits: AgreementLimits
 ) -> Iterator[tuple[Verdict, str]]:
     """Verdict and reason of what torques with an error would explain.
 
@@ -128,7 +128,7 @@ def doubts(
 
 
 def _of_one_leg(
-    robot: Robot, load: InertialParameters, footprint: Footprint, limits: ModelLimits
+    robot: Robot, load: InertialParameters, footprint: Footprint, limits: AgreementLimits
 ) -> Iterator[tuple[Verdict, str]]:
     leg, force, left = footprint.above(load.mass, load.vector[1:4])
     name, felt = robot.legs[leg].name, abs(force) / robot.mass > limits.least
@@ -140,7 +140,7 @@ def _of_one_leg(
         yield "doubtful", f"{text}: while it stands, torques of {name} that read too much look the same"
 
 
-def _of_all(share: float, limits: ModelLimits) -> Iterator[tuple[Verdict, str]]:
+def _of_all(share: float, limits: AgreementLimits) -> Iterator[tuple[Verdict, str]]:
     """By the difference in mass, as a share of the robot's."""
     if share < -limits.lighter:
         yield "doubtful", f"the robot would weigh {-100 * share:.0f} % less than its model: torques read too little"

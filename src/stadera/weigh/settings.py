@@ -16,7 +16,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Progress
-from stadera.weigh.against_model import ModelLimits
+from stadera.weigh.against_model import AgreementLimits
 
 if TYPE_CHECKING:
     from stadera.trunk.estimator import TrunkEstimator
@@ -52,7 +52,7 @@ class WeighSettings:
         doubtful_misfit: variance of the masses of blocks at rest, divided by the stated one, above which the result is
             doubtful and its error bars are widened.
         windows: criteria for signals that contradict each other in part of a log, see `WindowLimits`.
-        model: when a difference of the trunk from its model is doubted, see `ModelLimits`.
+        model: when a difference of the trunk from its model is doubtful, see `AgreementLimits`.
         window: length of the windows in which encoders, torques and IMU are compared in such a log [s].
     """
 
@@ -70,7 +70,7 @@ class WeighSettings:
     stale: float = 1.0
     doubtful_misfit: float = 3.0
     windows: WindowLimits = field(default_factory=WindowLimits)
-    model: ModelLimits = field(default_factory=ModelLimits)
+    model: AgreementLimits = field(default_factory=AgreementLimits)
     window: float = 0.5
 
     def __post_init__(self) -> None:
