@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from stadera.checks.leg_windows import leg_faults
 from stadera.checks.limits import WindowLimits
 from stadera.checks.partial import judged, window_faults
 from stadera.errors import UntrustedError
@@ -15,6 +17,7 @@ from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
+from stadera.robot.imu import ImuMount
 from stadera.weigh.weigh import weigh
 
 
@@ -41,6 +44,35 @@ def test_nothing_is_found_in_a_clean_log(hyq: Robot, trot: Recording, shake: Rec
     real = simulate(hyq, "trot", SimulateSettings("real", duration=2.5, seed=3)).recording
     for log in (trot, shake, real):
         assert window_faults(log, hyq) == ()
+
+
+def test_a_slow_log_takes_little_more_memory_than_its_samples(hyq: Robot, shake: Recording) -> None:
+    n = 40_000
+    assert shake.imu is not None
+    assert shake.velocity is not None
+    assert shake.effort is not None
+    k = np.arange(n) % len(shake)  # the steps in between are no faults that matter here
+    imu = replace(
+        shake.imu,
+        angular_velocity=shake.imu.angular_velocity[k],
+        linear_acceleration=shake.imu.linear_acceleration[k],
+        orientation=None,
+    )
+    log = Recording(
+        time=np.arange(n) / 100.0,
+        joints=shake.joints,
+        position=shake.position[k],
+        velocity=shake.velocity[k],
+        effort=shake.effort[k],
+        imu=imu,
+    )
+    tracemalloc.start()
+    try:
+        list(leg_faults(log, hyq, ImuMount.of(hyq, None), WindowLimits()))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 2500 * n  # bytes; the kinematics of all samples at once take 6000 a sample
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,8 @@
 
 - A foot that is raised and moves relative to the standing feet carries no load. If the load computed from the torques,
   -up · J^-T τ, is on raised feet instead of standing ones, torques and encoders belong to different legs.
-- Feet that stand do not move relative to each other: with foot i at p_i moving by u_i = J_i q̇_i in the trunk, and the
-    trunk
-  rotating with ω,
+- Feet that stand do not move relative to each other: with foot i at p_i moving by u_i = J_i q̇_i in the trunk, which
+  rotates with ω,
 
       (u_i - u_j) + ω x (p_i - p_j) = 0.
 
@@ -28,6 +27,7 @@ from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
 _RATE = 100.0  # Hz, rate to which a log is thinned out
+_AT_ONCE = 4096  # samples whose legs are computed at a time, which bounds the memory
 _LEVELLED = 0.5  # s, averaging time of the specific force that gives the vertical
 _GYROS = {
     "reads the opposite of its rotation": -np.eye(3),
@@ -54,17 +54,24 @@ class _Feet:
         self.time = time[kept]
         self.force = mount.in_trunk_axes(imu.linear_acceleration[kept])
         self.gyro = mount.in_trunk_axes(imu.angular_velocity[kept])
-        pose = model.pose(position)
-        forces, _ = model.forces_at_rest(position, effort, self.force)
         count = min(len(self.time), max(1, round(_LEVELLED / float(np.median(np.diff(self.time))))))
         smooth = np.column_stack([np.convolve(x, np.ones(count), "same") for x in self.force.T])
         up = smooth / np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-9)
-        self.place = pose.feet.transpose(1, 2, 0)
-        jacobians = pose.jacobians(pose.feet)
-        self.motion = np.einsum("inlk,nlk->nli", jacobians, velocity)
+        pieces = [slice(k, k + _AT_ONCE) for k in range(0, len(self.time), _AT_ONCE)]
+        parts = [_of_legs(model, position[k], velocity[k], effort[k], self.force[k]) for k in pieces]
+        self.place, self.motion, forces = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         self.load = np.einsum("nli,ni->nl", forces, up) / (robot.mass * GRAVITY)
         self.height = np.einsum("nli,ni->nl", self.place, up) / model.length
         self.windows = Windows.of(self.time, limits.length)
+
+
+def _of_legs(
+    model: LegModel, position: Array, velocity: Array, effort: Array, force: Array
+) -> tuple[Array, Array, Array]:
+    """Positions and velocities of the feet in the trunk, and contact forces, (samples, 4, 3), trunk axes."""
+    pose = model.pose(position)
+    motion = np.einsum("inlk,nlk->nli", pose.jacobians(pose.feet), velocity)
+    return pose.feet.transpose(1, 2, 0), motion, model.forces_at_rest(position, effort, force)[0]
 
 
 def leg_faults(recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> Iterator[WindowFault]:
