@@ -256,7 +256,7 @@ def test_a_value_that_is_not_finite(run: Run, loading: Path, tmp_path: Path) -> 
 
 
 def test_bad_usage(run: Run, loading: Path, tmp_path: Path) -> None:
-    assert run("weigh", loading).code == 2
+    assert run("weigh", "--robot", "hyq").code == 2
     assert run("weigh", loading, "--robot", "hyq", "--tare", "3:1").code == 2
     assert run("weigh", loading, "--robot", "hyq", "--stiffness", "1,2").code == 2
     same = run("weigh", loading, "--robot", "hyq", "--json", loading)

@@ -228,14 +228,17 @@ def test_rmse_is_a_root_mean_square_of_the_residual() -> None:
 
 
 def test_all_four_legs_lean_on_each_other() -> None:
-    """The RH leg's run on all legs: drives pooled, the same leg found four times over; alone where asked for."""
+    """The RH leg's run on all legs: drives pooled, the same leg found four times over; alone where asked for.
+
+    Forced, because the front knees of HyQ bend the other way and so are beyond their limits.
+    """
     recording = run(DRIVE)
     names = hyq().tree.joints
     four = Recording(
         recording.time, names, np.tile(recording.position, 4), effort=np.tile(recording.effort, 4), source="four"
     )
     settings = IdentifySettings(torque_lag=0.0)
-    pooled, alone = (identify(hyq(), [four], s) for s in (settings, replace(settings, spread=None)))
+    pooled, alone = (identify(hyq(), [four], s, force=True) for s in (settings, replace(settings, spread=None)))
     assert [leg.leg.name for leg in pooled.legs] == ["LF", "RF", "LH", "RH"]
     assert any("alike" in note for note in pooled.notes)
     assert not any("alike" in note for note in alone.notes)

@@ -34,7 +34,7 @@ def excite(
         bool, typer.Option("--random", help="The paper's random sinusoids instead of the optimum.")
     ] = False,
     leg_only: Annotated[
-        bool, typer.Option("--leg-only", help="Write this leg's joints only, without the others at rest.")
+        bool, typer.Option("--leg-only", help="Only this leg's joints in the table, without the others at rest.")
     ] = False,
     stand_height: Annotated[
         float | None, typer.Option(metavar="M", help="Height of the trunk's origin above level ground to avoid [m].")
