@@ -19,7 +19,7 @@ from stadera.logs.recording import Imu, Recording
 from stadera.logs.velocity import with_velocity
 from stadera.types import Array, Bools
 
-MOST_ROWS = 65536
+MOST_ROWS = 32768
 _MOST_VALUES = 1 << 22
 
 
