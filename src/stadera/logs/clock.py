@@ -22,13 +22,15 @@ class RowClock:
 
     Attributes:
         source: name of the log, for messages.
-        most_wrong: share of the samples so far that may repeat or run back [1]; above it the column is not a clock.
+        most_wrong: share of the steps so far that may stand still or run back [1]; above it the column is not a clock.
+            A clock set back by a few samples is one such step, and skips those samples.
     """
 
     source: str
     most_wrong: float = 0.01
     _first: float = np.nan  # s
     _last: float = -np.inf  # s, of the last sample kept, after shifts
+    _previous: float = -np.inf  # s, of the last sample read, kept or not, before shifts
     _shift: float = 0.0  # s
     _wrong: int = 0
 
@@ -43,6 +45,7 @@ class RowClock:
             RecordingError: too many samples repeat or run back.
         """
         raw, time, kept = time, time + self._shift, np.ones(len(time), dtype=bool)
+        falls = np.diff(raw, prepend=self._previous) <= 0
         self._first = float(time[0]) if np.isnan(self._first) else self._first
         dropped, notes, at = 0, [], 0
         while at < len(time):
@@ -51,7 +54,8 @@ class RowClock:
             self._last = float(time[stop - 1]) if stop > at else self._last
             if stop == len(time):
                 break
-            self._count(float(time[stop]), int(samples[stop]))
+            if falls[stop]:
+                self._count(float(time[stop]), int(samples[stop]))
             if back := self._set_back(float(time[stop]), int(samples[stop])):
                 notes.append(
                     f"time is set back at sample {samples[stop]}, {self._last - self._shift:.3f} to {raw[stop]:.3f} s: "
@@ -62,6 +66,7 @@ class RowClock:
                 at = stop
             else:
                 kept[stop], dropped, at = False, dropped + 1, stop + 1
+        self._previous = float(raw[-1]) if len(raw) else self._previous
         if dropped:
             notes.append(f"left out {dropped} samples whose time repeats or runs back")
         return time, kept, tuple(notes)
