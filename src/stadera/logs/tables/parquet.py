@@ -65,6 +65,6 @@ def _batches(path: Path, columns: tuple[str, ...], rows: int, budget: Budget) ->
     from pyarrow import parquet
 
     with foreign(path, _DAMAGED), parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
-        check_pages(path, file.metadata, columns, budget)
+        check_pages(path, columns, budget)
         for batch in file.iter_batches(min(rows, rows_at_once(len(columns))), columns=list(columns), use_threads=False):
             yield batch_of(batch, columns, str(path))
