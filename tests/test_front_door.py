@@ -32,6 +32,16 @@ def test_loading_a_urdf_and_the_online_estimator_imports_nothing_heavy() -> None
     assert float(seconds) < 2.0  # about 0.5 on a quiet machine; several times that would be a heavy import
 
 
+def test_weighing_imports_no_signal_processing() -> None:
+    """`scipy.signal` alone takes longer to import than most logs to weigh; a log with all channels needs none of it."""
+    parts = ("signal", "stats", "interpolate", "optimize", "spatial", "ndimage")
+    code = (
+        "import sys, stadera.cli.app; import stadera.weigh.weigh;"
+        f"print([name for name in {parts} if 'scipy.' + name in sys.modules])"
+    )
+    assert fresh(code) == "[]"
+
+
 def test_import_alone_does_not_even_import_numpy() -> None:
     assert fresh("import sys, stadera; print('numpy' in sys.modules)") == "False"
 

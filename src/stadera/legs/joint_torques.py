@@ -25,7 +25,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag, qr
 
 from stadera.constants import NOTHING, ROUNDING
 from stadera.errors import IdentificationError
@@ -186,7 +185,9 @@ class JointTorqueRegressor:
         picks = tuple((carried[a], tuple(chosen[chosen[:, 0] == a, 1].tolist())) for a in np.unique(chosen[:, 0]))
         joint = output - (len(TRUNK_ROWS) if self.trunk_rows else 0)
         extra = self.friction.columns(self.tree.joints[joint]) if joint >= 0 else ()
-        return _Pattern(names + extra, picks, block_diag(mixing, np.eye(len(extra))) if extra else mixing)
+        whole = np.eye(len(mixing) + len(extra), len(names) + len(extra), len(names) - len(mixing))
+        whole[: len(mixing), : len(names)] = mixing
+        return _Pattern(names + extra, picks, whole)
 
 
 def _independent(matrix: Array) -> tuple[list[int], Array]:
@@ -194,6 +195,8 @@ def _independent(matrix: Array) -> tuple[list[int], Array]:
 
     Columns are chosen by the part that the earlier ones do not explain (QR with pivoting), each in units of its norm.
     """
+    from scipy.linalg import qr
+
     size = np.linalg.norm(matrix, axis=0)
     _, R, order = qr(matrix / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import interpolate
 
 from stadera.errors import RecordingError
 from stadera.types import Array, Bools
@@ -132,6 +131,8 @@ def resampled(blocks: Iterable[Block], period: float) -> Iterator[Block]:
     T²/8, 1e-4 rad at 40 rad/s² and 200 Hz, as much as an encoder's noise; that of this one is below 1e-5 of the
     amplitude. Unlike a spline's, a value depends on four samples only, so chunks give the same result as the whole log.
     """
+    from scipy import interpolate
+
     kept: Block | None = None
     origin, count = 0.0, 0
     for fresh in blocks:

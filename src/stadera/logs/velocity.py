@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import signal
 
 from stadera.logs.recording import Recording
 
@@ -19,6 +18,8 @@ def with_velocity(recording: Recording, window: float = 0.02) -> Recording:
     """
     if recording.velocity is not None or len(recording) < 5:
         return recording
+    from scipy import signal
+
     period = float(np.median(np.diff(recording.time)))
     length = 2 * max(round(0.5 * window / period), 2) + 1
     length = min(length, len(recording) - 1 + len(recording) % 2)

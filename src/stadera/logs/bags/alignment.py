@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stadera.errors import RecordingError
 from stadera.logs.bags.clock import HeaderClock
@@ -197,6 +196,8 @@ def _slerp(low: Array, high: Array, share: Array) -> Array:
     out = np.full(low.shape, np.nan)
     good = np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1) & low.any(axis=1) & high.any(axis=1)
     if good.any():
+        from scipy.spatial.transform import Rotation
+
         start, end = Rotation.from_quat(low[good]), Rotation.from_quat(high[good])
         turned = (start * Rotation.from_rotvec(share[good] * (start.inv() * end).as_rotvec())).as_quat()
         # same sign as the previous sample: a quaternion and its negative are the same rotation

@@ -35,7 +35,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, ModelError
@@ -208,4 +207,6 @@ def _rotation(matrix: Array) -> Array:
 
 def _log(rotation: Array) -> Array:
     """The rotation vector (3,) [rad] of a rotation matrix."""
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

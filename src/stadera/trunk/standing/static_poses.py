@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, require_positive
@@ -150,6 +149,8 @@ def standing_still(
     """
     source, reach = forces or ContactForceEstimator(robot), reach or Reach()
     q0 = standing_configuration(robot)
+    from scipy.spatial.transform import Rotation
+
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     feet = (foot_positions(robot, q0[None])[0] - pose.shift) @ rotation
     q = _reached(source, feet, q0, reach)
