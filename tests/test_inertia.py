@@ -176,6 +176,8 @@ def test_impossible_bodies() -> None:
     assert not InertialParameters.from_com(1.0, np.zeros(3), -1e-6 * np.eye(3)).is_physical()
     assert not InertialParameters.from_moments(1.0, [0.1, 0, 0], np.zeros((3, 3))).is_physical()
     assert not InertialParameters.from_moments(0.0, [0.1, 0, 0], np.eye(3)).is_physical()
+    for absurd in (1e300, -1e160):  # products of these have no eigenvalues in floating point
+        assert not InertialParameters(np.array([1.0, 0, 0, absurd, 1, absurd, 0, 1, 0, 1])).is_physical()
     assert InertialParameters.zero().is_physical()
 
 

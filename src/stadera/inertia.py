@@ -234,7 +234,10 @@ class InertialParameters:
         J = self.pseudo_inertia
         second, mass = abs(float(np.trace(J[:3, :3]))), abs(self.mass)
         scale = np.sqrt([second or 1.0] * 3 + [mass or 1.0])
-        return bool(np.linalg.eigvalsh(J / np.outer(scale, scale)).min() >= -tolerance)
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = J / np.outer(scale, scale)
+        # no element of a semidefinite matrix exceeds its largest diagonal one, here 1; absurd ones have no eigenvalues
+        return bool(np.abs(scaled).max() < 2.0) and bool(np.linalg.eigvalsh(scaled).min() >= -tolerance)
 
     def log_cholesky(self) -> Array:
         """The ten unconstrained coordinates of Rucker and Wensing 2022 (`from_log_cholesky` goes back), shape (10,).
