@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
@@ -22,10 +24,17 @@ class StandingRobot:
         robot: its model file is what Pinocchio reads.
         load: [kg], at
         place: (3,) [m], trunk frame.
+        others: positions of joints outside the legs by name [rad or m]; at zero where not named.
     """
 
-    def __init__(self, robot: Robot, load: float = 0.0, place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        self.robot = robot
+    def __init__(
+        self,
+        robot: Robot,
+        load: float = 0.0,
+        place: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        others: Mapping[str, float] | None = None,
+    ) -> None:
+        self.robot, self._others = robot, others or {}
         model = pin.buildModelFromUrdf(str(robot.source), pin.JointModelFreeFlyer())
         model.inertias[1] += pin.Inertia(load, np.array(place), np.zeros((3, 3)))
         self.model, self.data = model, model.createData()
@@ -98,6 +107,8 @@ class StandingRobot:
         q = pin.neutral(self.model)
         q[3:7] = Rotation.from_matrix(rotation).as_quat()
         q[self._in_q] = joints
+        for name, value in self._others.items():
+            q[self.model.joints[self.model.getJointId(name)].idx_q] = value
         return q
 
 

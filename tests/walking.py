@@ -6,6 +6,7 @@ say what ground and actuators must do. Only foot placement by joint angles is th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -71,7 +72,11 @@ class Motion:
     normal: np.ndarray  # (samples, 3)
 
 
-def walked(robot: Robot, walk: Walk, pad: int = 8) -> Motion:
+Arm = Callable[[np.ndarray], np.ndarray]
+"""Positions of the joints outside the legs, (samples, k), at some times."""
+
+
+def walked(robot: Robot, walk: Walk, pad: int = 8, arm: Arm | None = None) -> Motion:
     """The motion, exact to the accuracy of quintic splines."""
     dt = 1.0 / walk.rate_hz
     n = round(walk.seconds / dt)
@@ -87,7 +92,7 @@ def walked(robot: Robot, walk: Walk, pad: int = 8) -> Motion:
     accel = np.einsum("nji,nj->ni", R, bs(time, 2) - down)
     inside = slice(pad, pad + n)
     kept = [x[inside] for x in (time, q, qs(time, 1), qs(time, 2), omega, alpha, accel, R)]
-    effort, force, contact = _inverse_dynamics(robot, walk, *kept)
+    effort, force, contact = _inverse_dynamics(robot, walk, *kept, arm=_arm_states(arm, time, inside))
     return Motion(*kept[:4], effort, *kept[4:], force, contact, kept[7][:, 2])
 
 
@@ -120,6 +125,14 @@ def recorded(
             frame=frame,
         ),
     )
+
+
+def _arm_states(arm: Arm | None, time: np.ndarray, inside: slice) -> np.ndarray | None:
+    """Positions, velocities and accelerations of the joints outside the legs, (3, samples, k)."""
+    if arm is None:
+        return None
+    spline = make_interp_spline(time, arm(time), k=5)
+    return np.array([spline(time, order)[inside] for order in range(3)])
 
 
 def _base(walk: Walk, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,6 +194,7 @@ def _inverse_dynamics(
     alpha: np.ndarray,
     specific: np.ndarray,
     R: np.ndarray,
+    arm: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Efforts (samples, 12), foot forces and contact points (samples, 4, 3), trunk axes."""
     bare = pin.buildModelFromUrdf(str(robot.source), pin.JointModelFreeFlyer())
@@ -199,11 +213,14 @@ def _inverse_dynamics(
     effort, force, contact = np.empty_like(q), np.empty((len(q), 4, 3)), np.empty((len(q), 4, 3))
     data = {id(bare): bare.createData(), id(loaded): loaded.createData()}
     full, velocity, acceleration = pin.neutral(bare), np.zeros(bare.nv), np.zeros(bare.nv)
+    others = [bare.joints[bare.getJointId(name)] for name in (robot.extra.joints if robot.extra else ())]
     for k in range(len(q)):
         model = loaded if time[k] >= walk.loaded_at else bare
         work = data[id(model)]
         full[in_q], velocity[in_v], acceleration[in_v] = q[k], qd[k], qdd[k]
         velocity[3:6], acceleration[:3], acceleration[3:6] = omega[k], specific[k], alpha[k]
+        for j, joint in enumerate(others if arm is not None else ()):
+            full[joint.idx_q], velocity[joint.idx_v], acceleration[joint.idx_v] = arm[:, k, j]
         torque = pin.rnea(model, work, full, velocity, acceleration)
         pin.computeJointJacobians(model, work, full)
         pin.updateFramePlacements(model, work)

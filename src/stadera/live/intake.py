@@ -25,6 +25,7 @@ from stadera.logs.bags.merging import Merging
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import Batch, recordings
 from stadera.logs.columns import TIME, Layout, layout
+from stadera.logs.reading import Reading
 from stadera.logs.recording import Recording
 from stadera.logs.topics import Topics
 from stadera.robot.model import Robot
@@ -165,11 +166,14 @@ class Intake:
     def _merging_of(self, head: Sequence[Sample], topics: Choice) -> Merging:
         """The merging of messages into rows, determined from the first messages of the chosen topics."""
         joints = self._robot.tree.joints
-        start = beginning_of(head, topics.joint, topics.imu, joints)
+        others = () if self._robot.extra is None else self._robot.extra.joints
+        start = beginning_of(head, topics.joint, topics.imu, (*joints, *others))
         if start.imu_fault:
             raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
         names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
-        self._layout = replace(layout(names, _SOURCE, joints, require), imu_frame=start.imu_frame)
+        self._layout = replace(
+            layout(names, _SOURCE, joints, require, Reading(others=others)), imu_frame=start.imu_frame
+        )
         self._check_rate([sample.stamp for sample in head if sample.topic == topics.joint], topics.joint)
         return Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
 

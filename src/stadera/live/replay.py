@@ -10,10 +10,11 @@ import numpy as np
 
 from stadera.live.worker import Worker
 from stadera.logs import stream, take
-from stadera.logs.reader import Log
+from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording
 from stadera.logs.velocity import with_velocity
 from stadera.robot.model import Robot
+from stadera.weigh.extra_joints import with_extra_joints
 
 
 def replay(
@@ -49,7 +50,8 @@ def replay(
 
 
 def _pieces(log: Log, robot: Robot, piece: float) -> Iterator[Recording]:
-    for chunk in stream(log, joints=robot.tree.joints, require=("effort", "imu")):
+    _, (source,), _ = with_extra_joints(robot, as_log(log))
+    for chunk in stream(source, joints=robot.tree.joints, require=("effort", "imu")):
         whole = with_velocity(chunk)
         edges = np.flatnonzero(np.diff(np.floor(whole.time / piece)) > 0) + 1
         for rows in np.split(np.arange(len(whole)), edges):

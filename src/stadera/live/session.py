@@ -20,6 +20,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import since_tare
 from stadera.trunk.samples import Samples
+from stadera.weigh.extra_joints import posed_as
 from stadera.weigh.in_motion import trust_now
 from stadera.weigh.settings import Watch
 
@@ -58,7 +59,7 @@ class LiveSession:
         self.robot, self.settings = robot, settings or LiveSettings()
         self.intake = Intake(robot, topics, self.settings)
         self.estimator: TrunkEstimator | None = None
-        self._frame, self._watch = imu_frame, watch
+        self._frame, self._watch, self._posed = imu_frame, watch, robot
         self._idle = TrunkEstimator(robot, settings=self.settings.trunk)
         if imu_frame is not None:
             ImuMount.of(robot, imu_frame)  # raises immediately for an unknown name
@@ -162,11 +163,12 @@ class LiveSession:
         if estimator is None:
             frame = self._frame or (recording.imu.frame if recording.imu is not None else None)
             mount = ImuMount.of(self.robot, frame)
-            estimator = TrunkEstimator(self.robot, settings=self.settings.trunk, mount=mount)
+            self._posed = posed_as(self.robot, recording)
+            estimator = TrunkEstimator(self._posed, settings=self.settings.trunk, mount=mount)
         elif self.intake.fresh:
             estimator.restart()
         self.estimator, self.intake.fresh = estimator, False
-        samples = Samples.of_recording(recording, self.robot, estimator.mount.name)
+        samples = Samples.of_recording(recording, self._posed, estimator.mount.name)
         estimator.add(samples)
         self._time = float(samples.time[-1])
         if self._watch is not None:

@@ -15,7 +15,7 @@ from stadera.logs.clock import RowClock
 from stadera.logs.columns import Layout
 from stadera.logs.pd_law import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.plausible import largest_of
-from stadera.logs.recording import Imu, Recording
+from stadera.logs.recording import Imu, OtherJoints, Recording
 from stadera.logs.velocity import with_velocity
 from stadera.types import Array, Bools
 
@@ -146,6 +146,9 @@ def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: 
         imu=_imu(imu, layout.imu_frame) if imu else None,
         foot_force={foot: block(columns) for foot, columns in layout.force.items()},
         foot_contact={foot: values[place[column]] > 0.5 for foot, column in layout.contact.items()},
+        others=OtherJoints(layout.other_joints, **{c: block(columns) for c, columns in layout.others.items()})
+        if layout.others
+        else None,
         source=source,
         notes=notes,
         **channels,

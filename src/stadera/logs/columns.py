@@ -45,6 +45,8 @@ class Layout:
         stamped: True if the unit of time is given.
         rate_hz: rows per second of a log without a column of time.
         pd: gains for computing efforts from the desired positions among the channels.
+        others: joints besides the requested ones, by channel their columns: position, and velocity if all have one.
+        other_joints: their names.
     """
 
     joints: tuple[str, ...]
@@ -59,11 +61,14 @@ class Layout:
     stamped: bool = False
     rate_hz: float | None = None
     pd: PdGains | None = None
+    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    other_joints: tuple[str, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
         """All columns of the flat table, time first."""
         groups = (*self.channels.values(), *self.imu.values(), *self.force.values(), tuple(self.contact.values()))
+        groups = (*groups, *self.others.values())
         return (TIME, *(name for group in groups for name in group))
 
     @property
@@ -100,13 +105,14 @@ def layout(
     if other := next((item for item in require if item not in REQUIRABLE), None):
         raise UnknownNameError("channel", other, REQUIRABLE)
     _check_header(names, source)
-    table = translated(names, source, reading, topics or Topics(), joints or ())
+    table = translated(names, source, reading, topics or Topics(), (*(joints or ()), *reading.others))
     if topics is not None and not table.topics:
         topics.refuse(source, kind)
     help_ = "" if table.recognised else hint(names, reading)
     if TIME not in table.sources and table.rate_hz is None:
         raise _missing(TIME, names, source, "not a flat table", help_)
-    return _layout(names, source, joints, require, table, reading.pd, help_)
+    found = _layout(names, source, joints, require, table, reading.pd, help_)
+    return found if joints is None else _with_others(found, names, reading.others, table)
 
 
 def _layout(
@@ -137,6 +143,17 @@ def _layout(
         rate_hz=None if TIME in sources else table.rate_hz,
         pd=pd,
     )
+
+
+def _with_others(found: Layout, names: Sequence[str], others: Sequence[str], table: Translation) -> Layout:
+    """The layout with other joints' positions, and velocities if all of them have one."""
+    there = tuple(joint for joint in others if joint not in found.joints and f"{joint}.position" in table.sources)
+    if not there:
+        return found
+    channels = {channel: tuple(f"{joint}.{channel}" for joint in there) for channel in CHANNELS[:2]}
+    kept = {channel: columns for channel, columns in channels.items() if set(columns) <= set(table.sources)}
+    own = {name: table.sources[name] for columns in kept.values() for name in columns if table.sources[name] != name}
+    return replace(found, others=kept, other_joints=there, sources={**found.sources, **own})
 
 
 def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:

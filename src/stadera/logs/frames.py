@@ -49,7 +49,7 @@ def from_dataframe(
 def columns_of(recording: Recording) -> dict[str, Array]:
     """Columns of a recording by their flat-table names, each (samples,)."""
     found: dict[str, Array] = {}
-    for name, values in recording.arrays().items():
+    for name, values in replace(recording, others=None).arrays().items():
         table = values.astype(np.float64, copy=False).reshape(len(recording), -1)
         found |= zip(recording.columns(name), table.T, strict=True)
     return found

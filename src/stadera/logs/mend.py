@@ -58,6 +58,7 @@ class Mend:
 
     def _scaled(self, name: str, values: Array) -> Array:
         quantity = {"imu.angular_velocity": GYRO, "imu.linear_acceleration": ACCELEROMETER}.get(name, name)
+        quantity = quantity.removeprefix("others.")
         return values * self.factors[quantity] if quantity in self.factors else values
 
     def _joints(self, channel: str, values: Array, joints: Sequence[str]) -> Array:

@@ -25,6 +25,7 @@ class Reading:
         pd: gains for computing efforts from desired positions; None to use recorded efforts.
         limits: for reading.
         changes: applied to what is read, in order: gear ratios, corrections of faults.
+        others: joints of no leg, an arm's or a lidar's, to read besides the requested ones if they are recorded.
     """
 
     columns: ColumnMap | None = None
@@ -32,6 +33,7 @@ class Reading:
     pd: PdGains | None = None
     limits: Limits = DEFAULTS
     changes: tuple[Change, ...] = ()
+    others: tuple[str, ...] = ()
 
     @classmethod
     def of(

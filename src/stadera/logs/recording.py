@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from stadera.logs.units import Units
 
 
+_OTHERS = "others"  # name of `Recording.others` among its arrays
+
+
 @dataclass(frozen=True, eq=False)
 class Imu:
     """Values of an inertial measurement unit, in its own frame.
@@ -37,6 +40,21 @@ class Imu:
     linear_acceleration: Array
     orientation: Array | None = None
     frame: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class OtherJoints:
+    """Motion of joints that belong to no leg.
+
+    Attributes:
+        names: of the k joints.
+        position: (samples, k) [rad or m].
+        velocity: (samples, k) [rad/s or m/s], None if not recorded.
+    """
+
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +74,7 @@ class Recording:
         source: origin of the recording, for messages.
         notes: changes made by the reader and later steps, one sentence each.
         doubts: reasons why a result from this recording is doubtful at best, one sentence each.
+        others: joints besides `joints` whose motion is known, such as an arm's; None if there are none.
 
     Raises:
         RecordingError: inconsistent shapes, a value that is not finite, or time that does not increase; the message
@@ -74,6 +93,7 @@ class Recording:
     source: str = "recording"
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    others: OtherJoints | None = None
 
     def __post_init__(self) -> None:
         """Validates the values; see the class's Raises."""
@@ -196,6 +216,8 @@ class Recording:
             found |= {f"imu.{name}": getattr(self.imu, name) for name in IMU_COLUMNS}
         found |= {f"{foot}.force": force for foot, force in self.foot_force.items()}
         found |= {f"{foot}.contact": contact for foot, contact in self.foot_contact.items()}
+        if self.others is not None:
+            found |= {f"{_OTHERS}.{name}": getattr(self.others, name) for name in CHANNELS[:2]}
         return {name: values for name, values in found.items() if values is not None}
 
     def columns(self, name: str) -> tuple[str, ...]:
@@ -203,6 +225,8 @@ class Recording:
         if name in CHANNELS:
             return tuple(f"{joint}.{name}" for joint in self.joints)
         owner, _, quantity = name.rpartition(".")
+        if owner == _OTHERS and self.others is not None:
+            return tuple(f"{joint}.{quantity}" for joint in self.others.names)
         if owner == "imu" and quantity in IMU_COLUMNS:
             return IMU_COLUMNS[quantity]
         return tuple(f"{name}.{axis}" for axis in "xyz") if quantity == "force" else (name,)
@@ -216,7 +240,17 @@ class Recording:
             imu=self.imu and replace(self.imu, **{q: new[f"imu.{q}"] for q in IMU_COLUMNS if f"imu.{q}" in new}),
             foot_force={foot: new[f"{foot}.force"] for foot in self.foot_force},
             foot_contact={foot: new[f"{foot}.contact"] for foot in self.foot_contact},
+            others=self.others
+            and replace(self.others, **{c: new[f"{_OTHERS}.{c}"] for c in CHANNELS[:2] if f"{_OTHERS}.{c}" in new}),
         )
+
+    def with_others(self, names: Collection[str]) -> Recording:
+        """Returns a recording that keeps the motion of those of these joints that it has, when others are selected."""
+        found = tuple(joint for joint in self.joints if joint in names)
+        if not found:
+            return self
+        velocity = None if self.velocity is None else self.channel("velocity", found)
+        return replace(self, others=OtherJoints(found, self.channel("position", found), velocity))
 
     def channel(self, name: str, joints: tuple[str, ...]) -> Array:
         """One of position, velocity, acceleration, effort for the named joints, (samples, len(joints)).

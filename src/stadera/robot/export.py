@@ -49,7 +49,7 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     """
     target = Path(path)
     source, is_urdf = check_export(robot, target)
-    prior, file = load_robot(source, UNLIMITED), read_model_file(source, UNLIMITED)
+    prior, file = _posed_as(robot, load_robot(source, UNLIMITED)), read_model_file(source, UNLIMITED)
     inertias = _changed_inertias(robot, prior, file)
     fixed = {link: names for link, names in _fixed_bodies(prior, file).items() if link in inertias}
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
@@ -126,9 +126,15 @@ def _fixed_bodies(prior: Robot, file: ModelFile) -> dict[str, list[str]]:
     return fixed
 
 
+def _posed_as(robot: Robot, other: Robot) -> Robot:
+    """The other robot with its joints outside the legs where this one's are."""
+    extra = robot.extra
+    return other if extra is None else other.posed(dict(zip(extra.joints, extra.reference, strict=True)))
+
+
 def _check_reads_back(robot: Robot, written: Path, target: Path) -> None:
     try:
-        back = load_robot(written, UNLIMITED)
+        back = _posed_as(robot, load_robot(written, UNLIMITED))
     except ModelError as error:
         raise ModelError(f"{target}: {str(error).removeprefix(f'{written}: ')}") from error
     for link in robot.tree.links:

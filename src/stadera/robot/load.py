@@ -16,10 +16,11 @@ from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
 from stadera.limits import DEFAULTS, Limits
 from stadera.robot.catalog import resolve
+from stadera.robot.extra import ExtraJoints
 from stadera.robot.feet import find_foot
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
-from stadera.robot.modelfile import ModelFile, joint_axis
+from stadera.robot.modelfile import ModelFile, joint_axis, sliding_axis
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import fitted_shapes
 from stadera.robot.xacro import parsed
@@ -114,6 +115,7 @@ def _understand(file: ModelFile) -> Robot:
         shapes=(*shapes, *fitted_shapes(tree, legs, shapes)),
         source=file.path,
         notes=(*notes, *held, *foot_notes, *limit_notes),
+        extra=_extra(file, chains),
     )
     return replace(robot, notes=(*robot.notes, *check_sense(robot)))
 
@@ -125,7 +127,37 @@ def _without_other_joints(model: Any, chains: tuple[Chain, ...]) -> tuple[Any, l
         return model, []
     names = ", ".join(model.names[joint] for joint in locked)
     reduced = pin.buildReducedModel(model, locked, pin.neutral(model))
-    return reduced, [f"held at zero, their links lumped into their parents, for they belong to no leg: {names}"]
+    return reduced, [
+        f"belong to no leg, so their links are lumped into their parents, at zero unless a log says otherwise: {names}"
+    ]
+
+
+def _extra(file: ModelFile, chains: tuple[Chain, ...]) -> ExtraJoints | None:
+    """The joints outside the legs that hang from the trunk and turn or slide; the others among them stay at zero."""
+    of_legs = set().union(*(chain.joints for chain in chains))
+    found: list[int] = []
+    for joint in range(2, file.model.njoints):  # in topological order
+        moves = joint_axis(file.model.joints[joint]) is not None or sliding_axis(file.model.joints[joint]) is not None
+        if joint not in of_legs and moves and file.model.parents[joint] in (1, *found):
+            found.append(joint)
+    if not found:
+        return None
+    names = tuple(file.model.names[joint] for joint in found)
+    locked = sorted(set(range(2, file.model.njoints)).difference(found, of_legs))
+    model = pin.buildReducedModel(file.model, locked, pin.neutral(file.model)) if locked else file.model
+    order = [model.getJointId(name) for name in names]
+    joints = [model.joints[joint] for joint in order]
+    axes = [(joint_axis(joint), sliding_axis(joint)) for joint in joints]
+    return ExtraJoints(
+        joints=names,
+        parents=tuple([1, *order].index(model.parents[joint]) - 1 for joint in order),
+        rotations=np.array([model.jointPlacements[joint].rotation for joint in order]),
+        translations=np.array([model.jointPlacements[joint].translation for joint in order]),
+        axes=np.array([along if about is None else about for about, along in axes]),
+        sliding=tuple(about is None for about, _ in axes),
+        bodies=tuple(InertialParameters.from_pinocchio(model.inertias[joint]) for joint in order),
+        reference=np.zeros(len(order)),
+    )
 
 
 def _tree(file: ModelFile, model: Any, order: list[int]) -> Tree:

@@ -17,6 +17,7 @@ import numpy as np
 
 from stadera.errors import ModelError, UnknownNameError, require_known
 from stadera.inertia import InertialParameters
+from stadera.robot.extra import ExtraJoints
 from stadera.types import Array
 
 LEG_NAMES: tuple[str, ...] = ("LF", "RF", "LH", "RH")
@@ -152,7 +153,7 @@ class Robot:
 
     Attributes:
         name: as requested, or the model file's own.
-        tree: all leg joints; other joints are fixed at zero and their links merged into the parents.
+        tree: all leg joints; other joints are fixed and their links merged into the parents.
         legs: LF, RF, LH, RH in this order.
         inertias: prior (CAD) parameters by link, in the link's frame, with everything fixed to the link included.
         dynamics: prior joint dynamics by joint.
@@ -161,6 +162,8 @@ class Robot:
         shapes: primitive shapes.
         source: the model file, None for a robot made in memory.
         notes: the loader's assumptions and corrections, one sentence each.
+        extra: the joints outside the legs that can move; None if there are none. Their links are part of the trunk's
+            inertia, at the reference position of `extra`.
     """
 
     name: str
@@ -173,6 +176,7 @@ class Robot:
     shapes: tuple[Shape, ...] = ()
     source: Path | None = None
     notes: tuple[str, ...] = ()
+    extra: ExtraJoints | None = None
 
     def __post_init__(self) -> None:
         for name, keys in (("inertias", self.tree.links), ("dynamics", self.tree.joints), ("limits", self.tree.joints)):
@@ -232,6 +236,16 @@ class Robot:
         """
         require_known("joint", dynamics, self.tree.joints, self.name)
         return replace(self, dynamics={**self.dynamics, **dynamics})
+
+    def posed(self, positions: Mapping[str, float]) -> Robot:
+        """Returns the robot with these joints outside the legs at other positions [rad or m]: its trunk's inertia has
+        their links there. Names that are not those of such joints are ignored.
+        """
+        if self.extra is None:
+            return self
+        moved = self.extra.at(positions)
+        trunk = self.inertias[self.trunk] - self.extra.lumped + moved.lumped
+        return replace(self, inertias={**self.inertias, self.trunk: trunk}, extra=moved)
 
     def leg_tree(self, name: str) -> Tree:
         """The tree of one leg on a held trunk."""

@@ -44,11 +44,21 @@ class ModelFile:
 
 def joint_axis(joint: Any) -> Array | None:
     """Unit axis (3,) of a Pinocchio revolute joint model in its own frame; None for any other kind of joint."""
+    return _axis(joint, slice(3, 6))
+
+
+def sliding_axis(joint: Any) -> Array | None:
+    """Unit axis (3,) of a Pinocchio prismatic joint model in its own frame; None for any other kind of joint."""
+    return _axis(joint, slice(0, 3))
+
+
+def _axis(joint: Any, part: slice) -> Array | None:
+    """Unit vector of a part of the joint's motion, linear above angular; None if it has none."""
     if joint.nv != 1:
         return None
     data = joint.createData()
     zero_angle = np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0])  # an unbounded joint has (cos, sin)
     joint.calc(data, zero_angle)
-    axis = np.asarray(data.S).reshape(6)[3:]
+    axis = np.asarray(data.S).reshape(6)[part]
     length = float(np.linalg.norm(axis))
     return axis / length if length > 0.5 else None

@@ -92,7 +92,9 @@ class TrunkEstimator:
 
     Args:
         robot: a `Robot`, the name of one, or the path of its model file.
-        joints: names of the joints in the order of the arrays given to `update`; None for the robot's own order.
+        joints: names of the joints in the order of the arrays given to `update`; None for the robot's own order. Joints
+            outside the legs (an arm) that are among them move as given; the trunk's values are those with them at the
+            robot's reference, the model's zero unless `Robot.posed` set another.
         imu_frame: frame of the IMU's values; None for the model's.
         start: prior of the trunk, which also supplies components that are never observed; None for the model's trunk.
         settings: None for the defaults.
@@ -115,7 +117,8 @@ class TrunkEstimator:
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.settings, self.bounds = settings or TrunkSettings(), TrunkBounds.of(self.robot)
         self.mount = mount or ImuMount.of(self.robot, imu_frame)
-        self._order = _order(self.robot, joints)
+        self._order, self._extra_order = _order(self.robot, joints), _extra_order(self.robot, joints)
+        self._joints = len(joints) if joints is not None else len(self._order)
         first = self.bounds.check(start or TrunkModel.prior(self.robot))
         inertia = first.inertia_com
         if inertia is None:
@@ -299,7 +302,7 @@ class TrunkEstimator:
         gyro: ArrayLike | None,
         accel: ArrayLike | None,
     ) -> Measurement:
-        joints = len(self._order)
+        joints = self._joints
         values = []
         for name, value, size in (
             ("q", q, joints),
@@ -322,7 +325,18 @@ class TrunkEstimator:
             turn(values[3]),
             turn(values[4]),
             lever=self.mount.translation,
+            extra=self._extra(values[0], values[1]),
         )
+
+    def _extra(self, q: Array, dq: Array) -> Array:
+        """Positions, then velocities, of the joints outside the legs; empty if none was announced."""
+        extra, order = self.robot.extra, self._extra_order
+        if extra is None or not order:
+            return np.empty(0)
+        out = np.append(extra.reference, np.zeros(len(extra.joints)))
+        for at, k in order.items():
+            out[[at, len(extra.joints) + at]] = q[k], dq[k]
+        return out
 
     def _interrupted(self, time: float, gap: float) -> None:
         """Stops differentiation across a gap; after a long one ground normal and gravity are estimated anew."""
@@ -485,3 +499,10 @@ def _order(robot: Robot, joints: Sequence[str] | None) -> NDArray[np.int_]:
         if joint not in given:
             raise UnknownNameError("joint", joint, given, "the arrays given to update")
     return np.array([given.index(joint) for joint in robot.tree.joints])
+
+
+def _extra_order(robot: Robot, joints: Sequence[str] | None) -> dict[int, int]:
+    """By index of a joint outside the legs, its position among the given names."""
+    names = () if robot.extra is None or joints is None else robot.extra.joints
+    given = list(joints or ())
+    return {at: given.index(joint) for at, joint in enumerate(names) if joint in given}

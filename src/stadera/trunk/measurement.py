@@ -41,6 +41,8 @@ class Measurement:
         vertical_by_forces: True if there is no IMU. Then `specific_force` is gravity along the vertical estimated from
             the feet's forces (`stadera.trunk.standing.vertical`), valid at rest only, and `angular_velocity` is zero.
         lever: (3,) [m], position of the IMU in the trunk frame.
+        extra: (2 k,), positions, then velocities, of the robot's k joints outside the legs; empty if they rest at the
+            robot's reference.
     """
 
     time: float
@@ -54,6 +56,7 @@ class Measurement:
     stance: Bools | None = None
     vertical_by_forces: bool = False
     lever: Array = field(default_factory=lambda: np.zeros(3))
+    extra: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def force_at_origin(self) -> Array:
@@ -107,6 +110,7 @@ def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = 
     mount = ImuMount.of(robot, imu_frame or imu.frame)
     omega, force = mount.in_trunk_axes(imu.angular_velocity), mount.in_trunk_axes(imu.linear_acceleration)
     stance = meant_stance(recording, robot)
+    extra = extra_states(recording, robot)
     for k, time in enumerate(recording.time):
         yield Measurement(
             time=float(time),
@@ -118,7 +122,15 @@ def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = 
             rotation=None if imu.orientation is None else mount.trunk_rotation(rotation_matrix(imu.orientation[k])),
             stance=None if stance is None else stance[k],
             lever=mount.translation,
+            extra=extra[k],
         )
+
+
+def extra_states(recording: Recording, robot: Robot) -> Array:
+    """Positions, then velocities, of the joints outside the legs, (samples, 2 k); (samples, 0) if there are none."""
+    if robot.extra is None:
+        return np.zeros((len(recording), 0))
+    return robot.extra.states(recording.others, len(recording))
 
 
 def meant_stance(recording: Recording, robot: Robot) -> Bools | None:

@@ -34,8 +34,10 @@ import numpy as np
 from stadera.constants import GRAVITY, SINGULAR
 from stadera.inertia import InertialParameters, skew
 from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions, LegWrenches
+from stadera.legs.extra_wrench import extra_wrench
 from stadera.legs.friction import direction
 from stadera.legs.model import cross
+from stadera.robot.extra import ExtraJoints
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration
@@ -158,7 +160,7 @@ class RowMaker:
     def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection) -> None:
         self.regressor, self._lever, self._swing = BaseWrenchRegressor(robot), mount.translation, swing
         self.noise = WhiteNoise.prior(robot, self.regressor.columns)
-        self._weight = robot.mass * GRAVITY
+        self._weight, self._extra = robot.mass * GRAVITY, robot.extra
         self._flat = SINGULAR * self.regressor.length**3
         self._half: _Half | None = None
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
@@ -195,9 +197,26 @@ class RowMaker:
         effort[n + _PROBES :] = effort[n // 2]
         by_leg, force = wrenches.target(effort), wrenches.forces(effort)
         half = self._summed(samples, motion, wrenches, effort, by_leg, force, torque_rate, jerk)
+        if self._extra is not None and samples.extra.size:
+            self._take_out(half, self._extra_wrench(self._extra, samples, motion))
         rows = None if self._half is None else self._rows(self._half, half, trunk)
         self._half = half
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, n - 1])
+
+    def _extra_wrench(self, extra: ExtraJoints, samples: Samples, motion: LegMotions) -> Array:
+        """What the joints outside the legs add by moving, (6, n), see `stadera.legs.extra_wrench`."""
+        n, k = len(samples) - 2, len(extra.joints)
+        position, velocity = samples.extra[1:-1, :k], samples.extra[1:-1, k:]
+        span = (samples.time[2:] - samples.time[:-2])[:, None]
+        acceleration = (samples.extra[2:, k:] - samples.extra[:-2, k:]) / span
+        trunk = motion.angular_velocity[:, :n], motion.angular_acceleration[:, :n], motion.specific_force[:, :n]
+        return extra_wrench(extra, position, velocity, acceleration, *trunk)
+
+    def _take_out(self, half: _Half, wrench: Array) -> None:
+        """Subtracts a wrench (6, n) from the target of both halves."""
+        rising = _half_window(wrench.shape[1])
+        half.rising.target[:] -= wrench @ rising
+        half.falling.target[:] -= wrench @ rising[::-1]
 
     def _motion(self, samples: Samples, normal: Array) -> tuple[LegMotions, Array, Array]:
         """Motion of a block: the motion itself with the probes at its last posture and the middles; the rates of the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite, nan
 
@@ -13,15 +13,16 @@ from stadera.errors import RecordingError
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
-from stadera.trunk.measurement import Measurement
+from stadera.trunk.measurement import Measurement, extra_states
 from stadera.types import Array, Bools
 
 _LOST = 3.5  # steps between samples above which samples are missing
 _BRIDGED = 0.006  # s, always short enough
 _SLACK = 1e-6  # s, of rounding in stamps
 
-_NAMES = ("time", "position", "velocity", "effort", "angular_velocity", "specific_force")
-_SPOKEN = ("time", "joint position", "joint velocity", "effort", "angular velocity", "specific force")
+_NONE = np.zeros((0, 0))
+_NAMES = ("time", "position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
+_SPOKEN = ("time", "joint position", "joint velocity", "effort", "angular velocity", "specific force", "other joints")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,7 @@ class Samples:
         position, velocity, effort: (n, joints) [rad, rad/s, N·m], in the tree's order.
         angular_velocity: (n, 3) [rad/s].
         specific_force: (n, 3) [m/s²], at the IMU's place.
+        extra: (n, 2 k), positions, then velocities, of the k joints outside the legs; (n, 0) if they do not move.
 
     Raises:
         RecordingError: shapes that do not fit together.
@@ -44,10 +46,13 @@ class Samples:
     effort: Array
     angular_velocity: Array
     specific_force: Array
+    extra: Array = field(default_factory=lambda: _NONE)
 
     def __post_init__(self) -> None:
         n, joints = len(self.time), self.position.shape[-1]
-        shapes = ((n,), *[(n, joints)] * 3, *[(n, 3)] * 2)
+        if self.extra is _NONE:
+            object.__setattr__(self, "extra", np.zeros((n, 0)))
+        shapes = ((n,), *[(n, joints)] * 3, *[(n, 3)] * 2, (n, self.extra.shape[-1]))
         for name, shape in zip(_NAMES, shapes, strict=True):
             if getattr(self, name).shape != shape:
                 raise RecordingError(f"samples' {name} need shape {shape}, got {getattr(self, name).shape}")
@@ -71,6 +76,7 @@ class Samples:
             np.array([m.effort for m in measurements]),
             np.array([m.angular_velocity for m in measurements]),
             np.array([m.specific_force for m in measurements]),
+            np.array([m.extra for m in measurements]),
         )
 
     @classmethod
@@ -92,7 +98,7 @@ class Samples:
         omega = mount.in_trunk_axes(recording.imu.angular_velocity)
         force = mount.in_trunk_axes(recording.imu.linear_acceleration)
         q, qd, effort = (recording.channel(kind, robot.tree.joints) for kind in ("position", "velocity", "effort"))
-        return cls(recording.time, q, qd, effort, omega, force)
+        return cls(recording.time, q, qd, effort, omega, force, extra_states(recording, robot))
 
 
 @dataclass(frozen=True, eq=False)

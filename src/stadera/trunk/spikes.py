@@ -15,7 +15,7 @@ from stadera.trunk.noise import third_differences_squared
 from stadera.trunk.samples import Samples
 from stadera.types import Array
 
-_CHANNELS = ("position", "velocity", "effort", "angular_velocity", "specific_force")
+_CHANNELS = ("position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
 _WILD = 10.0  # times the usual noise
 _MEMORY = 100.0  # blocks
 _LEARNT = 5  # blocks before any spike is replaced

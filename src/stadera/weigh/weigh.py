@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
+from stadera.weigh.extra_joints import with_extra_joints
 from stadera.weigh.in_motion import weigh_in_motion
 from stadera.weigh.reading import choose_method
 from stadera.weigh.result import Weighing
@@ -63,6 +65,9 @@ def weigh(
     other: tuple[float, float] | LogFile | Recording | None = tare if isinstance(tare, tuple) else None
     if tare is not None and not isinstance(tare, tuple):
         other = as_log(tare)
+    logs = (source, other) if isinstance(other, LogFile | Recording) else (source,)
+    model, read, said = with_extra_joints(model, *logs)
+    source, other = read[0], other if len(read) == 1 else read[1]
     guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
     source = guard.admitted(source, fix=fix, force=force)
     if isinstance(other, LogFile | Recording):
@@ -72,4 +77,4 @@ def weigh(
     result = weigh_in_motion(request) if name == IN_MOTION else weigh_at_rest(request)
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
-    return result
+    return replace(result, notes=(*said, *result.notes))

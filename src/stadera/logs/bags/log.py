@@ -79,7 +79,8 @@ class BagLog:
             why = "".join(f"; {damage}" for damage in bag.damage[:1])
             raise RecordingError(f"{path}: no message of topic {joint_topic} can be read{why}")
         try:
-            start = beginning_of(head, joint_topic, imu_topic, joints)
+            asked = None if joints is None else (*joints, *log.reading.others)
+            start = beginning_of(head, joint_topic, imu_topic, asked)
         except RecordingError as error:
             raise RecordingError(f"{path}: {error}") from None
         if start.imu_fault and "imu" in require:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from stadera.legs.instant import LegDynamics, LegMotion, LegState
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
@@ -9,6 +11,9 @@ from stadera.trunk.measurement import Measurement
 
 class MeasuredLegs:
     """Caches the state of the legs for the latest measurement, so that controller and estimators share the computation.
+
+    The first moment of the legs includes what joints outside the legs have moved since the robot's reference: at rest
+    it enters the balance in the same way, and the trunk's parameters stay those at the reference.
 
     Attributes:
         robot: the model of the legs.
@@ -18,7 +23,7 @@ class MeasuredLegs:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._dynamics = LegDynamics(robot)
+        self._dynamics, self._extra = LegDynamics(robot), robot.extra
         self.columns = self._dynamics.columns
         self.mass = self._dynamics.leg_mass
         self._last: Measurement | None = None
@@ -30,6 +35,9 @@ class MeasuredLegs:
         if self._state is None or measurement is not self._last:
             m = measurement
             self._state = self._dynamics.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.force_at_origin)
+            if m.extra.size and self._extra is not None:
+                moved = self._extra.first_moment(m.extra[: len(self._extra.joints)])
+                self._state = replace(self._state, moment=self._state.moment + moved)
             self._last, self._motion = m, None
         return self._state
 

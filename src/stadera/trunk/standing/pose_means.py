@@ -43,7 +43,7 @@ class PoseMean:
     def __init__(self, first: Measurement) -> None:
         self._first = first
         self._q, self._effort = first.joint_position.copy(), first.effort.copy()
-        self._up = first.up.copy()
+        self._up, self._extra = first.up.copy(), first.extra.copy()
         self._feet = None if first.foot_position is None else first.foot_position.copy()
         self._foot_squares, self._effort_squares = 0.0, np.zeros((len(self._effort), len(self._effort)))
         self.count = 1
@@ -54,12 +54,16 @@ class PoseMean:
             return False
         if float(np.abs(m.joint_position - self._q).max()) > alike.joint:
             return False
+        k = len(self._extra) // 2
+        if k and float(np.abs(m.extra[:k] - self._extra[:k]).max()) > alike.joint:
+            return False
         up = m.up
         if not m.vertical_by_forces and float(np.abs(up - self._up).max()) > alike.tilt:
             return False
         self.count += 1
         share = 1.0 / self.count
         self._q += share * (m.joint_position - self._q)
+        self._extra += share * (m.extra - self._extra)
         scatter = m.effort - self._effort
         self._effort += share * scatter
         self._effort_squares += (1.0 - share) * np.outer(scatter, scatter)
@@ -93,6 +97,7 @@ class PoseMean:
             angular_velocity=np.zeros(3),
             specific_force=GRAVITY * self._up / np.linalg.norm(self._up),
             rotation=None,
+            extra=self._extra.copy(),
             foot_position=None if self._feet is None else self._feet.copy(),
         )
 

@@ -26,7 +26,7 @@ from stadera.constants import GRAVITY, NOTHING
 from stadera.legs.model import LegModel, inverse_transposed
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
-from stadera.trunk.measurement import Measurement, meant_stance
+from stadera.trunk.measurement import Measurement, extra_states, meant_stance
 from stadera.trunk.standing.contact import ground_normal
 from stadera.trunk.standing.forces import CARRIES
 from stadera.types import Array, Bools
@@ -96,6 +96,7 @@ def measurements_without_imu(recording: Recording, robot: Robot) -> Iterator[Mea
     joints = robot.tree.joints
     q, qd, effort = (recording.channel(name, joints) for name in ("position", "velocity", "effort"))
     stance = meant_stance(recording, robot)
+    extra = extra_states(recording, robot)
     for start in range(0, len(recording), _AT_ONCE):
         part = slice(start, start + _AT_ONCE)
         up, _ = vertical_by_forces(robot, q[part], qd[part], effort[part], None if stance is None else stance[part])
@@ -109,6 +110,7 @@ def measurements_without_imu(recording: Recording, robot: Robot) -> Iterator[Mea
                 specific_force=GRAVITY * vertical,
                 stance=None if stance is None else stance[k],
                 vertical_by_forces=True,
+                extra=extra[k],
             )
 
 

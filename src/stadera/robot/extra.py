@@ -1,0 +1,98 @@
+"""Joints that belong to no leg, such as an arm's or a turning lidar's, and the links that they move.
+
+They hang from the trunk. `Robot.inertias` has their links lumped into the trunk at a reference position; where they
+move, `stadera.legs.extra_wrench` computes what that changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stadera.inertia import InertialParameters
+from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.logs.recording import OtherJoints
+
+
+@dataclass(frozen=True, eq=False)
+class ExtraJoints:
+    """The k joints outside the legs that can move, in topological order.
+
+    Attributes:
+        joints: names.
+        parents: of each joint, the index of the joint whose link carries it; -1 for the trunk.
+        rotations, translations: (k, 3, 3) and (k, 3) [m], pose of each joint's frame in its parent link's at zero.
+        axes: (k, 3), unit vectors, in the joints' own frames.
+        sliding: (k,), True for a prismatic joint, whose position is in m.
+        bodies: of each link, in its joint's frame, with everything fixed to it.
+        reference: (k,) [rad or m], the position at which the robot's trunk contains the links.
+    """
+
+    joints: tuple[str, ...]
+    parents: tuple[int, ...]
+    rotations: Array
+    translations: Array
+    axes: Array
+    sliding: tuple[bool, ...]
+    bodies: tuple[InertialParameters, ...]
+    reference: Array
+
+    def at(self, positions: Mapping[str, float]) -> ExtraJoints:
+        """The same joints with another reference; joints that are not named keep theirs."""
+        named = zip(self.joints, self.reference.tolist(), strict=True)
+        return replace(self, reference=np.array([positions.get(joint, now) for joint, now in named]))
+
+    @cached_property
+    def lumped(self) -> InertialParameters:
+        """All links together at the reference, trunk frame."""
+        return sum(self._placed(self.reference), InertialParameters.zero())
+
+    def first_moment(self, position: Array) -> Array:
+        """Change of the links' first moment, trunk frame, from the reference to a position (k,): (3,) [kg·m]."""
+        moved = sum((body.first_moment for body in self._placed(position)), np.zeros(3))
+        return np.asarray(moved - self.lumped.first_moment)
+
+    def states(self, recorded: OtherJoints | None, samples: int) -> Array:
+        """Positions, then velocities, (samples, 2 k), of what was recorded; (samples, 0) if nothing was.
+
+        Joints that were not recorded rest at the reference.
+        """
+        if recorded is None:
+            return np.zeros((samples, 0))
+        out = np.zeros((samples, 2 * len(self.joints)))
+        out[:, : len(self.joints)] = self.reference
+        for k, joint in enumerate(recorded.names):
+            if joint in self.joints:
+                at = self.joints.index(joint)
+                out[:, at] = recorded.position[:, k]
+                if recorded.velocity is not None:
+                    out[:, len(self.joints) + at] = recorded.velocity[:, k]
+        return out
+
+    def _placed(self, position: Array) -> Sequence[InertialParameters]:
+        """Each link in the trunk frame."""
+        poses: list[tuple[Array, Array]] = []
+        for k, parent in enumerate(self.parents):
+            R, p = (np.eye(3), np.zeros(3)) if parent < 0 else poses[parent]
+            R, p = R @ self.rotations[k], p + R @ self.translations[k]
+            if self.sliding[k]:
+                p = p + R @ self.axes[k] * position[k]
+            else:
+                R = R @ turned_about(self.axes[k], position[k : k + 1])[:, :, 0]
+            poses.append((R, p))
+        return [body.transformed(*pose) for body, pose in zip(self.bodies, poses, strict=True)]
+
+
+def turned_about(axis: Array, angle: Array) -> Array:
+    """Rotations about a unit vector (3,) by angles (n,), (3, 3, n): cos 1 + sin [a]x + (1 - cos) a aᵀ."""
+    x, y, z = axis
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    c, s = np.cos(angle), np.sin(angle)
+    parts = (np.eye(3)[..., None] * c, across[..., None] * s, np.outer(axis, axis)[..., None] * (1.0 - c))
+    return np.asarray(sum(parts))

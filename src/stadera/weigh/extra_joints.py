@@ -1,0 +1,74 @@
+"""Prepares robot and logs for joints that belong to no leg: of an arm, or a lidar that turns.
+
+Where a log has their positions they move as recorded, and the trunk's values are those with them where they are at the
+log's beginning. Where it lacks them they are held at the model's zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.logs import Recording, stream
+from stadera.robot.model import Robot
+from stadera.weigh.settings import Source
+
+_FIRST = 256  # samples read to find the joints and where they are
+_COMPLETE = 0.9  # share of the samples that must have them
+
+
+def with_extra_joints(robot: Robot, *logs: Source) -> tuple[Robot, tuple[Source, ...], tuple[str, ...]]:
+    """Returns the robot posed as at the beginning of the first of the logs that has its joints outside the legs, the
+    logs with instructions to read these joints, and notes. A robot without such joints is returned unchanged.
+    """
+    extra = robot.extra
+    if extra is None:
+        return robot, logs, ()
+    read: list[Source] = []
+    notes: dict[str, None] = {}
+    posed: Robot | None = None
+    for log in logs:
+        other, first = _reading_others(robot, log, extra.joints)
+        read.append(other)
+        found = () if first is None or first.others is None else first.others.names
+        if first is not None and first.others is not None and posed is None:
+            posed = posed_as(robot, first)
+        if lacking := [joint for joint in extra.joints if joint not in found]:
+            notes[f"{_listed(lacking)} of no leg: not in {log.name}, held at the model's zero"] = None
+    if posed is not None and posed.extra is not None:
+        angles = ", ".join(f"{value:.3g}" for value in posed.extra.reference)
+        notes[
+            f"{_listed(posed.extra.joints)} of no leg: they move as recorded, with the model's inertia; the trunk's "
+            f"values are those with them at {angles} (rad or m), as at the beginning"
+        ] = None
+    return posed or robot, tuple(read), tuple(notes)
+
+
+def posed_as(robot: Robot, first: Recording) -> Robot:
+    """The robot with its joints outside the legs where they are at the beginning of a recording, if it has them."""
+    if first.others is None:
+        return robot
+    return robot.posed(dict(zip(first.others.names, np.asarray(first.others.position[0]).tolist(), strict=True)))
+
+
+def _reading_others(robot: Robot, log: Source, joints: tuple[str, ...]) -> tuple[Source, Recording | None]:
+    """The log that also reads these joints, and its beginning; the log itself if it does not have them throughout."""
+    if isinstance(log, Recording):
+        other: Source = log.with_others(joints)
+    else:
+        other = replace(log, reading=replace(log.reading, others=joints))
+    try:
+        first = next(stream(other, joints=robot.tree.joints, rows=_FIRST), None)
+        if first is not None and first.others is not None:
+            whole = next(stream(log, joints=robot.tree.joints, rows=_FIRST))
+            if len(first) >= _COMPLETE * len(whole):
+                return other, first
+    except RecordingError:
+        pass  # whoever reads the log says why
+    return log, None
+
+
+def _listed(joints: list[str] | tuple[str, ...]) -> str:
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(joints)}"
