@@ -15,8 +15,11 @@ from scipy.spatial.transform import Rotation
 from stadera.checks import CheckLimits
 from stadera.checks.blocks import Blocks
 from stadera.checks.footing import Footing
+from stadera.checks.hypotheses import hypotheses_in_motion
+from stadera.checks.motion import MotionCosts
 from stadera.checks.statics import ConsistencyModel
 from stadera.errors import UntrustedError
+from stadera.inertia import skew
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Imu, Recording
@@ -113,6 +116,46 @@ def test_forces_are_those_of_the_weight(hyq: Robot, clean: Recording) -> None:
     assert figures.tilts.similarity > 0.99
     assert figures.force_angle < np.radians(0.5)
     assert not list(figures.faults())
+
+
+def wild_blocks(group: list[int]) -> Blocks:
+    """Instants of a robot whose joints are anywhere, under a specific force that hardly turns."""
+    rng, n = np.random.default_rng(1), len(group)
+    q, rate, effort = rng.uniform(-1.0, 1.0, (3, n, 12))
+    force = np.array([0.3, -0.2, 9.8]) + 1e-3 * rng.normal(size=(n, 3))
+    return Blocks(0.04 * np.arange(n), np.array(group), q, rate, 20.0 * effort, None, force, rng.normal(size=(n, 3)))
+
+
+def test_hypotheses_share_what_they_do_not_change() -> None:
+    """What is kept of other hypotheses' legs gives the same forces and costs as legs computed anew."""
+    robot, limits, blocks = load_robot("go2"), CheckLimits(), wild_blocks([0] * 25 + [1] * 25)
+    footing = Footing(robot, blocks)
+    found = list(hypotheses_in_motion(robot))
+    for hypothesis in found:
+        shared, alone = footing.under(hypothesis.undo), Footing(robot, hypothesis.undo(blocks))
+        np.testing.assert_array_equal(shared.forces, alone.forces)
+        costs, own = MotionCosts.of(shared, limits), MotionCosts.of(alone, limits)
+        np.testing.assert_array_equal(costs.feet, own.feet)
+        np.testing.assert_array_equal(costs.balance, own.balance)
+    assert len(footing.known.legs) < len(found)  # of 4 legs each
+
+
+def test_balance_leaves_what_least_squares_leave() -> None:
+    """Against `lstsq`, group by group; groups of few instants have no balance."""
+    robot, limits, blocks = load_robot("go2"), CheckLimits(), wild_blocks([0] * 25 + [1] * 3 + [2] * 25 + [3] * 4)
+    footing, group, a = Footing(robot, blocks), blocks.group, blocks.specific_force
+    assert a is not None
+    cost, length = MotionCosts.of(footing, limits).balance, footing.legs.length
+    assert np.isnan(cost[(group == 1) | (group == 3)]).all()
+    force = footing.force.sum(axis=1) - footing.legs.leg_mass * a
+    moment = np.cross(footing.contact, footing.force).sum(axis=1)
+    moment -= np.cross(footing.states.moment.sum(axis=1).T, a)
+    for at in (np.flatnonzero(group == 0), np.flatnonzero(group == 2)):
+        rows = np.zeros((len(at), 6, 4))
+        rows[:, :3, 0], rows[:, 3:, 1:] = a[at], [-skew(a[k]) / length for k in at]
+        A, b = rows.reshape(-1, 4), np.column_stack([force[at], moment[at] / length]).ravel()
+        left = (b - A @ np.linalg.lstsq(A, b)[0]).reshape(-1, 6) / (robot.mass * GRAVITY)
+        np.testing.assert_allclose(cost[at], np.log1p((left**2).sum(axis=1) / limits.unbalance**2), rtol=1e-9)
 
 
 # -- torques and joints ---------------------------------------------------------------------------------------------

@@ -94,3 +94,20 @@ def test_friction_opposes_the_motion_by_one_law() -> None:
     fitted = friction.torque(velocity, sliding=np.zeros((4, 3)))
     np.testing.assert_allclose(fitted, [[0.2, 0.5, -0.1]] * 4, atol=1e-12)
     np.testing.assert_array_equal(direction(-velocity), -direction(velocity))
+
+
+def test_forces_at_rest_are_those_of_the_pseudoinverse() -> None:
+    """Also in stretched legs, where a direction that no torque feels gets no force."""
+    robot, rng = load_robot("go2"), np.random.default_rng(3)
+    model = LegModel.of(robot)
+    position = rng.uniform(-1.5, 1.5, (300, 4, 3))
+    position[:100, :, 2] = rng.normal(0.0, 1e-4, (100, 4))  # stretched; exactly so in ten
+    position[:10, :, 2] = 0.0
+    effort, force = rng.normal(0.0, 10.0, (300, 4, 3)), np.array([0.5, 0.3, 9.7]) + rng.normal(0.0, 0.5, (300, 3))
+    found, contact = model.forces_at_rest(position, effort, force)
+    pose = model.pose(position)
+    jacobians = pose.jacobians(contact.transpose(2, 0, 1)).transpose(1, 2, 3, 0)
+    torque = np.einsum("inlk,ni->nlk", model.weight_torques(pose), force) - effort
+    expected = (np.linalg.pinv(jacobians, rcond=1e-3) @ torque[..., None])[..., 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert (np.linalg.cond(jacobians) > 1e3).sum() > 100  # both ways are tested

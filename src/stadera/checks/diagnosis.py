@@ -198,12 +198,13 @@ def _orientation(imu: Imu, time: Array, limits: CheckLimits) -> Iterator[Finding
 def _contradictions(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding]:
     if not len(blocks):
         return
-    now = model.evaluate(Footing(model.robot, blocks))
+    footing = Footing(model.robot, blocks)
+    now = model.evaluate(footing)
     faults = list(now.faults())
     if now.hangs:
-        yield _hanging(blocks, now, model)
+        yield _hanging(footing, now, model)
     elif not faults:
-        yield from _in_motion(blocks, model)
+        yield from _in_motion(footing, model)
     elif (found := explain(blocks, model)) is not None:
         others = "".join(f", or {other.text}" for other in found.others)
         text = f"{found.hypothesis.text}{others}: as recorded, {_listing(faults)}; otherwise {_fit(found.without)}"
@@ -214,8 +215,8 @@ def _contradictions(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding
         yield Finding("contradiction", f"{who} contradict each other: {_listing(faults)}{_outlier(now)}")
 
 
-def _in_motion(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding]:
-    found = explain_motion(blocks, model)
+def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
+    found = explain_motion(footing, model)
     if found is None:
         return
     others = "".join(f", or {other.text}" for other in found.others)
@@ -228,18 +229,17 @@ def _in_motion(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding]:
     yield Finding(found.hypothesis.cause, text, found.hypothesis.option, mend)
 
 
-def _hanging(blocks: Blocks, now: Consistency, model: ConsistencyModel) -> Finding:
+def _hanging(footing: Footing, now: Consistency, model: ConsistencyModel) -> Finding:
     """Distinguishes a robot in the air from torques that are too small.
 
     In the air the torques only carry the legs; on the ground, in whatever unit, they follow those for a quarter of the
     robot's weight on each foot.
     """
-    footing = Footing(model.robot, blocks)
-    columns = footing.legs.columns
+    blocks, columns = footing.blocks, footing.legs.columns
     effort, a = blocks.effort[:, columns], footing.specific_force
-    own = np.einsum("inlk,ni->nlk", footing.legs.weight_torques(footing.pose), a)
+    statics = footing.legs.statics(blocks.position[:, columns], footing.up)
     push = 0.25 * model.robot.mass * a
-    taken = own - np.einsum("inlk,ni->nlk", footing.pose.jacobians(footing.contact.transpose(2, 0, 1)), push)
+    taken = (statics.torque(a) - (statics.jacobian * push.T[:, None, None]).sum(axis=0)).transpose(2, 0, 1)
     size = float(np.sqrt((effort**2).sum() * (taken**2).sum())) or 1.0
     factor = float((taken**2).sum() / ((effort * taken).sum() or 1.0))
     if (effort * taken).sum() / size > model.limits.standing_torques:

@@ -38,12 +38,12 @@ class Explanation:
 def explain(blocks: Blocks, model: ConsistencyModel) -> Explanation | None:
     """The hypothesis that explains what is impossible on average; None if none does."""
     robot, limits = model.robot, model.limits
-    blocks = blocks.thinned(limits.trial_instants)
-    now = model.evaluate(Footing(robot, blocks))
+    footing = Footing(robot, blocks.thinned(limits.trial_instants))
+    now = model.evaluate(footing)
     scales = torque_scales(robot, now.loads / now.weight, limits.lightest, limits.heaviest)
     fitting: list[tuple[float, FaultHypothesis, Consistency]] = []
     for hypothesis in chain(hypotheses_at_rest(robot, imu=now.imu), scales):
-        without = model.evaluate(Footing(robot, hypothesis.undo(blocks)))
+        without = model.evaluate(footing.under(hypothesis.undo))
         if without.cost <= limits.much_better * now.cost and not any(without.faults()):
             fitting.append((without.cost, hypothesis, without))
     if not fitting:
@@ -73,24 +73,24 @@ class MotionExplanation:
     others: tuple[FaultHypothesis, ...]
 
 
-def explain_motion(blocks: Blocks, model: ConsistencyModel) -> MotionExplanation | None:
+def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanation | None:
     """The hypothesis that makes the motion of a log with an IMU, possible on average, more consistent; None if none
     does.
     """
-    robot, limits = model.robot, model.limits
+    robot, limits, blocks = model.robot, model.limits, footing.blocks
     if blocks.angular_velocity is None or not np.isfinite(blocks.rate).any():
         return None
-    now = MotionCosts.of(Footing(robot, blocks), limits)
+    now = MotionCosts.of(footing, limits)
     least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest
     fitting: list[tuple[Gain, FaultHypothesis, MotionCosts]] = []
     for hypothesis in hypotheses_in_motion(robot):
-        footing = Footing(robot, hypothesis.undo(blocks))
-        costs = MotionCosts.of(footing, limits)
+        without = footing.under(hypothesis.undo)
+        costs = MotionCosts.of(without, limits)
         gain = Gain.of(now, costs)
         if (
             gain.mean < least * hypothesis.rarity
             or gain.deviations < limits.deviations
-            or any(model.evaluate(footing).faults())
+            or any(model.evaluate(without).faults())
         ):
             continue
         fitting.append((gain, hypothesis, costs))
@@ -99,7 +99,7 @@ def explain_motion(blocks: Blocks, model: ConsistencyModel) -> MotionExplanation
     fitting.sort(key=lambda entry: -entry[0].mean)
     gain, best, costs = fitting[0]
     others = tuple(other for g, other, _ in fitting[1:3] if g.mean > limits.alike * gain.mean)
-    length = Footing(robot, blocks).legs.length
+    length = footing.legs.length
     return MotionExplanation(best, gain, _speed(now, length, limits), _speed(costs, length, limits), others)
 
 

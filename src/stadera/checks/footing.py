@@ -1,18 +1,91 @@
-"""Feet and their forces at the instants of a log, computed once for all checks."""
+"""Feet and their forces at the instants of a log, computed once for all checks.
+
+Fault hypotheses exchange legs, turn signs of joints or rotate the IMU, so most of what they change a leg to has been
+computed for another hypothesis before: `Known` keeps it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.checks.blocks import Blocks
 from stadera.constants import GRAVITY
-from stadera.legs.model import LegModel, LegPose
+from stadera.legs.model import LegModel
 from stadera.robot.model import Robot
 from stadera.trunk.standing.vertical import vertical_by_forces
 from stadera.types import Array
+
+Result = TypeVar("Result")
+
+
+class LegStates(NamedTuple):
+    """State of legs at some instants, trunk frame; components first and instants last.
+
+    Attributes:
+        contact: (3, 4, instants) [m], points of contact.
+        speed: (3, 4, instants) [m/s], of the points of contact relative to the trunk.
+        torque: (4, 3, instants) [N·m], required by the legs' weight, by joint.
+        to_force: (3, 4, 3, instants) [1/m], J^-T.
+        moment: (3, 4, instants) [kg·m], first moments.
+    """
+
+    contact: Array
+    speed: Array
+    torque: Array
+    to_force: Array
+    moment: Array
+
+
+_LEG_AXIS = (1, 1, 0, 1, 1)
+"""Axis of the legs in each of `LegStates`."""
+
+
+class Known:
+    """What was computed for other hypotheses on the same instants.
+
+    Attributes:
+        legs: states of single legs, by leg and by the bytes of the position, rate and specific force.
+    """
+
+    def __init__(self) -> None:
+        self.legs: dict[tuple[int, bytes, bytes, bytes], LegStates] = {}
+        self._found: dict[tuple[Any, ...], Any] = {}
+
+    def states(self, model: LegModel, position: Array, rate: Array, specific_force: Array) -> LegStates:
+        """The legs' states, each leg's from what they follow from; all four are computed if one is not known.
+
+        Args:
+            model: of one robot, the same at each call.
+            position, rate: (instants, 4, 3) [rad, rad/s], by leg.
+            specific_force: (instants, 3) [m/s²], trunk axes.
+        """
+        felt = specific_force.tobytes()
+        keys = [(k, position[:, k].tobytes(), rate[:, k].tobytes(), felt) for k in range(4)]
+        if any(key not in self.legs for key in keys):
+            found = _states(model, position, rate, specific_force)
+            for k, key in enumerate(keys):
+                self.legs[key] = LegStates(*(x.take([k], axis) for x, axis in zip(found, _LEG_AXIS, strict=True)))
+        columns = zip(*(self.legs[key] for key in keys), strict=True)
+        return LegStates(*(np.concatenate(legs, axis) for legs, axis in zip(columns, _LEG_AXIS, strict=True)))
+
+    def once(self, make: Callable[..., Result], *given: NDArray[Any] | float) -> Result:
+        """The result of a function of arrays and numbers, computed at the first call with these."""
+        key = (make, *(x.tobytes() if isinstance(x, np.ndarray) else x for x in given))
+        if key not in self._found:
+            self._found[key] = make(*given)
+        return cast(Result, self._found[key])
+
+
+def _states(legs: LegModel, position: Array, rate: Array, specific_force: Array) -> LegStates:
+    statics = legs.statics(position, _unit(specific_force))
+    speed = (statics.jacobian * rate.transpose(1, 2, 0)).sum(axis=2)
+    return LegStates(statics.contact, speed, statics.torque(specific_force), statics.to_force, statics.moment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +98,16 @@ class Footing:
     Attributes:
         robot: the model.
         blocks: the instants, joints in the tree's order.
+        known: what was computed for the same instants under other hypotheses.
     """
 
     robot: Robot
     blocks: Blocks
+    known: Known = field(default_factory=Known)
+
+    def under(self, change: Callable[[Blocks], Blocks]) -> Footing:
+        """The footing at the same instants, of changed values."""
+        return replace(self, blocks=change(self.blocks))
 
     @property
     def legs(self) -> LegModel:
@@ -47,38 +126,31 @@ class Footing:
     @cached_property
     def up(self) -> Array:
         """(instants, 3), unit vectors along the specific force."""
-        size = np.linalg.norm(self.specific_force, axis=1, keepdims=True)
-        return np.asarray(self.specific_force / np.where(size > 0, size, 1.0))
+        return _unit(self.specific_force)
 
     @cached_property
-    def pose(self) -> LegPose:
-        """Pose of the legs."""
-        return self.legs.pose(self.blocks.position[:, self.legs.columns])
+    def states(self) -> LegStates:
+        """State of the legs."""
+        columns, b = self.legs.columns, self.blocks
+        return self.known.states(self.legs, b.position[:, columns], b.rate[:, columns], self.specific_force)
 
     @cached_property
+    def forces(self) -> Array:
+        """Force of the ground on the feet, (3, 4, instants) [N]."""
+        effort = self.blocks.effort[:, self.legs.columns].transpose(1, 2, 0)
+        return np.asarray((self.states.to_force * (self.states.torque - effort)).sum(axis=2))
+
+    @property
     def force(self) -> Array:
         """Force of the ground on the feet, (instants, 4, 3) [N]."""
-        columns, b = self.legs.columns, self.blocks
-        return self.legs.forces_at_rest(b.position[:, columns], b.effort[:, columns], self.specific_force)[0]
+        return self.forces.transpose(2, 1, 0)
 
-    @cached_property
+    @property
     def contact(self) -> Array:
         """Contact points, (instants, 4, 3) [m]."""
-        return np.asarray(self.legs.contacts(self.pose.feet, self.up.T).transpose(1, 2, 0))
+        return self.states.contact.transpose(2, 1, 0)
 
-    @cached_property
-    def load(self) -> Array:
-        """Load of each foot along the specific force as a share of the robot's weight, (instants, 4)."""
-        return np.asarray(np.einsum("nlk,nk->nl", self.force, self.up) / (self.robot.mass * GRAVITY))
 
-    @cached_property
-    def speed(self) -> Array:
-        """Velocity of the contact points relative to the trunk, (instants, 4, 3) [m/s]."""
-        jacobians = self.pose.jacobians(self.contact.transpose(2, 0, 1))
-        rate = self.blocks.rate[:, self.legs.columns]
-        return np.asarray((jacobians * rate).sum(axis=-1).transpose(1, 2, 0))
-
-    @cached_property
-    def leg_moment(self) -> Array:
-        """First moment of the legs, (instants, 3) [kg·m]."""
-        return np.asarray((self.legs.link_mass * self.legs.centres(self.pose)).sum(axis=(-1, -2)).T)
+def _unit(vectors: Array) -> Array:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(size > 0, size, 1.0))

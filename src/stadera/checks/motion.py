@@ -24,12 +24,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
 from stadera.inertia import skews
+from stadera.legs.model import cross
 from stadera.types import Array
+
+Places = NDArray[np.int64]
 
 _FEWEST = 6  # instants needed to fit a second's trunk
 _SEGMENT = 12  # instants whose mean gain counts as one draw, since neighbouring gains are correlated
@@ -47,11 +51,6 @@ class MotionCosts:
     feet: Array
     balance: Array
     lively: float
-
-    @property
-    def total(self) -> Array:
-        """Sum of both, (instants,), with NaN counted as zero."""
-        return np.asarray(np.nan_to_num(self.feet) + np.nan_to_num(self.balance))
 
     @classmethod
     def of(cls, footing: Footing, limits: CheckLimits) -> MotionCosts:
@@ -81,7 +80,8 @@ class Gain:
         parts = len(gain) // _SEGMENT
         if parts < 2:
             return cls(0.0, 0.0)
-        means = np.array([part.mean() for part in np.array_split(gain, parts)])
+        first = np.arange(parts) * (len(gain) // parts) + np.minimum(np.arange(parts), len(gain) % parts)
+        means = np.add.reduceat(gain, first) / np.diff(first, append=len(gain))
         std = float(means.std(ddof=1) / np.sqrt(parts))
         mean = float(means.mean())
         return cls(mean, mean / std if std > 0 else 0.0)
@@ -89,40 +89,51 @@ class Gain:
 
 def _slide(footing: Footing, limits: CheckLimits) -> tuple[Array, float]:
     """Costs of sliding feet, and the share of instants with motion."""
-    omega, length = footing.blocks.angular_velocity, footing.legs.length
+    omega, length, states = footing.blocks.angular_velocity, footing.legs.length, footing.states
     assert omega is not None
     usual = limits.slide * length
-    speed = np.nan_to_num(footing.speed)
-    motion = (speed**2).sum(axis=(1, 2)) / 4.0 + length**2 * (omega**2).sum(axis=1)
+    speed = np.nan_to_num(states.speed)
+    motion = (speed**2).sum(axis=(0, 1)) / 4.0 + length**2 * (omega**2).sum(axis=1)
     moving = motion > (limits.lively_motion * usual) ** 2
-    load = np.clip(footing.load - limits.carries, 0.0, 1.0)
-    enough = (load > 0).sum(axis=1) >= 2
-    weight = (load / np.where(enough, load.sum(axis=1), 1.0)[:, None])[..., None]
-    velocity = speed + np.cross(omega[:, None], footing.contact)
-    spread = (weight * (velocity - (weight * velocity).sum(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
+    carried = (footing.forces * footing.up.T[:, None]).sum(axis=0) / (footing.robot.mass * GRAVITY)
+    load = np.clip(carried - limits.carries, 0.0, 1.0)
+    enough = (load > 0).sum(axis=0) >= 2
+    weight = load / np.where(enough, load.sum(axis=0), 1.0)
+    velocity = speed + cross(omega.T[:, None], states.contact)
+    spread = (weight * (velocity - (weight * velocity).sum(axis=1, keepdims=True)) ** 2).sum(axis=(0, 1))
     # the variance of a weighted mean of few loses one degree of freedom
-    spread /= np.maximum(1.0 - (weight**2).sum(axis=(1, 2)), 1e-3)
+    spread /= np.maximum(1.0 - (weight**2).sum(axis=0), 1e-3)
     cost = np.where(moving, np.log1p(spread / usual**2), 0.0)
-    known = enough & np.isfinite(footing.speed).all(axis=(1, 2))
+    known = enough & np.isfinite(states.speed).all(axis=(0, 1))
     return np.where(known, cost, np.nan), float(moving.mean()) if len(moving) else 0.0
 
 
 def _unbalance(footing: Footing, limits: CheckLimits) -> Array:
     """Costs of torques that do not balance the trunk."""
-    a, legs, length = footing.specific_force, footing.legs, footing.legs.length
+    a, legs, length, forces = footing.specific_force.T, footing.legs, footing.legs.length, footing.forces
     weight = footing.robot.mass * GRAVITY
-    force = footing.force.sum(axis=1) - legs.leg_mass * a
-    moment = np.cross(footing.contact, footing.force).sum(axis=1) - np.cross(footing.leg_moment, a)
-    target = np.concatenate([force, moment / length], axis=1)
-    rows = np.zeros((len(a), 6, 4))
-    rows[:, :3, 0] = a
-    rows[:, 3:, 1:] = -skews(a) / length
-    cost = np.full(len(a), np.nan)
-    for group in np.unique(footing.blocks.group):
-        at = np.flatnonzero(footing.blocks.group == group)
-        if len(at) < _FEWEST:
-            continue
-        A, b = rows[at].reshape(-1, 4), target[at].ravel()
-        left = (b - A @ np.linalg.lstsq(A, b)[0]).reshape(-1, 6) / weight
-        cost[at] = np.log1p((left**2).sum(axis=1) / limits.unbalance**2)
+    moment = cross(footing.states.contact, forces).sum(axis=1) - cross(footing.states.moment.sum(axis=1), a)
+    target = np.concatenate([forces.sum(axis=1) - legs.leg_mass * a, moment / length])
+    cost = np.full(len(footing.blocks), np.nan)
+    for at, explained in footing.known.once(_balances, footing.specific_force, footing.blocks.group, length):
+        b = target[:, at].transpose(1, 2, 0).reshape(len(at), -1, 1)
+        left = (b - explained @ (explained.transpose(0, 2, 1) @ b)).reshape(*at.shape, 6) / weight
+        cost[at] = np.log1p((left**2).sum(axis=2) / limits.unbalance**2)
     return cost
+
+
+def _balances(specific_force: Array, group: Array, length: float) -> list[tuple[Places, Array]]:
+    """For groups of equally many instants: these (groups, n), and an orthonormal basis (groups, 6 n, 4) of what the
+    trunk's mass and first moment explain, zero in directions that they do not affect.
+    """
+    rows = np.zeros((len(specific_force), 6, 4))
+    rows[:, :3, 0] = specific_force
+    rows[:, 3:, 1:] = -skews(specific_force) / length
+    order, count = np.argsort(group, kind="stable"), np.bincount(group)
+    first, found = np.cumsum(count) - count, []
+    for n in np.unique(count[count >= _FEWEST]):
+        at = order[first[count == n][:, None] + np.arange(n)]
+        basis, size, _ = np.linalg.svd(rows[at].reshape(len(at), -1, 4), full_matrices=False)
+        seen = size > 6 * n * np.finfo(float).eps * size[:, :1]
+        found.append((at, basis * seen[:, None]))
+    return found

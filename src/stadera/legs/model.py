@@ -69,6 +69,34 @@ class PoseParts(NamedTuple):
     feet: Array
 
 
+class LegStatics(NamedTuple):
+    """Statics of the legs at some samples, trunk frame; samples last.
+
+    Attributes:
+        pose: of the legs.
+        contact: (3, 4, samples) [m], points of contact.
+        jacobian: (3, 4, 3, samples) [m/rad], J of the points of contact, components first, then leg and joint.
+        to_force: (3, 4, 3, samples) [1/m], J^-T; in near-singular legs the least-squares inverse.
+        carried: (3, 4, 3, samples) [kg·m], H: joint torques at rest are h = Σ_i H_i a_i.
+        moment: (3, 4, samples) [kg·m], first moment of each leg.
+    """
+
+    pose: PoseParts
+    contact: Array
+    jacobian: Array
+    to_force: Array
+    carried: Array
+    moment: Array
+
+    def torque(self, specific_force: Array) -> Array:
+        """h (4, 3, samples) [N·m] that the legs' weight requires at specific forces (samples, 3) [m/s²]."""
+        return np.asarray((self.carried * specific_force.T[:, None, None]).sum(axis=0))
+
+    def force(self, torque: Array) -> Array:
+        """Contact forces (3, 4, samples) [N] for torques h - τ (4, 3, samples) [N·m]."""
+        return np.asarray((self.to_force * torque).sum(axis=2))
+
+
 class LegModel:
     """Geometry, mass and friction of a robot's legs.
 
@@ -148,6 +176,22 @@ class LegModel:
         carried = outwards(self.link_mass * self.centres(pose))
         return cross(pose.axis, carried - outwards(self.link_mass) * pose.joints)
 
+    def statics(self, position: Array, up: Array, unfelt: float = 1e-3) -> LegStatics:
+        """What the contact forces of a robot at rest follow from, besides its joint torques.
+
+        Args:
+            position: (samples, 4, 3) [rad], by leg.
+            up: (samples, 3), unit vectors, trunk axes; the feet's spheres touch the ground along it.
+            unfelt: share of J's largest singular value below which a direction does not affect the torques.
+        """
+        parts = self.parts(position.transpose(1, 2, 0))
+        contact = parts.feet - self._radius[:, None] * up.T[:, None]
+        jacobian = cross(parts.axis, contact[:, :, None] - parts.joints)
+        mass = self.link_mass[..., None]
+        first = outwards(mass * parts.joints + rotated(parts.turn, self._moment), -2)
+        carried = cross(parts.axis, first - outwards(mass, -2) * parts.joints)
+        return LegStatics(parts, contact, jacobian, _to_force(jacobian, unfelt), carried, first[:, :, 0])
+
     def forces_at_rest(
         self, position: Array, effort: Array, specific_force: Array, unfelt: float = 1e-3
     ) -> tuple[Array, Array]:
@@ -162,12 +206,9 @@ class LegModel:
         Returns:
             Forces [N] and points of contact [m], both (samples, 4, 3), trunk frame.
         """
-        pose = self.pose(position)
-        up = specific_force / np.linalg.norm(specific_force, axis=1, keepdims=True)
-        contact = self.contacts(pose.feet, up.T)
-        torque = np.einsum("inlk,ni->nlk", self.weight_torques(pose), specific_force) - effort
-        transposed = pose.jacobians(contact).transpose(1, 2, 3, 0)
-        return np.matvec(np.linalg.pinv(transposed, rcond=unfelt), torque), contact.transpose(1, 2, 0)
+        statics = self.statics(position, specific_force / np.linalg.norm(specific_force, axis=1, keepdims=True), unfelt)
+        torque = statics.torque(specific_force) - effort.transpose(1, 2, 0)
+        return statics.force(torque).transpose(2, 1, 0), statics.contact.transpose(2, 1, 0)
 
 
 def foot_positions(robot: Robot, q: ArrayLike) -> Array:
@@ -207,6 +248,22 @@ def inverse_transposed(jacobians: Array, axis: int = -1) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore"):
         dual /= np.expand_dims(volume, axis)
     return dual, volume
+
+
+def _to_force(jacobian: Array, unfelt: float) -> Array:
+    """Least-squares inverses of J^T (3, leg, joint, samples).
+
+    Where |J| |J^-1| < 1 / `unfelt` in Frobenius' norm, which bounds the ratio of the singular values from above, it is
+    the inverse itself, which takes a tenth of the time.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        inverse, _ = inverse_transposed(jacobian, -2)
+        regular = (jacobian**2).sum(axis=(0, 2)) * (inverse**2).sum(axis=(0, 2)) < unfelt**-2
+    if not regular.all():
+        leg, sample = np.nonzero(~regular)
+        transposed = jacobian[:, leg, :, sample].transpose(0, 2, 1)
+        inverse[:, leg, :, sample] = np.linalg.pinv(transposed, rcond=unfelt)
+    return inverse
 
 
 def cross(a: Array, b: Array) -> Array:

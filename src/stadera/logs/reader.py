@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Protocol
@@ -28,7 +29,7 @@ from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.csv import CsvTable
 from stadera.logs.tables.parquet import ParquetTable
 from stadera.logs.tables.refused import refusal
-from stadera.logs.topics import LogFile
+from stadera.logs.topics import Beginning, LogFile, OpenedLog
 
 Log = str | PathLike[str] | Recording
 """A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory."""
@@ -125,11 +126,36 @@ def stream(
     log = as_log(log)
     if isinstance(log, Recording):
         return _chunks(_chosen(log, joints, require), rows)
+    if isinstance(log, OpenedLog) and MOST_ROWS % rows == 0:
+        return _opened(log, joints, require, rows)
+    return _read(log, joints, require, rows)
+
+
+def _read(log: LogFile, joints: Sequence[str] | None, require: Collection[str], rows: int) -> Iterator[Recording]:
     changes = log.reading.changes
     chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
     if not changes:
         return chunks
     return (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
+
+
+def _opened(log: OpenedLog, joints: Sequence[str] | None, require: Collection[str], rows: int) -> Iterator[Recording]:
+    """The chunks of a log whose first one is kept."""
+    key = None if joints is None else tuple(joints)
+    if key not in log.beginnings:
+        chunks = _read(log, joints, (), MOST_ROWS)
+        log.beginnings[key] = Beginning(next(chunks, None), chunks)
+    kept = log.beginnings[key]
+    if kept.first is None or any(getattr(kept.first, channel, None) is None for channel in require):
+        return _read(log, joints, require, rows)  # which raises
+    return (part for chunk in _all_of(log, kept, joints) for part in _chunks(chunk, rows))
+
+
+def _all_of(log: OpenedLog, kept: Beginning, joints: Sequence[str] | None) -> Iterator[Recording]:
+    if kept.first is not None:
+        yield kept.first
+    rest, kept.rest = kept.rest or islice(_read(log, joints, (), MOST_ROWS), 1, None), None
+    yield from rest
 
 
 def read_head(log: Log) -> Recording:
@@ -165,6 +191,9 @@ def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collect
 
 
 def _chunks(recording: Recording, rows: int) -> Iterator[Recording]:
+    if len(recording) <= rows:
+        yield recording
+        return
     for start in range(0, len(recording), rows):
         chunk = take(recording, slice(start, start + rows))
         yield chunk if start == 0 else replace(chunk, notes=())

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from stadera.errors import RecordingError
 from stadera.logs.examples import EXAMPLES, example
 from stadera.logs.reading import AS_RECORDED, Reading
+
+if TYPE_CHECKING:
+    from stadera.logs.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -72,3 +77,31 @@ class LogFile(PathLike[str]):
 
     def __str__(self) -> str:
         return str(self.path)
+
+
+@dataclass
+class Beginning:
+    """The first chunk of a log, and those after it until a reader takes them."""
+
+    first: Recording | None
+    rest: Iterator[Recording] | None
+
+
+@dataclass(frozen=True)
+class OpenedLog(LogFile):
+    """A log on disk whose first chunk is kept in memory, so that checks made on it do not read it again.
+
+    Chunks of fewer rows are cut from it, so they are full where the file has rows with blank cells.
+
+    Attributes:
+        beginnings: by joints read; filled by `stadera.logs.stream`.
+    """
+
+    beginnings: dict[tuple[str, ...] | None, Beginning] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    @classmethod
+    def at(cls, log: LogFile) -> OpenedLog:
+        """The same log with nothing read yet."""
+        return cls(log.path, log.topics, log.reading)

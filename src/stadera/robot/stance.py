@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -49,7 +50,12 @@ def standing_configuration(robot: Robot, settings: StanceSettings | None = None)
     Raises:
         ModelError: there is no such stance within the joints' limits.
     """
-    settings, heights = settings or StanceSettings(), _hips(robot)[:, 2]
+    return _standing(robot, settings or StanceSettings()).copy()
+
+
+@lru_cache(maxsize=16)
+def _standing(robot: Robot, settings: StanceSettings) -> Array:
+    heights = _hips(robot)[:, 2]
     stretched = np.array([_stretched(robot, leg) for leg in robot.legs])
     for extension in settings.extensions:
         ground = float(np.mean(heights - extension * stretched))

@@ -10,6 +10,7 @@ from stadera.checks import Guard
 from stadera.errors import UntrustedError
 from stadera.logs import LogFile, Recording
 from stadera.logs.reader import Log, as_log
+from stadera.logs.topics import OpenedLog
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.types import Progress
@@ -67,7 +68,7 @@ def weigh(
         other = as_log(tare)
     logs = (source, other) if isinstance(other, LogFile | Recording) else (source,)
     model, read, said = with_extra_joints(model, *logs)
-    source, other = read[0], other if len(read) == 1 else read[1]
+    source, other = _opened(read[0]), other if len(read) == 1 else _opened(read[1])
     guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
     source = guard.admitted(source, fix=fix, force=force)
     if isinstance(other, LogFile | Recording):
@@ -78,3 +79,8 @@ def weigh(
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     return replace(result, notes=(*said, *result.notes))
+
+
+def _opened(log: LogFile | Recording) -> LogFile | Recording:
+    """The log, its first chunk read once for all checks."""
+    return OpenedLog.at(log) if isinstance(log, LogFile) else log

@@ -24,9 +24,14 @@ def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batc
     blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None
     for i, name in enumerate(columns):
         cells = _numbers(table.column(name), name, source)
-        values[i] = cells.to_numpy(zero_copy_only=False)
+        valid, numbers = cells.buffers()  # `to_numpy` would import pandas
+        if not len(cells) or numbers is None:
+            continue
+        values[i] = np.frombuffer(numbers, np.float64, len(cells), 8 * cells.offset)
         if blank is not None and cells.null_count:
-            blank[i] = cells.is_null().to_numpy(zero_copy_only=False)
+            bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=cells.offset + len(cells), bitorder="little")
+            blank[i] = bits[cells.offset :] == 0
+            values[i, blank[i]] = np.nan
     return Batch(values, blank)
 
 
