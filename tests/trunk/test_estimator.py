@@ -233,7 +233,7 @@ def test_a_small_sway_shows_the_height() -> None:
     estimator = TrunkEstimator(robot())
     estimator.add(before(samples(motion(replace(STILL, tilt=0.04, sway=0.01)), STANDARD, 1), 2.0))
     assert estimator.estimate().observed.all()
-    assert abs(error(estimator, trunk())[3]) < 4.0 * estimator.estimate().std[3] < 0.035
+    assert abs(error(estimator, trunk())[3]) < 4.0 * estimator.estimate().std[3] < 0.06
 
 
 def test_finds_by_how_much_torques_are_late() -> None:

@@ -1,13 +1,17 @@
 """Fit quality of the rows: the size of the model errors, and which of them is the likeliest.
 
 The residual r = b - A θ̂ - C p̂ has the energy S. White noise explains E_w of it, and model errors with their prior
-covariance Σ0 explain E_m = tr(Σ0 Cᵀ M C), with M the weights after eliminating θ. The scale of the model errors, a
-random-effects estimate by the method of moments, is
+covariance Σ0 explain E_m = tr(Σ0 D), with D the products of their columns after eliminating θ. Robots differ: one's
+errors have the covariance s² Σ0, with ln s normally distributed, of standard deviation `TrunkSettings.scale_spread`,
+and s² of mean one. Given s, S is a sum of squares of Gaussians, nearly distributed as a multiple of χ² of the same mean
+and variance (Satterthwaite),
 
-    s² = (ν + max(S - E_w, 0)) / (ν + E_m),        ν a small share of the energy before θ was fitted
+    E[S | s] = E_w + s² E_m,      Var[S | s] = (0.3 E_w)² + 2 s⁴ tr (Σ0 D)²
 
-s < 1 means that this robot is closer to its model than most are. s scales the errors that residuals show; errors that
-no residual shows (those of a robot at rest) keep their prior size. The misfit is S / (E_w + E_m).
+and n = 2 E[S]² / Var[S] degrees of freedom. A robot that stands shows about three, one that walks five to thirty: its
+residual may be small by chance although its offsets and gains are not. The scale used is the mean of s² given S: one
+where nothing is seen, (S - E_w) / E_m where n is large. s scales the errors that residuals show; errors that no
+residual shows (those of a robot at rest) keep their prior size. The misfit is S / (E_w + E_m).
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaln
 
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import PLACES, ErrorModel
@@ -39,6 +44,8 @@ _CAUSES = {
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
 }
+_NOISE_KNOWN = 0.3  # relative standard deviation of E_w: noise is not quite white, and windows overlap
+_WIDEST, _TRIES = 5.0, 81  # standard deviations of ln s, and number of its values, in sums over it
 _TRIED = 10.0  # times the prior standard deviation, the largest error that is tried as an explanation of the residual
 
 
@@ -65,13 +72,12 @@ class Fit:
         Args:
             errors: p̂ (ERRORS,). covariance: Σ0, of p at its prior size where nothing else is known.
         """
-        remainder, total = (sum(getattr(s, name) for s in segments) for name in ("remainder", "energy"))
-        remainder = _without(remainder, errors)
+        remainder = _without(np.sum([segment.remainder for segment in segments], axis=0), errors)
         white = float(sum(s.white for s in segments))
         residual = max(float(remainder[0, 0]), 0.0)
-        stated = float((covariance * remainder[1:, 1:]).sum())
-        least = settings.least_scale * float((covariance * total[1:, 1:]).sum())
-        square = (least + max(residual - white, 0.0)) / max(least + stated, 1e-300)
+        moved = covariance @ remainder[1:, 1:]
+        stated = float(np.trace(moved))
+        square = _scale_square(residual, white, stated, float((moved * moved.T).sum()), settings.scale_spread)
         return cls(float(np.sqrt(square)), residual / max(white + stated, 1e-300), remainder, white)
 
     def trust(self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float) -> Trust:
@@ -118,6 +124,26 @@ class Fit:
         level = max(float(self.remainder[0, 0]), 1e-300)
         prior = np.linalg.inv(_TRIED**2 * errors.covariance[place, place])
         return float(along @ np.linalg.solve(normal + prior, along)) / level
+
+
+def _scale_square(residual: float, white: float, stated: float, stated_squared: float, spread: float) -> float:
+    """Mean of s² given the residual's energy, see the module's text.
+
+    Args:
+        residual, white, stated: S, E_w and E_m. stated_squared: tr (Σ0 CᵀMC)².
+        spread: standard deviation of ln s before any data.
+    """
+    if stated <= 0.0:
+        return 1.0
+    tried = np.linspace(-_WIDEST * spread, _WIDEST * spread, _TRIES)  # ln s about the prior's median
+    square = np.exp(2.0 * (tried - spread**2))
+    expected = white + square * stated
+    half_freedom = expected**2 / (2.0 * square**2 * stated_squared + (_NOISE_KNOWN * white) ** 2)
+    part = half_freedom * max(residual, white, 1e-300) / expected  # less than the noise is noise stated too large
+    likely = half_freedom * np.log(part) - part - gammaln(half_freedom)
+    likely -= 0.5 * (tried / spread) ** 2
+    weight = np.exp(likely - likely.max())
+    return float(weight @ square / weight.sum())
 
 
 def _without(products: Array, errors: Array) -> Array:

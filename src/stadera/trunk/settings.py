@@ -158,8 +158,8 @@ class TrunkSettings:
         changes: criteria for reporting a change of the load.
         reported_within: time after which a change that stays within its error bars is no longer reported [s].
         settled: time of data after which an estimate counts as converged [s].
-        least_scale: share of the model errors' energy that always counts as observed at its prior size [1]; keeps
-            errors that no residual shows at their prior.
+        scale_spread: standard deviation of the logarithm of the model errors' scale before any data [1]. The sizes in
+            `ModelErrors` come from few robots; they are taken to be right for others within a factor of three (95 %).
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
     """
 
@@ -170,7 +170,7 @@ class TrunkSettings:
     changes: ChangeSettings = field(default_factory=ChangeSettings)
     reported_within: float = 2.0
     settled: float = 0.5
-    least_scale: float = 0.01
+    scale_spread: float = 0.55
     doubtful: float = 3.0
     bad: float = 9.0
 

@@ -1,0 +1,110 @@
+"""The scale of the model errors, against draws of robots with errors of known size."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stadera.robot import load_robot
+from stadera.robot.imu import ImuMount
+from stadera.trunk.considered import Errors, robot_weight, weighted
+from stadera.trunk.error_model import ERRORS, INVISIBLE, PLACES, ErrorModel
+from stadera.trunk.fit import Fit
+from stadera.trunk.rows import RowMaker
+from stadera.trunk.samples import Samples
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
+from stadera.trunk.swing import SwingJoints
+from walking import Walk, walked
+
+RATE, BLOCK = 500.0, 10
+STAND = Walk(seconds=1.0, rate_hz=RATE, speed=0.0, period=0.0, tilt=0.0, sway=0.0)
+WALK = Walk(seconds=1.6, rate_hz=RATE)
+ROBOT = load_robot("hyq")
+SETTINGS = TrunkSettings()
+DRAWS = 300
+
+
+@cache
+def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
+    """Rows of exact signals, with the prior of the model errors and the leg's length."""
+    maker, motion = RowMaker(ROBOT, ImuMount.of(ROBOT), SwingDetection()), walked(ROBOT, walk)
+    specific = motion.specific_force  # the lever's part is small and the same in all draws
+    s = Samples(motion.time, motion.position, motion.velocity, motion.effort, motion.angular_velocity, specific)
+    made, trunk = [], ROBOT.inertias[ROBOT.trunk]
+    for k in range(0, len(s) - BLOCK - 2, BLOCK):
+        block = maker.block(s[k : k + BLOCK + 2], motion.normal[k + BLOCK // 2], trunk).rows
+        if block is not None:
+            made.append(weighted(block, robot_weight(ROBOT), maker.regressor.length))
+    length = maker.regressor.length
+    return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
+
+
+def prior(length: float) -> Segment:
+    wide = ROBOT.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
+    return Segment.prior(ROBOT.inertias[ROBOT.trunk].vector, wide)
+
+
+def drawn(walk: Walk, scale: float, seed: int) -> Segment:
+    """Summed rows of a robot whose model errors are drawn, times a scale."""
+    made, model, length = rows(walk)
+    rng, theta = np.random.default_rng(seed), ROBOT.inertias[ROBOT.trunk].vector
+    values, vectors = np.linalg.eigh(model.covariance)
+    p = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(ERRORS))
+    kept = np.ones(ERRORS, dtype=bool)
+    for name in (*INVISIBLE, "stiction"):
+        kept[PLACES[name]] = False
+    p = np.where(kept, scale * p, p)
+    segment = prior(length)
+    for block in made:
+        noise = np.sqrt(block.white / 6.0) * rng.standard_normal(6)
+        target = block.matrix @ theta + block.errors @ p + noise
+        segment = segment.add(WeightedRows.of(block.time, block.matrix, block.errors, target, block.white))
+    return segment
+
+
+def standardised(walk: Walk, scale: float) -> np.ndarray:
+    """Errors of mass and first moment in x and y over their standard deviations, (DRAWS, 3)."""
+    _, model, _ = rows(walk)
+    swing, truth, found = SwingJoints(model, SwingDetection()), ROBOT.inertias[ROBOT.trunk].vector, []
+    usual = Errors(model, swing, 1.0)
+    for seed in range(DRAWS):
+        segment = drawn(walk, scale, seed)
+        fit = Fit.of((segment,), usual.mean, usual.covariance, SETTINGS)
+        errors = Errors(model, swing, fit.scale)
+        std = np.sqrt(np.diag(errors.trunk_covariance(segment, 1.0)))
+        found.append(((segment.mean(errors.mean) - truth) / std)[:3])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("walk", [STAND, WALK], ids=["stand", "walk"])
+@pytest.mark.parametrize(("scale", "least"), [(0.5, 0.9), (1.0, 0.9), (3.0, 0.65)])
+def test_bars_hold_at_other_sizes_of_the_errors(walk: Walk, scale: float, least: float) -> None:
+    """Three times the stated sizes are at the edge of what the scale's prior allows, and few directions show them."""
+    within = (np.abs(standardised(walk, scale)) < 2.0).mean(axis=0)
+    assert (within >= least).all(), within
+
+
+@pytest.mark.parametrize("walk", [STAND, WALK], ids=["stand", "walk"])
+def test_the_scale_is_right_on_average_whatever_it_was_found_to_be(walk: Walk) -> None:
+    """Robots of scales drawn from the prior, by quarters of the scale found: a small residual may be chance."""
+    _, model, _ = rows(walk)
+    usual = Errors(model, SwingJoints(model, SwingDetection()), 1.0)
+    spread = SETTINGS.scale_spread
+    true = np.exp(spread * np.random.default_rng(3).standard_normal(DRAWS) - spread**2)
+    fits = [
+        Fit.of((drawn(walk, s, seed),), usual.mean, usual.covariance, SETTINGS) for seed, s in enumerate(true.tolist())
+    ]
+    found = np.array([fit.scale**2 for fit in fits])
+    assert found.mean() == pytest.approx(1.0, abs=0.2)
+    for quarter in np.array_split(np.argsort(found), 4):
+        assert 0.5 < (true[quarter] ** 2).mean() / found[quarter].mean() < 1.6
+
+
+def test_without_rows_the_scale_is_the_priors() -> None:
+    _, model, length = rows(STAND)
+    usual = Errors(model, SwingJoints(model, SwingDetection()), 1.0)
+    fit = Fit.of((prior(length),), usual.mean, usual.covariance, SETTINGS)
+    assert fit.scale == pytest.approx(1.0, abs=0.02)
