@@ -46,9 +46,10 @@ def kernel(module: str) -> ModuleType | None:
 def compiled(signature: str | list[str] | None = None, **options: Any) -> Callable[[_Function], _Function]:
     """Decorator that compiles a function, without changing the order of its operations; without numba it does nothing.
 
+    Divisions by zero give infinity or NaN, as numpy's do.
+
     Args:
-        signature: types of result and arguments, compiled for at once; None to compile at the first call for its types,
-            as suits functions that others of the same file call.
+        signature: types of result and arguments, compiled for at once; None to compile at the first call for its types.
         options: of `numba.njit`, such as `inline="always"`.
     """
 
@@ -56,11 +57,17 @@ def compiled(signature: str | list[str] | None = None, **options: Any) -> Callab
         if not available():
             return function
         njit, signatures = import_module("numba").njit, () if signature is None else (signature,)
+        settings = {"cache": True, "error_model": "numpy", **options}
         try:
-            return cast(_Function, njit(*signatures, cache=True, **options)(function))
+            return cast(_Function, njit(*signatures, **settings)(function))
         except RuntimeError as error:  # numba: no folder for its cache can be written
             if "cannot cache" not in str(error):
                 raise
-            return cast(_Function, njit(*signatures, **options)(function))
+            return cast(_Function, njit(*signatures, **{**settings, "cache": False})(function))
 
     return decorate
+
+
+def part(function: _Function) -> _Function:
+    """Decorator for a function that only kernels of the same file call: compiled with these, faster to compile."""
+    return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)

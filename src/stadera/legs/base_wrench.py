@@ -121,11 +121,14 @@ class BaseWrenchRegressor(LegModel):
 
     Args:
         robot: the model of the legs: inertias, rotors, friction and offsets of the joints.
+
+    Attributes:
+        armature: (4, 3, 1) [kg·m²], rotor inertia of the joints.
     """
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._armature = np.array([[[robot.dynamics[j].armature] for j in leg.joints] for leg in robot.legs])
+        self.armature = np.array([[[robot.dynamics[j].armature] for j in leg.joints] for leg in robot.legs])
 
     def at(self, motion: LegMotions) -> LegWrenches:
         """The legs' side of the rows at some samples."""
@@ -141,9 +144,9 @@ class BaseWrenchRegressor(LegModel):
         force, moment = self._inertial(turn, omega, alpha, a, origin)
         carried_force, carried_moment = outwards(force, -2), outwards(moment, -2)
         rigid = (axis * (carried_moment - cross(origin, carried_force))).sum(axis=0)
-        torque = (rigid + self._armature * acceleration).transpose(2, 0, 1)
+        torque = (rigid + self.armature * acceleration).transpose(2, 0, 1)
         torque += self.friction.torque(motion.velocity, motion.sliding)
-        contact = feet - self._radius[:, None] * motion.normal[:, None]
+        contact = feet - self.radius[:, None] * motion.normal[:, None]
         dual, volume = inverse_transposed(cross(axis, contact[:, :, None] - origin), -2)
         to_wrench = np.concatenate([dual, cross(contact[:, :, None], dual)])
         inertial = np.concatenate([carried_force[:, :, 0], carried_moment[:, :, 0]])
@@ -188,7 +191,7 @@ class BaseWrenchRegressor(LegModel):
         effects = np.empty((6, 4, 4, 3, n))  # the wrench; ε and three axes; leg, link, samples
         effects[:3, 0], effects[3:, 0] = force, moment
         omega, mass = omega[:, None], self.link_mass[..., None]
-        centre = at + rotated(turn, self._moment) / mass
+        centre = at + rotated(turn, self.moment) / mass
         moved = mass * (cross(alpha[:, None], turn) + cross(omega, cross(omega, turn)))  # by link axis
         effects[:3, 1:], effects[3:, 1:] = moved, cross(turn, force[:, None]) + cross(centre[:, None], moved)
         # Σ over samples and components of the wrench, as one product for each link
@@ -199,10 +202,10 @@ class BaseWrenchRegressor(LegModel):
 
     def _inertial(self, turn: Array, omega: Array, alpha: Array, a: Array, origin: Array) -> tuple[Array, Array]:
         """Inertial force and moment about the trunk's origin of each link, (3, leg, link, samples)."""
-        h = rotated(turn, self._moment)
+        h = rotated(turn, self.moment)
         force = self.link_mass[..., None] * a + cross(alpha, h) + cross(omega, cross(omega, h))
         own_omega, own_alpha = rotated_back(turn, omega), rotated_back(turn, alpha)
-        own = rotated(self._tensor, own_alpha) + cross(own_omega, rotated(self._tensor, own_omega))
+        own = rotated(self.tensor, own_alpha) + cross(own_omega, rotated(self.tensor, own_omega))
         moment = cross(h, a) + rotated(turn, own) + cross(origin, force)
         return force, moment
 

@@ -103,7 +103,9 @@ class LegModel:
     Attributes:
         columns: (4, 3), index of each leg's joints in the tree's order.
         friction: of the joints, by leg.
-        link_mass: (4, 3) [kg], of the links, by leg. leg_mass: [kg], of all legs.
+        turns, arms, axes: rotations, arms [m] and axes of the joints in the link before. foot, radius: of the feet [m].
+        link_mass: (4, 3) [kg], of the links, by leg. moment, tensor: first moment and inertia about the joint, link
+            axes. leg_mass: [kg], of all legs.
         length: of the shortest leg, hip to foot when fully extended [m].
         least_volume: det J [m³] below which a leg counts as singular.
     """
@@ -114,13 +116,13 @@ class LegModel:
         axes, fixed = tree.axes[self.columns], tree.rotations[self.columns]
         K = np.array([[skew(axis) for axis in leg] for leg in axes])  # (leg, joint, 3, 3)
         # rotation to the previous link's axes: B + sin q B K + (1 - cos q) B K²; constants are (..., leg, joint, 1)
-        self._turns = [_last(fixed), _last(fixed @ K), _last(fixed @ K @ K)]
-        self._arms, self._axes = _last(tree.translations[self.columns]), _last(axes)
-        self._foot = _last(np.array([leg.foot_position for leg in robot.legs])[:, None])[:, :, 0]
-        self._radius = np.array([leg.foot_radius for leg in robot.legs])
+        self.turns = [_last(fixed), _last(fixed @ K), _last(fixed @ K @ K)]
+        self.arms, self.axes = _last(tree.translations[self.columns]), _last(axes)
+        self.foot = _last(np.array([leg.foot_position for leg in robot.legs])[:, None])[:, :, 0]
+        self.radius = np.array([leg.foot_radius for leg in robot.legs])
         bodies = np.array([[robot.inertias[link].vector for link in leg.links] for leg in robot.legs])
         self.link_mass = bodies[..., 0]
-        self._moment, self._tensor = _last(bodies[..., 1:4]), _last(bodies[..., [[4, 5, 6], [5, 7, 8], [6, 8, 9]]])
+        self.moment, self.tensor = _last(bodies[..., 1:4]), _last(bodies[..., [[4, 5, 6], [5, 7, 8], [6, 8, 9]]])
         self.leg_mass = float(self.link_mass.sum())
 
     @staticmethod
@@ -132,8 +134,8 @@ class LegModel:
     @cached_property
     def length(self) -> float:
         """Length of the shortest leg, hip to foot when fully extended [m]."""
-        thigh = np.linalg.norm(self._arms[:, :, 2, 0], axis=0)
-        return float((thigh + np.linalg.norm(self._foot[..., 0], axis=0)).min())
+        thigh = np.linalg.norm(self.arms[:, :, 2, 0], axis=0)
+        return float((thigh + np.linalg.norm(self.foot[..., 0], axis=0)).min())
 
     @property
     def least_volume(self) -> float:
@@ -147,26 +149,26 @@ class LegModel:
     def parts(self, position: Array) -> PoseParts:
         """Pose with samples last, at joint angles (4, 3, samples) [rad]."""
         q = np.ascontiguousarray(position)
-        local = self._turns[0] + np.sin(q) * self._turns[1] + (1.0 - np.cos(q)) * self._turns[2]
+        local = self.turns[0] + np.sin(q) * self.turns[1] + (1.0 - np.cos(q)) * self.turns[2]
         turn, arm = np.empty_like(local), np.empty(local.shape[1:])
-        turn[..., 0, :], arm[..., 0, :] = local[..., 0, :], self._arms[..., 0, :]
+        turn[..., 0, :], arm[..., 0, :] = local[..., 0, :], self.arms[..., 0, :]
         for j in (1, 2):
             before, own = turn[..., j - 1, :], local[..., j, :]
-            arm[..., j, :] = rotated(before, self._arms[..., j, :])
+            arm[..., j, :] = rotated(before, self.arms[..., j, :])
             np.multiply(before[:, 0, None], own[0], out=turn[..., j, :])
             for k in (1, 2):
                 turn[..., j, :] += before[:, k, None] * own[k]
         joints = np.cumsum(arm, axis=-2)
-        feet = joints[..., 2, :] + rotated(turn[..., 2, :], self._foot)
-        return PoseParts(turn, arm, joints, rotated(turn, self._axes), feet)
+        feet = joints[..., 2, :] + rotated(turn[..., 2, :], self.foot)
+        return PoseParts(turn, arm, joints, rotated(turn, self.axes), feet)
 
     def contacts(self, feet: Array, normal: Array) -> Array:
         """Contact points of foot spheres at feet (3, samples, 4) [m] with a ground of unit normal (3, samples)."""
-        return np.asarray(feet - self._radius * normal[:, :, None])
+        return np.asarray(feet - self.radius * normal[:, :, None])
 
     def centres(self, pose: LegPose) -> Array:
         """Centres of mass of the links (3, samples, 4, 3) [m]."""
-        return np.asarray(pose.joints + rotated(pose.turn, np.moveaxis(self._moment, -1, 1)) / self.link_mass)
+        return np.asarray(pose.joints + rotated(pose.turn, np.moveaxis(self.moment, -1, 1)) / self.link_mass)
 
     def weight_torques(self, pose: LegPose) -> Array:
         """H (3, samples, 4, 3) [kg·m]: joint torques at rest, h = Σ_i H_i a_i for a specific force a (3,).

@@ -29,8 +29,7 @@ def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRow
     phases of a step have equal weight.
     """
     unit = _UNIT * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length])
-    columns = np.hstack([rows.matrix, rows.target[:, None], rows.errors]) / unit[:, None]
-    return WeightedRows(rows.time, columns, float((np.diagonal(rows.white) / unit**2).sum()))
+    return WeightedRows(rows.time, rows.columns / unit[:, None], float((rows.white / unit**2).sum()))
 
 
 @dataclass(frozen=True, eq=False)

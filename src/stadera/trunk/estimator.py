@@ -34,6 +34,7 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.trunk.changes import ChangeDetector, Jump
+from stadera.trunk.compiled_rows import row_maker
 from stadera.trunk.considered import Errors, RowSums, robot_weight, weighted
 from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.fit import Fit
@@ -44,7 +45,7 @@ from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
-from stadera.trunk.rows import BlockRows, RowMaker
+from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
 from stadera.trunk.segment import THETA, Segment, WeightedRows
@@ -124,7 +125,7 @@ class TrunkEstimator:
         if inertia is None:
             inertia = self.robot.inertias[self.robot.trunk].inertia_com
         self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
-        self._maker = RowMaker(self.robot, self.mount, self.settings.swing)
+        self._maker = row_maker(self.robot, self.mount, self.settings.swing)
         self._length, self._weight = self._maker.regressor.length, robot_weight(self.robot)
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
         self._swing = SwingJoints(self._model, self.settings.swing)

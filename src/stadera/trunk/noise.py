@@ -43,11 +43,16 @@ class WhiteNoise:
 
     Args:
         torque, velocity: prior (12,) [N·m, rad/s], by leg and joint. gyro, accelerometer: [rad/s, m/s²].
+
+    Attributes:
+        variance, prior_variance: (30,), of torques, velocities, gyro and accelerometer.
     """
 
     def __init__(self, torque: Array, velocity: float, gyro: float, accelerometer: float) -> None:
-        self._prior = np.concatenate([torque, np.full(12, velocity), np.full(3, gyro), np.full(3, accelerometer)]) ** 2
-        self._variance = self._prior.copy()
+        self.prior_variance = (
+            np.concatenate([torque, np.full(12, velocity), np.full(3, gyro), np.full(3, accelerometer)]) ** 2
+        )
+        self.variance = self.prior_variance.copy()
 
     @classmethod
     def prior(cls, robot: Robot, columns: NDArray[np.int_]) -> WhiteNoise:
@@ -66,33 +71,33 @@ class WhiteNoise:
             [samples.effort[:, flat], samples.velocity[:, flat], samples.angular_velocity, samples.specific_force]
         )
         seen = third_differences_squared(signals)
-        above = seen > _lower_quartile(len(samples) - 3) * self._variance
-        self._variance *= np.exp(_GAIN * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
-        np.clip(self._variance, _LEAST**2 * self._prior, _MOST**2 * self._prior, out=self._variance)
+        above = seen > lower_quartile(len(samples) - 3) * self.variance
+        self.variance *= np.exp(_GAIN * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
+        np.clip(self.variance, _LEAST**2 * self.prior_variance, _MOST**2 * self.prior_variance, out=self.variance)
 
     @property
     def torque(self) -> Array:
         """Standard deviation of the torques, (12,) [N·m]."""
-        return np.asarray(np.sqrt(self._variance[:12]))
+        return np.asarray(np.sqrt(self.variance[:12]))
 
     @property
     def velocity(self) -> Array:
         """Standard deviation of the joint velocities, (12,) [rad/s]."""
-        return np.asarray(np.sqrt(self._variance[12:24]))
+        return np.asarray(np.sqrt(self.variance[12:24]))
 
     @property
     def gyro(self) -> float:
         """Standard deviation of the gyro [rad/s]."""
-        return float(np.sqrt(self._variance[24:27].mean()))
+        return float(np.sqrt(self.variance[24:27].mean()))
 
     @property
     def accelerometer(self) -> float:
         """Standard deviation of the accelerometer [m/s²]."""
-        return float(np.sqrt(self._variance[27:].mean()))
+        return float(np.sqrt(self.variance[27:].mean()))
 
 
 @lru_cache(maxsize=64)
-def _lower_quartile(differences: int) -> float:
+def lower_quartile(differences: int) -> float:
     """Of the mean square of so many successive third differences of white noise, over what is expected of it."""
     pairs = sum((differences - k) * square for k, square in enumerate(_CORRELATED, 1) if k < differences)
     freedom = differences**2 / (differences + 2.0 * pairs)

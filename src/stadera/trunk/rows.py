@@ -61,7 +61,7 @@ _MIDDLES = 4  # the block's middle sample as it is, and with each joint of all l
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
 _MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
-_LATELY = 25  # blocks, over which that is taken: a joint that turns back is not one that stands
+LATELY = 25  # blocks, over which that is taken: a joint that turns back is not one that stands
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
 _UNIT = np.eye(3)
@@ -83,18 +83,31 @@ class BlockRows:
 
     Attributes:
         time: of the last sample [s]. elapsed: since the previous block [s].
-        matrix: A (6, 10). errors: C (6, ERRORS). target: b (6,) [N, N·m].
-        white: (6, 6), covariance of the white noise.
+        columns: (6, 10 + 1 + ERRORS), of A, b [N, N·m] and C.
+        white: (6,), variances of the white noise.
         swing: rows in joint space.
     """
 
     time: float
     elapsed: float
-    matrix: Array
-    errors: Array
-    target: Array
+    columns: Array
     white: Array
     swing: SwingRows
+
+    @property
+    def matrix(self) -> Array:
+        """A (6, 10)."""
+        return self.columns[:, :10]
+
+    @property
+    def target(self) -> Array:
+        """b (6,) [N, N·m]."""
+        return self.columns[:, 10]
+
+    @property
+    def errors(self) -> Array:
+        """C (6, ERRORS)."""
+        return self.columns[:, 11:]
 
 
 class BlockResult(NamedTuple):
@@ -165,7 +178,7 @@ class RowMaker:
         self._half: _Half | None = None
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
         self._calibration = SignalCalibration()
-        self._speeds: deque[Array] = deque(maxlen=_LATELY)  # squared, over the noise's variance
+        self._speeds: deque[Array] = deque(maxlen=LATELY)  # squared, over the noise's variance
 
     def restart(self) -> None:
         """Discards the unfinished window: the next samples do not continue the previous ones."""
@@ -275,7 +288,7 @@ class RowMaker:
             motion.specific_force[:, :n], motion.angular_velocity[:, :n], motion.angular_acceleration[:, :n]
         )
         target, by_rate = by_leg[:, :n].sum(axis=2), (E * rate).sum(axis=2)
-        rising = _half_window(n)
+        rising = half_window(n)
         # both halves at once: rising weights first
         weights = np.stack([rising, rising[::-1]])
         links = self.regressor.by_links(wrenches, weights)
@@ -350,7 +363,8 @@ class RowMaker:
         K = own_a - probes[:, :3].sum(axis=2)
         L = own_alpha - probes[:, 3:6].sum(axis=2)
         G = probes[:, 6:9].transpose(0, 2, 1).reshape(6, 12)  # by leg and joint
-        C = np.zeros((6, ERRORS))
+        columns = np.zeros((6, 11 + ERRORS))
+        columns[:, :10], columns[:, 10], C = trunk_matrix(signals), total.target, columns[:, 11:]
         for term, name in enumerate(_TERMS):
             C[:, PLACES[name]] = -total.by_terms[:, :, term]
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
@@ -376,15 +390,12 @@ class RowMaker:
         white = _OVERLAP * (total.squared + averaged * noise.accelerometer**2 * (K @ K.T))
         white += _TELESCOPED * differentiated * (noise.gyro**2 * (L_noise @ L_noise.T))
         white += _TELESCOPED * differentiated * ((G * noise.velocity) @ (G * noise.velocity).T)
-        acceleration, velocity, sure, one, rate, left = total.joint
         return BlockRows(
             time=float(second.time[-1]),
             elapsed=elapsed,
-            matrix=trunk_matrix(signals),
-            errors=C,
-            target=total.target,
-            white=white,
-            swing=SwingRows(first.air & second.air, np.stack([acceleration, velocity, sure, one]), rate, left),
+            columns=columns,
+            white=np.diagonal(white),
+            swing=SwingRows(first.air & second.air, total.joint[:4], total.joint[4], total.joint[5]),
         )
 
 
@@ -405,7 +416,7 @@ def _fitted(velocity: Array, n: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _half_window(n: int) -> Array:
+def half_window(n: int) -> Array:
     """The rising half of a raised cosine over 2 n samples, its sum one half."""
     window: Array = (1.0 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / (2.0 * n)
     return window

@@ -66,6 +66,11 @@ class Samples:
     def __add__(self, later: Samples) -> Samples:
         return Samples(*(np.concatenate([getattr(self, name), getattr(later, name)]) for name in _NAMES))
 
+    @property
+    def table(self) -> Array:
+        """All values, (n, 7 + 3 joints): time, positions, velocities, efforts, angular velocity, specific force."""
+        return np.column_stack([getattr(self, name) for name in _NAMES])
+
     @classmethod
     def of(cls, measurements: Sequence[Measurement]) -> Samples:
         """From measurements, at least one."""
