@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stadera.compiled
+from arm import with_arm
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
@@ -58,7 +61,16 @@ def assert_near(found: np.ndarray, expected: np.ndarray, what: str) -> None:
 )
 @pytest.mark.parametrize("n", [1, 2, 4, 10, 20, 37])
 def test_rows_are_those_of_numpy(name: str, dry: bool, n: int) -> None:
-    made, data = robot(name, dry), samples(name, 500.0, n)
+    assert_same_rows(robot(name, dry), samples(name, 500.0, n), n)
+
+
+def test_rows_with_a_moving_arm_are_those_of_numpy(tmp_path: Path) -> None:
+    data, rng = samples("go2", 500.0, 1), np.random.default_rng(7)
+    assert_same_rows(with_arm("go2", tmp_path), replace(data, extra=rng.standard_normal((len(data), 6))), 10)
+
+
+def assert_same_rows(made: Robot, data: Samples, n: int) -> None:
+    """Over thirty blocks of n samples, with a gap and a restart between."""
     reference, compiled = RowMaker(made, MOUNT, SwingDetection()), row_maker(made, MOUNT, SwingDetection())
     assert isinstance(compiled, CompiledRowMaker)
     trunk = made.inertias[made.trunk]
@@ -92,7 +104,7 @@ def test_a_stretched_leg_is_named_alike() -> None:
     made, data = robot("hyq"), samples("hyq", 500.0, 0)
     position = data.position.copy()
     position[:, RowMaker(made, MOUNT, SwingDetection()).regressor.columns[2]] = 0.0
-    flat = Samples(data.time, position, data.velocity, data.effort, data.angular_velocity, data.specific_force)
+    flat = replace(data, position=position)
     for maker in (RowMaker(made, MOUNT, SwingDetection()), row_maker(made, MOUNT, SwingDetection())):
         noise = maker.noise.variance.copy()
         assert maker.block(flat[:12], NORMAL, made.inertias[made.trunk]).singular == 2

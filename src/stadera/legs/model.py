@@ -187,10 +187,10 @@ class LegModel:
             unfelt: share of J's largest singular value below which a direction does not affect the torques.
         """
         parts = self.parts(position.transpose(1, 2, 0))
-        contact = parts.feet - self._radius[:, None] * up.T[:, None]
+        contact = parts.feet - self.radius[:, None] * up.T[:, None]
         jacobian = cross(parts.axis, contact[:, :, None] - parts.joints)
         mass = self.link_mass[..., None]
-        first = outwards(mass * parts.joints + rotated(parts.turn, self._moment), -2)
+        first = outwards(mass * parts.joints + rotated(parts.turn, self.moment), -2)
         carried = cross(parts.axis, first - outwards(mass, -2) * parts.joints)
         return LegStatics(parts, contact, jacobian, _to_force(jacobian, unfelt), carried, first[:, :, 0])
 

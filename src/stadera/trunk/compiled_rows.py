@@ -86,7 +86,8 @@ class CompiledRowMaker(RowMaker):
         n = len(samples) - 2
         half, feet, force = self._halves[1 - self._latest], np.empty((3, 4)), np.empty((3, 4))
         singular = self._compiled.block(
-            np.ascontiguousarray(samples.table),
+            samples.table,
+            samples.position.shape[1],
             self._columns,
             self._links,
             self._feet,
@@ -105,6 +106,10 @@ class CompiledRowMaker(RowMaker):
         if singular >= 0:
             self.restart()
             return BlockResult(None, feet, np.zeros((3, 4)), singular)
+        if self._extra is not None and samples.extra.size:
+            wrench, rising = self._extra_wrench(self._extra, samples), half_window(n)
+            for sums, weights in ((half, rising), (half[self._compiled.SUMS :], rising[::-1])):
+                sums[self._compiled.TARGET : self._compiled.TARGET + 6] -= wrench @ weights
         made = self._rows_of(self._halves[self._latest], half, trunk) if self._known else None
         self._latest, self._known = 1 - self._latest, True
         return BlockResult(made, feet, force)

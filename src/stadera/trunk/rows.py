@@ -211,25 +211,33 @@ class RowMaker:
         by_leg, force = wrenches.target(effort), wrenches.forces(effort)
         half = self._summed(samples, motion, wrenches, effort, by_leg, force, torque_rate, jerk)
         if self._extra is not None and samples.extra.size:
-            self._take_out(half, self._extra_wrench(self._extra, samples, motion))
+            self._take_out(half, self._extra_wrench(self._extra, samples))
         rows = None if self._half is None else self._rows(self._half, half, trunk)
         self._half = half
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, n - 1])
 
-    def _extra_wrench(self, extra: ExtraJoints, samples: Samples, motion: LegMotions) -> Array:
+    def _extra_wrench(self, extra: ExtraJoints, samples: Samples) -> Array:
         """What the joints outside the legs add by moving, (6, n), see `stadera.legs.extra_wrench`."""
-        n, k = len(samples) - 2, len(extra.joints)
+        k = len(extra.joints)
         position, velocity = samples.extra[1:-1, :k], samples.extra[1:-1, k:]
         span = (samples.time[2:] - samples.time[:-2])[:, None]
         acceleration = (samples.extra[2:, k:] - samples.extra[:-2, k:]) / span
-        trunk = motion.angular_velocity[:, :n], motion.angular_acceleration[:, :n], motion.specific_force[:, :n]
-        return extra_wrench(extra, position, velocity, acceleration, *trunk)
+        return extra_wrench(extra, position, velocity, acceleration, *self._trunk_motion(samples))
 
     def _take_out(self, half: _Half, wrench: Array) -> None:
         """Subtracts a wrench (6, n) from the target of both halves."""
-        rising = _half_window(wrench.shape[1])
+        rising = half_window(wrench.shape[1])
         half.rising.target[:] -= wrench @ rising
         half.falling.target[:] -= wrench @ rising[::-1]
+
+    def _trunk_motion(self, samples: Samples) -> tuple[Array, Array, Array]:
+        """Angular velocity, angular acceleration and specific force of the trunk's origin, each (3, n)."""
+        span = (samples.time[2:] - samples.time[:-2])[:, None]
+        omega = samples.angular_velocity[1:-1].T
+        alpha = ((samples.angular_velocity[2:] - samples.angular_velocity[:-2]) / span).T
+        lever = self._lever[:, None]
+        specific = samples.specific_force[1:-1].T - cross(alpha, lever) - cross(omega, cross(omega, lever))
+        return omega, alpha, specific
 
     def _motion(self, samples: Samples, normal: Array) -> tuple[LegMotions, Array, Array]:
         """Motion of a block: the motion itself with the probes at its last posture and the middles; the rates of the
@@ -238,11 +246,9 @@ class RowMaker:
         n, columns = len(samples) - 2, self.regressor.columns
         more = _PROBES + _MIDDLES
         span = (samples.time[2:] - samples.time[:-2])[:, None]
-        rates = [(v[2:] - v[:-2]) / span for v in (samples.velocity, samples.angular_velocity, samples.effort)]
+        rates = [(v[2:] - v[:-2]) / span for v in (samples.velocity, samples.effort)]
         inside = slice(1, -1)
-        omega, alpha = samples.angular_velocity[inside].T, rates[1].T
-        lever = self._lever[:, None]
-        specific = samples.specific_force[inside].T - cross(alpha, lever) - cross(omega, cross(omega, lever))
+        omega, alpha, specific = self._trunk_motion(samples)
         position, velocity, acceleration = (np.zeros((n + more, 4, 3)) for _ in range(3))
         position[:n], velocity[:n] = samples.position[inside][:, columns], samples.velocity[inside][:, columns]
         acceleration[:n] = rates[0][:, columns]
@@ -261,7 +267,7 @@ class RowMaker:
         )
         turning = np.hstack([samples.velocity[:, columns.ravel()], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
-        return motion, rates[2][:, columns], jerk
+        return motion, rates[1][:, columns], jerk
 
     def _summed(
         self,

@@ -68,7 +68,9 @@ class Samples:
 
     @property
     def table(self) -> Array:
-        """All values, (n, 7 + 3 joints): time, positions, velocities, efforts, angular velocity, specific force."""
+        """All values, (n, 7 + 3 joints + ...): time, positions, velocities, efforts, angular velocity, specific force,
+        other joints.
+        """
         return np.column_stack([getattr(self, name) for name in _NAMES])
 
     @classmethod

@@ -427,11 +427,13 @@ def in_the_air(height: Array, along: Array, square: Array, limits: Array, standi
 
 # -- the block ---------------------------------------------------------------------------------------------------------
 @compiled(
-    "int64(float64[:,::1], int64[::1], float64[:,:,::1], float64[:,::1], float64[::1], float64[::1], float64[::1], "
-    "float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1])"
+    "int64(float64[:,::1], int64, int64[::1], float64[:,:,::1], float64[:,::1], float64[::1], float64[::1], "
+    "float64[::1], float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1], float64[:,::1], "
+    "float64[:,::1])"
 )
 def block(
     table: Array,
+    joints: int,
     columns: NDArray[np.intp],
     links: Array,
     feet: Array,
@@ -451,7 +453,7 @@ def block(
 
     Args:
         table: (n + 2, ...), `Samples.table` of the block with one sample more before and after it.
-        columns: (12,), of the joints by leg, in the tree's order.
+        joints: their number in the table. columns: (12,), of the legs' among them, by leg.
         links: (4, 3, 50), constants of the links. feet: (4, 4) [m], each in its last link, and its radius.
         lever: (3,) [m], of the IMU. normal: (3,), of the ground.
         window: (n,), its rising half.
@@ -465,7 +467,7 @@ def block(
     Returns:
         The first near-singular leg, with no change but of the outputs; -1 for none.
     """
-    n, joints = len(table) - 2, (table.shape[1] - 7) // 3
+    n = len(table) - 2
     out[:] = 0.0
     up, to_imu = vector(normal, 0), vector(lever, 0)
     joint = np.empty((6, n, 12))
