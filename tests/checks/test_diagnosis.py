@@ -16,7 +16,7 @@ from stadera.checks import CheckLimits
 from stadera.checks.blocks import Blocks
 from stadera.checks.footing import Footing
 from stadera.checks.hypotheses import hypotheses_in_motion
-from stadera.checks.motion import MotionCosts
+from stadera.checks.motion import Gain, MotionCosts
 from stadera.checks.statics import ConsistencyModel
 from stadera.errors import UntrustedError
 from stadera.inertia import skew
@@ -130,13 +130,15 @@ def test_hypotheses_share_what_they_do_not_change() -> None:
     """What is kept of other hypotheses' legs gives the same forces and costs as legs computed anew."""
     robot, limits, blocks = load_robot("go2"), CheckLimits(), wild_blocks([0] * 25 + [1] * 25)
     footing = Footing(robot, blocks)
+    now = MotionCosts(footing, limits)
     found = list(hypotheses_in_motion(robot))
     for hypothesis in found:
         shared, alone = footing.under(hypothesis.undo), Footing(robot, hypothesis.undo(blocks))
         np.testing.assert_array_equal(shared.forces, alone.forces)
-        costs, own = MotionCosts.of(shared, limits), MotionCosts.of(alone, limits)
+        costs, own = MotionCosts(shared, limits), MotionCosts(alone, limits)
         np.testing.assert_array_equal(costs.feet, own.feet)
         np.testing.assert_array_equal(costs.balance, own.balance)
+        assert Gain.of(now, costs).mean <= Gain.most(now, costs) + 1e-12
     assert len(footing.known.legs) < len(found)  # of 4 legs each
 
 
@@ -145,7 +147,7 @@ def test_balance_leaves_what_least_squares_leave() -> None:
     robot, limits, blocks = load_robot("go2"), CheckLimits(), wild_blocks([0] * 25 + [1] * 3 + [2] * 25 + [3] * 4)
     footing, group, a = Footing(robot, blocks), blocks.group, blocks.specific_force
     assert a is not None
-    cost, length = MotionCosts.of(footing, limits).balance, footing.legs.length
+    cost, length = MotionCosts(footing, limits).balance, footing.legs.length
     assert np.isnan(cost[(group == 1) | (group == 3)]).all()
     force = footing.force.sum(axis=1) - footing.legs.leg_mass * a
     moment = np.cross(footing.contact, footing.force).sum(axis=1)

@@ -80,12 +80,14 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     robot, limits, blocks = model.robot, model.limits, footing.blocks
     if blocks.angular_velocity is None or not np.isfinite(blocks.rate).any():
         return None
-    now = MotionCosts.of(footing, limits)
+    now = MotionCosts(footing, limits)
     least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest
     fitting: list[tuple[Gain, FaultHypothesis, MotionCosts]] = []
     for hypothesis in hypotheses_in_motion(robot):
         without = footing.under(hypothesis.undo)
-        costs = MotionCosts.of(without, limits)
+        costs = MotionCosts(without, limits)
+        if Gain.most(now, costs) < least * hypothesis.rarity:
+            continue
         gain = Gain.of(now, costs)
         if (
             gain.mean < least * hypothesis.rarity

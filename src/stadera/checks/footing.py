@@ -55,6 +55,7 @@ class Known:
 
     def __init__(self) -> None:
         self.legs: dict[tuple[int, bytes, bytes, bytes], LegStates] = {}
+        self._poses: dict[tuple[Any, ...], LegStates] = {}
         self._found: dict[tuple[Any, ...], Any] = {}
 
     def states(self, model: LegModel, position: Array, rate: Array, specific_force: Array) -> LegStates:
@@ -66,13 +67,16 @@ class Known:
             specific_force: (instants, 3) [m/s²], trunk axes.
         """
         felt = specific_force.tobytes()
-        keys = [(k, position[:, k].tobytes(), rate[:, k].tobytes(), felt) for k in range(4)]
-        if any(key not in self.legs for key in keys):
-            found = _states(model, position, rate, specific_force)
-            for k, key in enumerate(keys):
-                self.legs[key] = LegStates(*(x.take([k], axis) for x, axis in zip(found, _LEG_AXIS, strict=True)))
-        columns = zip(*(self.legs[key] for key in keys), strict=True)
-        return LegStates(*(np.concatenate(legs, axis) for legs, axis in zip(columns, _LEG_AXIS, strict=True)))
+        keys = tuple((k, position[:, k].tobytes(), rate[:, k].tobytes(), felt) for k in range(4))
+        if keys in self._poses:
+            return self._poses[keys]
+        if all(key in self.legs for key in keys):
+            columns = zip(*(self.legs[key] for key in keys), strict=True)
+            return LegStates(*(np.concatenate(legs, axis) for legs, axis in zip(columns, _LEG_AXIS, strict=True)))
+        found = self._poses[keys] = _states(model, position, rate, specific_force)
+        for k, key in enumerate(keys):
+            self.legs[key] = LegStates(*(x.take([k], axis) for x, axis in zip(found, _LEG_AXIS, strict=True)))
+        return found
 
     def once(self, make: Callable[..., Result], *given: NDArray[Any] | float) -> Result:
         """The result of a function of arrays and numbers, computed at the first call with these."""

@@ -20,7 +20,7 @@ import numpy as np
 from stadera.checks.limits import WindowLimits
 from stadera.checks.windows import WindowFault, Windows
 from stadera.constants import GRAVITY
-from stadera.legs.model import LegModel
+from stadera.legs.model import LegModel, cross
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -69,9 +69,12 @@ def _of_legs(
     model: LegModel, position: Array, velocity: Array, effort: Array, force: Array
 ) -> tuple[Array, Array, Array]:
     """Positions and velocities of the feet in the trunk, and contact forces, (samples, 4, 3), trunk axes."""
-    pose = model.pose(position)
-    motion = np.einsum("inlk,nlk->nli", pose.jacobians(pose.feet), velocity)
-    return pose.feet.transpose(1, 2, 0), motion, model.forces_at_rest(position, effort, force)[0]
+    statics = model.statics(position, force / np.linalg.norm(force, axis=1, keepdims=True))
+    pose = statics.pose
+    jacobian = cross(pose.axis, pose.feet[:, :, None] - pose.joints)
+    motion = (jacobian * velocity.transpose(1, 2, 0)).sum(axis=2)
+    carried = statics.force(statics.torque(force) - effort.transpose(1, 2, 0))
+    return pose.feet.transpose(2, 1, 0), motion.transpose(2, 1, 0), carried.transpose(2, 1, 0)
 
 
 def leg_faults(recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> Iterator[WindowFault]:

@@ -22,6 +22,7 @@ swinging legs. The usual value cancels when a log is compared with itself under 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,22 +42,33 @@ _SEGMENT = 12  # instants whose mean gain counts as one draw, since neighbouring
 
 @dataclass(frozen=True, eq=False)
 class MotionCosts:
-    """Costs by instant; NaN for instants that are not used.
+    """Costs of a log with an IMU by instant, computed on first use.
 
     Attributes:
-        feet, balance: (instants,).
-        lively: share of instants in which the robot moves.
+        footing: the instants. limits: with the usual values.
     """
 
-    feet: Array
-    balance: Array
-    lively: float
+    footing: Footing
+    limits: CheckLimits
 
-    @classmethod
-    def of(cls, footing: Footing, limits: CheckLimits) -> MotionCosts:
-        """Computes the costs of a log with an IMU."""
-        feet, lively = _slide(footing, limits)
-        return cls(feet, _unbalance(footing, limits), lively)
+    @cached_property
+    def balance(self) -> Array:
+        """Of torques that do not balance the trunk, (instants,); NaN for instants that are not used."""
+        return _unbalance(self.footing, self.limits)
+
+    @property
+    def feet(self) -> Array:
+        """Of feet that slide, (instants,); NaN for instants that are not used."""
+        return self._slide[0]
+
+    @property
+    def lively(self) -> float:
+        """Share of instants in which the robot moves."""
+        return self._slide[1]
+
+    @cached_property
+    def _slide(self) -> tuple[Array, float]:
+        return _slide(self.footing, self.limits)
 
 
 @dataclass(frozen=True)
@@ -76,15 +88,28 @@ class Gain:
         """Compares costs with those under a hypothesis. A part available for only one of them is ignored."""
         counted = [np.isfinite(a) & np.isfinite(b) for a, b in ((now.feet, other.feet), (now.balance, other.balance))]
         gain = np.where(counted[0], now.feet - other.feet, 0.0) + np.where(counted[1], now.balance - other.balance, 0.0)
-        gain = gain[counted[0] | counted[1]]
-        parts = len(gain) // _SEGMENT
-        if parts < 2:
+        means = _means(gain[counted[0] | counted[1]])
+        if len(means) < 2:
             return cls(0.0, 0.0)
-        first = np.arange(parts) * (len(gain) // parts) + np.minimum(np.arange(parts), len(gain) % parts)
-        means = np.add.reduceat(gain, first) / np.diff(first, append=len(gain))
-        std = float(means.std(ddof=1) / np.sqrt(parts))
+        std = float(means.std(ddof=1) / np.sqrt(len(means)))
         mean = float(means.mean())
         return cls(mean, mean / std if std > 0 else 0.0)
+
+    @staticmethod
+    def most(now: MotionCosts, other: MotionCosts) -> float:
+        """Upper bound of the mean, without the other's sliding, of which no cost is below zero."""
+        balance = now.balance - other.balance
+        if not np.isfinite(balance).all():
+            return np.inf
+        means = _means(np.nan_to_num(now.feet) + balance)
+        return float(means.mean()) if len(means) > 1 else 0.0
+
+
+def _means(gain: Array) -> Array:
+    """Means of successive parts of at least _SEGMENT instants; fewer than two if there are too few instants."""
+    parts = len(gain) // _SEGMENT
+    first = np.arange(parts) * (len(gain) // max(parts, 1)) + np.minimum(np.arange(parts), len(gain) % max(parts, 1))
+    return np.asarray(np.add.reduceat(gain, first) / np.diff(first, append=len(gain)))
 
 
 def _slide(footing: Footing, limits: CheckLimits) -> tuple[Array, float]:

@@ -94,7 +94,10 @@ def _beyond(recording: Recording, robot: Robot, joint: str, factor: float) -> fl
     if not np.isfinite([found.lower, found.upper]).all():
         lower, upper = -_UNLIMITED, _UNLIMITED
     q = factor * recording.position[:, recording.index(joint)]
-    return float(np.median(np.maximum(np.maximum(q - upper, lower - q), 0.0)))
+    beyond = np.maximum(q - upper, lower - q)
+    if 2 * np.count_nonzero(beyond > 0.0) < len(q) - 1:
+        return 0.0
+    return float(np.median(np.maximum(beyond, 0.0)))
 
 
 def velocity_findings(blocks: Blocks, joints: Sequence[str], limits: CheckLimits) -> Iterator[Finding]:

@@ -29,6 +29,7 @@ from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
 _MEDIAN_OF_CHI2 = 0.455
+_MANY = 4096  # samples that give a usual value to 2 %
 _MOST = 20  # largest number of steps of one joint that are examined
 _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
 
@@ -125,7 +126,7 @@ def _velocity(
     by_q, by_v = ((x[m:] - x[:-m])[whole] / span[whole, None] for x in (q, way))
     where = windows.of_sample[m:][whole]
     apart = np.abs(by_q - by_v)
-    spike = apart > limits.spike * np.median(apart, axis=0)
+    spike = apart > limits.spike * _usual(apart)
     by_q, by_v = (np.where(spike & (spike.mean(axis=0) < limits.few), 0.0, x) for x in (by_q, by_v))
     dd, mm, dm = (windows.sums(product, where) for product in (by_q**2, by_v**2, by_q * by_v))
     count = np.maximum(np.bincount(where, minlength=len(windows)), 1)[:, None]
@@ -150,7 +151,14 @@ def _white(values: Array) -> Array:
     """Standard deviation of each column's white noise, from third differences, to which smooth motion hardly
     contributes.
     """
-    return np.sqrt(np.median(np.diff(values, 3, axis=0) ** 2, axis=0) / (20.0 * _MEDIAN_OF_CHI2))
+    return np.sqrt(_usual(np.diff(values, 3, axis=0) ** 2) / (20.0 * _MEDIAN_OF_CHI2))
+
+
+def _usual(values: Array) -> Array:
+    """Median of each column (samples, n), from at most _MANY samples spread evenly."""
+    if len(values) > _MANY:  # not every k-th: signals may repeat values in cycles of a few samples
+        values = values[np.linspace(0, len(values) - 1, _MANY).astype(np.int64)]
+    return np.asarray(np.median(values, axis=0))
 
 
 def _jumps(
@@ -162,7 +170,7 @@ def _jumps(
         apart: (samples, n), position minus ∫ q̇ dt [rad]. way: (samples - 1, n), steps of the latter.
     """
     step, gaps = np.diff(apart, axis=0), np.diff(time)
-    usual, period = np.median(np.abs(step), axis=0), np.median(gaps)
+    usual, period = _usual(np.abs(step)), np.median(gaps)
     big = np.abs(step) > np.maximum(limits.jump, 20.0 * usual + np.abs(way))
     big &= (gaps < GAP_FACTOR * period)[:, None]
     for j, joint in enumerate(joints):

@@ -158,7 +158,9 @@ class LegModel:
             np.multiply(before[:, 0, None], own[0], out=turn[..., j, :])
             for k in (1, 2):
                 turn[..., j, :] += before[:, k, None] * own[k]
-        joints = np.cumsum(arm, axis=-2)
+        joints = arm.copy()
+        for j in (1, 2):
+            joints[..., j, :] += joints[..., j - 1, :]
         feet = joints[..., 2, :] + rotated(turn[..., 2, :], self.foot)
         return PoseParts(turn, arm, joints, rotated(turn, self.axes), feet)
 
@@ -294,7 +296,11 @@ def rotated_back(R: Array, v: Array) -> Array:
 
 def outwards(values: Array, axis: int = -1) -> Array:
     """Sums over the links from each joint outwards, along their axis."""
-    return np.flip(np.cumsum(np.flip(values, axis), axis=axis), axis)
+    out = np.array(values, order="K")
+    links = np.moveaxis(out, axis, 0)
+    for k in range(len(links) - 2, -1, -1):  # a cumulative sum along an axis that is not the last is slow
+        links[k] += links[k + 1]
+    return out
 
 
 def _last(values: Array) -> Array:
