@@ -12,16 +12,18 @@ goes on at the seed after that file's last, and adds to it. Exit code 1 if there
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import json
 import os
 import random
 import resource
 import sys
+import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -67,8 +69,11 @@ def ends(kind: str, seed: int, folder: Path) -> tuple[str, str]:
     return "read", ""
 
 
-def work(pipe: Connection, limits: Limits) -> None:
-    """Takes cases from a pipe until None comes; answers how each ends."""
+def work(pipe: Connection, limits: Limits, last_words: str) -> None:
+    """Takes cases from a pipe until None comes; answers how each ends. A death in native code leaves a traceback in the
+    file `last_words`.
+    """
+    faulthandler.enable(open(last_words, "w"))  # noqa: SIM115  open as long as the process lives
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
     warnings.simplefilter("ignore")
     with TemporaryDirectory() as folder:
@@ -105,15 +110,15 @@ def _peak(*, reset: bool = False) -> float:
 class _Worker:
     """A process, and the case it is at."""
 
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
+    def __init__(self, limits: Limits, folder: str) -> None:
+        self._limits, self._last_words = limits, tempfile.mkstemp(dir=folder)[1]
         self.case: tuple[str, int] | None = None
         self._start()
 
     def _start(self) -> None:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=work, args=(theirs, self._limits), daemon=True)
+        self._process = context.Process(target=work, args=(theirs, self._limits, self._last_words), daemon=True)
         self._process.start()
         theirs.close()
         self._allowed = 2.0 * self._limits.seconds + _IMPORTS
@@ -139,7 +144,8 @@ class _Worker:
                 return found
             except (EOFError, OSError):
                 self._process.join()
-                return self._again("died", f"exit code {self._process.exitcode}")
+                frames = [line.strip() for line in Path(self._last_words).read_text().splitlines() if "File" in line]
+                return self._again("died", f"exit code {self._process.exitcode}: {'; '.join(frames[:3])}")
         spent = self._processor_time() - self._used
         if spent > self._allowed or time.monotonic() - self._begun > _ASLEEP * self._allowed:
             self._process.kill()
@@ -186,7 +192,11 @@ class Tally:
 def campaign(tally: Tally, minutes: float, processes: int, limits: Limits) -> None:
     """Hands out cases, one seed of each kind after the other, and gathers how they end; ends early on Ctrl-C."""
     cases = ((kind, seed) for seed in range(tally.next, sys.maxsize) for kind in tally.counts)
-    workers = [_Worker(limits) for _ in range(processes)]
+    with TemporaryDirectory() as folder:
+        _work_off(tally, cases, minutes, [_Worker(limits, folder) for _ in range(processes)])
+
+
+def _work_off(tally: Tally, cases: Iterator[tuple[str, int]], minutes: float, workers: Sequence[_Worker]) -> None:
     for worker in workers:
         worker.give(next(cases))
     try:
