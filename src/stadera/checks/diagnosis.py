@@ -21,6 +21,7 @@ from stadera.checks.finding import Finding
 from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
 from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
+from stadera.checks.torque_order import pushing_at_rest, swapped_in_motion
 from stadera.checks.units import (
     gravity_findings,
     gyro_findings,
@@ -217,8 +218,11 @@ def _contradictions(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding
 
 def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
     found = explain_motion(footing, model)
-    if found is None:
-        return
+    if found is None or found.hypothesis.torques_alone:
+        order = tuple(_torque_order(footing, model))
+        yield from order
+        if order or found is None:
+            return
     others = "".join(f", or {other.text}" for other in found.others)
     text = (
         f"{found.hypothesis.text}{others}: as recorded, feet that carry slide at {100 * found.slides:.2g} cm/s and the "
@@ -227,6 +231,19 @@ def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
     )
     mend = None if found.others else found.hypothesis.mend
     yield Finding(found.hypothesis.cause, text, found.hypothesis.option, mend)
+
+
+def _torque_order(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
+    """Torques of legs that are swapped with those of others: certain in motion, a doubt at rest."""
+    limits = model.limits
+    if (found := swapped_in_motion(footing, limits)) is not None:
+        hypothesis, gain = found
+        text = f"{hypothesis.text}: with them in the right order the trunk balances as it moves"
+        odds = f"{text} (likelihood higher by e^{0.5 * gain:.0f}, allowing for friction and other errors of models)"
+        yield Finding(hypothesis.cause, odds, hypothesis.option, hypothesis.mend)
+        return
+    for push in pushing_at_rest(footing, limits):
+        yield Finding("pushing", f"{push}; let the robot sway to decide it")
 
 
 def _hanging(footing: Footing, now: Consistency, model: ConsistencyModel) -> Finding:

@@ -28,7 +28,8 @@ class Finding:
     """A fault of a log.
 
     Attributes:
-        cause: one word: one of FATAL, or dropout, stuck, orientation, not_on_feet, contradiction.
+        cause: one word: one of FATAL, or dropout, stuck, orientation, pushing, not_on_feet,
+            contradiction.
         message: the fault and the evidence for it, one sentence.
         option: command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`.
         mend: correction applied by `--fix`; None if there is none.

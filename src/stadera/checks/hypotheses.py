@@ -56,6 +56,11 @@ class FaultHypothesis:
     mend: Mend | None = None
     rarity: float = 1.0
 
+    @property
+    def torques_alone(self) -> bool:
+        """True if only torques are those of other joints."""
+        return isinstance(self.undo, _Taken) and self.undo.channels == _WHICH["the torques of "]
+
 
 def hypotheses_at_rest(robot: Robot, *, imu: bool = True) -> Iterator[FaultHypothesis]:
     """Yields hypotheses that show on average, simpler ones first; those of the IMU only with `imu`."""
@@ -170,6 +175,14 @@ def _orders(robot: Robot) -> Iterator[FaultHypothesis]:
     yield from _reordered(robot, "joints by kind and joints by leg", by_kind, tuple(_WHICH))
     yield from _reordered(robot, "joints by leg and joints by kind", by_leg, tuple(_WHICH))
     yield from _joint_signs(robot)
+
+
+def torque_orders(robot: Robot) -> Iterator[tuple[tuple[int, ...], FaultHypothesis]]:
+    """Yields every other order of the legs' torques, and the hypothesis that they are recorded in it."""
+    place, names = places(robot), [leg.name for leg in robot.legs]
+    for order in _orders_of_four():
+        for found in _reordered(robot, _legs(order, names), place[list(order)], ("the torques of ",)):
+            yield order, found
 
 
 def _orders_of_four() -> list[tuple[int, ...]]:

@@ -49,6 +49,13 @@ class CheckLimits:
             eight robots no hypothesis gains more than 0.05 in motion, and 0.2 at rest, where constant errors count.
         deviations: of that gain from zero, in standard deviations.
         alike: share of the largest gain above which another hypothesis is named with it.
+        order_instants, order_fewest: most and least number of instants to test the order of the legs' torques.
+        order_repeated: number of successive instants that share one model error: a tenth of a second.
+        order_gain: -2 log of the likelihood's ratio above which the torques are those of other legs: 2 ln(23 / 0.001),
+            one in a thousand with 23 orders. In clean logs, swaying, crawling and trotting, every other order loses.
+        pushing: force of two feet against each other as a share of their load that swapped torques would explain;
+            push_left: share of it that may remain once they are swapped. In clean logs it is below 0.05, in a
+            real walk of a Go2 0.2.
         slow: step between samples above which time is not in seconds [s].
         turns: angle beyond the limits above which a position is in degrees, if it is within them once converted [rad].
         turning: root mean square of velocities above which they are compared with slopes of positions [rad/s].
@@ -93,6 +100,12 @@ class CheckLimits:
     gain_at_rest: float = 0.3
     deviations: float = 2.5
     alike: float = 0.9
+    order_instants: int = 375
+    order_fewest: int = 50
+    order_repeated: float = 2.5
+    order_gain: float = 20.0
+    pushing: float = 0.25
+    push_left: float = 0.25
     slow: float = 0.5
     turns: float = 0.7
     turning: float = 0.2

@@ -1,0 +1,194 @@
+"""Tests whether the torques of a moving robot explain its motion better if they are those of other legs.
+
+As the trunk sways, the load moves from foot to foot, and each leg's torques follow its own foot's load. The rows of the
+trunk (`stadera.legs.base_wrench`), at instants of 40 ms, are
+
+    A θ + C p = b + noise,        b = Σ_l E_l (h_l - τ_π(l)) - Σ_l w_l
+
+for torques in the order π, with θ the trunk's ten parameters, unknown in every second, and p the errors that robots
+have: friction, rotor inertia, offsets, gains, lag, encoder zeros and the IMU, with their usual sizes Σ. After θ is
+eliminated, N equations with residual r remain, and with the noise's variance s² chosen best
+
+    -2 log L(π) = min_s [ rᵀ (s² k 1 + C Σ Cᵀ)⁻¹ r + N/k log s² + log |1 + Σ Cᵀ C / s² k| ],
+
+k instants sharing one error. Another order than the recorded one is found where it gains more than by chance in any of
+23 orders. A robot at rest shows no order by this: there static friction varies more than the load.
+
+Two legs whose torques are swapped at rest push against each other, if their hips are beside the feet. Friction can hold
+that, so it is a doubt and not a contradiction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stadera.checks.blocks import Blocks
+from stadera.checks.footing import Footing
+from stadera.checks.hypotheses import FaultHypothesis, Places, torque_orders
+from stadera.checks.limits import CheckLimits
+from stadera.checks.motion import MotionCosts
+from stadera.constants import GRAVITY
+from stadera.inertia import skews
+from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions, LegWrenches
+from stadera.legs.friction import direction
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.settings import ModelErrors
+from stadera.trunk.wrench import TRUNK_MAP, trunk_signals
+from stadera.types import Array
+
+_STEP = 1e-4  # rad, of the differences by joint positions
+_SCALES = np.logspace(-3.0, 3.0, 49)  # s², in rows of 1 % of the weight
+_OF_TORQUES = ("gain", "torque_lag", "encoder")
+_OTHERS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer")
+_LOOSE = 0.01  # of the prior's precision, in units of the robot's mass and leg length
+_PAIRS = ((0, 1), (2, 3))  # front and hind feet
+
+
+def swapped_in_motion(footing: Footing, limits: CheckLimits) -> tuple[FaultHypothesis, float] | None:
+    """The order of torques that explains the motion better, and twice its gain in log likelihood; None if the recorded
+    one is not worse than by chance, or the robot is at rest.
+    """
+    blocks = footing.blocks
+    if blocks.angular_velocity is None or blocks.specific_force is None or not np.isfinite(blocks.rate).all():
+        return None
+    if len(blocks) < limits.order_fewest or MotionCosts(footing, limits).lively <= limits.lively_share:
+        return None
+    if len(blocks) > limits.order_instants:
+        footing = Footing(footing.robot, blocks.thinned(limits.order_instants))
+    rows = _Rows.of(footing)
+    recorded = rows.cost((0, 1, 2, 3), limits)
+    gains = [(recorded - rows.cost(order, limits), found) for order, found in torque_orders(footing.robot)]
+    gain, best = max(gains, key=lambda entry: entry[0])
+    return (best, gain) if gain > limits.order_gain else None
+
+
+def pushing_at_rest(footing: Footing, limits: CheckLimits) -> Iterator[str]:
+    """Yields pairs of feet that push against each other, and would not with their torques swapped; one clause each."""
+    robot, columns, blocks = footing.robot, footing.legs.columns, footing.blocks
+    for a, b in _PAIRS:
+        order = np.arange(len(robot.tree.joints))
+        order[[*columns[a], *columns[b]]] = [*columns[b], *columns[a]]
+        swapped = Footing(robot, replace(blocks, effort=blocks.effort[:, order]), footing.known)
+        now, other = _push(footing, a, b), _push(swapped, a, b)
+        load = float(np.einsum("nli,ni->nl", footing.force, footing.up)[:, [a, b]].mean())
+        if abs(now) > limits.pushing * load and abs(other) < limits.push_left * abs(now):
+            yield (
+                f"feet {robot.legs[a].name} and {robot.legs[b].name} would push against each other with "
+                f"{abs(now):.3g} N under {load:.3g} N each; with their torques swapped they would not"
+            )
+
+
+def _push(footing: Footing, a: int, b: int) -> float:
+    """Mean force of two feet against each other, along the level line between them [N]."""
+    up, contact, force = footing.up.mean(axis=0), footing.contact.mean(axis=0), footing.force.mean(axis=0)
+    line = contact[b] - contact[a]
+    line -= up * (line @ up)
+    return float((force[b] - force[a]) @ line) / (2.0 * float(np.linalg.norm(line)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of some instants, in units of 1 % of the weight; p in units of its usual size.
+
+    Attributes:
+        torque, rate: (n, 4, 3), τ and τ̇ as recorded.
+        wrenches: of the legs. moved: with HAA, HFE or KFE of all legs displaced.
+        scale: (6,), unit of the rows.
+        fixed: (6 n, k), C of the errors that do not depend on the torques, in SI units.
+        root: (p, p), root of the errors' covariance.
+        basis: by second, its rows and an orthonormal basis of A there.
+    """
+
+    torque: Array
+    rate: Array
+    wrenches: LegWrenches
+    moved: tuple[LegWrenches, ...]
+    scale: Array
+    fixed: Array
+    root: Array
+    basis: tuple[tuple[Places, Array], ...]
+
+    @classmethod
+    def of(cls, footing: Footing) -> _Rows:
+        robot, b = footing.robot, footing.blocks
+        legs = BaseWrenchRegressor(robot)
+        a, omega = footing.specific_force, b.angular_velocity
+        assert omega is not None
+        q, qd, torque = (x[:, legs.columns] for x in (b.position, b.rate, b.effort))
+        qdd, alpha, rate = (_slopes(x, b) for x in (qd, omega, torque))
+
+        def at(position: Array) -> LegWrenches:
+            return legs.at(LegMotions(position, qd, qdd, omega.T, alpha.T, a.T, footing.up.T))
+
+        def moved(joint: int) -> LegWrenches:
+            other = q.copy()
+            other[:, :, joint] += _STEP
+            return at(other)
+
+        wrenches = at(q)
+        scale = 0.01 * robot.mass * GRAVITY * np.array([1.0, 1.0, 1.0, *[legs.length] * 3])
+        model = ErrorModel(robot, ModelErrors(), legs.length)
+        chosen = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in (*_OTHERS, *_OF_TORQUES)])
+        root = np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)])
+        E, n = wrenches.to_wrench, len(b)
+        moment = robot.inertias[robot.trunk].first_moment + footing.states.moment.sum(axis=1).mean(axis=1)
+        by_force = np.concatenate([robot.mass * np.eye(3), skews(moment)])  # of the whole robot
+        by_joint = [_flat(-E * x, scale) for x in (qdd, qd, direction(qd), np.ones_like(qd))]
+        by_imu = [(x / scale[:, None]).reshape(6 * n, 3) for x in (by_force @ skews(a), np.tile(-by_force, (n, 1, 1)))]
+        matrix = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale[:, None]
+        size = robot.mass * np.array([1.0, *[0.5 * legs.length] * 3, *[0.5 * legs.length**2] * 6])
+        second = np.repeat(b.group, 6)
+        rows = [np.flatnonzero(second == group) for group in np.unique(b.group)]
+        matrix = (matrix * size).reshape(6 * n, 10)
+        bases = [np.linalg.qr(np.vstack([matrix[at], _LOOSE * np.eye(10)]))[0][: len(at)] for at in rows]
+        return cls(
+            torque,
+            rate,
+            wrenches,
+            tuple(moved(joint) for joint in range(3)),
+            scale,
+            np.hstack([*by_joint, *by_imu]),
+            root,
+            tuple(zip(rows, bases, strict=True)),
+        )
+
+    def cost(self, order: Sequence[int], limits: CheckLimits) -> float:
+        """-2 log L of the torques in this order."""
+        torque, rate, E = self.torque[:, list(order)], self.rate[:, list(order)], self.wrenches.to_wrench
+        by_leg = self.wrenches.target(torque)
+        turned = np.stack([(moved.target(torque) - by_leg) / _STEP for moved in self.moved], axis=-1)
+        late = (E * rate).sum(axis=(2, 3))[..., None]
+        C = np.hstack([self.fixed, *(_flat(x, self.scale) for x in (-E * torque, late, turned))]) @ self.root
+        target = (by_leg.sum(axis=2).T / self.scale).reshape(-1, 1)
+        both = np.hstack([target, C])
+        products, count = np.zeros((both.shape[1],) * 2), 0
+        for rows, basis in self.basis:
+            part = both[rows]
+            explained = basis.T @ part
+            products += part.T @ part - explained.T @ explained
+            count += max(len(rows) - 10, 0)
+        value, vector = np.linalg.eigh(products[1:, 1:])
+        value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
+        k = limits.order_repeated * _SCALES[:, None]
+        squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
+        spread = count / limits.order_repeated * np.log(_SCALES) + np.log1p(value / k).sum(axis=1)
+        return float((squares + spread).min())
+
+
+def _flat(values: Array, scale: Array) -> Array:
+    """(6, n, ...) as rows (6 n, k), instant by instant, in units of `scale`."""
+    six = values.reshape(6, values.shape[1], -1) / scale[:, None, None]
+    return np.asarray(six.transpose(1, 0, 2).reshape(-1, six.shape[2]))
+
+
+def _slopes(values: Array, blocks: Blocks) -> Array:
+    """Derivatives (instants, ...) [1/s], by central differences within each stretch."""
+    out = np.zeros_like(values)
+    for group in np.unique(blocks.group):
+        at = np.flatnonzero(blocks.group == group)
+        if len(at) > 1:
+            out[at] = np.gradient(values[at], blocks.time[at], axis=0)
+    return out

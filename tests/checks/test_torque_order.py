@@ -1,0 +1,69 @@
+"""Torques of single pairs of legs swapped, on robots that sway and stand, with the errors of real ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.logs import Recording
+from stadera.robot import load_robot
+from stadera.weigh import diagnose
+
+PAIRS = [("LF", "RF"), ("LH", "RH"), ("LF", "LH"), ("RF", "RH"), ("LF", "RH"), ("RF", "LH")]
+
+
+@cache
+def log_of(name: str, scenario: str, seed: int, loaded: bool = False) -> Recording:
+    robot = load_robot(name)
+    load = Load(0.1 * robot.mass, "kg", (0.05, 0.06, 0.15)) if loaded else None
+    settings = SimulateSettings("real", load, duration=4.0, rate=250.0, seed=seed, hold=2, load_time=2.0)
+    return simulate(robot, scenario, settings).recording
+
+
+def swapped(log: Recording, name: str, pair: tuple[str, str]) -> Recording:
+    robot, order = load_robot(name), list(range(len(log.joints)))
+    for one, other in zip(*(robot.leg(leg).joints for leg in pair), strict=True):
+        i, j = log.index(one), log.index(other)
+        order[i], order[j] = j, i
+    assert log.effort is not None
+    return replace(log, effort=log.effort[:, order])
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario", "seed", "loaded"),
+    [
+        ("go2", "shake", 11, False),
+        ("hyq", "shake", 12, True),
+        ("anymal_c", "crawl", 13, False),
+        ("b1", "stand", 14, True),
+    ],
+)
+def test_nothing_is_found_in_a_clean_log(name: str, scenario: str, seed: int, loaded: bool) -> None:
+    assert diagnose(log_of(name, scenario, seed, loaded), load_robot(name)) == ()
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+@pytest.mark.parametrize(("name", "seed", "loaded"), [("go2", 11, False), ("hyq", 12, True)])
+def test_on_a_robot_that_sways_two_legs_with_swapped_torques_are_named(
+    name: str, seed: int, loaded: bool, pair: tuple[str, str]
+) -> None:
+    log, robot = swapped(log_of(name, "shake", seed, loaded), name, pair), load_robot(name)
+    (finding,) = [found for found in diagnose(log, robot) if found.fatal or found.cause == "contradiction"]
+    if finding.cause == "joint_order":
+        assert f"the torques of legs {pair[0]} and {pair[1]} are swapped" in finding.message
+        assert finding.option.startswith("--columns MAP.toml")
+    else:
+        assert finding.cause == "contradiction"
+
+
+@pytest.mark.parametrize("pair", PAIRS[:2])
+def test_on_a_robot_that_stands_feet_that_push_against_each_other_are_a_doubt(pair: tuple[str, str]) -> None:
+    log = log_of("b1", "stand", 14, True)
+    (finding,) = diagnose(swapped(log, "b1", pair), load_robot("b1"))
+    assert finding.cause == "pushing"
+    assert not finding.fatal
+    assert f"feet {pair[0]} and {pair[1]} would push against each other" in finding.message
