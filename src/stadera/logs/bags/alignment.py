@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.logs.bags.clock import HeaderClock
-from stadera.logs.bags.decode import Sample
+from stadera.logs.bags.sample import Sample, Samples
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.logs.sampling import GAP_FACTOR
@@ -49,6 +49,7 @@ class Track:
         self.clock = HeaderClock(settings)
         self.apart = 0.0
         self._waiting: list[tuple[int, int, Array]] = []
+        self._blocks: list[tuple[Stamps, Stamps, Array]] = []
         self._order: dict[tuple[str, ...], list[int]] = {}
 
     def __len__(self) -> int:
@@ -66,9 +67,24 @@ class Track:
 
     def take(self, sample: Sample) -> None:
         """Adds a sample with its columns in any order."""
-        if (order := self._order.get(sample.columns)) is None:
-            order = self._order[sample.columns] = [sample.columns.index(name) for name in self.columns]
-        self.add(sample.stamp, sample.values[order], sample.received)
+        self.add(sample.stamp, sample.values[self._places(sample.columns)], sample.received)
+
+    def take_many(self, samples: Samples) -> None:
+        """Adds samples with their columns in any order."""
+        self._gather()
+        self._blocks.append((samples.stamp, samples.received, samples.values[:, self._places(samples.columns)]))
+
+    def _places(self, columns: tuple[str, ...]) -> list[int]:
+        if (order := self._order.get(columns)) is None:
+            order = self._order[columns] = [columns.index(name) for name in self.columns]
+        return order
+
+    def _gather(self) -> None:
+        """Makes the samples that were added one by one a block."""
+        if self._waiting:
+            stamps, received = np.array([times for *times, _ in self._waiting], dtype=np.int64).T
+            self._blocks.append((stamps, received, np.array([values for *_, values in self._waiting])))
+            self._waiting = []
 
     def settle(self, reference: Track | None = None) -> None:
         """Processes the samples added since the last call; the clock follows the reference's, if given.
@@ -76,11 +92,11 @@ class Track:
         Raises:
             RecordingError: the stamps are not those of a clock.
         """
-        if not self._waiting or (reference is not None and np.isnan(reference.clock.delay)):
+        self._gather()
+        if not self._blocks or (reference is not None and np.isnan(reference.clock.delay)):
             return
-        stamps, received = np.array([times for *times, _ in self._waiting], dtype=np.int64).T
-        values = np.array([values for *_, values in self._waiting])
-        self._waiting = []
+        stamps, received, values = (np.concatenate(parts) for parts in zip(*self._blocks, strict=True))
+        self._blocks = []
         stamps = self.clock(stamps, received)
         if reference is not None:
             stamps = stamps + round(1e9 * self._behind(reference.clock))

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.logs.bags.decode import IMU_NAMES, Sample
+from stadera.logs.bags.decode import IMU_NAMES
+from stadera.logs.bags.sample import Sample
 from stadera.logs.bags.settings import BagSettings
+from stadera.types import Array
 
 Columns = tuple[str, ...]
 
@@ -127,8 +129,13 @@ def _check_agreement(named: Sequence[Columns], topic: str) -> None:
 
 def _known(samples: Sequence[Sample]) -> Columns:
     """Columns that ever have a value, for samples with the same columns in any order."""
-    values = [dict(zip(sample.columns, np.isfinite(sample.values).tolist(), strict=True)) for sample in samples]
-    return tuple(name for name in samples[0].columns if any(known[name] for known in values))
+    ordered: dict[Columns, list[Array]] = {}
+    for sample in samples:
+        ordered.setdefault(sample.columns, []).append(sample.values)
+    known: set[str] = set()
+    for columns, values in ordered.items():
+        known.update(columns[k] for k in np.flatnonzero(np.isfinite(values).any(axis=0)))
+    return tuple(name for name in samples[0].columns if name in known)
 
 
 def _fault(samples: Sequence[Sample]) -> str:

@@ -167,7 +167,7 @@ def _measured(
 ) -> list[_Candidate]:
     """The candidates with their rates, measured at the beginning of the bag."""
     first: dict[str, list[Message]] = {name: [] for name in names}
-    for message in islice(bag.messages(names), settings.most_ahead):
+    for message in islice(bag.each(names), settings.most_ahead):
         if len(first[message.topic]) < settings.head:
             first[message.topic].append(message)
         elif all(len(messages) > 1 for messages in first.values()):

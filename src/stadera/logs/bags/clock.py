@@ -135,6 +135,28 @@ class TickClock:
         self.furthest = max(self.furthest, 1e-9 * abs(stamp - received))
         return stamp
 
+    def stamps(self, received: Stamps, ticks: Stamps) -> Stamps:
+        """The stamps [ns] of successive messages, as by `stamp`; all at once while the counter neither stands still nor
+        restarts and no clock steps.
+
+        The offset o_k = min(offset_k, o_k-1 + d_k) with drifts d_k is a running minimum of offset_k - Σ d.
+        """
+        passed = np.diff(ticks, prepend=self._tick) % (1 << 32)
+        if self._tick >= 0 and ((passed > 0) & (passed <= 1 << 31)).all():
+            wraps = self._wraps + np.cumsum(np.diff(ticks, prepend=self._tick) < 0)
+            counted = (ticks + (wraps << 32)) * 1_000_000
+            offset = received - counted
+            drift = np.cumsum(np.round(self._drift * passed * 1e6).astype(np.int64))
+            followed = drift + np.minimum(np.minimum.accumulate(offset - drift), self._offset)
+            before = np.concatenate([[self._offset], followed[:-1]])
+            if (np.abs(offset - before) < self._jump).all():
+                stamps = counted + np.minimum(np.maximum(offset, followed), followed + self._late)
+                self._tick, self._wraps, self._offset = int(ticks[-1]), int(wraps[-1]), int(followed[-1])
+                self.repaired += int(np.count_nonzero(stamps != received))
+                self.furthest = max(self.furthest, 1e-9 * int(np.abs(stamps - received).max()))
+                return np.asarray(stamps)
+        return np.array([self.stamp(*one) for one in zip(received.tolist(), ticks.tolist(), strict=True)])
+
     def notes(self, topic: str) -> Iterator[str]:
         """Yields notes on the corrections, one sentence each."""
         if self.repaired:

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 
@@ -21,6 +24,30 @@ class Message(NamedTuple):
     topic: str
     received: int
     data: bytes
+
+
+class Messages(NamedTuple):
+    """Messages of one topic with equally many bytes: when they were recorded (n,) [ns], and their bytes (n, size)."""
+
+    topic: str
+    received: NDArray[np.int64]
+    data: NDArray[np.uint8]
+
+    def each(self) -> Iterator[Message]:
+        """Yields the messages one by one."""
+        for received, data in zip(self.received.tolist(), self.data, strict=True):
+            yield Message(self.topic, received, data.tobytes())
+
+
+class Bundle(NamedTuple):
+    """Consecutive messages, by topic and size; their order is kept only among those of one topic and size."""
+
+    groups: tuple[Messages, ...]
+
+    def each(self) -> Iterator[Message]:
+        """Yields the messages one by one."""
+        for group in self.groups:
+            yield from group.each()
 
 
 class Topic(NamedTuple):
@@ -52,7 +79,9 @@ class Container(Protocol):
         """
         ...
 
-    def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
+    def messages(
+        self, path: Path, topics: Collection[str], damage: list[str], budget: Budget
+    ) -> Iterator[Message | Bundle]:
         """Yields messages of these topics as recorded. Unreadable parts are skipped and reported in `damage`."""
         ...
 
@@ -110,10 +139,18 @@ class Bag:
         self.damage += map(str, errors.values())
         return found
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+    def messages(self, topics: Collection[str]) -> Iterator[Message | Bundle]:
         """Yields all messages of these topics, file after file."""
         for path in self.files:
             yield from self.container.messages(path, topics, self.damage, self.budget)
+
+    def each(self, topics: Collection[str]) -> Iterator[Message]:
+        """Yields all messages of these topics one by one."""
+        for item in self.messages(topics):
+            if isinstance(item, Bundle):
+                yield from item.each()
+            else:
+                yield item
 
 
 def salvaged(

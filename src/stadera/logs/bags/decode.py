@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
-from stadera.logs.bags.container import Message, Topic
+from stadera.logs.bags.container import Message, Messages, Topic
 from stadera.logs.bags.repeated import Repeated
+from stadera.logs.bags.sample import Sample, Samples
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS
-from stadera.types import Array
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -26,35 +26,41 @@ IMU_NAMES = tuple(name for names in IMU_COLUMNS.values() for name in names)
 
 _LARGEST_MESSAGE = 1 << 24
 """Largest size of a message that does not state its size [bytes]."""
-_ZSTD = b"\x28\xb5\x2f\xfd"
+ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of a message that was compressed individually."""
 
 
-class Sample(NamedTuple):
-    """The values of one message.
+class Decoder(Protocol):
+    """Decodes one topic's messages in order; on damaged ones it raises errors of many kinds."""
 
-    Attributes:
-        topic: of the message.
-        received: time of recording [ns].
-        stamp: time of measurement [ns].
-        frame: of the IMU, without a leading slash; may be empty.
-        columns: names of the flat table.
-        values: (columns,); NaN where the message marks them as unknown.
-    """
+    def __call__(self, message: Message) -> Sample:
+        """The values of one message."""
+        ...
 
-    topic: str
-    received: int
-    stamp: int
-    frame: str
-    columns: tuple[str, ...]
-    values: Array
+    def many(self, messages: Messages) -> Samples | None:
+        """The same values from several messages at once; None, without having read any, if they are not laid out
+        alike.
+        """
+        ...
 
 
-Decoder = Callable[[Message], Sample]
+class OneByOne:
+    """Decoder of messages whose layout is not known in advance."""
+
+    def __init__(self, decode: Callable[[Message], Sample]) -> None:
+        self._decode = decode
+
+    def __call__(self, message: Message) -> Sample:
+        """The values of one message."""
+        return self._decode(message)
+
+    def many(self, messages: Messages) -> Samples | None:
+        """Nothing: see `Decoder`."""
+        return None
 
 
 def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings) -> Decoder:
-    """Returns the decoder of a topic's messages. On damaged ones it raises errors of many kinds.
+    """Returns the decoder of a topic's messages.
 
     Args:
         topic: its type and definition.
@@ -74,7 +80,7 @@ def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings:
         return read(message, deserialize(uncompressed(message.data), topic.kind))
 
     usual = encoding == "cdr" and topic.kind in (JOINT_STATE, IMU)
-    return Repeated(decode, is_imu=topic.kind == IMU) if usual else decode
+    return Repeated(decode, is_imu=topic.kind == IMU) if usual else OneByOne(decode)
 
 
 def is_low_state(topic: Topic) -> bool:
@@ -100,7 +106,7 @@ def uncompressed(data: bytes) -> bytes:
     Raises:
         LimitError: it unpacks to more than any message contains.
     """
-    if data[:4] != _ZSTD:
+    if data[:4] != ZSTD:
         return data
     import zstandard
 

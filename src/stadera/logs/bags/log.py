@@ -6,20 +6,24 @@ one of the streams has no value are dropped and reported, like blank cells of a 
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from stadera.boundary import foreign
 from stadera.errors import RecordingError
 from stadera.limits import LimitError
 from stadera.logs.bags.beginning import Beginning, beginning_of, first_samples
 from stadera.logs.bags.choice import choose
-from stadera.logs.bags.container import Bag, Container
-from stadera.logs.bags.decode import Decoder, Sample, decoder
+from stadera.logs.bags.container import Bag, Bundle, Container, Message, Messages
+from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.merging import Merging
+from stadera.logs.bags.sample import Sample, Samples
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import Batch, recordings, within
@@ -102,7 +106,8 @@ def _stamped(reading: Reading) -> Reading:
 
 
 class _Samples:
-    """Values of a bag's messages, in the order of recording; damaged messages are counted.
+    """Values of a bag's messages; damaged messages are counted. Iterated one by one, in the order of recording except
+    between topics of a bundle, or several at once.
 
     Attributes:
         damaged: by topic, number of messages that could not be read.
@@ -112,33 +117,87 @@ class _Samples:
         self.bag, self.decoders = bag, decoders
         self.damaged: Counter[str] = Counter()
         self._messages = bag.messages(decoders)
+        self._ahead: deque[Message] = deque()  # of a bundle that was begun
 
     def __iter__(self) -> Iterator[Sample]:
-        for message in self._messages:
-            try:
-                sample = self.decoders[message.topic](message)
-                self.bag.budget.require_columns(sample.columns)
-            except LimitError:
-                raise
-            except Exception:  # the libraries raise many kinds of errors on damaged bytes
-                self.damaged[message.topic] += 1
-                continue
-            if all(_EARLIEST <= time < _LATEST for time in (sample.stamp, sample.received)):
+        while (message := self._next()) is not None:
+            if (sample := self._decoded(message)) is not None:
                 yield sample
+
+    def several(self) -> Iterator[list[Sample | Samples]]:
+        """Yields the values of a message, or of all messages of a bundle."""
+        while self._ahead:
+            sample = self._decoded(self._ahead.popleft())
+            yield [] if sample is None else [sample]
+        for item in self._messages:
+            if isinstance(item, Bundle):
+                yield [samples for group in item.groups for samples in self._of(group)]
             else:
-                self.damaged[message.topic] += 1
+                sample = self._decoded(item)
+                yield [] if sample is None else [sample]
+
+    def _next(self) -> Message | None:
+        while not self._ahead:
+            item = next(self._messages, None)
+            if not isinstance(item, Bundle):
+                return item
+            self._ahead.extend(item.each())
+        return self._ahead.popleft()
+
+    def _of(self, group: Messages) -> Iterator[Sample | Samples]:
+        try:
+            samples = self.decoders[group.topic].many(group)
+        except (IndexError, ValueError):  # shorter than the layout
+            samples = None
+        if samples is None:
+            found = (self._decoded(message) for message in group.each())
+            yield from (sample for sample in found if sample is not None)
+            return
+        self.bag.budget.require_columns(samples.columns)
+        good = _is_time(samples.stamp) & _is_time(samples.received)
+        if not good.all():
+            self.damaged[group.topic] += int(np.count_nonzero(~good))
+            samples = samples._replace(**{n: getattr(samples, n)[good] for n in ("stamp", "received", "values")})
+        yield samples
+
+    def _decoded(self, message: Message) -> Sample | None:
+        try:
+            sample = self.decoders[message.topic](message)
+            self.bag.budget.require_columns(sample.columns)
+        except LimitError:
+            raise
+        except Exception:  # the libraries raise many kinds of errors on damaged bytes
+            self.damaged[message.topic] += 1
+            return None
+        if _is_time(sample.stamp) and _is_time(sample.received):
+            return sample
+        self.damaged[message.topic] += 1
+        return None
+
+
+def _is_time(stamp: Any) -> Any:
+    """Whether a stamp, or each of several, is within the range of stamps."""
+    return (stamp >= _EARLIEST) & (stamp < _LATEST)
 
 
 def _batches(samples: _Samples, start: Beginning, merging: Merging, batch: int) -> Iterator[Batch]:
     """The rows of all messages."""
-    coming, more = chain(start.samples, samples), True
-    while more:
-        some = list(islice(coming, batch))
-        more = len(some) == batch
-        for sample in some:
-            merging.take(sample)
-        if (rows := merging.batch(final=not more)) is not None:
-            yield rows
+    count = 0
+    head: list[Sample | Samples] = list(start.samples)
+    for some in chain([head], samples.several()):
+        for found in some:
+            if isinstance(found, Samples):
+                merging.take_many(found)
+                count += len(found.stamp)
+            else:
+                merging.take(found)
+                count += 1
+        if count >= batch:
+            count = 0
+            if (rows := merging.batch()) is not None:
+                yield rows
+    if (rows := merging.batch(final=True)) is not None:
+        yield rows
 
 
 def _notes(samples: _Samples, merging: Merging, topic: str) -> Iterator[str]:

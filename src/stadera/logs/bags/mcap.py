@@ -1,15 +1,16 @@
-"""Reads MCAP files record by record."""
+"""Reads MCAP files record by record, and the messages of a chunk at once."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.bags.container import Message, Topic, salvaged
+from stadera.logs.bags.container import Bundle, Message, Topic, salvaged
+from stadera.logs.bags.mcap_chunk import Pieces, split
 from stadera.logs.bags.unpack import unpacked
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class McapFile:
         with path.open("rb") as file:
             if file.read(len(self.magic)) != self.magic:
                 raise RecordingError(f"{path}: not an MCAP file")
-        records = _summary(path) or list(_records(path, [], budget, only_channels=True))
+        records: list[McapRecord | Pieces] = [*(_summary(path) or _records(path, [], budget, only_channels=True))]
         types = {r.id: Topic(r.name, r.data.decode(errors="replace")) for r in records if isinstance(r, Schema)}
         channels = [r for r in records if isinstance(r, Channel) and r.message_encoding == self.encoding]
         found = {channel.topic: types[channel.schema_id] for channel in channels if channel.schema_id in types}
@@ -36,14 +37,18 @@ class McapFile:
             raise RecordingError(f"{path}: no topics in CDR that can be read; is the file cut off?")
         return found
 
-    def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
+    def messages(
+        self, path: Path, topics: Collection[str], damage: list[str], budget: Budget
+    ) -> Iterator[Message | Bundle]:
         """See `Container`."""
         from mcap.records import Channel
         from mcap.records import Message as Stored
 
         wanted: dict[int, str] = {}
         for record in _records(path, damage, budget):
-            if isinstance(record, Stored):
+            if isinstance(record, Pieces):
+                yield record.of(wanted)
+            elif isinstance(record, Stored):
                 if (topic := wanted.get(record.channel_id)) is not None:
                     yield Message(topic, record.log_time, record.data)
             elif isinstance(record, Channel) and record.topic in topics and record.message_encoding == self.encoding:
@@ -62,21 +67,47 @@ def _summary(path: Path) -> list[McapRecord]:
     return [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
 
 
-def _records(path: Path, damage: list[str], budget: Budget, *, only_channels: bool = False) -> Iterator[McapRecord]:
+def _records(
+    path: Path, damage: list[str], budget: Budget, *, only_channels: bool = False
+) -> Iterator[McapRecord | Pieces]:
     """Schemas, channels and messages in the file's order."""
     from mcap.records import Chunk
-    from mcap.records import Message as Stored
-    from mcap.stream_reader import StreamReader, breakup_chunk
 
     size = path.stat().st_size
 
-    def unpack(record: McapRecord) -> list[McapRecord]:
+    def unpack(record: McapRecord) -> list[McapRecord | Pieces]:
         if not isinstance(record, Chunk):
             return [record]
-        data = unpacked(record.data, record.compression, budget)
-        inner = breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
-        return [r for r in inner if not isinstance(r, Stored)] if only_channels else inner
+        inner = split(unpacked(record.data, record.compression, budget), record.uncompressed_crc)
+        return [r for r in inner if not isinstance(r, Pieces)] if only_channels else inner
 
     with path.open("rb") as file:
-        records = StreamReader(file, emit_chunks=True, record_size_limit=size).records
-        yield from salvaged(path, records, unpack, lambda _: f"{file.tell()} of {size} bytes", damage, budget)
+        yield from salvaged(
+            path, _stored(file, size), unpack, lambda _: f"{file.tell()} of {size} bytes", damage, budget
+        )
+
+
+def _stored(file: BinaryIO, size: int) -> Iterator[McapRecord]:
+    """The records of a file up to its footer that lead to messages; indices are skipped."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import RecordLengthLimitExceeded
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Chunk, Message, Schema
+    from mcap.stream_reader import read_magic
+
+    kinds: dict[int, Any] = {int(Opcode.CHUNK): Chunk, int(Opcode.CHANNEL): Channel, int(Opcode.SCHEMA): Schema}
+    stream = ReadDataStream(file)
+    read_magic(stream)
+    while True:
+        opcode, length = stream.read1(), stream.read8()
+        if length > size:
+            raise RecordLengthLimitExceeded(opcode, length, size)
+        if opcode in kinds:
+            yield kinds[opcode].read(ReadDataStream(BytesIO(stream.read(length))))
+        elif opcode == Opcode.MESSAGE:
+            yield Message.read(stream, length)
+        else:
+            file.seek(length, 1)
+        if opcode == Opcode.FOOTER:
+            read_magic(stream)
+            return

@@ -8,7 +8,7 @@ import numpy as np
 
 from stadera.logs.bags.alignment import Alignment, Track
 from stadera.logs.bags.beginning import Beginning, joints_in
-from stadera.logs.bags.decode import Sample
+from stadera.logs.bags.sample import Sample, Samples
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.batches import Batch
 from stadera.logs.columns import TIME
@@ -47,10 +47,16 @@ class Merging:
 
     def take(self, sample: Sample) -> bool:
         """Adds a message's values. Returns True if they belong to one of the streams."""
-        track = self._imu if sample.topic != self._topic else self._of_joints(sample)
+        track = self._imu if sample.topic != self._topic else self._of_joints(sample.columns)
         if track is not None:
             track.take(sample)
         return track is not None
+
+    def take_many(self, samples: Samples) -> None:
+        """Adds several messages' values."""
+        track = self._imu if samples.topic != self._topic else self._of_joints(samples.columns, len(samples.stamp))
+        if track is not None:
+            track.take_many(samples)
 
     def batch(self, *, final: bool = False) -> Batch | None:
         """Rows completed since the last call, blank where a stream has no value; None if there are none.
@@ -91,9 +97,9 @@ class Merging:
             offset = 1e3 * self._start.clock_offset
             yield f"clock of {self._imu.name} {offset:+.1f} ms off that of {reference.name}"
 
-    def _of_joints(self, sample: Sample) -> Track | None:
-        if sample.columns not in self._track_of:
-            self._track_of[sample.columns] = self._joints.get(frozenset(sample.columns))
-        track = self._track_of[sample.columns]
-        self.strangers += track is None
+    def _of_joints(self, columns: tuple[str, ...], count: int = 1) -> Track | None:
+        if columns not in self._track_of:
+            self._track_of[columns] = self._joints.get(frozenset(columns))
+        track = self._track_of[columns]
+        self.strangers += count * (track is None)
         return track

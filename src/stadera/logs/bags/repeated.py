@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.logs.bags.container import Message
+from stadera.logs.bags.container import Message, Messages
+from stadera.logs.bags.sample import Sample, Samples
 from stadera.types import Array
-
-if TYPE_CHECKING:
-    from stadera.logs.bags.decode import Sample
 
 _LITTLE = b"\0\1\0\0"
 _STAMP = 12  # start of the frame's name: after encapsulation and stamp
@@ -52,10 +50,27 @@ class Repeated:
         numbers = np.frombuffer(data, "<f8", self._count, self._first)
         values = numbers[self._order]
         if self._is_imu:
-            _blank_unknown(values, numbers)
+            _blank_unknown(values[None], numbers[None])
         seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
         stamp = seconds * 1_000_000_000 + nanoseconds
         return like._replace(topic=message.topic, received=message.received, stamp=stamp, values=values)
+
+    def many(self, messages: Messages) -> Samples | None:
+        """See `Decoder`; None before the first message and if one of them is laid out in another way."""
+        rows, like = messages.data, self._like
+        if like is None or rows.shape[1] != self._length:
+            return None
+        parts = [(slice(0, 4), _LITTLE), (slice(_STAMP, self._first), self._prefix)]
+        parts += [(gap, self._joints) for gap in self._gaps]
+        if not all((rows[:, part] == np.frombuffer(known, np.uint8)).all() for part, known in parts):
+            return None
+        numbers = np.ascontiguousarray(rows[:, self._first : self._first + 8 * self._count]).view("<f8")
+        values = numbers[:, self._order]
+        if self._is_imu:
+            _blank_unknown(values, numbers)
+        times = np.ascontiguousarray(rows[:, 4:_STAMP])
+        stamps = times.view("<i4")[:, 0].astype(np.int64) * 1_000_000_000 + times.view("<u4")[:, 1]
+        return Samples(messages.topic, messages.received, stamps, like.frame, like.columns, values)
 
     def _is_laid_out_alike(self, data: bytes) -> bool:
         return (
@@ -88,9 +103,7 @@ class Repeated:
 
 
 def _blank_unknown(values: Array, numbers: NDArray[Any]) -> None:
-    """Sets values that sensor_msgs/Imu marks as unknown, by a covariance or a quaternion of zeros, to NaN."""
+    """Sets values (n, 10) that sensor_msgs/Imu marks as unknown, by a covariance or a quaternion of zeros, to NaN."""
     for covariance, part in _UNKNOWN:
-        if numbers[covariance] == -1.0:
-            values[part] = np.nan
-    if not values[6:].any():
-        values[6:] = np.nan
+        values[numbers[:, covariance] == -1.0, part] = np.nan
+    values[~values[:, 6:].any(axis=1), 6:] = np.nan

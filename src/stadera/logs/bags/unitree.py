@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from stadera.errors import RecordingError
 from stadera.joint_words import by_place, places
 from stadera.logs.bags.clock import TickClock
-from stadera.logs.bags.container import Message, Topic
-from stadera.logs.bags.decode import IMU_NAMES, Sample, joint_columns, uncompressed
+from stadera.logs.bags.container import Message, Messages, Topic
+from stadera.logs.bags.decode import IMU_NAMES, ZSTD, joint_columns, uncompressed
+from stadera.logs.bags.sample import Sample, Samples
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
+from stadera.types import Array
 
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
@@ -65,24 +67,41 @@ class LowStates:
         self.clock, self.motors = TickClock(settings), 0
 
     def __call__(self, message: Message) -> Sample:
-        data = uncompressed(message.data)
-        order = "<" if not self._start or data[1] & 1 else ">"
-        content: NDArray[np.uint8] = np.frombuffer(data, np.uint8, offset=self._start)
-        values = content[self._words].view(f"{order}f4")[:, 0].astype(np.float64)
-        if not values[-4:].any():
-            values[-4:] = np.nan
-        tick = int(content[self._tick].view(f"{order}u4")[0, 0])
-        stamp = self.clock.stamp(message.received, tick)
-        self._note(content, order)
-        return Sample(message.topic, message.received, stamp, "", self._columns, values)
+        """The values of one message."""
+        data = np.frombuffer(uncompressed(message.data), np.uint8)
+        ticks, values = self._read(data[None])
+        stamp = self.clock.stamp(message.received, int(ticks[0]))
+        return Sample(message.topic, message.received, stamp, "", self._columns, values[0])
 
-    def _note(self, content: NDArray[np.uint8], order: str) -> None:
+    def many(self, messages: Messages) -> Samples | None:
+        """See `Decoder`; None for messages that are compressed individually, or of both orders of bytes."""
+        start = messages.data[:, :4]
+        if (start == np.frombuffer(ZSTD, np.uint8)).all(axis=1).any() or np.ptp(start[:, 1] & 1):
+            return None
+        ticks, values = self._read(messages.data)
+        stamps = self.clock.stamps(messages.received, ticks)
+        return Samples(messages.topic, messages.received, stamps, "", self._columns, values)
+
+    def _read(self, data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Array]:
+        """Counters (n,) and values (n, columns) of messages (n, bytes) of one order of bytes."""
+        order = "<" if not self._start or data[0, 1] & 1 else ">"
+        content = data[:, self._start :]
+
+        def numbers(places: NDArray[np.int64], kind: str) -> NDArray[Any]:
+            return content.take(places.ravel(), axis=1).view(f"{order}{kind}")
+
+        values = numbers(self._words, "f4").astype(np.float64)
+        ticks = numbers(self._tick, "u4")[:, 0].astype(np.int64)
+        values[~values[:, -4:].any(axis=1), -4:] = np.nan
         if not self.motors:
-            self.motors = 1 + int(np.flatnonzero(content[self._angles].view(f"{order}f4")[:, 0]).max(initial=-1))
+            self.motors = 1 + int(np.flatnonzero(numbers(self._angles, "f4")[0]).max(initial=-1))
         if self._feet is not None:
-            counts = content[self._feet : self._feet + 8].view(f"{order}i2")
-            np.minimum(self._least, counts, out=self._least)
-            np.maximum(self._most, counts, out=self._most)
+            counts = numbers(self._feet + np.arange(8), "i2")
+            self._least, self._most = (
+                np.minimum(self._least, counts.min(axis=0)),
+                np.maximum(self._most, counts.max(axis=0)),
+            )
+        return ticks, values
 
     def notes(self, topic: str) -> Iterator[str]:
         """Yields notes on the messages, one sentence each."""
