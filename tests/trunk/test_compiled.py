@@ -11,17 +11,19 @@ import pytest
 
 import stadera.compiled
 from arm import with_arm
+from stadera.lab.plant import STANDARD
+from stadera.legs.base_wrench import BaseWrenchRegressor
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Samples, SwingDetection, TrunkEstimator
-from stadera.trunk.compiled_rows import CompiledRowMaker, row_maker
+from stadera.trunk.compiled_front import CompiledFront, front
 from stadera.trunk.error_model import PLACES
-from stadera.trunk.rows import RowMaker
+from stadera.trunk.front import BLIND, Front
+from walking import Walk, recorded, walked
 
 pytest.importorskip("numba")
 
-NORMAL = np.array([0.1, 0.2, 1.0]) / np.sqrt(1.05)
 MOUNT = ImuMount(np.eye(3), np.array([0.1, -0.05, 0.07]), "imu")
 
 
@@ -70,22 +72,22 @@ def test_rows_with_a_moving_arm_are_those_of_numpy(tmp_path: Path) -> None:
 
 
 def assert_same_rows(made: Robot, data: Samples, n: int) -> None:
-    """Over thirty blocks of n samples, with a gap and a restart between."""
-    reference, compiled = RowMaker(made, MOUNT, SwingDetection()), row_maker(made, MOUNT, SwingDetection())
-    assert isinstance(compiled, CompiledRowMaker)
-    trunk = made.inertias[made.trunk]
+    """Over thirty blocks of n samples, with spikes, and an interruption and a restart between."""
+    reference, compiled = Front(made, MOUNT, SwingDetection()), front(made, MOUNT, SwingDetection())
+    assert isinstance(compiled, CompiledFront)
+    trunk, table = made.inertias[made.trunk], data.table
+    rng = np.random.default_rng(0)
+    table[rng.integers(len(table), size=20), rng.integers(1, table.shape[1], size=20)] += 3.0
     for block, start in enumerate(range(0, min(len(data) - n - 2, 30 * n), n)):
         if block == 12:
-            reference.restart()
-            compiled.restart()
+            reference.interrupt()
+            compiled.interrupt()
         if block == 20:
             reference.forget()
             compiled.forget()
-        a, b = (maker.block(data[start : start + n + 2], NORMAL, trunk) for maker in (reference, compiled))
-        assert a.singular == b.singular
-        assert_near(b.feet, a.feet, "feet")
-        assert_near(b.force, a.force, "force")
-        assert_near(compiled.noise.variance, reference.noise.variance, "noise")
+        a, b = (maker.block(table[start : start + n + 2], trunk) for maker in (reference, compiled))
+        assert a.refused == b.refused
+        assert_near(compiled.torque_noise, reference.torque_noise, "noise")
         assert (a.rows is None) == (b.rows is None)
         if a.rows is None or b.rows is None:
             continue
@@ -100,22 +102,36 @@ def assert_same_rows(made: Robot, data: Samples, n: int) -> None:
             assert_near(getattr(b.rows.swing, field), getattr(a.rows.swing, field), field)
 
 
-def test_a_stretched_leg_is_named_alike() -> None:
+def test_refusals_are_alike() -> None:
     made, data = robot("hyq"), samples("hyq", 500.0, 0)
-    position = data.position.copy()
-    position[:, RowMaker(made, MOUNT, SwingDetection()).regressor.columns[2]] = 0.0
-    flat = replace(data, position=position)
-    for maker in (RowMaker(made, MOUNT, SwingDetection()), row_maker(made, MOUNT, SwingDetection())):
-        noise = maker.noise.variance.copy()
-        assert maker.block(flat[:12], NORMAL, made.inertias[made.trunk]).singular == 2
-        np.testing.assert_array_equal(maker.noise.variance, noise)
+    position, force = data.position.copy(), data.specific_force.copy()
+    position[10:, BaseWrenchRegressor(made).columns[2]] = 0.0
+    force[5] = 0.0
+    table = replace(data, position=position, specific_force=force).table
+    for maker in (Front(made, MOUNT, SwingDetection()), front(made, MOUNT, SwingDetection())):
+        noise = maker.torque_noise
+        assert maker.block(table[:12], made.inertias[made.trunk]).refused == BLIND
+        assert maker.block(table[10:22], made.inertias[made.trunk]).refused == 2
+        np.testing.assert_array_equal(maker.torque_noise, noise)
+
+
+def test_legs_in_the_air_are_found_alike() -> None:
+    """In a walk, whose legs do swing."""
+    made = robot("hyq", dry=False)
+    data = Samples.of_recording(recorded(made, walked(made, Walk(seconds=2.0, rate_hz=500.0)), STANDARD), made)
+    seen, fronts = np.zeros(4, dtype=bool), (Front(made, MOUNT, SwingDetection()), front(made, MOUNT, SwingDetection()))
+    for start in range(0, len(data) - 12, 10):
+        a, b = (maker.block(data.table[start : start + 12], made.inertias[made.trunk]).rows for maker in fronts)
+        if a is not None and b is not None:
+            np.testing.assert_array_equal(a.swing.air, b.swing.air)
+            seen |= a.swing.air
+    assert seen.sum() >= 3
 
 
 def test_without_numba_the_numpy_code_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stadera.compiled, "available", lambda: False)
     stadera.compiled.kernel.cache_clear()
     try:
-        maker = TrunkEstimator(robot("hyq"))._maker
-        assert type(maker) is RowMaker
+        assert type(TrunkEstimator(robot("hyq"))._front) is Front
     finally:
         stadera.compiled.kernel.cache_clear()

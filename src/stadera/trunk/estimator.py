@@ -30,15 +30,16 @@ from numpy.typing import ArrayLike, NDArray
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.inertia import InertialParameters
 from stadera.information import Information
+from stadera.legs.model import LegModel
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.trunk.changes import ChangeDetector, Jump
-from stadera.trunk.compiled_rows import row_maker
+from stadera.trunk.compiled_front import front
 from stadera.trunk.considered import Errors, RowSums, robot_weight, weighted
 from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.fit import Fit
-from stadera.trunk.ground import GroundNormal
+from stadera.trunk.front import BLIND
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.merge import TrunkEvidence
@@ -50,7 +51,6 @@ from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
 from stadera.trunk.segment import THETA, Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
-from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust
 from stadera.types import Array
@@ -125,13 +125,12 @@ class TrunkEstimator:
         if inertia is None:
             inertia = self.robot.inertias[self.robot.trunk].inertia_com
         self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
-        self._maker = row_maker(self.robot, self.mount, self.settings.swing)
-        self._length, self._weight = self._maker.regressor.length, robot_weight(self.robot)
+        self._front = front(self.robot, self.mount, self.settings.swing)
+        self._length, self._weight = LegModel.of(self.robot).length, robot_weight(self.robot)
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
         self._swing = SwingJoints(self._model, self.settings.swing)
         self._errors = Errors(self._model, self._swing, 1.0)
         self._buffer = SampleBuffer(self.robot.tree.joints, self.settings.block)
-        self._ground, self._spikes = GroundNormal(self._weight), SpikeFilter()
         mass, le = self.robot.mass, self._length
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
         self._recent: deque[WeightedRows] = deque()
@@ -179,9 +178,9 @@ class TrunkEstimator:
         """
         if not isinstance(t, Measurement):
             t = self._measured(float(t), q, dq, tau, gyro, accel)
-        samples = self._buffer.gather(t)
-        if samples is not None:
-            self.add(samples)
+        table = self._buffer.gather(t)
+        if table is not None:
+            self._take(table)
 
     def add(self, samples: Samples) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`.
@@ -189,7 +188,11 @@ class TrunkEstimator:
         Samples that are not finite or go back in time are skipped and reported. Signals are not differentiated across a
         gap.
         """
-        for stretch in self._buffer.take(samples):
+        self._take(samples.table)
+
+    def _take(self, table: Array) -> None:
+        """Processes samples given by their `Samples.table`."""
+        for stretch in self._buffer.take(table):
             if stretch.reason:
                 self._refuse(stretch.reason)
             if stretch.gap:
@@ -212,8 +215,7 @@ class TrunkEstimator:
         kept.
         """
         self._buffer = SampleBuffer(self.robot.tree.joints, self.settings.block)
-        self._maker.forget()
-        self._ground = GroundNormal(self._weight)
+        self._front.forget()
 
     # -- asking -----------------------------------------------------------------------------------------------------
     @property
@@ -341,28 +343,19 @@ class TrunkEstimator:
 
     def _interrupted(self, time: float, gap: float) -> None:
         """Stops differentiation across a gap; after a long one ground normal and gravity are estimated anew."""
-        self._maker.restart()
+        self._front.interrupt()
         self._gaps.append((time, gap))
         if gap > _LOST_GROUND:
-            self._maker.forget()
-            self._ground = GroundNormal(self._weight)
+            self._front.forget()
 
-    def _block(self, samples: Samples) -> None:
-        samples = self._spikes.clean(samples)
-        inside = slice(1, -1)
-        duration = float(samples.time[-1] - samples.time[1])
-        force, omega = samples.specific_force[inside].mean(axis=0), samples.angular_velocity[inside].mean(axis=0)
-        if not samples.specific_force[inside].any(axis=1).all():
-            self._maker.restart()
+    def _block(self, table: Array) -> None:
+        made = self._front.block(table, self._shape)
+        if made.refused == BLIND:
             self._refuse("the accelerometer reads zero")
-            return
-        made = self._maker.block(samples, self._ground.ahead(force, omega, duration), self._shape)
-        if made.singular is not None:
-            leg = self.robot.legs[made.singular].name
+        elif made.refused is not None:
+            leg = self.robot.legs[made.refused].name
             self._refuse(f"leg {leg} is so stretched that its foot's force is not felt")
-            return
-        self._ground.learn(made.feet, made.force, duration)
-        if made.rows is not None:
+        elif made.rows is not None:
             self._learn(made.rows)
 
     def _learn(self, made: BlockRows) -> None:
@@ -370,7 +363,7 @@ class TrunkEstimator:
         self._seen_for += made.elapsed
         swing = made.swing
         if swing.air.any():
-            self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._maker.noise.torque)
+            self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._front.torque_noise)
         p = self._errors.mean
         rows = self._odd.limited(weighted(made, self._weight, self._length), self._current, p)
         keep = exp(-made.elapsed / self.settings.memory)

@@ -16,7 +16,7 @@ from stadera.inertia import skew
 from stadera.types import Array
 
 _MEMORY = 1.0  # s
-_LEAST_LOAD = 0.08  # of the robot's weight, along the vertical: above it a foot counts as loaded
+LEAST_LOAD = 0.08  # of the robot's weight, along the vertical: above it a foot counts as loaded
 _BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
 _FIRST, _SECOND = (np.array(k) for k in zip((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3), strict=True))
 
@@ -32,7 +32,7 @@ class GroundNormal:
     """
 
     def __init__(self, weight: float) -> None:
-        self._least = _LEAST_LOAD * weight
+        self._least = LEAST_LOAD * weight
         self._lines = np.zeros((3, 3))
         self.up: Array | None = None
 

@@ -37,7 +37,6 @@ from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions, LegWrenche
 from stadera.legs.extra_wrench import extra_wrench
 from stadera.legs.friction import direction
 from stadera.legs.model import cross
-from stadera.robot.extra import ExtraJoints
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration
@@ -168,13 +167,14 @@ class RowMaker:
     Attributes:
         regressor: regressor of the legs.
         noise: white noise of all channels, estimated from the log.
+        weight: of the robot [N]. flat: least det J [m³]. extra: joints outside the legs; None for none.
     """
 
     def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection) -> None:
         self.regressor, self._lever, self._swing = BaseWrenchRegressor(robot), mount.translation, swing
         self.noise = WhiteNoise.prior(robot, self.regressor.columns)
-        self._weight, self._extra = robot.mass * GRAVITY, robot.extra
-        self._flat = SINGULAR * self.regressor.length**3
+        self.weight, self.extra = robot.mass * GRAVITY, robot.extra
+        self.flat = SINGULAR * self.regressor.length**3
         self._half: _Half | None = None
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
         self._calibration = SignalCalibration()
@@ -200,7 +200,7 @@ class RowMaker:
         n = len(samples) - 2
         motion, torque_rate, jerk = self._motion(samples, normal)
         wrenches = self.regressor.at(motion)
-        flat = np.abs(wrenches.volume) < self._flat
+        flat = np.abs(wrenches.volume) < self.flat
         if flat.any():
             self.restart()
             return BlockResult(None, wrenches.feet[:, n - 1], np.zeros((3, 4)), int(np.argmax(flat.any(axis=0))))
@@ -210,14 +210,16 @@ class RowMaker:
         effort[n + _PROBES :] = effort[n // 2]
         by_leg, force = wrenches.target(effort), wrenches.forces(effort)
         half = self._summed(samples, motion, wrenches, effort, by_leg, force, torque_rate, jerk)
-        if self._extra is not None and samples.extra.size:
-            self._take_out(half, self._extra_wrench(self._extra, samples))
+        if self.extra is not None and samples.extra.size:
+            self._take_out(half, self.extra_wrench(samples))
         rows = None if self._half is None else self._rows(self._half, half, trunk)
         self._half = half
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, n - 1])
 
-    def _extra_wrench(self, extra: ExtraJoints, samples: Samples) -> Array:
+    def extra_wrench(self, samples: Samples) -> Array:
         """What the joints outside the legs add by moving, (6, n), see `stadera.legs.extra_wrench`."""
+        extra = self.extra
+        assert extra is not None
         k = len(extra.joints)
         position, velocity = samples.extra[1:-1, :k], samples.extra[1:-1, k:]
         span = (samples.time[2:] - samples.time[:-2])[:, None]
@@ -345,10 +347,10 @@ class RowMaker:
     def _in_the_air(self, wrenches: LegWrenches, force: Array, normal: Array, n: int) -> Bools:
         """Legs (4,) whose foot is lifted off the ground and lightly loaded throughout the block."""
         height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal[:, :n]) - self._standing
-        light = np.square(force[:, :n]).sum(axis=0) < (self._swing.load * self._weight) ** 2
+        light = np.square(force[:, :n]).sum(axis=0) < (self._swing.load * self.weight) ** 2
         loaded = ~light
         carried = (loaded * np.einsum("cnl,cn->nl", force[:, :n], normal[:, :n])).sum(axis=1)
-        if carried.min() < self._swing.carried * self._weight:  # the robot lies, hangs, or flies
+        if carried.min() < self._swing.carried * self.weight:  # the robot lies, hangs, or flies
             return np.zeros(4, dtype=bool)
         level = (loaded * height).sum(axis=1, keepdims=True) / loaded.sum(axis=1, keepdims=True)
         standing = ~light.any(axis=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite, nan
@@ -19,6 +19,7 @@ from stadera.types import Array, Bools
 _LOST = 3.5  # steps between samples above which samples are missing
 _BRIDGED = 0.006  # s, always short enough
 _SLACK = 1e-6  # s, of rounding in stamps
+_ROOM = 32  # samples for which there is room at first
 
 _NONE = np.zeros((0, 0))
 _NAMES = ("time", "position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
@@ -87,6 +88,12 @@ class Samples:
         )
 
     @classmethod
+    def of_table(cls, table: Array, joints: int) -> Samples:
+        """From a `table`, as views, for a robot with so many joints in its tree."""
+        parts = np.split(table, [1, *(1 + joints * k for k in (1, 2, 3)), 4 + 3 * joints, 7 + 3 * joints], axis=1)
+        return cls(table[:, 0], *parts[1:])
+
+    @classmethod
     def of_recording(cls, recording: Recording, robot: Robot, imu_frame: str | None = None) -> Samples:
         """A whole log.
 
@@ -113,13 +120,13 @@ class Stretch:
     """Result of gathering some samples.
 
     Attributes:
-        blocks: complete blocks, each with one more sample before and after it.
+        blocks: complete blocks, `Samples.table` of each with one more sample before and after it.
         reason: why samples before them were skipped, one sentence; else empty.
         gap: time without samples before them [s]; 0 if they follow on.
         begin: time of the first of them [s].
     """
 
-    blocks: tuple[Samples, ...] = ()
+    blocks: Iterable[Array] = ()
     reason: str = ""
     gap: float = 0.0
     begin: float = nan
@@ -138,46 +145,49 @@ class SampleBuffer:
 
     def __init__(self, joints: tuple[str, ...], block: float) -> None:
         self._joints, self._block = joints, block
-        self._waiting: list[Measurement] = []
-        self._pending: Samples | None = None
+        self._waiting, self._filled = np.empty((0, 0)), 0
+        self._pending: Array | None = None
         self._last, self._step = -inf, inf
         self.due = -inf
 
-    def gather(self, measurement: Measurement) -> Samples | None:
-        """Stores one measurement. Returns all stored ones, for `take`, when a block is full or the sequence is
-        broken.
+    def gather(self, m: Measurement) -> Array | None:
+        """Stores one measurement. Returns the table of all stored ones, for `take`, when a block is full or the
+        sequence is broken.
         """
-        before = self._waiting[-1].time if self._waiting else -inf
-        due = self._wants(measurement, before)
-        self._waiting.append(measurement)
-        if not due:
+        k, waiting, joints = self._filled, self._waiting, len(self._joints)
+        if k == len(waiting):
+            more = np.empty((max(k, _ROOM), 7 + 3 * joints + len(m.extra)))
+            self._waiting = waiting = np.concatenate([waiting, more]) if k else more
+        row = waiting[k]
+        before = self._last if k == 0 else max(waiting[k - 1, 0], self._last)
+        row[0] = m.time
+        row[1 : 1 + joints] = m.joint_position
+        row[1 + joints : 1 + 2 * joints] = m.joint_velocity
+        row[1 + 2 * joints : 1 + 3 * joints] = m.effort
+        row[1 + 3 * joints : 4 + 3 * joints] = m.angular_velocity
+        row[4 + 3 * joints : 7 + 3 * joints] = m.specific_force
+        row[7 + 3 * joints :] = m.extra
+        self._filled = k + 1
+        # a value that is not finite makes the sum of squares not finite
+        if before < m.time < self.due and isfinite(row.dot(row)):
             return None
-        samples = Samples.of(self._waiting)
-        self._waiting.clear()
-        return samples
+        self._waiting, self._filled = np.empty_like(waiting), 0
+        return waiting[: k + 1]
 
-    def _wants(self, m: Measurement, before: float) -> bool:
-        """True if a measurement completes a block or does not directly follow the last one, at `before` [s]."""
-        if not max(before, self._last) < m.time < self.due:
-            return True
-        # a value that is not finite makes the sum of products not finite
-        q, qd, tau = m.joint_position, m.joint_velocity, m.effort
-        return not isfinite(q.dot(qd) + tau.dot(tau) + m.angular_velocity.dot(m.specific_force))
-
-    def take(self, samples: Samples) -> Iterator[Stretch]:
-        """Yields the blocks that these samples complete, stretch by stretch."""
-        good, reason = self._usable(samples)
+    def take(self, table: Array) -> Iterator[Stretch]:
+        """Yields the blocks that these samples (n, ...) complete, stretch by stretch."""
+        good, reason = self._usable(table)
         if reason:
             yield Stretch(reason=reason)
-        time = good.time
         if not len(good):
             return
+        time = good[:, 0]
         if self._step == inf:
             known = np.diff(time) if self._last == -inf else np.diff(time, prepend=self._last)
             self._step = float(np.median(known)) if len(known) else inf
         steps = np.diff(time, prepend=self._last if self._last > -inf else time[0])
-        cuts = np.flatnonzero(steps > max(_LOST * self._step, _BRIDGED))
-        edges = sorted({0, *cuts.tolist(), len(good)})
+        cuts = np.flatnonzero(steps > max(_LOST * self._step, _BRIDGED)).tolist()
+        edges = sorted({0, *cuts, len(good)})
         self._last = float(time[-1])
         for start, stop in pairwise(edges):
             gap = float(steps[start]) if start in cuts else 0.0
@@ -185,14 +195,14 @@ class SampleBuffer:
                 self._pending = None
             yield Stretch(tuple(self._completed(good[start:stop])), gap=gap, begin=float(time[start]))
 
-    def _completed(self, samples: Samples) -> Iterator[Samples]:
-        pending = samples if self._pending is None else self._pending + samples
-        start, time = 0, pending.time
+    def _completed(self, table: Array) -> Iterator[Array]:
+        pending = table if self._pending is None else np.concatenate([self._pending, table])
+        start, time = 0, np.ascontiguousarray(pending[:, 0])
         while True:
             first = float(time[start + 1]) if start + 1 < len(time) else inf
             step = self._step if self._step < inf else 0.0
             self.due = first + max(self._block, step) - _SLACK
-            end = max(int(np.searchsorted(time, self.due)), start + 2)
+            end = max(int(time.searchsorted(self.due)), start + 2)
             if end >= len(time):
                 break
             yield pending[start : end + 1]
@@ -201,34 +211,27 @@ class SampleBuffer:
         if self.due == inf:
             self.due = -inf
 
-    def _usable(self, samples: Samples) -> tuple[Samples, str]:
+    def _usable(self, table: Array) -> tuple[Array, str]:
         """The samples that are finite and in order, and the reason against the first of the others."""
-        if self._all_usable(samples):
-            return samples, ""
-        finite = np.isfinite(samples.time)
-        for name in _NAMES[1:]:
-            finite &= np.isfinite(getattr(samples, name)).all(axis=1)
-        time = np.where(finite, samples.time, -inf)
-        before = np.maximum.accumulate(np.concatenate([[self._last], time]))[:-1]
-        good = finite & (time > before)
+        time: Array = table[:, 0]
+        in_order = len(time) and time[0] > self._last and (time[1:] > time[:-1]).all()
+        if in_order and isfinite(table.sum()):  # a sum shows any value that is not finite
+            return table, ""
+        finite: Bools = np.asarray(np.isfinite(table).all(axis=1))
+        known = np.where(finite, time, -inf)
+        before: Array = np.maximum.accumulate(np.concatenate([[self._last], known]))[:-1]
+        good: Bools = finite & (known > before)
         if good.all():
-            return samples, ""
+            return table, ""
         k = int(np.argmin(good))
         if finite[k]:
-            return samples[good], f"time must increase, got {samples.time[k]:.6f} s after {before[k]:.6f} s"
-        return samples[good], f"not finite: {self._first_not_finite(samples, k)}"
+            return table[good], f"time must increase, got {time[k]:.6f} s after {before[k]:.6f} s"
+        return table[good], f"not finite: {self._not_finite(int(np.argmin(np.isfinite(table[k]))))}"
 
-    def _all_usable(self, samples: Samples) -> bool:
-        """Quick check for finite values: a sum shows any that is not."""
-        time = samples.time
-        if not (len(time) and time[0] > self._last and (time[1:] > time[:-1]).all()):
-            return False
-        return isfinite(sum(float(getattr(samples, name).sum()) for name in _NAMES))
-
-    def _first_not_finite(self, samples: Samples, k: int) -> str:
-        for name, spoken in zip(_NAMES, _SPOKEN, strict=True):
-            values = np.atleast_1d(getattr(samples, name)[k])
-            if not np.isfinite(values).all():
-                at = int(np.argmin(np.isfinite(values)))
-                return f"{spoken} of joint {self._joints[at]!r}" if name in _NAMES[1:4] else spoken
-        return "nothing"
+    def _not_finite(self, column: int) -> str:
+        """What a column of the table is, for a message."""
+        joints = len(self._joints)
+        if 1 <= column < 1 + 3 * joints:
+            kind, at = divmod(column - 1, joints)
+            return f"{_SPOKEN[1 + kind]} of joint {self._joints[at]!r}"
+        return _SPOKEN[0 if column == 0 else min(4 + (column - 1 - 3 * joints) // 3, 6)]

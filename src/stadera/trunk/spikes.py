@@ -2,7 +2,7 @@
 
 The median of three equals the sample where a signal is monotonic, so only peaks of one sample are affected, and of
 these only those beyond ten times the channel's usual noise, estimated from third differences. Spikes are replaced by
-the mean of their neighbours, and counted.
+the mean of their neighbours.
 """
 
 from __future__ import annotations
@@ -22,16 +22,11 @@ _LEARNT = 5  # blocks before any spike is replaced
 
 
 class SpikeFilter:
-    """Removes spikes block by block.
-
-    Attributes:
-        count: number of values replaced.
-    """
+    """Removes spikes block by block."""
 
     def __init__(self) -> None:
         self._usual: Array | None = None
         self._blocks = 0
-        self.count = 0
 
     def clean(self, samples: Samples) -> Samples:
         """Returns the samples without spikes; a block has one more sample before and after it."""
@@ -49,7 +44,6 @@ class SpikeFilter:
             deviation[0], deviation[-1] = 0.5 * np.abs(steps[0] - steps[1]), 0.5 * np.abs(steps[-1] - steps[-2])
             wild = deviation > _WILD * np.sqrt(usual)
             if cleaned := bool(wild.any()):
-                self.count += int(wild[1:-1].sum())
                 expected = np.empty_like(values)
                 expected[1:-1] = 0.5 * (values[:-2] + values[2:])
                 expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]

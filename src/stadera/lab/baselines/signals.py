@@ -69,17 +69,20 @@ class SignalBaseline:
 
     def update(self, measurement: Measurement) -> None:
         """Processes one measurement; the estimate changes when a block is full."""
-        samples = self._buffer.gather(measurement)
-        if samples is not None:
-            self.add(samples)
+        table = self._buffer.gather(measurement)
+        if table is not None:
+            self._take(table)
 
     def add(self, samples: Samples) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`."""
-        for stretch in self._buffer.take(samples):
+        self._take(samples.table)
+
+    def _take(self, table: Array) -> None:
+        for stretch in self._buffer.take(table):
             if stretch.reason:
                 self._refuse(stretch.reason)
             for block in stretch.blocks:
-                self._block(block)
+                self._block(Samples.of_table(block, len(self.robot.tree.joints)))
 
     def estimate(self) -> TrunkEstimate:
         """The latest estimate; after a refusal the last good one, with the reason."""

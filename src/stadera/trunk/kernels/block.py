@@ -34,7 +34,7 @@ ARM, AXIS, MASS, MOMENT, TENSOR, ROTOR, VISCOUS, COULOMB, OFFSET = 27, 30, 33, 3
 SIGNALS, TARGET, BY_RATE, JERK, JOINT, SQUARED, BY_TERMS, BY_LINKS = 0, 12, 18, 24, 39, 111, 117, 549
 SUMS = 837
 BY_A, BY_ALPHA, BY_JOINTS, MIDDLE, OMEGA, AIR = 1674, 1692, 1710, 1782, 1926, 1929
-AVERAGED, DIFFERENTIATED, BEGIN, END, HALF = 1933, 1934, 1935, 1936, 1937
+AVERAGED, DIFFERENTIATED, END, FEET, FORCE, HALF = 1933, 1934, 1935, 1936, 1948, 1960
 
 # as in `stadera.trunk.rows` and `stadera.trunk.noise`
 STEP = 1e-4  # rad, of the differences by joint positions
@@ -43,7 +43,12 @@ UP, DOWN = exp(0.03), exp(-0.09)  # factors on a variance whose block lies above
 LEAST, MOST = 0.05**2, 20.0**2  # times the prior variance
 OVERLAP, TELESCOPED = 4.0 / 3.0, 0.5  # correlation of neighbouring windows' noise
 MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
-MEMORY, BEYOND_NOISE = 1.0, 2.0  # s, and times the variance of noise: of the calibration of accelerations
+MEMORY, BEYOND_NOISE = 1.0, 2.0  # s, of ground and accelerations; times the variance of noise
+BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
+WILD, SPIKE_MEMORY, LEARNT = 10.0, 100.0, 5.0  # times the usual noise; blocks; blocks before a spike is replaced
+
+# state of what comes before the rows: blocks seen by the filter of spikes; lines between feet, vertical, if it is known
+BLOCKS, LINES, UPWARDS, UP_KNOWN, STATE = 0, 1, 10, 13, 14
 
 
 # -- vectors -----------------------------------------------------------------------------------------------------------
@@ -88,6 +93,17 @@ def rotated_back(R: Rotation, v: Vector) -> Vector:
 def vector(values: Array, at: int) -> Vector:
     """Three entries of an array."""
     return values[at], values[at + 1], values[at + 2]
+
+
+@part
+def turned(omega: Vector, duration: float) -> Array:
+    """`stadera.trunk.ground.turned`."""
+    x, y, z = -duration * omega[0], -duration * omega[1], -duration * omega[2]
+    out = np.empty((3, 3))
+    out[0, 0], out[0, 1], out[0, 2] = 1.0 - 0.5 * (y * y + z * z), 0.5 * x * y - z, 0.5 * x * z + y
+    out[1, 0], out[1, 1], out[1, 2] = 0.5 * x * y + z, 1.0 - 0.5 * (x * x + z * z), 0.5 * y * z - x
+    out[2, 0], out[2, 1], out[2, 2] = 0.5 * x * z - y, 0.5 * y * z + x, 1.0 - 0.5 * (x * x + y * y)
+    return out
 
 
 # -- a leg at one sample -----------------------------------------------------------------------------------------------
@@ -341,11 +357,21 @@ def add_middle(
 
 # -- motion ------------------------------------------------------------------------------------------------------------
 @part
+def third_difference_squared(table: Array, column: int) -> float:
+    """Mean square of a column's third differences over its gain of 20, of at least four samples."""
+    n, total = len(table) - 3, 0.0
+    for k in range(n):
+        first, last = table[k + 1, column] - table[k, column], table[k + 3, column] - table[k + 2, column]
+        middle = table[k + 2, column] - table[k + 1, column]
+        total += (last - 2.0 * middle + first) ** 2
+    return total / (20.0 * n)
+
+
+@part
 def learn_noise(
     table: Array, columns: NDArray[np.intp], joints: int, quartile: float, prior: Array, out: Array
 ) -> None:
     """`WhiteNoise.learn`, on variances (30,) `out`. The table has the joints' efforts from column 1 + 2 `joints`."""
-    n = len(table) - 3
     for channel in range(30):
         if channel < 12:
             at = 1 + 2 * joints + columns[channel]
@@ -353,12 +379,7 @@ def learn_noise(
             at = 1 + joints + columns[channel - 12]
         else:
             at = 1 + 3 * joints + channel - 24
-        total = 0.0
-        for k in range(n):
-            first, last = table[k + 1, at] - table[k, at], table[k + 3, at] - table[k + 2, at]
-            middle = table[k + 2, at] - table[k + 1, at]
-            total += (last - 2.0 * middle + first) ** 2
-        out[channel] *= UP if total / (20.0 * n) > quartile * out[channel] else DOWN
+        out[channel] *= UP if third_difference_squared(table, at) > quartile * out[channel] else DOWN
         out[channel] = min(max(out[channel], LEAST * prior[channel]), MOST * prior[channel])
 
 
@@ -425,20 +446,135 @@ def in_the_air(height: Array, along: Array, square: Array, limits: Array, standi
             standing[leg] += STANDING * mean
 
 
+# -- before the rows ---------------------------------------------------------------------------------------------------
+@part
+def clean(table: Array, usual: Array, state: Array, out: Array) -> None:
+    """Writes the samples without spikes, as `SpikeFilter.clean`; `state[BLOCKS]` counts the blocks before."""
+    n = len(table)
+    out[:] = table
+    if n < 4:
+        return
+    state[BLOCKS] += 1.0
+    blocks = state[BLOCKS]
+    for c in range(1, table.shape[1]):
+        if blocks > LEARNT:
+            limit = WILD * sqrt(usual[c])
+            for k in range(n):
+                if k == 0:
+                    expected = 2.0 * table[1, c] - table[2, c]
+                    away = 0.5 * abs((table[1, c] - table[0, c]) - (table[2, c] - table[1, c]))
+                elif k == n - 1:
+                    expected = 2.0 * table[n - 2, c] - table[n - 3, c]
+                    away = 0.5 * abs((table[k, c] - table[k - 1, c]) - (table[k - 1, c] - table[k - 2, c]))
+                else:
+                    before, after = table[k, c] - table[k - 1, c], table[k + 1, c] - table[k, c]
+                    expected = 0.5 * (table[k - 1, c] + table[k + 1, c])
+                    away = min(abs(before), abs(after)) if before * after < 0.0 else 0.0
+                if away > limit:
+                    out[k, c] = expected
+        square = third_difference_squared(out, c) + 1e-12
+        usual[c] += (square - usual[c]) / min(blocks, SPIKE_MEMORY)
+
+
+@part
+def least_eigenvector(A: Array) -> Vector:
+    """Eigenvector of the least eigenvalue of a symmetric matrix (3, 3), which is overwritten: Jacobi's rotations."""
+    V = np.eye(3)
+    for _ in range(12):
+        if abs(A[0, 1]) + abs(A[0, 2]) + abs(A[1, 2]) < 1e-300:
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if A[p, q] == 0.0:
+                    continue
+                theta = (A[q, q] - A[p, p]) / (2.0 * A[p, q])
+                t = 1.0 / (abs(theta) + sqrt(theta * theta + 1.0))
+                t = -t if theta < 0.0 else t
+                c = 1.0 / sqrt(t * t + 1.0)
+                s = t * c
+                for k in range(3):
+                    a, b = A[k, p], A[k, q]
+                    A[k, p], A[k, q] = c * a - s * b, s * a + c * b
+                    a, b = V[k, p], V[k, q]
+                    V[k, p], V[k, q] = c * a - s * b, s * a + c * b
+                for k in range(3):
+                    a, b = A[p, k], A[q, k]
+                    A[p, k], A[q, k] = c * a - s * b, s * a + c * b
+    least = 0
+    for k in range(1, 3):
+        if A[k, k] < A[least, least]:
+            least = k
+    return V[0, least], V[1, least], V[2, least]
+
+
+@part
+def ahead(force: Vector, omega: Vector, duration: float, state: Array) -> Vector:
+    """The ground's normal in the middle of the next block, as `GroundNormal.ahead`; `state` has its lines and `up`."""
+    along = times(1.0 / sqrt(dot(force, force)), force)
+    lines = state[LINES : LINES + 9].reshape(3, 3)
+    if state[UP_KNOWN] == 0.0:
+        up = along
+        state[UP_KNOWN] = 1.0
+    else:
+        turn, keep = turned(omega, duration), exp(-duration / MEMORY)
+        before = vector(state, UPWARDS)
+        up = (
+            turn[0, 0] * before[0] + turn[0, 1] * before[1] + turn[0, 2] * before[2],
+            turn[1, 0] * before[0] + turn[1, 1] * before[1] + turn[1, 2] * before[2],
+            turn[2, 0] * before[0] + turn[2, 1] * before[1] + turn[2, 2] * before[2],
+        )
+        up = plus(up, times(1.0 - keep, minus(along, up)))
+        up = times(1.0 / sqrt(dot(up, up)), up)
+        half = np.zeros((3, 3))
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    half[i, j] += turn[i, k] * lines[k, j]
+        for i in range(3):
+            for j in range(3):
+                lines[i, j] = 0.0
+                for k in range(3):
+                    lines[i, j] += keep * half[i, k] * turn[j, k]
+    level = np.empty((3, 3))
+    for i in range(3):
+        state[UPWARDS + i] = up[i]
+        for j in range(3):
+            level[i, j] = lines[i, j] - BELIEF * up[i] * up[j]
+        level[i, i] += BELIEF
+    normal = least_eigenvector(level)
+    if dot(normal, up) < 0.0:
+        normal = times(-1.0, normal)
+    return plus(normal, cross(times(0.5 * duration, omega), normal))
+
+
+@part
+def learn_ground(feet: Array, force: Array, duration: float, least: float, state: Array) -> None:
+    """`GroundNormal.learn`: feet and forces (3, 4); `least` [N] is the load of a foot that carries."""
+    lines = state[LINES : LINES + 9].reshape(3, 3)
+    up = vector(state, UPWARDS)
+    for one in range(3):
+        if not up[0] * force[0, one] + up[1] * force[1, one] + up[2] * force[2, one] > least:
+            continue
+        for two in range(one + 1, 4):
+            if not up[0] * force[0, two] + up[1] * force[1, two] + up[2] * force[2, two] > least:
+                continue
+            line = (feet[0, one] - feet[0, two], feet[1, one] - feet[1, two], feet[2, one] - feet[2, two])
+            weight = duration / MEMORY / dot(line, line)
+            for i in range(3):
+                for j in range(3):
+                    lines[i, j] += weight * line[i] * line[j]
+
+
 # -- the block ---------------------------------------------------------------------------------------------------------
-@compiled(
-    "int64(float64[:,::1], int64, int64[::1], float64[:,:,::1], float64[:,::1], float64[::1], float64[::1], "
-    "float64[::1], float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1], float64[:,::1], "
-    "float64[:,::1])"
-)
-def block(
+@part
+def sums(
     table: Array,
     joints: int,
     columns: NDArray[np.intp],
     links: Array,
     feet: Array,
-    lever: Array,
-    normal: Array,
+    to_imu: Vector,
+    up: Vector,
     window: Array,
     variance: Array,
     prior: Array,
@@ -446,30 +582,12 @@ def block(
     standing: Array,
     limits: Array,
     out: Array,
-    feet_out: Array,
-    force_out: Array,
 ) -> int:
-    """Sums of one block, as `RowMaker.block` until its rows.
-
-    Args:
-        table: (n + 2, ...), `Samples.table` of the block with one sample more before and after it.
-        joints: their number in the table. columns: (12,), of the legs' among them, by leg.
-        links: (4, 3, 50), constants of the links. feet: (4, 4) [m], each in its last link, and its radius.
-        lever: (3,) [m], of the IMU. normal: (3,), of the ground.
-        window: (n,), its rising half.
-        variance, prior: (30,), of white noise; the first is updated. quartile: see `WhiteNoise`; 0 for too few samples.
-        standing: (4,) [m], usual heights of the feet, updated.
-        limits: (5,), det J [m³], squared force of a light foot [N²], force that must be carried [N], height of a lifted
-            foot [m], velocity of the friction law [rad/s].
-        out: (HALF,), the half window.
-        feet_out, force_out: (3, 4) [m, N], of the last sample.
-
-    Returns:
-        The first near-singular leg, with no change but of the outputs; -1 for none.
+    """Sums of one block without spikes, as `RowMaker.block` until its rows; arguments and result as of `block`, with
+    the ground's normal `up`.
     """
     n = len(table) - 2
     out[:] = 0.0
-    up, to_imu = vector(normal, 0), vector(lever, 0)
     joint = np.empty((6, n, 12))
     q, v, acc, tau, rate, jerk = joint[0], joint[1], joint[2], joint[3], joint[4], joint[5]
     mean, left, singular = np.zeros(12), np.empty(12), 4
@@ -546,7 +664,7 @@ def block(
             height[k, which], along[k, which], square[k, which] = dot(leg[3], up), dot(force, up), dot(force, force)
             if k == n - 1:
                 for c in range(3):
-                    feet_out[c, which], force_out[c, which] = leg[3][c], force[c]
+                    out[FEET + 4 * c + which], out[FORCE + 4 * c + which] = leg[3][c], force[c]
                 add_probes(out, links[which], leg, which)
     k = n // 2
     omega, alpha, a = trunk_at(table, k + 1, joints, to_imu, 1.0 / (table[k + 2, 0] - table[k, 0]))
@@ -580,8 +698,82 @@ def block(
     for k in range(n):
         out[AVERAGED] += window[k] ** 2
     out[DIFFERENTIATED] = (np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0
-    out[BEGIN], out[END] = table[1, 0], table[n, 0]
+    out[END] = table[n, 0]
     return -1
+
+
+@compiled(
+    "int64(float64[:,::1], int64, int64[::1], float64[:,:,::1], float64[:,::1], float64[::1], float64[::1], "
+    "float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1], float64[::1], float64[:,::1], "
+    "float64[::1])"
+)
+def block(
+    raw: Array,
+    joints: int,
+    columns: NDArray[np.intp],
+    links: Array,
+    feet: Array,
+    lever: Array,
+    window: Array,
+    variance: Array,
+    prior: Array,
+    quartile: float,
+    limits: Array,
+    standing: Array,
+    usual: Array,
+    state: Array,
+    table: Array,
+    out: Array,
+) -> int:
+    """Sums of one block, as `Front.block` until its rows.
+
+    Args:
+        raw: (n + 2, ...), `Samples.table` of the block with one sample more before and after it.
+        joints: their number in the table. columns: (12,), of the legs' among them, by leg.
+        links: (4, 3, 50), constants of the links. feet: (4, 4) [m], each in its last link, and its radius.
+        lever: (3,) [m], of the IMU.
+        window: (n,), its rising half.
+        variance, prior: (30,), of white noise; the first is updated. quartile: see `WhiteNoise`; 0 for too few samples.
+        limits: (6,), det J [m³], squared force of a light foot [N²], force that must be carried [N], height of a lifted
+            foot [m], velocity of the friction law [rad/s], load of a foot that carries [N].
+        standing: (4,) [m], usual heights of the feet, updated.
+        usual: squared noise of each column of the table, updated. state: (STATE,), updated.
+        table: as `raw`, the samples without spikes. out: (HALF,), the half window.
+
+    Returns:
+        The first near-singular leg, with no change but of the outputs and the ground's normal; 4 for an accelerometer
+        that reads zero; -1 for neither.
+    """
+    clean(raw, usual, state, table)
+    n, at = len(table) - 2, 1 + 3 * joints
+    turning, pulling = ZERO, ZERO
+    for k in range(1, n + 1):
+        turning, force = plus(turning, vector(table[k], at)), vector(table[k], at + 3)
+        pulling = plus(pulling, force)
+        if force[0] == 0.0 and force[1] == 0.0 and force[2] == 0.0:
+            return 4
+    duration = table[n + 1, 0] - table[1, 0]
+    normal = ahead(times(1.0 / n, pulling), times(1.0 / n, turning), duration, state)
+    found = sums(
+        table,
+        joints,
+        columns,
+        links,
+        feet,
+        vector(lever, 0),
+        normal,
+        window,
+        variance,
+        prior,
+        quartile,
+        standing,
+        limits,
+        out,
+    )
+    if found < 0:
+        end, force_end = out[FEET : FEET + 12].reshape(3, 4), out[FORCE : FORCE + 12].reshape(3, 4)
+        learn_ground(end, force_end, duration, limits[5], state)
+    return found
 
 
 # -- the rows ----------------------------------------------------------------------------------------------------------
@@ -606,17 +798,6 @@ def calibrate(total: Array, imu: Array, turn: Array, elapsed: float, state: Arra
             removed[c - 3] = (1.0 - gain) * away
     signals[6:] = total[SIGNALS + 6 : SIGNALS + 12]
     return vector(removed, 0)
-
-
-@part
-def turned(omega: Vector, duration: float) -> Array:
-    """`stadera.trunk.ground.turned`."""
-    x, y, z = -duration * omega[0], -duration * omega[1], -duration * omega[2]
-    out = np.empty((3, 3))
-    out[0, 0], out[0, 1], out[0, 2] = 1.0 - 0.5 * (y * y + z * z), 0.5 * x * y - z, 0.5 * x * z + y
-    out[1, 0], out[1, 1], out[1, 2] = 0.5 * x * y + z, 1.0 - 0.5 * (x * x + z * z), 0.5 * y * z - x
-    out[2, 0], out[2, 1], out[2, 2] = 0.5 * x * z - y, 0.5 * y * z + x, 1.0 - 0.5 * (x * x + y * y)
-    return out
 
 
 @part
