@@ -213,8 +213,18 @@ def test_a_robot_on_its_feet_is_not_identified(run, clean: Recording, tmp_path: 
     assert "feet carry a share of the robot's weight" in finished.err
 
 
-def test_a_tare_before_the_log_is_refused(run, hyq: Robot, clean: Recording, tmp_path: Path) -> None:
+def test_a_tare_before_the_log_counts_from_its_beginning(run, clean: Recording, tmp_path: Path) -> None:
     log = write_table(replace(clean, time=clean.time + 1.7e9), tmp_path / "log.parquet")
-    finished = run("weigh", log, "--robot", "hyq", "--tare", "0:1")
+    found = []
+    for tare in ("0:1", "1700000000:1700000001"):
+        finished = run("weigh", log, "--robot", "hyq", "--tare", tare, "--json", tmp_path / "out.json")
+        assert finished.code == 0, finished.err
+        found.append(json.loads((tmp_path / "out.json").read_text())["payload"]["mass"])
+        said = "0 to 1 s, is before the log and taken from its beginning at 1700000000.000 s" in " ".join(
+            finished.out.split()
+        )
+        assert said == (tare == "0:1")
+    assert found[0] == found[1]
+    finished = run("weigh", log, "--robot", "hyq", "--tare", "100:101")
     assert finished.code == 1
-    assert "lies before the log, which begins at 1700000000.000 s" in finished.err
+    assert "1700000101" in finished.err or "1.7e+09" in finished.err

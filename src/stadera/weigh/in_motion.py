@@ -209,11 +209,6 @@ class _Reading:
     def _tare_when_due(self) -> None:
         if self._range is None or self.tared or self._time < self._range[1]:
             return
-        if self._range[1] < self.log.begin:
-            raise IdentificationError(
-                f"{self.log.source.source}: the tare's time, {self._range[0]:g} to {self._range[1]:g} s, lies before "
-                f"the log, which begins at {self.log.begin:.3f} s"
-            )
         changes = [c for c in self.estimator.changes if c.kind != "shifted"]
         if changes:
             raise IdentificationError(

@@ -38,10 +38,10 @@ def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSet
     Raises:
         RecordingError: the log cannot be read, or lacks one of the robot's joints.
     """
-    first = _beginning(robot, source)
+    first = beginning(robot, source)
     if first.imu is None:
         return WITHOUT_IMU
-    other = None if tare is None or isinstance(tare, tuple) else _beginning(robot, tare)  # type: ignore[arg-type]
+    other = None if tare is None or isinstance(tare, tuple) else beginning(robot, tare)  # type: ignore[arg-type]
     slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
     return WITH_IMU if slow or (other is not None and other.imu is None) else IN_MOTION
 
@@ -53,7 +53,7 @@ def check_source(request: Request) -> bool:
         RecordingError: there are no joint torques, or no IMU although the method or an option needs one.
     """
     log, method = request.source, request.method
-    if _beginning(request.robot, log).imu is not None:
+    if beginning(request.robot, log).imu is not None:
         return True
     if METHODS[method].needs_imu:
         require_imu(request.robot, log, method)
@@ -80,7 +80,12 @@ def require_imu(robot: Robot, source: Source, method: str) -> None:
         ) from None
 
 
-def _beginning(robot: Robot, source: Source) -> Recording:
+def beginning(robot: Robot, source: Source) -> Recording:
+    """The first samples of a log.
+
+    Raises:
+        RecordingError: it has none, or it cannot be read.
+    """
     chunk = next(stream(source, joints=robot.tree.joints, rows=_FIRST), None)
     if chunk is None:
         raise RecordingError(f"{source.source}: no samples")

@@ -17,7 +17,7 @@ from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.extra_joints import with_extra_joints
 from stadera.weigh.in_motion import weigh_in_motion
-from stadera.weigh.reading import choose_method
+from stadera.weigh.reading import beginning, choose_method
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, Request, Watch, WeighSettings, check_choice
 
@@ -41,7 +41,8 @@ def weigh(
     Args:
         robot: a robot, its name, or the path of its model file.
         log: joint positions and torques, and velocities and an IMU if available: a path, a LogFile or a Recording.
-        tare: a range (begin, end) of the log's time [s] or another log in which the robot carries no payload.
+        tare: a range (begin, end) of the log's time [s] or another log in which the robot carries no payload. A range
+            wholly before the log's first stamp counts from there, as for a log with Unix time.
         method: name from `stadera.trunk.registry.METHODS`. None chooses "walking" (any motion, standing included) for a
             log with an IMU and at least 50 samples a second; otherwise a method at rest: "contact" with an IMU, "poses"
             without.
@@ -73,12 +74,27 @@ def weigh(
     source = guard.admitted(source, fix=fix, force=force)
     if isinstance(other, LogFile | Recording):
         other = guard.admitted(other, fix=fix, force=force)
+    if isinstance(other, tuple):
+        other, shifted = _in_time_of(source, other, model)
+        said = (*said, *shifted)
     name = method or choose_method(model, source, other, chosen)
     request = Request(model, source, other, name, imu_frame, stiffness, force, chosen, progress, watch)
     result = weigh_in_motion(request) if name == IN_MOTION else weigh_at_rest(request)
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     return replace(result, notes=(*said, *result.notes))
+
+
+def _in_time_of(
+    source: LogFile | Recording, tare: tuple[float, float], robot: Robot
+) -> tuple[tuple[float, float], tuple[str, ...]]:
+    """The tare's range in the log's own time, and a note if it was given from the log's beginning."""
+    begin, end = tare
+    first = float(beginning(robot, source).time[0])
+    if not 0.0 <= begin < end < first:
+        return tare, ()
+    note = f"the tare's time, {begin:g} to {end:g} s, is before the log and taken from its beginning at {first:.3f} s"
+    return (first + begin, first + end), (note,)
 
 
 def _opened(log: LogFile | Recording) -> LogFile | Recording:
