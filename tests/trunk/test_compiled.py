@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import stadera.compiled
 from arm import with_arm
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant import STANDARD, RigidMass
 from stadera.legs.base_wrench import BaseWrenchRegressor
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Samples, SwingDetection, TrunkEstimator
+from stadera.trunk.changes import ChangeDetector
+from stadera.trunk.compiled_changes import CompiledDetector
 from stadera.trunk.compiled_front import CompiledFront, front
-from stadera.trunk.error_model import PLACES
+from stadera.trunk.error_model import ERRORS, PLACES
 from stadera.trunk.front import BLIND, Front
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import ChangeSettings
 from walking import Walk, recorded, walked
 
 pytest.importorskip("numba")
@@ -128,10 +134,109 @@ def test_legs_in_the_air_are_found_alike() -> None:
     assert seen.sum() >= 3
 
 
-def test_without_numba_the_numpy_code_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stadera.compiled, "available", lambda: False)
-    stadera.compiled.kernel.cache_clear()
-    try:
-        assert type(TrunkEstimator(robot("hyq"))._front) is Front
-    finally:
+@pytest.fixture
+def without_numba(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
+    """Returns a function after which numba counts as not installed, until the test ends."""
+
+    def remove() -> None:
+        monkeypatch.setattr(stadera.compiled, "available", lambda: False)
         stadera.compiled.kernel.cache_clear()
+
+    yield remove
+    stadera.compiled.kernel.cache_clear()
+
+
+def test_without_numba_the_numpy_code_runs(without_numba: Callable[[], None]) -> None:
+    without_numba()
+    estimator = TrunkEstimator(robot("hyq"))
+    assert type(estimator._front) is Front
+    assert type(estimator._detector) is ChangeDetector
+
+
+def weighed(name: str, rate: float) -> list[np.ndarray]:
+    """All that an estimator says of a walk in which a load is put on, before and after, with spikes and a gap."""
+    made = robot(name, dry=False)
+    load = RigidMass.box(0.08 * made.mass, (0.2, 0.2, 0.1), (-0.1, 0.05, 0.1)).parameters
+    motion = walked(made, Walk(seconds=4.5, rate_hz=rate, load=load, loaded_at=2.5))
+    data, estimator = Samples.of_recording(recorded(made, motion, STANDARD, 3), made), TrunkEstimator(made)
+    velocity = data.velocity.copy()
+    velocity[200::97, 3] += 4.0
+    data = replace(data, velocity=velocity)
+    out: list[np.ndarray] = []
+    for begin, end in ((0.0, 1.2), (1.25, 2.2), (2.2, 3.2), (3.2, 4.5)):
+        estimator.add(data[(data.time >= begin) & (data.time < end)])
+        found, known = estimator.trunk, estimator.evidence.known
+        changes = [[c.time, c.noticed, c.mass, c.mass_std] for c in estimator.changes]
+        out += [found.inertial.vector, found.covariance, found.inertia_std, known.mean, known.covariance()]
+        out += [np.array(estimator.torque_lag), np.array(list(estimator.trust.by_leg.values())), np.array(changes)]
+        if estimator.payload is not None:
+            out += [estimator.payload.com, np.array([estimator.payload.mass, estimator.payload.mass_std])]
+        if end == 2.2:
+            estimator.tare()
+    assert len(estimator.changes) == 1
+    return out
+
+
+@pytest.mark.parametrize(("name", "rate"), [("hyq", 500.0), ("go2", 500.0), ("go2", 200.0), ("anymal_c", 1000.0)])
+def test_estimates_are_those_of_numpy(name: str, rate: float, without_numba: Callable[[], None]) -> None:
+    found = weighed(name, rate)
+    without_numba()
+    for compiled, reference in zip(found, weighed(name, rate), strict=True):
+        np.testing.assert_allclose(compiled, reference, rtol=1e-8, atol=1e-9 * np.nanmax(np.abs(reference), initial=0))
+
+
+def test_a_sum_of_rows_is_lapacks(without_numba: Callable[[], None]) -> None:
+    rng = np.random.default_rng(4)
+    blocks = [WeightedRows(0.0, rng.standard_normal((6, 11 + ERRORS)), 1.0) for _ in range(30)]
+    blocks[5].columns[:, :3] = 0.0  # a column without rows
+
+    def summed() -> Segment:
+        segment = Segment.prior(rng.standard_normal(10), np.full(10, 5.0))
+        for k, rows in enumerate(blocks):
+            segment = segment.add(rows, 0.99 if k % 2 else 1.0)
+        return segment
+
+    rng = np.random.default_rng(5)
+    compiled = summed()
+    inverse, solution = compiled.inverse, compiled.solution
+    without_numba()
+    rng = np.random.default_rng(5)
+    reference = summed()
+    assert_near(compiled.triangle, reference.triangle, "triangle")
+    assert_near(inverse, reference.inverse, "inverse")
+    assert_near(solution, reference.solution, "solution")
+    assert compiled.cost == pytest.approx(reference.cost, rel=1e-12)
+    assert compiled.count == reference.count
+
+
+def test_past_averages_are_those_of_numpy() -> None:
+    """Random rows over more blocks than the buffer holds; a restart; errors that change on the way."""
+    settings, rng = ChangeSettings(memory=4.0), np.random.default_rng(6)
+    scale = np.array([80.0, 50.0, 50.0, 50.0])
+    detectors = [kind(settings, scale, 0.02) for kind in (ChangeDetector, CompiledDetector)]
+    segment = Segment.prior(rng.standard_normal(10), np.full(10, 5.0))
+    history = [segment]
+    for k in range(700):
+        columns = 0.1 * rng.standard_normal((6, 11 + ERRORS))
+        columns[:3, 0], columns[[4, 5, 3], [3, 1, 2]] = (0.3, 0.1, 9.8), (0.2, -0.4, 9.7)
+        rows = WeightedRows(0.02 * k, columns, 1.0)
+        segment = segment.add(rows)
+        history.append(segment)
+        if k % 10 == 0:
+            mean = np.zeros(ERRORS)
+            mean[:40] = 0.1 * rng.standard_normal(40)
+            errors = SimpleNamespace(mean=mean, std=rng.uniform(0.1, 1.0, ERRORS))
+        if k % 10 == 5:
+            for detector in detectors:
+                detector.learn(history[max(k - 50, 0)], errors)
+        if k == 300:
+            for detector in detectors:
+                detector.restart(30)
+        near, far = history[max(k - 50, 0)], history[max(k - 106, 0)]
+        jumps = [detector.look(rows, near, far, errors, 1.3, held=True) for detector in detectors]
+        assert jumps == [None, None]
+        assert_near(detectors[1].suspected, detectors[0].suspected, "suspected")
+        assert detectors[1]._likely == detectors[0]._likely
+    for found, expected in zip(detectors[1]._spreads, detectors[0]._spreads, strict=True):
+        assert_near(found, expected, "spreads")
+    assert_near(detectors[1]._scatter, detectors[0]._scatter, "scatter")

@@ -32,7 +32,7 @@ from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
 
-_MOST = 0.9  # share of the phases of a step in which model errors are at most `Spread.usual`
+MOST = 0.9  # share of the phases of a step in which model errors are at most `Spread.usual`
 _PRIOR_SAMPLES = 1.0  # independent averages that the prior of their spread counts as
 _WILD = 3.0  # standard deviations at which an average is clipped
 _MEDIAN = 0.455  # of χ² with one degree of freedom
@@ -80,7 +80,7 @@ class Deviations(NamedTuple):
         return Deviations(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
 
 
-class _Largest(NamedTuple):
+class Largest(NamedTuple):
     """The largest deviation: its number of blocks, its standard deviations, whether it is to be reported, and δ."""
 
     blocks: int
@@ -91,67 +91,88 @@ class _Largest(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """Spread of averages over a number of blocks under a constant load.
+    """Spread of averages under a constant load, by window.
 
     Attributes:
-        square: (4,) their mean square. usual: (4,) variance due to model errors, not exceeded in nearly all of them.
-        samples: number of independent averages.
+        square: (windows, 4) their mean square. usual: (windows, 4) variance due to model errors, not exceeded in nearly
+            all of them.
+        samples: (windows,) number of independent averages.
     """
 
     square: Array
     usual: Array
-    samples: float
+    samples: Array
+
+    def updated(self, square: Array, usual: Array, samples: Array) -> Spread:
+        """With more averages: their mean squares and usual variances (windows, 4), and their number (windows,)."""
+        before, now = self.samples[:, None], samples[:, None]
+        worth = _PRIOR_SAMPLES + before
+        return Spread(
+            (square * now + self.square * worth) / (now + worth),
+            (usual * now + self.usual * before) / np.maximum(now + before, 1e-300),
+            samples + self.samples,
+        )
 
 
-class _Blocks:
+class Blocks:
     """Ring buffer of the latest blocks' projected rows, contiguous in memory, with running sums and reduced rows.
 
     A sum over any range is the difference of two running sums. The reduced rows (4, 12) hold A, b - C p and the weight:
-    p is constant over many blocks, so a residual costs ten products instead of 157.
+    p is constant over many blocks, so a residual costs ten products instead of 170.
     """
 
     def __init__(self, most: int) -> None:
-        self._most, self._end, self.count = most, 0, 0
+        self._most, self.end, self.count = most, 0, 0
         self._rows = np.empty((2 * most, 4, PROJECTED))
         self._reduced = np.empty((2 * most, 4, 12))
-        self._sums = np.zeros((2 * most + 1, 4, PROJECTED))
-        self._errors = np.zeros(PROJECTED - 11)
+        self.sums = np.zeros((2 * most + 1, 4, PROJECTED))
+        self._errors, self._valid = np.zeros(PROJECTED - 11), 0  # p, and the first row that is reduced with it
 
-    def push(self, projected: Array, errors: Array) -> None:
+    def push(self, rows: WeightedRows, errors: Array) -> None:
         """Appends a block; p (ERRORS,) are the model errors."""
-        if self._end == len(self._rows):
-            kept = min(self.count, self._most)
-            self._rows[:kept], self._reduced[:kept] = self.last(kept), self._reduced[self._end - kept :]
-            self._end = kept
-            np.cumsum(self._rows[:kept], axis=0, out=self._sums[1 : kept + 1])
-        at = self._end
-        self._rows[at] = projected
-        self._end, self.count = at + 1, min(self.count + 1, self._most)
-        np.add(self._sums[at], projected, out=self._sums[at + 1])
-        self._reduce(at, errors)
-
-    def last(self, n: int) -> Array:
-        """(n, 4, PROJECTED)."""
-        return self._rows[self._end - n : self._end]
+        if self.end == len(self._rows):
+            self._move()
+        self._write(rows, self.end)
+        self.end, self.count = self.end + 1, min(self.count + 1, self._most)
+        if errors is self._errors:
+            self._reduce(self.end - 1, self.end)
+        else:
+            self._errors, self._valid = errors, self.end
 
     def totals(self, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
         """Sums (k, 4, PROJECTED) over ranges given by their numbers of blocks before the latest (k,)."""
-        return np.asarray(self._sums[self._end - end] - self._sums[self._end - begin])
+        return np.asarray(self.sums[self.end - end] - self.sums[self.end - begin])
 
     def reduced(self, n: int, errors: Array) -> Array:
         """Reduced rows of the last n blocks, (n, 4, 12)."""
-        self._reduce(self._end, errors)
-        return self._reduced[self._end - n : self._end]
+        return self.all_reduced(n, errors)[self.end - n : self.end]
 
-    def _reduce(self, start: int, errors: Array) -> None:
-        """Reduces rows from `start` on, or all of them if p has changed."""
+    def all_reduced(self, n: int, errors: Array) -> Array:
+        """Reduced rows (..., 4, 12), of which those of the n blocks before `end` are valid."""
         if errors is not self._errors:
-            start, self._errors, left = max(self._end - self._most, 0), errors, np.concatenate([[1.0], -errors])
-            self._left = left
-        rows, out = self._rows[start : self._end], self._reduced[start : self._end]
-        if len(rows):
-            out[..., :10], out[..., 11] = rows[..., :10], rows[..., -1]
-            np.matmul(rows[..., 10:-1], self._left, out=out[..., 10])
+            self._errors, self._valid = errors, self.end
+        if self.end - n < self._valid:
+            self._reduce(self.end - n, self._valid)
+            self._valid = self.end - n
+        return self._reduced
+
+    def _move(self) -> None:
+        """Moves the latest rows to the buffer's beginning."""
+        kept, end = min(self.count, self._most), self.end
+        self._rows[:kept], self._reduced[:kept] = self._rows[end - kept : end], self._reduced[end - kept : end]
+        self.end, self._valid = kept, max(self._valid - (end - kept), 0)
+        np.cumsum(self._rows[:kept], axis=0, out=self.sums[1 : kept + 1])
+
+    def _write(self, rows: WeightedRows, at: int) -> None:
+        """Writes a block's projected rows and running sums."""
+        self._rows[at] = rows.projected
+        np.add(self.sums[at], self._rows[at], out=self.sums[at + 1])
+
+    def _reduce(self, begin: int, end: int) -> None:
+        """Reduces rows of a range."""
+        rows, out = self._rows[begin:end], self._reduced[begin:end]
+        out[..., :10], out[..., 11] = rows[..., :10], rows[..., -1]
+        out[..., 10] = rows[..., 10] - rows[..., 11:-1] @ self._errors
 
 
 class ChangeDetector:
@@ -171,11 +192,11 @@ class ChangeDetector:
         self.settings, self._scale, self._block = settings, scale, block
         self._short = tuple(n for n in settings.windows if n <= settings.pending)
         self._long = tuple(n for n in settings.windows if n > settings.pending)
-        self._blocks = _Blocks(round(settings.memory / block))
-        nothing = Spread(np.full(4, settings.prior**2), np.zeros(4), 0.0)
-        self._usual = dict.fromkeys(settings.windows, nothing)  # up to the last change of the load
-        self._spreads = self._usual
-        self._gather()
+        self._blocks = Blocks(round(settings.memory / block))
+        windows = len(settings.windows)
+        # up to the last change of the load, and up to now
+        self._usual = Spread(np.full((windows, 4), settings.prior**2), np.zeros((windows, 4)), np.zeros(windows))
+        self._set(self._usual)
         self._scatter = np.full(4, settings.prior)  # of single blocks
         self._persists = self._likely = 0
         self.suspected = self._missed = np.zeros(4)
@@ -197,9 +218,8 @@ class ChangeDetector:
             scatter: κ, the excess scatter of summed rows.
             held: suppress reports, because the model does not fit.
         """
-        self._blocks.push(rows.projected, errors.mean)
-        deviations = self._since(before, errors, self._short) + self._since(long_before, errors, self._long)
-        best = self._largest(deviations, scatter)
+        self._blocks.push(rows, errors.mean)
+        best = self._best(before, long_before, errors, scatter)
         self._suspect(best)
         self._persists = (self._persists + 1) * (best.ratio > self.settings.deviations and not held)
         if self._persists < self.settings.confirmed:
@@ -215,6 +235,16 @@ class ChangeDetector:
         n = self._blocks.count - self.settings.pending
         if n < 2 * min(self.settings.windows):
             return
+        self._set(self._usual.updated(*self._past(n, before, errors)))
+
+    def _set(self, spreads: Spread) -> None:
+        """Sets the spreads, with Student's factor of each."""
+        self._spreads, limit = spreads, self.settings.deviations
+        samples = (spreads.samples + _PRIOR_SAMPLES).astype(int).tolist()
+        self._student = np.array([limit / _student(limit, n) for n in samples])
+
+    def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
+        """Spread of the averages over the first n blocks alone; also sets the scatter of single blocks."""
         singles, weights = (x[:n] for x in self._singles(self._blocks.count, before, errors))
         self._scatter = np.maximum(1.5 * np.median(np.abs(singles), axis=0), 1e-6)
         sums = np.zeros((n + 1, 4, 2))
@@ -222,34 +252,21 @@ class ChangeDetector:
         np.multiply(self._near(singles), weights, out=near[..., 0])
         near[..., 1] = weights
         np.cumsum(near, axis=0, out=near)
-        spreads = {}
-        for m in self.settings.windows:
+        windows = self.settings.windows
+        found = Spread(np.zeros((len(windows), 4)), np.zeros((len(windows), 4)), np.zeros(len(windows)))
+        for k, m in enumerate(windows):
             first = np.arange(0, n - m, max(m // 2, 1))
             if not len(first):
-                spreads[m] = self._usual[m]
                 continue
             parts = sums[first + m] - sums[first]
             squares = (parts[..., 0] / np.maximum(parts[..., 1], 1e-12)) ** 2
-            squares = np.minimum(squares, _WILD**2 * np.median(squares, axis=0) / _MEDIAN)
+            found.square[k] = np.minimum(squares, _WILD**2 * np.median(squares, axis=0) / _MEDIAN).mean(axis=0)
             begin = self._blocks.count - first
             expected = self._by_errors(self._blocks.totals(begin, begin - m), before, errors)
-            expected = np.quantile(expected, _MOST, axis=0)
-            known, samples = self._usual[m], 0.5 * len(first)
-            worth = _PRIOR_SAMPLES + known.samples
-            square = (squares.mean(axis=0) * samples + known.square * worth) / (samples + worth)
-            usual = (expected * samples + known.usual * known.samples) / (samples + known.samples)
-            spreads[m] = Spread(square, usual, samples + known.samples)
-        self._spreads = spreads
-        self._gather()
+            found.usual[k], found.samples[k] = np.quantile(expected, MOST, axis=0), 0.5 * len(first)
+        return found
 
-    def _gather(self) -> None:
-        """Stacks the spreads by window, with Student's factor of each."""
-        spreads = list(self._spreads.values())
-        self._square, self._expected = (np.array([s[k] for s in spreads]) for k in (0, 1))
-        limit = self.settings.deviations
-        self._student = np.array([limit / _student(limit, int(s.samples + _PRIOR_SAMPLES)) for s in spreads])
-
-    def _suspect(self, best: _Largest) -> None:
+    def _suspect(self, best: Largest) -> None:
         """Updates `suspected`: a likely change enters the error bars while it lasts. If it persists without being
         detected, it stays in them, since the estimate has absorbed it.
         """
@@ -260,7 +277,12 @@ class ChangeDetector:
             self._missed = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
         self.suspected = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
 
-    def _largest(self, found: Deviations, scatter: float) -> _Largest:
+    def _best(self, before: Segment, long_before: Segment, errors: Errors, scatter: float) -> Largest:
+        """The largest deviation of the latest blocks."""
+        deviations = self._since(before, errors, self._short) + self._since(long_before, errors, self._long)
+        return self._largest(deviations, scatter)
+
+    def _largest(self, found: Deviations, scatter: float) -> Largest:
         """The deviation with most standard deviations.
 
         A window's variance is its spread, increased by the part of the present model errors' effect that exceeds the
@@ -268,9 +290,9 @@ class ChangeDetector:
         """
         n = len(found.blocks)
         if not n:
-            return _Largest(0, 0.0, False, np.zeros(4), np.ones(4))
+            return Largest(0, 0.0, False, np.zeros(4), np.ones(4))
         at = np.searchsorted(self.settings.windows, found.blocks)
-        spread = self._square[at] + np.maximum(found.by_errors - self._expected[at], 0.0)
+        spread = self._spreads.square[at] + np.maximum(found.by_errors - self._spreads.usual[at], 0.0)
         variance = np.maximum(spread, found.own) + scatter * found.before
         size = np.abs(found.size)
         ratios, large = size / np.sqrt(variance), size > self.settings.least_change
@@ -279,7 +301,7 @@ class ChangeDetector:
         ratio = ratios.max(axis=1) * self._student[at]
         ratio *= np.logical_or(reported, 3 * found.blocks > self.settings.pending)
         k = int(np.argmax(ratio))
-        return _Largest(int(found.blocks[k]), float(ratio[k]), bool(reported[k]), found.size[k], variance[k])
+        return Largest(int(found.blocks[k]), float(ratio[k]), bool(reported[k]), found.size[k], variance[k])
 
     def _since(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> Deviations:
         """Deviations from a segment for each full window; none if the segment is too short."""
@@ -320,7 +342,7 @@ class ChangeDetector:
         square = np.einsum("ne,ne->n", moved, moved).reshape(-1, 4)
         return np.asarray(square / (np.maximum(totals[..., -1], 1e-12) * self._scale) ** 2)
 
-    def _placed(self, best: _Largest, before: Segment, errors: Errors) -> int:
+    def _placed(self, best: Largest, before: Segment, errors: Errors) -> int:
         """Most likely number of blocks since the change.
 
         Projected on the change and in standard deviations, blocks before it scatter about 0 and those after it about 1,

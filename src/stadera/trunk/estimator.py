@@ -29,15 +29,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.inertia import InertialParameters
-from stadera.information import Information
 from stadera.legs.model import LegModel
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
-from stadera.trunk.changes import ChangeDetector, Jump
+from stadera.trunk.changes import Jump
+from stadera.trunk.compiled_changes import change_detector
 from stadera.trunk.compiled_front import front
 from stadera.trunk.considered import Errors, RowSums, robot_weight, weighted
-from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.error_model import PLACES, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.front import BLIND
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
@@ -49,7 +49,7 @@ from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
-from stadera.trunk.segment import THETA, Segment, WeightedRows
+from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust
@@ -137,13 +137,13 @@ class TrunkEstimator:
         # estimates before each of them, and with all of them
         self._known = deque([Segment.prior(self._start.vector, self._wide)])
         scale = mass * np.array([1.0, le, le, le])
-        self._detector = ChangeDetector(self.settings.changes, scale, self.settings.block)
+        self._detector = change_detector(self.settings.changes, scale, self.settings.block)
         self._finished: tuple[Segment, ...] = ()
         self._changes: list[LoadChange] = []
         self._changing: _Change | None = None
         self._candidate: _Change | None = None
         self._tare: Segment | None = None
-        self._loaded: Information | None = None  # rows since the tare, until a change is detected
+        self._loaded: Segment | None = None  # rows since the tare, until a change is detected
         self._unused = 0  # next rows that still contain samples before the tare
         self._fit: Fit | None = None
         self._odd = OddBlocks()
@@ -207,8 +207,7 @@ class TrunkEstimator:
         change.
         """
         self._tare, self._unused = self._current, self.settings.changes.spoilt
-        before = self._current.mean(self._errors.mean)
-        self._loaded = Information.prior(THETA, before, _PAYLOAD * self._wide, ERRORS)
+        self._loaded = Segment.prior(self._current.mean(self._errors.mean), _PAYLOAD * self._wide)
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -242,7 +241,7 @@ class TrunkEstimator:
         if self._tare is None:
             return None
         p, missed = self._errors.mean, self._detector.suspected
-        now = self._current if self._loaded is None else Segment(self._loaded)
+        now = self._current if self._loaded is None else self._loaded
         difference = now.mean(p) - self._tare.mean(p)
         covariance = self._errors.difference_covariance(self._tare, now, self._scatter.value)
         if self._loaded is not None and missed.any():  # the rows since the tare already contain part of it
@@ -373,7 +372,7 @@ class TrunkEstimator:
         if self._loaded is not None:
             self._unused -= 1
             if self._unused < 0:
-                self._loaded = self._loaded.forget(keep).add(rows.matrix, rows.target, rows.errors)
+                self._loaded = self._loaded.add(rows, keep, energy=False)
         if len(self._recent) > 2 * self.settings.changes.pending:
             self._recent.popleft()
             self._known.popleft()

@@ -13,9 +13,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import isnan, sqrt
 
 import numpy as np
 
+from stadera.compiled import kernel
 from stadera.information import Information, Unknowns
 from stadera.trunk.error_model import ERRORS
 from stadera.types import Array
@@ -84,13 +86,16 @@ class Segment:
     """Summed rows.
 
     Attributes:
-        known: R, z and G.
+        triangle: (10, 10 + 1 + ERRORS), R, z and G.
+        cost: sum of squared residuals that no trunk explains [1]. count: number of rows, with forgetting.
         white: Σ of the rows' white variance [1].
         begin: time of the first row [s].
         blocks: number of blocks.
     """
 
-    known: Information
+    triangle: Array
+    cost: float = 0.0
+    count: float = 0.0
     white: float = 0.0
     begin: float = np.nan
     blocks: int = 0
@@ -99,18 +104,32 @@ class Segment:
     @classmethod
     def prior(cls, mean: Array, std: Array) -> Segment:
         """The prior of the trunk, mean and standard deviation (10,), before any row."""
-        return cls(Information.prior(THETA, mean, std, ERRORS))
+        triangle = np.zeros((10, 11 + ERRORS))
+        triangle[:, :10], triangle[:, 10] = np.diag(1.0 / std), mean / std
+        return cls(triangle)
 
-    def add(self, rows: WeightedRows, keep: float = 1.0) -> Segment:
-        """Returns the segment with one more block, the weight of everything before it multiplied by `keep`."""
-        known = self.known if keep == 1.0 else self.known.forget(keep)
+    def add(self, rows: WeightedRows, keep: float = 1.0, energy: bool = True) -> Segment:
+        """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
+
+        Args:
+            energy: keep what `energy` needs.
+        """
+        triangle, cost = _folded(self.triangle, rows.columns, sqrt(keep))
         return Segment(
-            known.add(rows.matrix, rows.target, rows.errors),
+            triangle,
+            keep * self.cost + cost,
+            keep * self.count + 6.0,
             keep * self.white + rows.white,
-            rows.time if np.isnan(self.begin) else self.begin,
+            rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
-            [(self, keep, rows)],
+            [(self, keep, rows)] if energy else [],
         )
+
+    @property
+    def known(self) -> Information:
+        """R, z and G as information."""
+        T = self.triangle
+        return Information(THETA, T[:, :10], T[:, 10], T[:, 11:], self.cost, self.count)
 
     @cached_property
     def energy(self) -> Array:
@@ -122,29 +141,61 @@ class Segment:
         scale, columns, at = 1.0, [], self
         while at._last and "energy" not in at.__dict__:
             before, keep, rows = at._last[0]
-            columns.append(np.sqrt(scale) * rows.columns[:, 10:])
+            columns.append(sqrt(scale) * rows.columns[:, 10:])
             scale, at = scale * keep, before
         self._last.clear()
         known = at.__dict__.get("energy")
         stacked = np.vstack(columns) if columns else np.zeros((0, 1 + ERRORS))
-        return np.asarray(stacked.T @ stacked + (0.0 if known is None else scale * known))
+        total: Array = stacked.T @ stacked
+        if known is not None:
+            total += scale * known
+        return total
 
     @cached_property
     def inverse(self) -> Array:
         """R⁻¹, (10, 10)."""
-        return np.asarray(self.known.inverse)
+        return self._solved[0]
 
-    @cached_property
+    @property
     def sensitivity(self) -> Array:
         """K (10, ERRORS): the estimate's error due to p is -K p."""
-        return np.asarray(self.inverse @ self.known.G)
+        return self.solution[:, 1:]
+
+    @cached_property
+    def solution(self) -> Array:
+        """R⁻¹ z and K, (10, 1 + ERRORS)."""
+        return self._solved[1]
 
     @cached_property
     def remainder(self) -> Array:
         """`energy` after eliminating θ."""
-        explained = np.hstack([self.known.z[:, None], self.known.G])
+        explained = self.triangle[:, 10:]
         return np.asarray(self.energy - explained.T @ explained)
 
     def mean(self, errors: Array) -> Array:
         """θ̂ (10,), given errors p̂ (ERRORS,)."""
-        return np.asarray(self.inverse @ (self.known.z - self.known.G @ errors))
+        last = self.__dict__.get("_mean")
+        if last is None or last[0] is not errors:
+            last = self.__dict__["_mean"] = errors, self.solution[:, 0] - self.sensitivity @ errors
+        return np.asarray(last[1])
+
+    @cached_property
+    def _solved(self) -> tuple[Array, Array]:
+        compiled = kernel("stadera.trunk.kernels.sums")
+        if compiled is None:
+            inverse = np.asarray(self.known.inverse)
+            return inverse, inverse @ self.triangle[:, 10:]
+        inverse, solution = np.empty((10, 10)), np.empty((10, 1 + ERRORS))
+        compiled.solve(self.triangle, inverse, solution)
+        return inverse, solution
+
+
+def _folded(triangle: Array, columns: Array, root: float) -> tuple[Array, float]:
+    """A triangle [R z G], multiplied by `root`, with the rows [A b C] added, and what these add to the cost."""
+    compiled = kernel("stadera.trunk.kernels.sums")
+    if compiled is not None:
+        out = np.empty(triangle.shape)
+        return out, compiled.fold(triangle, np.ascontiguousarray(columns), root, out)
+    T = root * triangle
+    known = Information(THETA, T[:, :10], T[:, 10], T[:, 11:]).add(columns[:, :10], columns[:, 10], columns[:, 11:])
+    return np.hstack([known.R, known.z[:, None], known.G]), known.cost

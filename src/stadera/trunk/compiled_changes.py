@@ -1,0 +1,104 @@
+"""`ChangeDetector` by compiled functions where numba is installed."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+
+from stadera.compiled import kernel
+from stadera.trunk.changes import MOST, Blocks, ChangeDetector, Largest, Spread
+from stadera.trunk.considered import Errors
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import ChangeSettings
+from stadera.types import Array
+
+
+def change_detector(settings: ChangeSettings, scale: Array, block: float) -> ChangeDetector:
+    """The fastest `ChangeDetector` of this installation."""
+    compiled = _compiled()
+    return (ChangeDetector if compiled is None else CompiledDetector)(settings, scale, block)
+
+
+def _compiled() -> ModuleType | None:
+    return kernel("stadera.trunk.kernels.changes")
+
+
+class _CompiledBlocks(Blocks):
+    """`Blocks` by compiled functions."""
+
+    def __init__(self, most: int, compiled: ModuleType) -> None:
+        super().__init__(most)
+        self._compiled = compiled
+
+    def _write(self, rows: WeightedRows, at: int) -> None:
+        self._compiled.push(np.ascontiguousarray(rows.columns), self._rows, self.sums, at)
+
+    def _reduce(self, begin: int, end: int) -> None:
+        self._compiled.reduced_from(self._rows, self._reduced, self._errors, begin, end)
+
+
+class CompiledDetector(ChangeDetector):
+    """The same changes as `ChangeDetector`, up to rounding."""
+
+    def __init__(self, settings: ChangeSettings, scale: Array, block: float) -> None:
+        super().__init__(settings, scale, block)
+        compiled = _compiled()
+        assert compiled is not None
+        self._compiled = compiled
+        self._blocks = _CompiledBlocks(round(settings.memory / block), compiled)
+        self._windows = np.array(settings.windows, dtype=np.int64)
+        self._limits = np.array([settings.least_change, settings.pending, len(self._short)])
+
+    def _best(self, before: Segment, long_before: Segment, errors: Errors, scatter: float) -> Largest:
+        blocks, settings = self._blocks, self.settings
+        full = int(self._windows.searchsorted(blocks.count, side="right"))
+        short, long = (full * (segment.blocks * self._block >= settings.history) for segment in (before, long_before))
+        found = np.empty((3, 4))
+        ratio = self._compiled.largest(
+            blocks.all_reduced(int(self._windows[full - 1]) if full else 0, errors.mean),
+            blocks.sums,
+            blocks.end,
+            self._windows,
+            short,
+            long,
+            before.mean(errors.mean),
+            before.inverse,
+            before.solution,
+            long_before.mean(errors.mean),
+            long_before.inverse,
+            long_before.solution,
+            errors.std,
+            self._scale,
+            settings.outlier * self._scatter,
+            self._spreads.square,
+            self._spreads.usual,
+            self._student,
+            scatter,
+            self._limits,
+            found,
+        )
+        return Largest(int(found[0, 0]), ratio, bool(found[0, 1]), found[1], found[2])
+
+    def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
+        blocks, windows = self._blocks, len(self._windows)
+        square, usual, counts = np.zeros((windows, 4)), np.zeros((windows, 4)), np.zeros(windows, dtype=np.int64)
+        self._scatter = np.empty(4)
+        self._compiled.spreads(
+            blocks.all_reduced(blocks.count, errors.mean),
+            blocks.sums,
+            blocks.end - blocks.count,
+            n,
+            MOST,
+            self._windows,
+            before.mean(errors.mean),
+            before.solution,
+            errors.std,
+            self._scale,
+            self.settings.outlier,
+            self._scatter,
+            square,
+            usual,
+            counts,
+        )
+        return Spread(square, usual, np.asarray(0.5 * counts, dtype=float))

@@ -1,0 +1,330 @@
+"""Averages over the latest blocks, compiled: what `ChangeDetector` of `stadera.trunk.changes` does at each block."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.compiled import compiled, part
+from stadera.types import Array
+
+LANES = 8  # partial sums, which the processor adds up side by side
+WILD, MEDIAN = 3.0, 0.455  # as in `stadera.trunk.changes`
+
+
+@part
+def reduce_rows(rows: Array, reduced: Array, errors: Array) -> None:
+    """A, b - C p and the weight of projected rows (n, 4, 10 + 1 + errors + 1), into (n, 4, 12)."""
+    known, width = 0, rows.shape[2]
+    for e in range(len(errors)):
+        if errors[e] != 0.0:
+            known = e + 1
+    for n in range(len(rows)):
+        for i in range(4):
+            for c in range(11):
+                reduced[n, i, c] = rows[n, i, c]
+            left = 0.0
+            for e in range(known):
+                left += rows[n, i, 11 + e] * errors[e]
+            reduced[n, i, 10] -= left
+            reduced[n, i, 11] = rows[n, i, width - 1]
+
+
+@part
+def by_errors(total: Array, sensitivity: Array, std: Array, moved: Array) -> float:
+    """Variance of one summed row (10 + 1 + errors + 1) due to model errors, Σ_e ((C - A K)_e σ_e)²."""
+    n = len(std)
+    for e in range(n):
+        moved[e] = total[11 + e]
+    for i in range(10):
+        a = total[i]
+        for e in range(n):
+            moved[e] -= a * sensitivity[i, e]
+    parts = np.zeros(LANES)
+    for e in range(0, n - n % LANES, LANES):
+        for lane in range(LANES):
+            value = moved[e + lane] * std[e + lane]
+            parts[lane] += value * value
+    square = 0.0
+    for lane in range(LANES):
+        square += parts[lane]
+    for e in range(n - n % LANES, n):
+        square += (moved[e] * std[e]) ** 2
+    return square
+
+
+@part
+def smallest(values: Array, n: int, k: int) -> float:
+    """The k-th smallest of the first n values, counted from 0; sorts them partly (quickselect)."""
+    low, high = 0, n - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if k <= j:
+            high = j
+        elif k >= i:
+            low = i
+        else:
+            break
+    return float(values[k])
+
+
+@part
+def middle(values: Array, n: int) -> float:
+    """The median of the first n values, which are sorted partly."""
+    upper = smallest(values, n, n // 2)
+    return upper if n % 2 else 0.5 * (upper + smallest(values, n, n // 2 - 1))
+
+
+@part
+def single(reduced: Array, i: int, mean: Array, scale: Array) -> float:
+    """One block's own difference in component i, in units of `scale`."""
+    left: float = reduced[i, 10]
+    for c in range(10):
+        left -= reduced[i, c] * mean[c]
+    return float(left / (max(reduced[i, 11], 1e-12) * scale[i]))
+
+
+@part
+def since(
+    reduced: Array,
+    total: Array,
+    n: int,
+    mean: Array,
+    inverse: Array,
+    sensitivity: Array,
+    std: Array,
+    scale: Array,
+    near: Array,
+    spread: Array,
+    usual: Array,
+    scatter: float,
+    size: Array,
+    variance: Array,
+    work: Array,
+) -> None:
+    """δ (4,) and its variance (4,) of the average over the last n of the reduced rows, whose sum is `total`.
+
+    Args:
+        mean, inverse, sensitivity: of the estimate before. std: of the model errors.
+        near: (4,), Huber's limit. spread, usual: (4,), of this window. scatter: κ.
+        work: (2, ...), at least n and the number of errors.
+    """
+    weight_at, last = total.shape[1] - 1, len(reduced)
+    for i in range(4):
+        for k in range(n):
+            work[0, k] = single(reduced[last - n + k], i, mean, scale)
+            work[1, k] = work[0, k]
+        centre = smallest(work[1], n, n // 2)
+        sum_near = 0.0
+        for k in range(n):
+            value = min(max(work[0, k], centre - near[i]), centre + near[i])
+            sum_near += value * reduced[last - n + k, i, 11]
+        weight = max(total[i, weight_at], 1e-12)
+        size[i] = sum_near / weight
+        by_model = by_errors(total[i], sensitivity, std, work[0]) / (weight * scale[i]) ** 2
+        before = 0.0
+        for c in range(10):
+            before += inverse[i, c] ** 2
+        own = 1.0 / (weight * scale[i] ** 2)
+        variance[i] = max(spread[i] + max(by_model - usual[i], 0.0), own) + scatter * before / scale[i] ** 2
+
+
+@compiled("void(float64[:,::1], float64[:,:,::1], float64[:,:,::1], int64)")
+def push(columns: Array, rows: Array, sums: Array, at: int) -> None:
+    """Writes a block's rows (6, 10 + 1 + errors), projected as `WeightedRows.projected`, and the running sums."""
+    a, b, c = columns[0, 0], columns[1, 0], columns[2, 0]
+    x, y, z = columns[4, 3], columns[5, 1], columns[3, 2]
+    width = columns.shape[1]
+    for k in range(width):
+        rows[at, 0, k] = a * columns[0, k] + b * columns[1, k] + c * columns[2, k]
+        rows[at, 1, k] = y * columns[5, k] - z * columns[4, k]
+        rows[at, 2, k] = z * columns[3, k] - x * columns[5, k]
+        rows[at, 3, k] = x * columns[4, k] - y * columns[3, k]
+    rows[at, 0, width] = a * a + b * b + c * c
+    across = x * x + y * y + z * z
+    for i in range(1, 4):
+        rows[at, i, width] = across
+    for i in range(4):
+        for k in range(width + 1):
+            sums[at + 1, i, k] = sums[at, i, k] + rows[at, i, k]
+
+
+@compiled("void(float64[:,:,::1], float64[:,:,::1], float64[::1], int64, int64)")
+def reduced_from(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> None:
+    """Reduces the projected rows of a range of blocks for errors p."""
+    reduce_rows(rows[begin:end], reduced[begin:end], errors)
+
+
+@compiled(
+    "float64(float64[:,:,::1], float64[:,:,::1], int64, int64[::1], int64, int64, float64[::1], float64[:,::1], "
+    "float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], float64[::1], float64[::1], float64[::1], "
+    "float64[:,::1], float64[:,::1], float64[::1], float64, float64[::1], float64[:,::1])"
+)
+def largest(
+    reduced: Array,
+    sums: Array,
+    end: int,
+    windows: NDArray[np.int64],
+    short: int,
+    long: int,
+    mean: Array,
+    inverse: Array,
+    solution: Array,
+    long_mean: Array,
+    long_inverse: Array,
+    long_solution: Array,
+    std: Array,
+    scale: Array,
+    near: Array,
+    square: Array,
+    usual: Array,
+    student: Array,
+    scatter: float,
+    limits: Array,
+    out: Array,
+) -> float:
+    """The deviation with most standard deviations, as `ChangeDetector._largest` of both `_since`. Returns its ratio.
+
+    Args:
+        reduced, sums: of all blocks, of which the last is before `end`.
+        windows: numbers of blocks. short, long: how many of the short ones are looked at, from the first, and up to
+            where the long ones are, from the first long one at `limits[2]`.
+        mean, inverse, solution: of the estimate without the latest blocks; `long_`: without twice as many.
+        std: of model errors. scale, near: (4,), units and Huber's limit. square, usual: (windows, 4). student:
+            (windows,).
+        limits: least change, pending blocks, number of short windows.
+        out: (3, 4), blocks and whether to report; δ; variance.
+    """
+    best, first_long = -1.0, int(limits[2])
+    size, variance = np.empty(4), np.empty(4)
+    work = np.empty((2, max(len(std), windows[-1])))
+    out[:] = 0.0
+    out[2] = 1.0
+    for w in range(len(windows)):
+        n = windows[w]
+        if w < first_long:
+            if w >= short:
+                continue
+            m, inv, sol = mean, inverse, solution
+        else:
+            if w >= long:
+                continue
+            m, inv, sol = long_mean, long_inverse, long_solution
+        total = sums[end] - sums[end - n]
+        since(
+            reduced[end - n : end],
+            total,
+            n,
+            m,
+            inv,
+            sol[:, 1:],
+            std,
+            scale,
+            near,
+            square[w],
+            usual[w],
+            scatter,
+            size,
+            variance,
+            work,
+        )
+        reported = False
+        for i in range(4):
+            reported |= abs(size[i]) > limits[0]
+        ratio = 0.0
+        if reported or 3 * n > limits[1]:
+            for i in range(4):
+                if not reported or abs(size[i]) > limits[0]:
+                    ratio = max(ratio, abs(size[i]) / sqrt(variance[i]))
+        ratio *= student[w]
+        if ratio > best:
+            best = ratio
+            out[0, 0], out[0, 1] = n, 1.0 if reported else 0.0
+            out[1], out[2] = size, variance
+    return max(best, 0.0)
+
+
+@compiled(
+    "void(float64[:,:,::1], float64[:,:,::1], int64, int64, float64, int64[::1], float64[::1], float64[:,::1], "
+    "float64[::1], float64[::1], float64, float64[::1], float64[:,::1], float64[:,::1], int64[::1])"
+)
+def spreads(
+    reduced: Array,
+    sums: Array,
+    begin: int,
+    n: int,
+    share: float,
+    windows: NDArray[np.int64],
+    mean: Array,
+    solution: Array,
+    std: Array,
+    scale: Array,
+    outlier: float,
+    scatter: Array,
+    square: Array,
+    expected: Array,
+    counts: NDArray[np.int64],
+) -> None:
+    """Mean squares of past averages and their usual variance due to model errors, as `ChangeDetector.learn`.
+
+    Args:
+        reduced, sums: of all blocks. begin: index of the first block, n: number of blocks.
+        share: of the variances due to model errors that `expected` exceeds.
+        mean, solution: of the estimate. std: of model errors. scale: (4,). outlier: Huber's limit.
+        scatter: (4,), written. square, expected: (windows, 4), written; counts: (windows,), of averages.
+    """
+    singles, running, work = np.empty((n, 4)), np.zeros((n + 1, 4, 2)), np.empty(max(n, len(std)))
+    sensitivity = solution[:, 1:]
+    for i in range(4):
+        for k in range(n):
+            singles[k, i] = single(reduced[begin + k], i, mean, scale)
+            work[k] = abs(singles[k, i])
+        scatter[i] = max(1.5 * middle(work, n), 1e-6)
+        near = outlier * scatter[i]
+        for k in range(n):
+            weight = reduced[begin + k, i, 11]
+            running[k + 1, i, 0] = running[k, i, 0] + min(max(singles[k, i], -near), near) * weight
+            running[k + 1, i, 1] = running[k, i, 1] + weight
+    weight_at = sums.shape[2] - 1
+    squares, variances, total = np.empty((4, n)), np.empty((4, n)), np.empty(weight_at + 1)
+    for w in range(len(windows)):
+        m, count = windows[w], 0
+        for first in range(0, n - m, max(m // 2, 1)):
+            for i in range(4):
+                near_sum = running[first + m, i, 0] - running[first, i, 0]
+                weight = max(running[first + m, i, 1] - running[first, i, 1], 1e-12)
+                squares[i, count] = (near_sum / weight) ** 2
+                before, after = sums[begin + first, i], sums[begin + first + m, i]
+                for c in range(weight_at + 1):
+                    total[c] = after[c] - before[c]
+                weight = max(total[weight_at], 1e-12) * scale[i]
+                variances[i, count] = by_errors(total, sensitivity, std, work) / weight**2
+            count += 1
+        counts[w] = count
+        if count == 0:
+            continue
+        for i in range(4):
+            work[:count] = squares[i, :count]
+            limit = WILD**2 * middle(work, count) / MEDIAN
+            mean_square = 0.0
+            for k in range(count):
+                mean_square += min(squares[i, k], limit)
+            square[w, i] = mean_square / count
+            # the quantile between two values, linearly
+            at = share * (count - 1)
+            low = int(at)
+            below = smallest(variances[i], count, low)
+            above = smallest(variances[i], count, min(low + 1, count - 1))
+            expected[w, i] = below + (at - low) * (above - below)
