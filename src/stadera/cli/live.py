@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli.gate import REPLAY
-from stadera.cli.options import LimitValues, LogOptions, RobotName, RrdFile, View
+from stadera.cli.options import Fix, GearRatio, LimitValues, LogOptions, RobotName, RrdFile, Units, View
 from stadera.cli.terminal import show
 from stadera.cli.viewing import watching
 
@@ -52,6 +52,9 @@ def live(
         typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia from `identify --json`."),
     ] = None,
     record: Annotated[Path | None, typer.Option(metavar="F.mcap", help="Record received and sent messages.")] = None,
+    units: Units = None,
+    gear: GearRatio = None,
+    fix: Fix = False,
     view: View = False,
     rrd: RrdFile = None,
     limit: LimitValues = None,
@@ -64,7 +67,7 @@ def live(
     """
     if source != "zenoh" and not source.startswith(REPLAY):
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
-    options = LogOptions.of(joint_topic, imu_topic, limit=limit)
+    options = LogOptions.of(joint_topic, imu_topic, units=units, limit=limit, gear=gear)
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs
@@ -73,13 +76,15 @@ def live(
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
     from stadera.live.run import LiveSource, run
+    from stadera.logs.reading import AS_RECORDED
     from stadera.report.live.terminal import live_summary
 
     model = robot_with_legs(robot, legs, options.reading.limits)
     check_outputs((record, rrd))
     where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
-        session = LiveSession(model, options.topics, imu_frame, watch=watch)
+        reading = options.reading if log is None else AS_RECORDED  # a log is read with it
+        session = LiveSession(model, options.topics, imu_frame, watch=watch, reading=reading, fix=fix)
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))

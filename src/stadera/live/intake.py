@@ -21,12 +21,13 @@ from stadera.logs.bags.beginning import beginning_of
 from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.decode import IMU, Decoder, decoder
+from stadera.logs.bags.log import stamped
 from stadera.logs.bags.merging import Merging
 from stadera.logs.bags.sample import Sample
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import Batch, recordings
 from stadera.logs.columns import TIME, Layout, layout
-from stadera.logs.reading import Reading
+from stadera.logs.reading import AS_RECORDED, Reading
 from stadera.logs.recording import Recording
 from stadera.logs.topics import Topics
 from stadera.robot.model import Robot
@@ -42,6 +43,7 @@ class Intake:
         robot: the robot whose joints are sought.
         topics: the requested ones; None for those that match by type.
         settings: see `LiveSettings`.
+        reading: units of the messages, if they are not SI.
 
     Attributes:
         topics: the topics read; None before they are determined.
@@ -53,7 +55,15 @@ class Intake:
         notes: events, one sentence each.
     """
 
-    def __init__(self, robot: Robot, topics: Topics | None = None, settings: LiveSettings | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        topics: Topics | None = None,
+        settings: LiveSettings | None = None,
+        reading: Reading = AS_RECORDED,
+    ) -> None:
+        others = () if robot.extra is None else robot.extra.joints
+        self._reading = replace(stamped(reading), others=others)
         self._robot, self._asked, self._settings = robot, _slashed(topics or Topics()), settings or LiveSettings()
         self.topics: Choice | None = None
         self.seen: dict[str, SeenTopic] = {}
@@ -167,14 +177,11 @@ class Intake:
     def _merging_of(self, head: Sequence[Sample], topics: Choice) -> Merging:
         """The merging of messages into rows, determined from the first messages of the chosen topics."""
         joints = self._robot.tree.joints
-        others = () if self._robot.extra is None else self._robot.extra.joints
-        start = beginning_of(head, topics.joint, topics.imu, (*joints, *others))
+        start = beginning_of(head, topics.joint, topics.imu, (*joints, *self._reading.others))
         if start.imu_fault:
             raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
         names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
-        self._layout = replace(
-            layout(names, _SOURCE, joints, require, Reading(others=others)), imu_frame=start.imu_frame
-        )
+        self._layout = replace(layout(names, _SOURCE, joints, require, self._reading), imu_frame=start.imu_frame)
         self._check_rate([sample.stamp for sample in head if sample.topic == topics.joint], topics.joint)
         return Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stadera.checks import Guard
 from stadera.live.worker import Worker
 from stadera.logs import stream, take
 from stadera.logs.reader import Log, as_log
@@ -25,6 +26,8 @@ def replay(
     rate: float = 1.0,
     piece: float = 0.01,
     queue: int = 100,
+    imu_frame: str | None = None,
+    fix: bool = False,
 ) -> None:
     """Passes a log's samples to a worker in real time; returns at its end, or when `stop` is set.
 
@@ -33,12 +36,16 @@ def replay(
         rate: factor on the speed; infinite for as fast as the estimator.
         piece: duration of the parts of the log passed on at once [s].
         queue: largest number of waiting pieces, if the log is faster than the estimator.
+        imu_frame: frame of the IMU's values; None for the log's own, else the model's.
+        fix: correct unambiguous faults.
 
     Raises:
         RecordingError: the log cannot be read, or lacks a joint's torque or the IMU.
+        UntrustedError: units or signs of the log are wrong.
     """
     begun: tuple[float, float] | None = None
-    for samples in _pieces(log, robot, piece):
+    source = Guard(robot, robot.tree.joints, imu_frame=imu_frame).admitted(as_log(log), fix=fix, force=False)
+    for samples in _pieces(source, robot, piece):
         begun = begun or (time.monotonic(), float(samples.time[0]))
         due = begun[0] + (float(samples.time[-1]) - begun[1]) / rate
         while (wait := due - time.monotonic()) > 0 or worker.pending > queue:

@@ -50,7 +50,7 @@ def run(
 
     Raises:
         MissingExtraError: zenoh is not installed. StaderaError: Zenoh cannot be started.
-        RecordingError: the log cannot be replayed.
+        RecordingError: the log cannot be replayed. UntrustedError: its units or signs are wrong.
     """
     recorder = None if record is None else Recorder(record)
     worker = Worker(session, keep=None if recorder is None else recorder.keep)
@@ -63,7 +63,8 @@ def run(
         worker.sinks = (link.publish, *([] if recorder is None else [recorder.sent]), *sinks)
         worker.start()
         if source.log is not None:
-            replay(source.log, session.robot, worker, stop, source.rate)
+            frame, fix = session.imu_frame, session.fix
+            replay(source.log, session.robot, worker, stop, source.rate, imu_frame=frame, fix=fix)
         else:
             while not stop.wait(_POLL) and worker.failure is None:
                 pass

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.errors import StaderaError
+from stadera.live.guard import StreamGuard
 from stadera.live.intake import Intake
 from stadera.live.settings import LiveSettings
 from stadera.live.state import Lag, LiveState
 from stadera.live.topics import Arrival
+from stadera.logs.reading import AS_RECORDED, Reading
 from stadera.logs.recording import Recording
 from stadera.logs.topics import Topics
 from stadera.robot.imu import ImuMount
@@ -20,6 +22,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import since_tare
 from stadera.trunk.samples import Samples
+from stadera.trust import Trust
 from stadera.weigh.extra_joints import posed_as
 from stadera.weigh.in_motion import trust_now
 from stadera.weigh.settings import Watch
@@ -42,6 +45,8 @@ class LiveSession:
         imu_frame: frame of the IMU's values; None for the messages' own, else the model's.
         settings: see `LiveSettings`.
         watch: called with all samples.
+        reading: units of the messages, and changes of all samples, such as gear ratios.
+        fix: correct unambiguous faults of the first seconds (units, signs, orders), with a note.
 
     Attributes:
         intake: of the messages.
@@ -55,11 +60,14 @@ class LiveSession:
         imu_frame: str | None = None,
         settings: LiveSettings | None = None,
         watch: Watch | None = None,
+        reading: Reading = AS_RECORDED,
+        fix: bool = False,
     ) -> None:
         self.robot, self.settings = robot, settings or LiveSettings()
-        self.intake = Intake(robot, topics, self.settings)
+        self.intake = Intake(robot, topics, self.settings, reading)
+        self._guard = StreamGuard(robot, imu_frame, self.settings.guarded, fix, reading.changes)
         self.estimator: TrunkEstimator | None = None
-        self._frame, self._watch, self._posed = imu_frame, watch, robot
+        self.imu_frame, self.fix, self._watch, self._posed = imu_frame, fix, watch, robot
         self._idle = TrunkEstimator(robot, settings=self.settings.trunk)
         if imu_frame is not None:
             ImuMount.of(robot, imu_frame)  # raises immediately for an unknown name
@@ -112,7 +120,13 @@ class LiveSession:
     def event(self, until: float) -> tuple[object, ...]:
         """Key of the state that changes when a state must be sent at once: changes, verdict, missing input, tare."""
         estimator = self.estimator or self._idle
-        return len(estimator.changes), trust_now(estimator).verdict, self._lacking(until), self._tared_after, estimator
+        return (
+            len(estimator.changes),
+            self._trust(estimator).verdict,
+            self._lacking(until),
+            self._tared_after,
+            estimator,
+        )
 
     def state(self, now: float | None = None, until: float | None = None) -> LiveState:
         """The present state.
@@ -143,7 +157,7 @@ class LiveSession:
             trunk=estimator.trunk,
             payload=payload,
             changes=((*changes[:tared], *after) if payload is not None else changes)[-self.settings.changes :],
-            trust=trust_now(estimator),
+            trust=self._trust(estimator),
             rates={name: topic.look(now) for name, topic in sorted(intake.seen.items())},
             lost=lost,
             lag=Lag(now - self._arrived, behind if abs(behind) < self.settings.clocks_apart else np.nan),
@@ -151,17 +165,35 @@ class LiveSession:
             notes=tuple(intake.notes),
         )
 
+    def _trust(self, estimator: TrunkEstimator) -> Trust:
+        trust = trust_now(estimator)
+        return trust.at_most("bad", self._guard.wrong) if self._guard.wrong else trust
+
     # -- inside -----------------------------------------------------------------------------------------------
     def _lacking(self, now: float) -> tuple[str, ...]:
-        if self._fault:
-            return (self._fault,)
+        if fault := self._fault or self._guard.wrong:
+            return (fault,)
         replayed = not self.intake.seen and self.estimator is not None
         return () if replayed else self.intake.waiting_for(now)
 
     def _add(self, recording: Recording) -> None:
+        if self.intake.fresh:
+            self._guard.restart()
+        recording = self._guard.corrected(recording)
+        self._use(recording)
+        if (checked := self._guard.check(recording)) is not None:
+            self.intake.notes |= dict.fromkeys(checked.notes)
+            if checked.anew:
+                self.reset()
+
+    def _use(self, recording: Recording) -> None:
+        """Passes samples to the estimator, unless the guard found that they cannot be weighed."""
+        if self._guard.wrong:
+            self._time = float(recording.time[-1])
+            return
         estimator = self.estimator
         if estimator is None:
-            frame = self._frame or (recording.imu.frame if recording.imu is not None else None)
+            frame = self.imu_frame or (recording.imu.frame if recording.imu is not None else None)
             mount = ImuMount.of(self.robot, frame)
             self._posed = posed_as(self.robot, recording)
             estimator = TrunkEstimator(self._posed, settings=self.settings.trunk, mount=mount)

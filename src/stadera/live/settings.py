@@ -29,6 +29,8 @@ class LiveSettings:
         changes: number of latest changes of the load in every state.
         clocks_apart: difference below which two clocks are taken as synchronised [s]: a day.
         least_rate: samples a second below which the motion is not resolved.
+        guarded: length of the stretch at the beginning in which units, signs and order of legs are checked [s]: a
+            few steps, or periods of a sway.
         bags: for decoding and merging. Streams wait for each other at most half a second, any number of stamps that
             repeat or run back is skipped, and delays of two topics may differ by those of a network.
         trunk: settings of the estimator.
@@ -46,6 +48,7 @@ class LiveSettings:
     changes: int = 20
     clocks_apart: float = 86400.0
     least_rate: float = 50.0
+    guarded: float = 2.0
     bags: BagSettings = field(default_factory=lambda: BagSettings(patience=0.5, out_of_order=1.0, drift=0.05))
     trunk: TrunkSettings = field(default_factory=TrunkSettings)
 

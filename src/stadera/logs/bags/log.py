@@ -90,7 +90,7 @@ class BagLog:
         if start.imu_fault and "imu" in require:
             raise RecordingError(f"{path}: topic {imu_topic} cannot be used as IMU: {start.imu_fault}")
         names = (TIME, *start.columns)
-        table = layout(names, str(path), joints, require, _stamped(log.reading))
+        table = layout(names, str(path), joints, require, stamped(log.reading))
         notes = (f"left out the IMU, topic {imu_topic}: {start.imu_fault}",) if start.imu_fault else ()
         table = replace(table, imu_frame=start.imu_frame, notes=(*choice.notes, *notes, *table.notes))
         merging = Merging(start, joint_topic, imu_topic, table.recorded, self.settings)
@@ -99,7 +99,7 @@ class BagLog:
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
 
 
-def _stamped(reading: Reading) -> Reading:
+def stamped(reading: Reading) -> Reading:
     """The reading without a unit of time: stamps of messages are in seconds and nanoseconds."""
     units = {quantity: unit for quantity, unit in reading.units.of.items() if quantity != TIME}
     return replace(reading, units=Units(units))
