@@ -83,6 +83,7 @@ class Errors:
     """
 
     def __init__(self, model: ErrorModel, swing: SwingJoints, scale: float, rows: RowSums | None = None) -> None:
+        self._length = model.length
         joints, learned = swing.posterior(scale)
         self.mean = np.zeros(ERRORS)
         self.mean[JOINTS] = joints
@@ -102,7 +103,7 @@ class Errors:
     def trunk_covariance(self, segment: Segment, scatter: float) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10); `scatter` is κ."""
         K = segment.sensitivity
-        return np.asarray(scatter * (segment.inverse @ segment.inverse.T) + K @ self.covariance @ K.T)
+        return np.asarray(self._of_rows(segment, scatter) + K @ self.covariance @ K.T)
 
     def difference_covariance(self, first: Segment, second: Segment, scatter: float, stiction: bool = True) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
@@ -113,15 +114,23 @@ class Errors:
         Args:
             stiction: include a change of the static friction.
         """
-        a, b = first.inverse @ first.inverse.T, second.inverse @ second.inverse.T
         difference = second.sensitivity - first.sensitivity
-        total = scatter * (a + b) + difference @ self.covariance @ difference.T
+        total = self._of_rows(first, scatter, stiction) + self._of_rows(second, scatter, stiction)
+        total += difference @ self.covariance @ difference.T
         for name in ("stiction",) * stiction + ("regression",):
             place = PLACES[name]
             K1, K2, D = (x[:, place] for x in (first.sensitivity, second.sensitivity, difference))
             own = self.covariance[place, place]
             total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
         return np.asarray(0.5 * (total + total.T))
+
+    def _of_rows(self, segment: Segment, scatter: float, stiction: bool = True) -> Array:
+        """Covariance (10, 10) due to the rows' scatter, and to static friction that varies while the robot sways."""
+        P = segment.inverse @ segment.inverse.T
+        if not stiction:
+            return scatter * P
+        place = PLACES["stiction"]
+        return scatter * P + P @ segment.sums.follows_motion(self.covariance[place, place], self._length) @ P
 
 
 def robot_weight(robot: Robot) -> float:

@@ -75,10 +75,12 @@ class ErrorModel:
         limit: (12,) effort limits by leg and joint [N·m]; where the model has none, the torque that carries the robot's
             weight on one stretched leg.
         covariance: (ERRORS, ERRORS).
+        length: of a leg [m].
     """
 
     def __init__(self, robot: Robot, sizes: ModelErrors, length: float) -> None:
         given = np.array([[robot.limits[joint].effort for joint in leg.joints] for leg in robot.legs]).ravel()
+        self.length = length
         largest = GRAVITY * robot.mass * length
         self.limit = np.where(given < 2.0 * largest, given, largest)
         leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / 4.0

@@ -14,15 +14,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from stadera.compiled import kernel
 from stadera.information import Information, Unknowns
-from stadera.trunk.error_model import ERRORS
+from stadera.trunk.error_model import ERRORS, PLACES
+from stadera.trunk.wrench import TRUNK_MAP
 from stadera.types import Array
 
 THETA = Unknowns.of(theta=10)
+STICTION = slice(11 + PLACES["stiction"].start, 11 + PLACES["stiction"].stop)
+"""Columns of `WeightedRows.columns`: of static friction."""
+BY_FORCE: Array = TRUNK_MAP.reshape(6, 10, 12)[:, :, :3]
+"""(6, 10, 3): derivatives of the trunk's matrix A by the specific force."""
 PROJECTED = 10 + 1 + ERRORS + 1
 """Columns of `WeightedRows.projected`: of A, b, C, and the weight."""
 
@@ -81,6 +87,49 @@ class WeightedRows:
         return out
 
 
+class RowMoments(NamedTuple):
+    """Weighted sums over blocks, with the same forgetting as `Segment.known`.
+
+    Attributes:
+        weight: Σ of the weights.
+        columns: Σ of A, b and C, (6, 10 + 1 + ERRORS).
+        products: Σ a aᵀ (3, 3), a the specific force in the unit of the rows.
+    """
+
+    weight: float = 0.0
+    columns: Array = np.zeros((6, 11 + ERRORS))
+    products: Array = np.zeros((3, 3))
+
+    def add(self, rows: WeightedRows, keep: float) -> RowMoments:
+        """With one more block, the weight of everything before it multiplied by `keep`."""
+        a = rows.columns[:3, 0]
+        return RowMoments(
+            keep * self.weight + 1.0, keep * self.columns + rows.columns, keep * self.products + a[:, None] * a
+        )
+
+    def follows_motion(self, covariance: Array, length: float) -> Array:
+        """Variance (10, 10) of Σ Aᵀ e due to an error e(t) of the rows that varies with the specific force.
+
+        e(t) has the covariance S = C̄ Σ C̄ᵀ of static friction, and is proportional to some component of the deviation
+        of a from its mean; which one is not known, so each of the three gets a third of the variance. With
+        A = Σ_u a_u A_u + ... and N the weight,
+
+            Σ Aᵀ e = N Σ_u A_uᵀ Γ^½_u. e0,      N²/3 Σ_uv Γ_uv A_uᵀ S A_v,      Γ = cov a
+
+        Args:
+            covariance: Σ (12, 12), of static friction [N²·m²].
+            length: lever of the moments in the unit of the rows [m].
+        """
+        if not self.weight:
+            return np.zeros((10, 10))
+        stiction = self.columns[:, STICTION] / self.weight
+        error = stiction @ covariance @ stiction.T
+        mean = self.columns[:3, 0] / self.weight
+        moved = self.products / self.weight - mean[:, None] * mean
+        by_force = BY_FORCE / np.array([1.0, 1.0, 1.0, length, length, length])[:, None, None]
+        return np.asarray(self.weight**2 / 3.0 * np.einsum("riu,rs,sjv,uv->ij", by_force, error, by_force, moved))
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """Summed rows.
@@ -91,6 +140,7 @@ class Segment:
         white: Σ of the rows' white variance [1].
         begin: time of the first row [s].
         blocks: number of blocks.
+        sums: means and variation of the rows.
     """
 
     triangle: Array
@@ -99,6 +149,7 @@ class Segment:
     white: float = 0.0
     begin: float = np.nan
     blocks: int = 0
+    sums: RowMoments = field(default_factory=lambda: RowMoments())
     _last: list[tuple[Segment, float, WeightedRows]] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -122,6 +173,7 @@ class Segment:
             keep * self.white + rows.white,
             rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
+            self.sums.add(rows, keep),
             [(self, keep, rows)] if energy else [],
         )
 
