@@ -36,6 +36,7 @@ _EQUAL = 1e6  # the copy equals its original to a millionth of the original's st
 _DEPENDENT = 1e-12  # share of a column's norm below which the remainder is rounding error
 _BLOCK = 4096  # rows reduced at once; a block fits into the processor's cache
 _PANEL = 8  # columns reflected at once
+_PANEL_OF_BLOCKS = 4  # the same for blocks of thousands of rows
 
 
 @dataclass(frozen=True)
@@ -438,7 +439,8 @@ class _Stream:
             block = room[: (n + 1) * len(weight[part])].reshape(n + 1, -1)
             np.multiply(rows.reduced[part].T, weight[part], out=block[:n])
             np.multiply(rows.target[part], weight[part], out=block[n])
-            triangle, *_ = lapack.dtpqrt(0, min(_PANEL, n + 1), triangle, block.T, overwrite_a=True, overwrite_b=True)
+            panel = n + 1 if n < _PANEL - 1 else _PANEL_OF_BLOCKS
+            triangle, *_ = lapack.dtpqrt(0, panel, triangle, block.T, overwrite_a=True, overwrite_b=True)
         self._kinds[key] = mixing, triangle, room
         self.count += len(rows)
 

@@ -20,12 +20,14 @@ Python loop runs over samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
+from stadera.compiled import kernel
 from stadera.constants import NOTHING, ROUNDING
 from stadera.errors import IdentificationError
 from stadera.inertia import ORDER
@@ -45,11 +47,15 @@ from stadera.legs.components import (
 from stadera.legs.friction import FrictionModel
 from stadera.legs.motion import JointMotion, JointRotation, TrunkMotion
 from stadera.legs.rows import Rows
+from stadera.legs.tape import Recorder, Tape
 from stadera.robot.model import Tree
 from stadera.types import Array
 
 TRUNK_ROWS: tuple[str, ...] = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 """Names of the six trunk rows: force [N] and moment about the trunk's origin [N·m], trunk axes."""
+
+_WORTH_COMPILED = 4096
+"""Samples in a piece above which a tape is recorded and compiled code is loaded, which takes as long as many pieces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +71,11 @@ class _Pattern:
     columns: tuple[str, ...]
     picks: tuple[tuple[int, tuple[int, ...]], ...]
     mixing: Array
+
+    @property
+    def rigid(self) -> int:
+        """Number of computed columns, without friction's."""
+        return sum(len(wanted) for _, wanted in self.picks)
 
 
 def inertial_columns(links: tuple[str, ...]) -> tuple[str, ...]:
@@ -139,25 +150,74 @@ class JointTorqueRegressor:
                 f"motion has {joints.position.shape[1]} joints, the tree {len(self.tree.joints)}: {self.tree.joints}"
             )
         trunk = trunk or TrunkMotion.held()
-        links = list(_walk(self.tree, joints, trunk, self.trunk_rows))
         turns = self.trunk_rows or trunk.turns
-        for k, pattern in enumerate(self._patterns_turning if turns else self._patterns_held):
-            block = np.empty((len(pattern.mixing), len(joints)))
-            at = 0
-            for link, wanted in pattern.picks:
-                links[link].coefficients(k, wanted, block[at : at + len(wanted)])
-                at += len(wanted)
-            if at < len(block):
+        structure = _Structure.of(self.tree, self.friction, self.trunk_rows)
+        patterns = structure.patterns(turns)
+        inputs, sizes = _inputs(joints, trunk), [len(pattern.mixing) for pattern in patterns]
+        rows = np.empty((sum(sizes), len(joints)))
+        blocks = np.split(rows, np.cumsum(sizes)[:-1])
+        tape = structure.tape(turns, trunk) if len(joints) >= _WORTH_COMPILED else None
+        if tape is not None and float(np.abs(joints.position).max()) < tape.kernel.LARGEST:
+            tape.run(inputs, rows)
+        else:
+            links = list(_walk(self.tree, _Signals.of(inputs, trunk), self.trunk_rows))
+            for k, block in enumerate(blocks):
+                for row, values in zip(block, _picked(links, k, patterns[k]), strict=False):
+                    row[:] = values
+        for k, (pattern, block) in enumerate(zip(patterns, blocks, strict=True)):
+            if pattern.rigid < len(block):
                 joint = k - (len(TRUNK_ROWS) if self.trunk_rows else 0)
-                self.friction.fill(joints.velocity[:, joint], joints.acceleration[:, joint], block[at:])
+                self.friction.fill(joints.velocity[:, joint], joints.acceleration[:, joint], block[pattern.rigid :])
             yield k, pattern, block.T
 
+
+@dataclass(frozen=True, eq=False)
+class _Structure:
+    """What a regressor's rows have in common in any motion; the same for all regressors of a tree.
+
+    Attributes: see `JointTorqueRegressor`.
+    """
+
+    tree: Tree
+    friction: FrictionModel
+    trunk_rows: bool
+
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def of(tree: Tree, friction: FrictionModel, trunk_rows: bool) -> _Structure:
+        """The structure, cached."""
+        return _Structure(tree, friction, trunk_rows)
+
+    def patterns(self, turning: bool) -> tuple[_Pattern, ...]:
+        """By output, for a trunk that rotates or not."""
+        return self._turning if turning else self._held
+
+    def tape(self, turning: bool, trunk: TrunkMotion) -> Tape | None:
+        """The computed columns of all outputs as a tape; None without numba."""
+        compiled = kernel("stadera.legs.kernels.tape")
+        if compiled is None:
+            return None
+        constant = tuple(None if x.ndim > 1 else tuple(x.tolist()) for x in _of_trunk(trunk))
+        if (turning, constant) not in self._tapes:
+            recorder = Recorder(3 * (len(self.tree.joints) + constant.count(None)))
+            links = list(_walk(self.tree, _Signals.recorded(recorder, trunk), self.trunk_rows))
+            rows: list[Component | None] = []
+            for k, pattern in enumerate(self.patterns(turning)):
+                rows += [*_picked(links, k, pattern), *[None] * (len(pattern.mixing) - pattern.rigid)]
+            self._tapes[turning, constant] = recorder.tape(rows, compiled)
+        return self._tapes[turning, constant]
+
     @cached_property
-    def _patterns_held(self) -> tuple[_Pattern, ...]:
+    def _tapes(self) -> dict[tuple[bool, tuple[tuple[float, ...] | None, ...]], Tape]:
+        """Tapes by whether the trunk rotates, and by what of its motion is constant."""
+        return {}
+
+    @cached_property
+    def _held(self) -> tuple[_Pattern, ...]:
         return self._patterns(turning=False)
 
     @cached_property
-    def _patterns_turning(self) -> tuple[_Pattern, ...]:
+    def _turning(self) -> tuple[_Pattern, ...]:
         return self._patterns(turning=True)
 
     def _patterns(self, *, turning: bool) -> tuple[_Pattern, ...]:
@@ -169,14 +229,16 @@ class JointTorqueRegressor:
         motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, samples, len(self.tree.joints))))
         force, omega, alpha = rng.uniform(-3.0, 3.0, (3, samples, 3))
         trunk = TrunkMotion(force, omega, alpha) if turning else TrunkMotion(force, np.zeros(3), np.zeros(3))
-        links = list(_walk(self.tree, motion, trunk, self.trunk_rows))
-        return tuple(self._pattern(k, links, samples) for k in range(len(self.outputs)))
+        links = list(_walk(self.tree, _Signals.of(_inputs(motion, trunk), trunk), self.trunk_rows))
+        outputs = len(self.tree.joints) + (len(TRUNK_ROWS) if self.trunk_rows else 0)
+        return tuple(self._pattern(k, links, samples) for k in range(outputs))
 
     def _pattern(self, output: int, links: list[_LinkMotion], samples: int) -> _Pattern:
         carried = [i for i, link in enumerate(links) if output in link.unit_motions]
         full = np.empty((len(carried), 10, samples))
         for block, i in zip(full, carried, strict=True):
-            links[i].coefficients(output, tuple(range(10)), block)
+            for row, values in zip(block, links[i].coefficients(output, tuple(range(10))), strict=True):
+                row[:] = values
         present = np.abs(full).max(axis=2) > NOTHING
         kept, mixing = _independent(full[present].T)
         places = np.argwhere(present)
@@ -220,57 +282,107 @@ class _LinkMotion:
     def _omega_squared(self) -> Component:
         return dot(self.omega, self.omega)
 
-    def coefficients(self, output: int, wanted: tuple[int, ...], out: Array) -> None:
-        """Writes the wanted ones of the ten coefficients of an output's row into out (len(wanted), samples)."""
+    def coefficients(self, output: int, wanted: tuple[int, ...]) -> Iterator[Component]:
+        """Yields the wanted ones of the ten coefficients of an output's row."""
         s, v = self.unit_motions[output]
         omega, alpha, a = self.omega, self.alpha, self.a
         u = cross(s, omega)
         moment = add(cross(a, s), cross(v, alpha))
         along, minus_squared = dot(omega, v), minus(0.0, self._omega_squared)
         moment = add(moment, scale(along, omega), scale(minus_squared, v))
-        for row, c in zip(out, wanted, strict=True):
+        for c in wanted:
             if c == 0:
-                row[:] = dot(v, a)
+                yield dot(v, a)
             elif c < 4:
-                row[:] = moment[c - 1]
+                yield moment[c - 1]
             else:
                 i, j = _TENSOR[c - 4]
                 value = plus(times(s[i], alpha[j]), times(u[i], omega[j]))
                 if i != j:
                     value = plus(value, plus(times(s[j], alpha[i]), times(u[j], omega[i])))
-                row[:] = value
+                yield value
 
 
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _UNIT: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def _walk(tree: Tree, joints: JointMotion, trunk: TrunkMotion, trunk_rows: bool) -> Iterator[_LinkMotion]:
+class _Signals(NamedTuple):
+    """Motion by components: by joint, and of the trunk."""
+
+    cos: Sequence[Component]
+    sin: Sequence[Component]
+    velocity: Sequence[Component]
+    acceleration: Sequence[Component]
+    omega: Vector
+    alpha: Vector
+    a: Vector
+
+    @classmethod
+    def of(cls, inputs: Array, trunk: TrunkMotion) -> _Signals:
+        """From `_inputs`."""
+        n = _joints(len(inputs), trunk)
+        return cls._of(tuple(np.cos(inputs[:n])), tuple(np.sin(inputs[:n])), tuple(inputs[n:]), trunk)
+
+    @classmethod
+    def recorded(cls, recorder: Recorder, trunk: TrunkMotion) -> _Signals:
+        """From what stands for `_inputs`."""
+        n = _joints(len(recorder.inputs), trunk)
+        cos, sin = zip(*map(recorder.cosine_and_sine, recorder.inputs[:n]), strict=True)
+        return cls._of(cos, sin, recorder.inputs[n:], trunk)
+
+    @classmethod
+    def _of(cls, cos: Sequence[Array], sin: Sequence[Array], others: Sequence[Array], trunk: TrunkMotion) -> _Signals:
+        n = len(cos)
+        varying = iter(others[2 * n :])
+        omega, alpha, a = (
+            vector(x) if x.ndim == 1 else (next(varying), next(varying), next(varying)) for x in _of_trunk(trunk)
+        )
+        return cls(cos, sin, others[:n], others[n : 2 * n], omega, alpha, a)
+
+
+def _of_trunk(trunk: TrunkMotion) -> tuple[Array, Array, Array]:
+    return trunk.angular_velocity, trunk.angular_acceleration, trunk.specific_force
+
+
+def _joints(inputs: int, trunk: TrunkMotion) -> int:
+    return (inputs - 3 * sum(x.ndim > 1 for x in _of_trunk(trunk))) // 3
+
+
+def _inputs(joints: JointMotion, trunk: TrunkMotion) -> Array:
+    """Components of the motion that are not constant, (inputs, samples): position, velocity and acceleration of all
+    joints, and the trunk's.
+    """
+    given = [joints.position, joints.velocity, joints.acceleration, *(x for x in _of_trunk(trunk) if x.ndim > 1)]
+    return np.concatenate([x.T for x in given], out=np.empty((sum(x.shape[1] for x in given), len(joints))))
+
+
+def _picked(links: Sequence[_LinkMotion], output: int, pattern: _Pattern) -> Iterator[Component]:
+    """Yields the computed columns of an output."""
+    for link, wanted in pattern.picks:
+        yield from links[link].coefficients(output, wanted)
+
+
+def _walk(tree: Tree, signals: _Signals, trunk_rows: bool) -> Iterator[_LinkMotion]:
     """Yields the links' motions in tree order; the trunk's only with `trunk_rows`. See `stadera.legs.motion`."""
     unit: dict[int, tuple[Vector, Vector]] = {}
     if trunk_rows:
         unit = {k: (ZERO, e) for k, e in enumerate(_UNIT)} | {3 + k: (e, ZERO) for k, e in enumerate(_UNIT)}
-    base = _LinkMotion(
-        tree.links[0],
-        vector(trunk.angular_velocity),
-        vector(trunk.angular_acceleration),
-        vector(trunk.specific_force),
-        unit,
-    )
+    base = _LinkMotion(tree.links[0], signals.omega, signals.alpha, signals.a, unit)
     if trunk_rows:
         yield base
     done = [base]
     for i in range(len(tree.joints)):
-        link = _next(tree, i, done[tree.parents[i]], joints, i + len(unit))
+        link = _next(tree, i, done[tree.parents[i]], signals, i + len(unit))
         done.append(link)
         yield link
 
 
-def _next(tree: Tree, i: int, parent: _LinkMotion, joints: JointMotion, output: int) -> _LinkMotion:
+def _next(tree: Tree, i: int, parent: _LinkMotion, signals: _Signals, output: int) -> _LinkMotion:
     """Motion of the link moved by joint i, whose row has the number `output`."""
-    turn = JointRotation.of(tree, i, np.ascontiguousarray(joints.position[:, i]))
+    turn = JointRotation.of(tree, i, signals.cos[i], signals.sin[i])
     t, axis = vector(tree.translations[i]), vector(tree.axes[i])
-    spin = scale(np.ascontiguousarray(joints.velocity[:, i]), axis)
+    spin = scale(signals.velocity[i], axis)
     carried = turn(parent.omega)
     at_joint = add(parent.a, cross(parent.alpha, t), cross(parent.omega, cross(parent.omega, t)))
     moved = {k: (turn(s), turn(add(v, cross(s, t)))) for k, (s, v) in parent.unit_motions.items()}
@@ -278,7 +390,7 @@ def _next(tree: Tree, i: int, parent: _LinkMotion, joints: JointMotion, output: 
     return _LinkMotion(
         tree.links[i + 1],
         omega=add(carried, spin),
-        alpha=add(turn(parent.alpha), cross(carried, spin), scale(joints.acceleration[:, i], axis)),
+        alpha=add(turn(parent.alpha), cross(carried, spin), scale(signals.acceleration[i], axis)),
         a=turn(at_joint),
         unit_motions=moved,
     )

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
-from stadera.legs.components import Vector, minus, plus, times, transform
+from stadera.legs.components import Component, Vector, minus, plus, times, transform
 from stadera.robot.model import Tree
 from stadera.types import Array
 
@@ -81,16 +81,16 @@ class JointRotation:
 
     into_spin: Array  # (3, 3): parent axes to axes whose z is the joint axis
     out_of_spin: Array | None  # (3, 3) back to child axes; None where the joint axis is z already
-    cos: Array  # (samples,)
-    sin: Array
+    cos: Component
+    sin: Component
 
     @classmethod
-    def of(cls, tree: Tree, joint: int, angle: Array) -> JointRotation:
-        """The rotation of one joint of a tree at the angles (samples,)."""
+    def of(cls, tree: Tree, joint: int, cos: Component, sin: Component) -> JointRotation:
+        """The rotation of one joint of a tree by angles with these cosines and sines."""
         align = _z_onto(tree.axes[joint])
         is_z = np.array_equal(align, np.eye(3))
         into = align.T @ tree.rotations[joint].T
-        return cls(into, None if is_z else align, np.cos(angle), np.sin(angle))
+        return cls(into, None if is_z else align, cos, sin)
 
     def __call__(self, v: Vector) -> Vector:
         """Rᵀ v."""

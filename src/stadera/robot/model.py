@@ -248,5 +248,12 @@ class Robot:
         return replace(self, inertias={**self.inertias, self.trunk: trunk}, extra=moved)
 
     def leg_tree(self, name: str) -> Tree:
-        """The tree of one leg on a held trunk."""
-        return self.tree.restricted(self.leg(name).joints)
+        """The tree of one leg on a held trunk, the same object at each call."""
+        leg = self.leg(name)
+        if leg.name not in self._leg_trees:
+            self._leg_trees[leg.name] = self.tree.restricted(leg.joints)
+        return self._leg_trees[leg.name]
+
+    @cached_property
+    def _leg_trees(self) -> dict[str, Tree]:
+        return {}

@@ -1,0 +1,1 @@
+"""Compiled functions for the regressors of joint torques (`stadera.compiled`)."""
