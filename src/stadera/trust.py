@@ -30,9 +30,10 @@ class Trust:
     reasons: tuple[str, ...] = ()
 
     def at_most(self, verdict: Verdict, reason: str) -> Trust:
-        """A copy whose verdict is at most `verdict`, with one more reason."""
+        """A copy whose verdict is at most `verdict`, with one more reason, which comes first if it decides."""
         worse = max(self.verdict, verdict, key=_ORDER.index)
-        return replace(self, verdict=worse, reasons=(*self.reasons, reason))
+        reasons = (*self.reasons, reason) if worse == self.verdict else (reason, *self.reasons)
+        return replace(self, verdict=worse, reasons=reasons)
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON; a misfit that was not evaluated is null."""

@@ -6,7 +6,10 @@ The robot is a HyQ that stands in six attitudes, worked out by Pinocchio (`stand
 from __future__ import annotations
 
 import json
+import pickle
 import re
+import sys
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from bags import Sent, of_recording, write_mcap
 from checks.test_diagnosis import flipped, legs_swapped, with_imu
+from robot.robot_files import quadruped
 from stadera.logs import Imu, Recording, take, write_table
 from stadera.robot import Robot, load_robot
 from standing import GRAVITY, StandingRobot, static_log
@@ -81,6 +85,21 @@ GALLERY: dict[str, Case] = {
         "units of g",
         ("--units", "g"),
     ),
+    "g without an orientation": (
+        lambda log, r: with_imu(log, linear_acceleration=log.imu.linear_acceleration / 9.80665, orientation=None),
+        "units of g",
+        ("--fix",),
+    ),
+    "gyro in deg/s": (
+        lambda log, r: with_imu(log, angular_velocity=log.imu.angular_velocity / DEGREE),
+        "the gyro contradicts the feet that stand, which turn less, as one in deg/s would",
+        ("--units gyro=deg/s",),
+    ),
+    "gyro in deg/s with an offset": (
+        lambda log, r: with_imu(log, angular_velocity=(log.imu.angular_velocity + 0.004) / DEGREE, orientation=None),
+        "the gyro seems to be in deg/s",
+        ("--units gyro=deg/s",),
+    ),
     "gravity removed": (_without_gravity, "gravity seems to have been taken out", ("--fix",)),
     "left and right legs swapped": (
         lambda log, r: legs_swapped(log, r, SIDES, *ALL),
@@ -133,7 +152,7 @@ def test_a_bad_log_is_refused_in_one_line(
     assert words in finished.err
     if options:
         assert options[0] in finished.err
-        assert mass_of(run, log, tmp_path, *options) == pytest.approx(right, rel=2e-3)
+        assert mass_of(run, log, tmp_path, *" ".join(options).split()) == pytest.approx(right, rel=2e-3)
 
 
 def test_inspect_names_what_weigh_refuses(run, hyq: Robot, clean: Recording, tmp_path: Path) -> None:
@@ -228,3 +247,91 @@ def test_a_tare_before_the_log_counts_from_its_beginning(run, clean: Recording, 
     finished = run("weigh", log, "--robot", "hyq", "--tare", "100:101")
     assert finished.code == 1
     assert "1700000101" in finished.err or "1.7e+09" in finished.err
+
+
+# -- models and files ----------------------------------------------------------------------------------------------
+
+MODELS: dict[str, tuple[Callable[[str], str], str]] = {
+    "no inertial.urdf": (
+        lambda text: re.sub(r'(<link name="lf_shank">)<inertial>.*?</inertial>', r"\1", text, count=1),
+        "'lf_shank' has mass 0 kg; it must be positive: it has no <inertial>",
+    ),
+    "decimal comma.urdf": (
+        lambda text: text.replace('ixx="0.01"', 'ixx="0,05"', 1),
+        "<inertia ixx='0,05'> needs 1 number(s), with decimal points",
+    ),
+    "limits.urdf": (
+        lambda text: text.replace('lower="-2" upper="2"', 'lower="2" upper="-2"', 1),
+        "joint 'lf_a': its lower limit 2 rad is above its upper limit -2 rad",
+    ),
+    "grams.urdf": (lambda text: text.replace('mass value="20.0"', 'mass value="20000"', 1), "in kg, not in grams"),
+    "empty.urdf": (lambda text: "", "a robot is a URDF or an MJCF file, and this is not XML"),
+    "without its packages.urdf.xacro": (
+        lambda text: text.replace(
+            '<robot name="toy">', '<robot name="toy" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include '
+            'filename="$(find elsewhere)/x.xacro"/>'
+        ),
+        "xacro without its packages.urdf.xacro > without its packages.urdf",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_bad_model_is_refused_in_one_line(run, clean: Recording, name: str, tmp_path: Path) -> None:
+    corrupt, words = MODELS[name]
+    model = tmp_path / name
+    model.write_text(corrupt(quadruped()))
+    log = write_table(clean, tmp_path / "log.parquet")
+    for finished in (run("inspect", model), run("weigh", log, "--robot", model)):
+        assert finished.code == 1
+        assert re.fullmatch(r"stadera: error: [^\n]+\n", finished.err), finished.err
+        assert words in finished.err
+
+
+def test_without_xacro_its_extra_is_named(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    model = tmp_path / "robot.urdf.xacro"
+    model.write_text(quadruped())
+    finished = run("inspect", model)
+    assert finished.code == 1
+    assert re.fullmatch(r"stadera: error: [^\n]+\n", finished.err), finished.err
+    assert "stadera[xacro]" in finished.err
+
+
+def _zipped(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("walk.csv", "time,a.position\n0,1\n")
+
+
+FILES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "log.pkl": (lambda path: path.write_bytes(pickle.dumps({"a": 1})), "numpy.savez('log.npz', **pickle.load(open("),
+    "log.zip": (_zipped, "a zip archive; unpack it and give the log in it: walk.csv"),
+    "folder": (lambda path: path.mkdir(), "a directory, not a log; accepted:"),
+    **{
+        f"empty.{kind}": (lambda path: path.write_bytes(b""), "the file is empty; accepted:")
+        for kind in ("csv", "parquet", "mcap", "db3", "bag", "npz")
+    },
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_is_no_log_is_refused_in_one_line(run, name: str, tmp_path: Path) -> None:
+    make, words = FILES[name]
+    make(tmp_path / name)
+    for finished in (run("weigh", tmp_path / name, "--robot", "hyq"), run("inspect", tmp_path / name)):
+        assert finished.code == 1
+        assert re.fullmatch(r"stadera: error: [^\n]+\n", finished.err), finished.err
+        assert words in finished.err
+
+
+def test_two_topics_are_listed_and_one_is_chosen(run, clean: Recording, right: float, tmp_path: Path) -> None:
+    sent = list(of_recording(clean))
+    both = sorted([*sent, *(s._replace(topic=f"/other{s.topic}") for s in sent)], key=lambda s: s.received)
+    log = write_mcap(both, tmp_path / "log.mcap")
+    finished = run("weigh", log, "--robot", "hyq")
+    assert finished.code == 1
+    assert re.fullmatch(r"stadera: error: [^\n]+\n", finished.err), finished.err
+    assert "100 Hz, 12 joints), /other/joint_states" in finished.err
+    assert "choose one with --joint-topic" in finished.err
+    chosen = ("--joint-topic", "/joint_states", "--imu-topic", "/imu/data")
+    assert mass_of(run, log, tmp_path, *chosen) == pytest.approx(right, rel=2e-3)

@@ -18,6 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from stadera.checks.limits import WindowLimits
+from stadera.checks.units import DEGREE
 from stadera.checks.windows import WindowFault, Windows
 from stadera.constants import GRAVITY
 from stadera.legs.model import LegModel, cross
@@ -162,4 +163,7 @@ def _gyro(feet: _Feet, standing: Bools, limits: WindowLimits) -> Iterator[Window
     if independent * (own / max(others[best], 1e-12) - 1.0) > limits.evidence and others[best] < none:
         yield WindowFault("imu", "the gyro", f"{best}, by the feet that stand", spans, lasting=True)
     elif none < limits.better * own:
-        yield WindowFault("imu", "the gyro", "contradicts the feet that stand, which turn less", spans, lasting=True)
+        text = "contradicts the feet that stand, which turn less"
+        if left(DEGREE * np.eye(3)) < limits.better * own:
+            text += ", as one in deg/s would (add --units gyro=deg/s)"
+        yield WindowFault("imu", "the gyro", text, spans, lasting=True)

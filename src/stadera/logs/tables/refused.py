@@ -1,4 +1,4 @@
-"""Files that are not read, with advice on converting them: pickles, which can run any code, and unnamed arrays."""
+"""Files that are not read, with advice: pickles, which can run any code, unnamed arrays, archives."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ def refusal(path: Path) -> str:
             f"{_UNSAFE}: import numpy, torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in "
             f"torch.load({name!r}, weights_only=True).items()}})"
         )
+    if head.startswith(b"PK") and (inside := _inside(path)):
+        return f"a zip archive; unpack it and give the log in it: {inside}"
     if head.startswith(b"\x93NUMPY"):
         return _of_npy(head, name, npz)
     if b"MATLAB 7.3" in head[:16]:
@@ -33,6 +35,17 @@ def refusal(path: Path) -> str:
             f"**{{k: v[()] for k, v in h5py.File({name!r}).items()}})"
         )
     return ""
+
+
+def _inside(path: Path) -> str:
+    """The first files in an archive that is not NumPy's; empty for NumPy's, or if it is damaged."""
+    if not zipfile.is_zipfile(path):
+        return ""
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+    if any(name.endswith(".npy") for name in names):
+        return ""
+    return (", ".join(names[:3]) + (" ..." if len(names) > 3 else "")) or "it is empty"
 
 
 def _is_torch(path: Path) -> bool:

@@ -186,5 +186,5 @@ def _numbers(
         numbers = ()
     if len(numbers) != count or not np.isfinite(numbers).all():
         what = f"<{element.tag} {attribute}={text!r}>" if text is not None else f"<{element.tag}> without {attribute}:"
-        raise ModelError(f"{owner.tag} {_name(owner)!r}: {what} needs {count} number(s)")
+        raise ModelError(f"{owner.tag} {_name(owner)!r}: {what} needs {count} number(s), with decimal points")
     return numbers
