@@ -27,7 +27,7 @@ import numpy as np
 
 from stadera.checks.blocks import Blocks
 from stadera.checks.footing import Footing
-from stadera.checks.hypotheses import FaultHypothesis, Places, torque_orders
+from stadera.checks.hypotheses import FaultHypothesis, torque_orders
 from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import MotionCosts
 from stadera.constants import GRAVITY
@@ -91,25 +91,24 @@ def _push(footing: Footing, a: int, b: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows of some instants, in units of 1 % of the weight; p in units of its usual size.
+    """Products of all columns that rows of some instants are made of, in units of 1 % of the weight.
+
+    b and the columns of C that depend on the torques are sums over the legs, each linear in the torques τ_m that the
+    leg is given. So the rows of any order of torques are sums of columns of leg l with torques m, and their products
+    follow from those of these columns, summed over the instants once.
 
     Attributes:
-        torque, rate: (n, 4, 3), τ and τ̇ as recorded.
-        wrenches: of the legs. moved: with HAA, HFE or KFE of all legs displaced.
-        scale: (6,), unit of the rows.
-        fixed: (6 n, k), C of the errors that do not depend on the torques, in SI units.
+        products: (c, c), after θ is eliminated, of the columns: b without torques; `fixed` errors that do not depend on
+            the torques; by m, l and joint -E τ; by m and l E τ̇; and by m, l and displaced joint ∂b/∂q.
+        fixed: number of errors that do not depend on the torques.
+        count: number of rows less θ's.
         root: (p, p), root of the errors' covariance.
-        basis: by second, its rows and an orthonormal basis of A there.
     """
 
-    torque: Array
-    rate: Array
-    wrenches: LegWrenches
-    moved: tuple[LegWrenches, ...]
-    scale: Array
-    fixed: Array
+    products: Array
+    fixed: int
+    count: int
     root: Array
-    basis: tuple[tuple[Places, Array], ...]
 
     @classmethod
     def of(cls, footing: Footing) -> _Rows:
@@ -128,7 +127,7 @@ class _Rows:
             other[:, :, joint] += _STEP
             return at(other)
 
-        wrenches = at(q)
+        wrenches, displaced = at(q), [moved(joint) for joint in range(3)]
         scale = 0.01 * robot.mass * GRAVITY * np.array([1.0, 1.0, 1.0, *[legs.length] * 3])
         model = ErrorModel(robot, ModelErrors(), legs.length)
         chosen = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in (*_OTHERS, *_OF_TORQUES)])
@@ -138,44 +137,51 @@ class _Rows:
         by_force = np.concatenate([robot.mass * np.eye(3), skews(moment)])  # of the whole robot
         by_joint = [_flat(-E * x, scale) for x in (qdd, qd, direction(qd), np.ones_like(qd))]
         by_imu = [(x / scale[:, None]).reshape(6 * n, 3) for x in (by_force @ skews(a), np.tile(-by_force, (n, 1, 1)))]
+        fixed = np.hstack([*by_joint, *by_imu])
+        given = [np.broadcast_to(torque[:, m : m + 1], torque.shape) for m in range(4)]
+        by_leg = [wrenches.target(effort) for effort in given]
+        turned = [
+            np.stack([(x.target(e) - own) / _STEP for x in displaced], -1) for e, own in zip(given, by_leg, strict=True)
+        ]
+        late = [(E * rate[:, m : m + 1]).sum(axis=3) for m in range(4)]
+        unloaded = wrenches.target(np.zeros_like(torque)).sum(axis=2)
+        of_torques = (*(-E * effort for effort in given), *late, *turned)
+        both = np.hstack([_flat(unloaded, scale), fixed, *(_flat(x, scale) for x in of_torques)])
         matrix = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale[:, None]
         size = robot.mass * np.array([1.0, *[0.5 * legs.length] * 3, *[0.5 * legs.length**2] * 6])
-        second = np.repeat(b.group, 6)
-        rows = [np.flatnonzero(second == group) for group in np.unique(b.group)]
-        matrix = (matrix * size).reshape(6 * n, 10)
-        bases = [np.linalg.qr(np.vstack([matrix[at], _LOOSE * np.eye(10)]))[0][: len(at)] for at in rows]
-        return cls(
-            torque,
-            rate,
-            wrenches,
-            tuple(moved(joint) for joint in range(3)),
-            scale,
-            np.hstack([*by_joint, *by_imu]),
-            root,
-            tuple(zip(rows, bases, strict=True)),
-        )
+        products, count, second = both.T @ both, 0, np.repeat(b.group, 6)
+        for group in np.unique(b.group):
+            rows = np.flatnonzero(second == group)
+            A = np.vstack([(matrix * size).reshape(6 * n, 10)[rows], _LOOSE * np.eye(10)])
+            explained = np.linalg.qr(A)[0][: len(rows)].T @ both[rows]
+            products -= explained.T @ explained
+            count += max(len(rows) - 10, 0)
+        return cls(products, fixed.shape[1], count, root)
 
     def cost(self, order: Sequence[int], limits: CheckLimits) -> float:
         """-2 log L of the torques in this order."""
-        torque, rate, E = self.torque[:, list(order)], self.rate[:, list(order)], self.wrenches.to_wrench
-        by_leg = self.wrenches.target(torque)
-        turned = np.stack([(moved.target(torque) - by_leg) / _STEP for moved in self.moved], axis=-1)
-        late = (E * rate).sum(axis=(2, 3))[..., None]
-        C = np.hstack([self.fixed, *(_flat(x, self.scale) for x in (-E * torque, late, turned))]) @ self.root
-        target = (by_leg.sum(axis=2).T / self.scale).reshape(-1, 1)
-        both = np.hstack([target, C])
-        products, count = np.zeros((both.shape[1],) * 2), 0
-        for rows, basis in self.basis:
-            part = both[rows]
-            explained = basis.T @ part
-            products += part.T @ part - explained.T @ explained
-            count += max(len(rows) - 10, 0)
+        products = self._sums(order).T @ self.products @ self._sums(order)
+        products[1:] = self.root.T @ products[1:]
+        products[:, 1:] = products[:, 1:] @ self.root
         value, vector = np.linalg.eigh(products[1:, 1:])
         value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
         k = limits.order_repeated * _SCALES[:, None]
         squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
-        spread = count / limits.order_repeated * np.log(_SCALES) + np.log1p(value / k).sum(axis=1)
+        spread = self.count / limits.order_repeated * np.log(_SCALES) + np.log1p(value / k).sum(axis=1)
         return float((squares + spread).min())
+
+    def _sums(self, order: Sequence[int]) -> Array:
+        """(c, 1 + p): which columns make b and C of the torques in this order."""
+        first = 1 + self.fixed
+        legs = 4 * np.array(order) + np.arange(4)  # places of (m, l)
+        joints = (3 * legs[:, None] + np.arange(3)).ravel()
+        out = np.zeros((len(self.products), first + 12 + 1 + 12))
+        out[np.arange(first), np.arange(first)] = 1.0
+        out[first + joints, 0] = 1.0
+        out[first + joints, first + np.arange(12)] = 1.0
+        out[first + 48 + legs, first + 12] = 1.0
+        out[first + 64 + joints, first + 13 + np.arange(12)] = 1.0
+        return out
 
 
 def _flat(values: Array, scale: Array) -> Array:
