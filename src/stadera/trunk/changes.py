@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from stadera.trunk.considered import Errors
+from stadera.trunk.error_model import ERRORS, JOINTS
 from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
@@ -36,6 +37,7 @@ MOST = 0.9  # share of the phases of a step in which model errors are at most `S
 _PRIOR_SAMPLES = 1.0  # independent averages that the prior of their spread counts as
 _WILD = 3.0  # standard deviations at which an average is clipped
 _MEDIAN = 0.455  # of χ² with one degree of freedom
+_ESTIMATED = slice(11 + JOINTS.start, 11 + JOINTS.stop)  # columns of projected rows, of errors that are estimated
 _HALF = 0.5  # of the change: a block beyond it is assigned to the time after the change
 
 
@@ -115,18 +117,19 @@ class Spread(NamedTuple):
 
 
 class Blocks:
-    """Ring buffer of the latest blocks' projected rows, contiguous in memory, with running sums and reduced rows.
+    """Ring buffer of the latest blocks: running sums of the projected rows, and reduced rows.
 
     A sum over any range is the difference of two running sums. The reduced rows (4, 12) hold A, b - C p and the weight:
-    p is constant over many blocks, so a residual costs ten products instead of 170.
+    p is constant over many blocks, so a residual costs ten products. Of C, only the columns are kept for which errors
+    are estimated, `JOINTS`; p is zero elsewhere.
     """
 
     def __init__(self, most: int) -> None:
         self._most, self.end, self.count = most, 0, 0
-        self._rows = np.empty((2 * most, 4, PROJECTED))
+        self._rows = np.empty((2 * most, 4, _ESTIMATED.stop + 1))
         self._reduced = np.empty((2 * most, 4, 12))
         self.sums = np.zeros((2 * most + 1, 4, PROJECTED))
-        self._errors, self._valid = np.zeros(PROJECTED - 11), 0  # p, and the first row that is reduced with it
+        self._errors, self._valid = np.zeros(ERRORS), 0  # p, and the first row that is reduced with it
 
     def push(self, rows: WeightedRows, errors: Array) -> None:
         """Appends a block; p (ERRORS,) are the model errors."""
@@ -160,19 +163,21 @@ class Blocks:
         """Moves the latest rows to the buffer's beginning."""
         kept, end = min(self.count, self._most), self.end
         self._rows[:kept], self._reduced[:kept] = self._rows[end - kept : end], self._reduced[end - kept : end]
+        self.sums[: kept + 1] = self.sums[end - kept :]
+        self.sums[: kept + 1] -= self.sums[0].copy()
         self.end, self._valid = kept, max(self._valid - (end - kept), 0)
-        np.cumsum(self._rows[:kept], axis=0, out=self.sums[1 : kept + 1])
 
     def _write(self, rows: WeightedRows, at: int) -> None:
         """Writes a block's projected rows and running sums."""
-        self._rows[at] = rows.projected
-        np.add(self.sums[at], self._rows[at], out=self.sums[at + 1])
+        projected = rows.projected
+        np.add(self.sums[at], projected, out=self.sums[at + 1])
+        self._rows[at, :, :-1], self._rows[at, :, -1] = projected[:, : _ESTIMATED.stop], projected[:, -1]
 
     def _reduce(self, begin: int, end: int) -> None:
         """Reduces rows of a range."""
         rows, out = self._rows[begin:end], self._reduced[begin:end]
         out[..., :10], out[..., 11] = rows[..., :10], rows[..., -1]
-        out[..., 10] = rows[..., 10] - rows[..., 11:-1] @ self._errors
+        out[..., 10] = rows[..., 10] - rows[..., _ESTIMATED] @ self._errors[JOINTS]
 
 
 class ChangeDetector:

@@ -9,6 +9,7 @@ import numpy as np
 from stadera.compiled import kernel
 from stadera.trunk.changes import MOST, Blocks, ChangeDetector, Largest, Spread
 from stadera.trunk.considered import Errors
+from stadera.trunk.error_model import JOINTS
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
@@ -35,7 +36,7 @@ class _CompiledBlocks(Blocks):
         self._compiled.push(np.ascontiguousarray(rows.columns), self._rows, self.sums, at)
 
     def _reduce(self, begin: int, end: int) -> None:
-        self._compiled.reduced_from(self._rows, self._reduced, self._errors, begin, end)
+        self._compiled.reduce(self._rows, self._reduced, self._errors[JOINTS], begin, end)
 
 
 class CompiledDetector(ChangeDetector):

@@ -9,13 +9,12 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import ERRORS, HELD, JOINTS, PLACES, ErrorModel
+from stadera.trunk.error_model import BLOCKS, ERRORS, HELD, JOINTS, PLACES, SHOWN, ErrorModel
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import Segment, WeightedRows, summed_remainder
 from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
-_SHOWN = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in ("rotor", "viscous", "coulomb", "torque_lag")])
 _QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
 _UNIT = 0.01  # of weight, and of weight times leg length: the unit of the rows
 
@@ -37,9 +36,13 @@ class RowSums:
     """Estimates rotor inertia, friction and torque lag of the joints from the trunk's own rows, for any trunk.
 
     With θ eliminated, the rows leave M (p - p̂) = v, M = Cᵀ Q C. Only the part k of p is updated. The rest (offsets,
-    gains, geometry) could be mistaken for weight and is considered. With gain G = (P_kk⁻¹ + M_kk / s)⁻¹ M_k / s,
+    gains, geometry) could be mistaken for weight and is considered. With N = M_k / s, (k, all), and
 
-        e_k' = e_k - G e + n,      Σ' = F Σ Fᵀ + Cov n,      F = 1 - [G; 0]
+        S = (P_kk⁻¹ + N_kk)⁻¹ = (1 + P_kk N_kk)⁻¹ P_kk,      G = S N
+
+    the errors become
+
+        e_k' = e_k - G e + n,      Σ' = F Σ Fᵀ + Cov n,      F = 1 - [G; 0],      Cov n = S N_kk S
 
     An error in one row persists through half a step, so s is the residual's variance times `repeated`.
 
@@ -55,24 +58,36 @@ class RowSums:
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float) -> RowSums:
         """Sums up segments of the same robot."""
-        remainder = np.sum([segment.remainder for segment in segments], axis=0)
-        return cls(remainder, sum(segment.blocks for segment in segments), repeated)
+        return cls(summed_remainder(segments), sum(segment.blocks for segment in segments), repeated)
 
     def update(self, mean: Array, covariance: Array) -> None:
-        """Updates p̂ (ERRORS,) and Σ (ERRORS, ERRORS) in place."""
+        """Updates p̂ (ERRORS,) and Σ (ERRORS, ERRORS), which is diagonal outside `BLOCKS`, in place."""
         if not self.blocks:
             return
-        along = self.remainder[1:, 0] - self.remainder[1:, 1:] @ mean
+        along = self.remainder[1:, 0] - self.remainder[1:, 1:][:, JOINTS] @ mean[JOINTS]
         square = float(self.remainder[0, 0] - (self.remainder[1:, 0] + along) @ mean)
         loud = self.repeated * max(square / (6.0 * self.blocks), _QUIETEST)
-        normal, k = self.remainder[1 + _SHOWN, 1:] / loud, _SHOWN
-        found = np.linalg.inv(np.linalg.inv(covariance[np.ix_(k, k)]) + normal[:, k])
-        gain = found @ normal
+        k, normal = SHOWN, self.remainder[1:, 1:][SHOWN] / loud
+        found = _combined(covariance[k, k], normal[:, k])
         mean[k] += found @ along[k] / loud
-        moved = covariance[k] - gain @ covariance
-        own = moved[:, k] - moved @ gain.T + found @ normal[:, k] @ found
+        spread = normal * np.diagonal(covariance)  # N Σ
+        for block in BLOCKS:
+            spread[:, block] = normal[:, block] @ covariance[block, block]
+        moved = covariance[k] - found @ spread
+        own = moved[:, k] + (found @ normal[:, k] - moved @ normal.T) @ found
         covariance[k], covariance[:, k] = moved, moved.T
-        covariance[np.ix_(k, k)] = 0.5 * (own + own.T)
+        covariance[k, k] = 0.5 * (own + own.T)
+
+
+def _combined(covariance: Array, information: Array) -> Array:
+    """(P⁻¹ + N)⁻¹ of P and N (n, n); P may be singular."""
+    size = np.sqrt(np.diagonal(covariance))
+    units = np.outer(size, size)
+    P = covariance / np.where(units > 0.0, units, 1.0)
+    system = P @ (information * units)
+    system.flat[:: len(P) + 1] += 1.0
+    found = np.linalg.solve(system, P) * units
+    return np.asarray(0.5 * (found + found.T))
 
 
 class Errors:
@@ -87,8 +102,7 @@ class Errors:
         joints, learned = swing.posterior(scale)
         self.mean = np.zeros(ERRORS)
         self.mean[JOINTS] = joints
-        factor = np.where(model.visible, scale, 1.0)
-        self.covariance = model.covariance * np.outer(factor, factor)
+        self.covariance = model.scaled(scale)
         self.covariance[JOINTS, JOINTS] = learned
         if rows is not None:
             rows.update(self.mean, self.covariance)

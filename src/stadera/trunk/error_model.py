@@ -20,8 +20,8 @@ _SIZES = {
     "rotor": 12,
     "viscous": 12,
     "coulomb": 12,
-    "offset": 12,
     "torque_lag": 1,
+    "offset": 12,
     "gain": 12,
     "stiction": 12,
     "encoder": 12,
@@ -52,8 +52,14 @@ angular acceleration (`stadera.trunk.calibration`).
 """
 
 ERRORS = sum(_SIZES.values())
-JOINTS = slice(0, PLACES["torque_lag"].stop)
-"""Errors that legs in the air determine: rotor inertia, viscous and Coulomb friction, offsets, and the torques' lag."""
+SHOWN = slice(0, PLACES["torque_lag"].stop)
+"""Errors that loaded rows determine too: rotor inertia, viscous and Coulomb friction, and the torques' lag."""
+
+JOINTS = slice(0, PLACES["offset"].stop)
+"""Errors that legs in the air determine: these and offsets. Only of these the mean is not zero."""
+
+BLOCKS = (JOINTS, PLACES["stiction"])
+"""Errors that are correlated among each other before any loaded row; all others are independent."""
 
 INVISIBLE = ("common_gain", "regression")
 """Errors that no residual shows, so they keep their prior size."""
@@ -103,6 +109,10 @@ class ErrorModel:
                 kind = start + joint + 3 * np.arange(4)
                 correlation[np.ix_(kind, kind)] = shared + (1.0 - shared) * np.eye(4)
         self.covariance: Array = correlation * np.outer(std, std)
-        self.visible = np.ones(ERRORS, dtype=bool)
+
+    def scaled(self, scale: float) -> Array:
+        """The covariance (ERRORS, ERRORS) with all standard deviations but the invisible ones multiplied by `scale`."""
+        out: Array = scale**2 * self.covariance
         for name in INVISIBLE:
-            self.visible[PLACES[name]] = False
+            out[PLACES[name], PLACES[name]] = self.covariance[PLACES[name], PLACES[name]]
+        return out

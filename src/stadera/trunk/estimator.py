@@ -52,7 +52,7 @@ from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.swing import SwingJoints
-from stadera.trust import Trust
+from stadera.trust import Trust, Verdict
 from stadera.types import Array
 
 _LOST_GROUND = 0.2  # s, of a gap, after which ground normal and gravity are estimated anew
@@ -118,6 +118,7 @@ class TrunkEstimator:
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.settings, self.bounds = settings or TrunkSettings(), TrunkBounds.of(self.robot)
         self.mount = mount or ImuMount.of(self.robot, imu_frame)
+        self._box = tuple(zip(self.bounds.low.tolist(), self.bounds.high.tolist(), strict=True))
         self._order, self._extra_order = _order(self.robot, joints), _extra_order(self.robot, joints)
         self._joints = len(joints) if joints is not None else len(self._order)
         first = self.bounds.check(start or TrunkModel.prior(self.robot))
@@ -146,6 +147,7 @@ class TrunkEstimator:
         self._loaded: Segment | None = None  # rows since the tare, until a change is detected
         self._unused = 0  # next rows that still contain samples before the tare
         self._fit: Fit | None = None
+        self._swing_misfit: float | None = None  # of the last fit; None before it is evaluated
         self._odd = OddBlocks()
         self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
@@ -260,11 +262,10 @@ class TrunkEstimator:
     def trust(self) -> Trust:
         """How well the model explains the log so far."""
         if self._trust is None:
-            fit = self._fit
-            if fit is None or self._seen_for < _EVALUATED:
+            if self._fit is None or self._swing_misfit is None:
                 self._trust = Trust("doubtful", 1.0, {}, ("too few rows yet to evaluate the fit",))
             else:
-                self._trust = fit.trust(self.robot, self._model, self.settings, self._swing.misfit)
+                self._trust = self._fit.trust(self.robot, self._model, self.settings, self._swing_misfit)
         return self._trust
 
     @property
@@ -397,6 +398,7 @@ class TrunkEstimator:
         usual = Errors(self._model, self._swing, 1.0, rows)
         self._fit = Fit.of(segments, usual.mean, usual.covariance, self.settings)
         self._errors = Errors(self._model, self._swing, self._fit.scale, rows)
+        self._swing_misfit = self._swing.misfit if self._seen_for >= _EVALUATED else None
         self._trust = None
 
     def _jumped(self, jump: Jump, now: float) -> None:
@@ -456,23 +458,30 @@ class TrunkEstimator:
         if complaint := self._complaint(vector, read):
             self._refuse(f"the estimate runs away: {complaint}")
             return
-        trust = self.trust
         self._good, self._learnt, self._reason = read, time, ""
-        if trust.verdict == "bad":
-            self._refuse(f"the model does not explain what the sensors say: {trust.reasons[0]}")
+        verdict, misfit = self._verdict()
+        if verdict == "bad":
+            self._refuse(f"the model does not explain what the sensors say: {self.trust.reasons[0]}")
             return
-        self._settled = time - self._since >= self.settings.settled and trust.misfit <= self.settings.doubtful
+        self._settled = time - self._since >= self.settings.settled and misfit <= self.settings.doubtful
         self._status = Status.MOVING
         if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
             self._shape = read.parameters.inertial
 
+    def _verdict(self) -> tuple[Verdict, float]:
+        """Verdict and misfit of `trust`, without its reasons."""
+        if self._fit is None or self._swing_misfit is None:
+            return "doubtful", 1.0
+        return self._fit.verdict(self.settings, self._swing_misfit), self._fit.misfit
+
     def _complaint(self, vector: Array, read: _Reading) -> str | None:
         """Why the trunk (10,), with the prior for unobserved parameters, is implausible; None if plausible."""
-        mass = float(vector[0])
+        mass, *moment = vector[:4].tolist()
         if not mass > 0.0:
             return f"a mass of {mass:.3g} kg"
-        bounds, com = self.bounds, vector[1:4] / mass
-        if bounds.mass[0] <= mass <= bounds.mass[1] and ((bounds.low <= com) & (com <= bounds.high)).all():
+        bounds, box = self.bounds, self._box
+        inside = all(low * mass <= h <= high * mass for h, (low, high) in zip(moment, box, strict=True))
+        if bounds.mass[0] <= mass <= bounds.mass[1] and inside:
             return None  # the prior is inside too, so any mixture of the two is
         try:
             return bounds.complaint(TrunkModel.of(read.parameters.inertial))

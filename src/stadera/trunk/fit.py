@@ -22,8 +22,8 @@ import numpy as np
 from scipy.special import gammaln
 
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import PLACES, ErrorModel
-from stadera.trunk.segment import Segment
+from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
+from stadera.trunk.segment import Segment, summed_remainder
 from stadera.trunk.settings import TrunkSettings
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
@@ -72,7 +72,7 @@ class Fit:
         Args:
             errors: p̂ (ERRORS,). covariance: Σ0, of p at its prior size where nothing else is known.
         """
-        remainder = _without(np.sum([segment.remainder for segment in segments], axis=0), errors)
+        remainder = _without(summed_remainder(segments), errors)
         white = float(sum(s.white for s in segments))
         residual = max(float(remainder[0, 0]), 0.0)
         moved = covariance @ remainder[1:, 1:]
@@ -82,15 +82,16 @@ class Fit:
 
     def trust(self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float) -> Trust:
         """The verdict, with reasons."""
-        verdict: Verdict = "good"
-        reasons: tuple[str, ...] = ()
-        if self.misfit > settings.doubtful:
-            verdict = "bad" if self.misfit > settings.bad else "doubtful"
-            reasons = self._causes(errors)
+        reasons = self._causes(errors) if self.misfit > settings.doubtful else ()
         if swing_misfit > settings.bad:
-            verdict = "bad" if verdict == "bad" else "doubtful"
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
-        return Trust(verdict, self.misfit, self._by_leg(robot, errors), reasons)
+        return Trust(self.verdict(settings, swing_misfit), self.misfit, self._by_leg(robot, errors), reasons)
+
+    def verdict(self, settings: TrunkSettings, swing_misfit: float) -> Verdict:
+        """The verdict alone."""
+        if self.misfit > settings.bad:
+            return "bad"
+        return "doubtful" if self.misfit > settings.doubtful or swing_misfit > settings.bad else "good"
 
     def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
         """Mean square of the residual along each leg's errors, divided by that expected from noise and the errors of
@@ -147,9 +148,9 @@ def _scale_square(residual: float, white: float, stated: float, stated_squared: 
 
 
 def _without(products: Array, errors: Array) -> Array:
-    """Products of target and errors, after subtracting C p̂ from the target."""
+    """Products of target and errors, after subtracting C p̂ from the target; p̂ is zero but for `JOINTS`."""
     out = products.copy()
-    out[1:, 0] -= products[1:, 1:] @ errors
+    out[1:, 0] -= products[1:, 1:][:, JOINTS] @ errors[JOINTS]
     out[0, 1:] = out[1:, 0]
     out[0, 0] -= (products[1:, 0] + out[1:, 0]) @ errors
     return out

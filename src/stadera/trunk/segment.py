@@ -11,6 +11,7 @@ given by W.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan, sqrt
@@ -92,19 +93,24 @@ class RowMoments(NamedTuple):
 
     Attributes:
         weight: Σ of the weights.
-        columns: Σ of A, b and C, (6, 10 + 1 + ERRORS).
-        products: Σ a aᵀ (3, 3), a the specific force in the unit of the rows.
+        force: Σ a, (3,), the specific force in the unit of the rows. stiction: Σ of the columns of static friction,
+            (6, 12).
+        products: Σ a aᵀ (3, 3).
     """
 
     weight: float = 0.0
-    columns: Array = np.zeros((6, 11 + ERRORS))
+    force: Array = np.zeros(3)
+    stiction: Array = np.zeros((6, 12))
     products: Array = np.zeros((3, 3))
 
     def add(self, rows: WeightedRows, keep: float) -> RowMoments:
         """With one more block, the weight of everything before it multiplied by `keep`."""
         a = rows.columns[:3, 0]
         return RowMoments(
-            keep * self.weight + 1.0, keep * self.columns + rows.columns, keep * self.products + a[:, None] * a
+            keep * self.weight + 1.0,
+            keep * self.force + a,
+            keep * self.stiction + rows.columns[:, STICTION],
+            keep * self.products + a[:, None] * a,
         )
 
     def follows_motion(self, covariance: Array, length: float) -> Array:
@@ -122,12 +128,14 @@ class RowMoments(NamedTuple):
         """
         if not self.weight:
             return np.zeros((10, 10))
-        stiction = self.columns[:, STICTION] / self.weight
+        stiction = self.stiction / self.weight
         error = stiction @ covariance @ stiction.T
-        mean = self.columns[:3, 0] / self.weight
+        mean = self.force / self.weight
         moved = self.products / self.weight - mean[:, None] * mean
         by_force = BY_FORCE / np.array([1.0, 1.0, 1.0, length, length, length])[:, None, None]
-        return np.asarray(self.weight**2 / 3.0 * np.einsum("riu,rs,sjv,uv->ij", by_force, error, by_force, moved))
+        left = by_force.transpose(1, 0, 2).reshape(10, 18)
+        right = np.tensordot(error, by_force @ moved, 1).transpose(1, 0, 2).reshape(10, 18)
+        return np.asarray(self.weight**2 / 3.0 * (left @ right.T))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,6 +248,14 @@ class Segment:
         inverse, solution = np.empty((10, 10)), np.empty((10, 1 + ERRORS))
         compiled.solve(self.triangle, inverse, solution)
         return inverse, solution
+
+
+def summed_remainder(segments: Sequence[Segment]) -> Array:
+    """Sum of the segments' `remainder`, not to be written into."""
+    total = segments[0].remainder
+    for segment in segments[1:]:
+        total = total + segment.remainder
+    return total
 
 
 def _folded(triangle: Array, columns: Array, root: float) -> tuple[Array, float]:

@@ -13,15 +13,18 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array
 
-_TERMS = ("rotor", "viscous", "coulomb", "offset")
-_COUNT = JOINTS.stop
+_COUNT, _LAG = JOINTS.stop, PLACES["torque_lag"].start
+_EACH = np.arange(12)
+_AT = np.array([PLACES[name].start + _EACH for name in ("rotor", "viscous", "coulomb", "offset")])
 _ENOUGH = 4 * _COUNT  # rows needed to evaluate the fit of the joints' law
 _QUIETEST = 0.02  # of the stated variance: smaller residuals do not sharpen the estimate further
+_LIKE = 0.05  # relative difference from one of a scale that is taken for one
 _WILD = 5.0  # standard deviations of the residual, beyond which a row is skipped
 
 
@@ -42,7 +45,7 @@ class SwingJoints:
         self._normal, self._right = np.zeros((_COUNT, _COUNT)), np.zeros(_COUNT)
         self._square, self.rows = 0.0, 0
         self._last, self._limit_square = np.zeros(_COUNT), np.inf
-        self._found: tuple[float, Array, Array] | None = None
+        self._found: dict[float, tuple[Array, Array]] = {}  # by scale: at one, and at the last other one
 
     def add(self, air: NDArray[np.bool_], terms: Array, rate: Array, residual: Array, white: Array) -> None:
         """Adds one block.
@@ -53,24 +56,21 @@ class SwingJoints:
             rate: (12,) [N·m/s], of the torques. residual: (12,) [N·m], h - τ_measured.
             white: (12,) [N·m], standard deviation of its white noise.
         """
-        for joint in np.flatnonzero(np.repeat(air, 3)):
-            row = np.zeros(_COUNT)
-            for name, value in zip(_TERMS, terms[:, joint], strict=True):
-                row[PLACES[name].start + joint] = value
-            row[PLACES["torque_lag"].start] = -rate[joint]
-            weight = 1.0 / (white[joint] ** 2 + (self._settings.residual * self._limit[joint]) ** 2)
-            used = np.flatnonzero(row)
-            if self._is_wild(residual[joint] + row @ self._last, weight):
-                continue
-            self._normal[np.ix_(used, used)] += weight * np.outer(row[used], row[used])
-            self._right[used] -= weight * residual[joint] * row[used]
-            self._square += weight * residual[joint] ** 2
-            self.rows += 1
-            self._found = None
-
-    def _is_wild(self, left: float, weight: float) -> bool:
-        """True if a row's residual is far beyond the others'."""
-        return weight * left**2 > self._limit_square
+        rows = np.zeros((12, _COUNT))
+        rows[_EACH, _AT] = terms
+        rows[:, _LAG] = -rate
+        weight = 1.0 / (white**2 + (self._settings.residual * self._limit) ** 2)
+        usual = weight * (residual + rows @ self._last) ** 2 <= self._limit_square
+        used = usual & air.repeat(3)
+        if not used.any():
+            return
+        rows, residual = rows[used], residual[used]
+        weighted = weight[used, None] * rows
+        self._normal += weighted.T @ rows
+        self._right -= weighted.T @ residual
+        self._square += float(weight[used] @ residual**2)
+        self.rows += len(rows)
+        self._found.clear()
 
     @property
     def misfit(self) -> float:
@@ -86,15 +86,23 @@ class SwingJoints:
         Args:
             scale: factor on the prior's standard deviations.
         """
-        if self._found is None or abs(self._found[0] / scale - 1.0) > 0.05:
-            loud, information, mean = self._settings.repeated, self._prior, self._right
-            for _ in range(2):  # the second pass uses the first one's residual
-                information = self._normal / loud + self._prior / scale**2
-                mean = np.linalg.solve(information, self._right / loud)
-                if self.rows > _COUNT:
-                    square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
-                    loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
-            self._found = scale, mean, np.linalg.inv(information)
-            if self.rows > _ENOUGH:
-                self._last, self._limit_square = mean, _WILD**2 * loud / self._settings.repeated
-        return self._found[1], self._found[2]
+        if abs(1.0 / scale - 1.0) <= _LIKE:
+            scale = 1.0
+        if scale not in self._found:
+            self._found = {known: found for known, found in self._found.items() if known == 1.0}
+            self._found[scale] = self._solved(scale)
+        return self._found[scale]
+
+    def _solved(self, scale: float) -> tuple[Array, Array]:
+        loud, information, mean = self._settings.repeated, self._prior, self._right
+        factor = information
+        for _ in range(2):  # the second pass uses the first one's residual
+            information = self._normal / loud + self._prior / scale**2
+            factor, mean, _ = lapack.dposv(information, self._right / loud)
+            if self.rows > _COUNT:
+                square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
+                loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
+        if self.rows > _ENOUGH and scale == 1.0:
+            self._last, self._limit_square = mean, _WILD**2 * loud / self._settings.repeated
+        upper = np.triu(lapack.dpotri(factor)[0])
+        return mean, upper + np.triu(upper, 1).T

@@ -10,49 +10,38 @@ from numpy.typing import NDArray
 from stadera.compiled import compiled, part
 from stadera.types import Array
 
-LANES = 8  # partial sums, which the processor adds up side by side
 WILD, MEDIAN = 3.0, 0.455  # as in `stadera.trunk.changes`
 
 
 @part
-def reduce_rows(rows: Array, reduced: Array, errors: Array) -> None:
-    """A, b - C p and the weight of projected rows (n, 4, 10 + 1 + errors + 1), into (n, 4, 12)."""
-    known, width = 0, rows.shape[2]
-    for e in range(len(errors)):
-        if errors[e] != 0.0:
-            known = e + 1
-    for n in range(len(rows)):
-        for i in range(4):
-            for c in range(11):
-                reduced[n, i, c] = rows[n, i, c]
-            left = 0.0
-            for e in range(known):
-                left += rows[n, i, 11 + e] * errors[e]
-            reduced[n, i, 10] -= left
-            reduced[n, i, 11] = rows[n, i, width - 1]
+def by_errors(total: Array, solution: Array, std: Array, work: Array) -> float:
+    """Variance of one summed row (10 + 1 + errors + 1) due to model errors, Σ_e ((C - A K)_e σ_e)².
 
-
-@part
-def by_errors(total: Array, sensitivity: Array, std: Array, moved: Array) -> float:
-    """Variance of one summed row (10 + 1 + errors + 1) due to model errors, Σ_e ((C - A K)_e σ_e)²."""
-    n = len(std)
+    K follows the first column of `solution` (10, 1 + errors). The ten products are written out, and eight sums are
+    formed side by side, so that they fit the processor's vectors.
+    """
+    n, K = len(std), solution
+    a0, a1, a2, a3, a4 = total[0], total[1], total[2], total[3], total[4]
+    a5, a6, a7, a8, a9 = total[5], total[6], total[7], total[8], total[9]
     for e in range(n):
-        moved[e] = total[11 + e]
-    for i in range(10):
-        a = total[i]
-        for e in range(n):
-            moved[e] -= a * sensitivity[i, e]
-    parts = np.zeros(LANES)
-    for e in range(0, n - n % LANES, LANES):
-        for lane in range(LANES):
-            value = moved[e + lane] * std[e + lane]
-            parts[lane] += value * value
-    square = 0.0
-    for lane in range(LANES):
-        square += parts[lane]
-    for e in range(n - n % LANES, n):
-        square += (moved[e] * std[e]) ** 2
-    return square
+        moved = a0 * K[0, 1 + e] + a1 * K[1, 1 + e] + a2 * K[2, 1 + e] + a3 * K[3, 1 + e] + a4 * K[4, 1 + e]
+        moved += a5 * K[5, 1 + e] + a6 * K[6, 1 + e] + a7 * K[7, 1 + e] + a8 * K[8, 1 + e] + a9 * K[9, 1 + e]
+        moved = (total[11 + e] - moved) * std[e]
+        work[e] = moved * moved
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+    whole = n - n % 8
+    for e in range(0, whole, 8):
+        s0 += work[e]
+        s1 += work[e + 1]
+        s2 += work[e + 2]
+        s3 += work[e + 3]
+        s4 += work[e + 4]
+        s5 += work[e + 5]
+        s6 += work[e + 6]
+        s7 += work[e + 7]
+    for e in range(whole, n):
+        s0 += work[e]
+    return ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7))
 
 
 @part
@@ -103,7 +92,7 @@ def since(
     n: int,
     mean: Array,
     inverse: Array,
-    sensitivity: Array,
+    solution: Array,
     std: Array,
     scale: Array,
     near: Array,
@@ -117,7 +106,7 @@ def since(
     """δ (4,) and its variance (4,) of the average over the last n of the reduced rows, whose sum is `total`.
 
     Args:
-        mean, inverse, sensitivity: of the estimate before. std: of the model errors.
+        mean, inverse, solution: of the estimate before. std: of the model errors.
         near: (4,), Huber's limit. spread, usual: (4,), of this window. scatter: κ.
         work: (2, ...), at least n and the number of errors.
     """
@@ -133,7 +122,7 @@ def since(
             sum_near += value * reduced[last - n + k, i, 11]
         weight = max(total[i, weight_at], 1e-12)
         size[i] = sum_near / weight
-        by_model = by_errors(total[i], sensitivity, std, work[0]) / (weight * scale[i]) ** 2
+        by_model = by_errors(total[i], solution, std, work[0]) / (weight * scale[i]) ** 2
         before = 0.0
         for c in range(10):
             before += inverse[i, c] ** 2
@@ -143,28 +132,52 @@ def since(
 
 @compiled("void(float64[:,::1], float64[:,:,::1], float64[:,:,::1], int64)")
 def push(columns: Array, rows: Array, sums: Array, at: int) -> None:
-    """Writes a block's rows (6, 10 + 1 + errors), projected as `WeightedRows.projected`, and the running sums."""
+    """Adds a block's rows (6, 10 + 1 + errors), projected as `WeightedRows.projected`, to the running sums, and writes
+    those of A, b, the first errors and the weight into `rows` (..., 4, 10 + 1 + k + 1).
+    """
     a, b, c = columns[0, 0], columns[1, 0], columns[2, 0]
     x, y, z = columns[4, 3], columns[5, 1], columns[3, 2]
-    width = columns.shape[1]
+    width, kept = columns.shape[1], rows.shape[2] - 1
+    projected = np.empty((4, width + 1))
     for k in range(width):
-        rows[at, 0, k] = a * columns[0, k] + b * columns[1, k] + c * columns[2, k]
-        rows[at, 1, k] = y * columns[5, k] - z * columns[4, k]
-        rows[at, 2, k] = z * columns[3, k] - x * columns[5, k]
-        rows[at, 3, k] = x * columns[4, k] - y * columns[3, k]
-    rows[at, 0, width] = a * a + b * b + c * c
-    across = x * x + y * y + z * z
-    for i in range(1, 4):
-        rows[at, i, width] = across
+        projected[0, k] = a * columns[0, k] + b * columns[1, k] + c * columns[2, k]
+        projected[1, k] = y * columns[5, k] - z * columns[4, k]
+        projected[2, k] = z * columns[3, k] - x * columns[5, k]
+        projected[3, k] = x * columns[4, k] - y * columns[3, k]
+    projected[0, width] = a * a + b * b + c * c
+    projected[1:, width] = x * x + y * y + z * z
     for i in range(4):
+        for k in range(kept):
+            rows[at, i, k] = projected[i, k]
+        rows[at, i, kept] = projected[i, width]
         for k in range(width + 1):
-            sums[at + 1, i, k] = sums[at, i, k] + rows[at, i, k]
+            sums[at + 1, i, k] = sums[at, i, k] + projected[i, k]
 
 
 @compiled("void(float64[:,:,::1], float64[:,:,::1], float64[::1], int64, int64)")
-def reduced_from(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> None:
-    """Reduces the projected rows of a range of blocks for errors p."""
-    reduce_rows(rows[begin:end], reduced[begin:end], errors)
+def reduce(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> None:
+    """A, b - C p and the weight of projected rows (..., 4, 10 + 1 + k + 1), into (..., 4, 12), of a range of blocks.
+
+    Args:
+        errors: (k,), p, as far as it is estimated.
+    """
+    k = len(errors)
+    for n in range(begin, end):
+        for i in range(4):
+            row, out = rows[n, i], reduced[n, i]
+            for c in range(11):
+                out[c] = row[c]
+            s0 = s1 = s2 = s3 = 0.0
+            whole = k - k % 4
+            for e in range(0, whole, 4):
+                s0 += row[11 + e] * errors[e]
+                s1 += row[12 + e] * errors[e + 1]
+                s2 += row[13 + e] * errors[e + 2]
+                s3 += row[14 + e] * errors[e + 3]
+            for e in range(whole, k):
+                s0 += row[11 + e] * errors[e]
+            out[10] -= (s0 + s1) + (s2 + s3)
+            out[11] = row[11 + k]
 
 
 @compiled(
@@ -229,7 +242,7 @@ def largest(
             n,
             m,
             inv,
-            sol[:, 1:],
+            sol,
             std,
             scale,
             near,
@@ -286,7 +299,6 @@ def spreads(
         scatter: (4,), written. square, expected: (windows, 4), written; counts: (windows,), of averages.
     """
     singles, running, work = np.empty((n, 4)), np.zeros((n + 1, 4, 2)), np.empty(max(n, len(std)))
-    sensitivity = solution[:, 1:]
     for i in range(4):
         for k in range(n):
             singles[k, i] = single(reduced[begin + k], i, mean, scale)
@@ -310,7 +322,7 @@ def spreads(
                 for c in range(weight_at + 1):
                     total[c] = after[c] - before[c]
                 weight = max(total[weight_at], 1e-12) * scale[i]
-                variances[i, count] = by_errors(total, sensitivity, std, work) / weight**2
+                variances[i, count] = by_errors(total, solution, std, work) / weight**2
             count += 1
         counts[w] = count
         if count == 0:
