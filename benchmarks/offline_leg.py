@@ -134,7 +134,9 @@ def hour(robot: Robot, path: Path) -> None:
         for part in preprocess_stream(stream(path, joints=joints, require=("effort",)), settings, joints):
             if part.effort is not None and len(part):
                 motion = JointMotion(part.position, part.velocity, part.acceleration)
-                yield from regressor.rows(motion, part.effort, std=NOISE)
+                for start in range(0, len(part), CHUNK):
+                    piece = slice(start, start + CHUNK)
+                    yield from regressor.rows(motion.slice(piece), part.effort[piece], std=NOISE)
 
     information = Information.of(rows(), regressor.columns)  # type: ignore[arg-type]
     null_space_solution(information, robot_prior(robot, regressor.columns))
