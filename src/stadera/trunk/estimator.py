@@ -238,6 +238,11 @@ class TrunkEstimator:
         return TrunkEstimate(self._learnt, TrunkModel.of(found.inertial), covariance, status, self._reason)
 
     @property
+    def refusal(self) -> str:
+        """Why the latest samples are refused; empty if they are not."""
+        return self._reason if self._status is Status.REFUSED else ""
+
+    @property
     def payload(self) -> Payload | None:
         """Mass added since the tare; None without a tare."""
         if self._tare is None:

@@ -194,9 +194,8 @@ class _Reading:
         self.estimator.add(replace(samples, time=samples.time + (self._shift or 0.0)))
         if self._request.watch is not None:
             self._request.watch(samples, self.estimator)
-        estimate = self.estimator.estimate()
-        if estimate.status is Status.REFUSED:
-            self._refuse(float(samples.time[0]), self._time, estimate.reason)
+        if reason := self.estimator.refusal:
+            self._refuse(float(samples.time[0]), self._time, reason)
 
     def _enter(self) -> None:
         """Adds an entry to the timeline, once there is an estimate."""
