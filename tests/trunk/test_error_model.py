@@ -59,12 +59,12 @@ def samples(m: Motion, **changed: np.ndarray) -> Samples:
     return Samples(m.time, **(values | changed))
 
 
-def rows_of(data: Samples, known: Robot, normal: np.ndarray) -> list[BlockRows]:
+def rows_of(data: Samples, known: Robot, normal: np.ndarray, block: int = BLOCK) -> list[BlockRows]:
     """Rows of all complete windows, the ground's normal given."""
     maker, trunk = RowMaker(known, ImuMount.of(known), SwingDetection()), robot().inertias[robot().trunk]
     made = []
-    for k in range(0, len(data) - BLOCK - 2, BLOCK):
-        rows = maker.block(data[k : k + BLOCK + 2], normal[k + BLOCK // 2], trunk).rows
+    for k in range(0, len(data) - block - 2, block):
+        rows = maker.block(data[k : k + block + 2], normal[k + block // 2], trunk).rows
         if rows is not None:
             made.append(rows)
     return made[2:]
@@ -217,6 +217,35 @@ def test_a_contact_point_elsewhere_moves_the_rows_as_its_columns_say() -> None:
         shift = np.einsum("lij,lj->li", turn[k, last], p.reshape(4, 3))
         said.append(rows.errors[:, PLACES["contact"]] @ shift.ravel())
     agree(left, np.array(said), 0.05)
+
+
+def test_sampling_is_half_the_difference_between_rows_of_every_other_sample() -> None:
+    """Noise of torques and accelerometer, which are not differentiated; windows of both at the same times."""
+    m, rng, place = motion(), np.random.default_rng(3), PLACES["sampling"].start
+    noisy = samples(m, effort=m.effort + rng.standard_normal(m.effort.shape))
+    noisy = replace(noisy, specific_force=noisy.specific_force + rng.standard_normal((len(m.time), 3)))
+    column, smooth = (
+        np.array([rows.errors[:, place] for rows in rows_of(data, robot(), m.normal)]) for data in (noisy, samples(m))
+    )
+    assert np.abs(smooth).max() < 0.01 * np.abs(column).max()
+    odd, even = (unexplained(rows_of(noisy[k::2], robot(), m.normal[k::2], BLOCK // 2)) for k in (0, 1))
+    n = min(len(odd), len(even), len(column))
+    assert n > 15
+    half = 0.5 * (odd[:n] - even[:n])
+    # one begins half a sample earlier than the other, so some of the motion is left
+    agree(np.sign((half * column[:n]).sum()) * half, column[:n], 0.3)
+
+
+@pytest.mark.parametrize("block", [BLOCK, BLOCK // 2 + 1])
+def test_sampling_errors_that_repeat_add_up(block: int) -> None:
+    """Every other sample reads more: the column is the same in all windows, of even and odd numbers of samples."""
+    m, place = motion(), PLACES["sampling"].start
+    more = np.where(np.arange(len(m.time)) % 2, 1.0, -1.0)[:, None] * [0.0, 0.0, 0.5]
+    made = rows_of(samples(m, specific_force=samples(m).specific_force + more), robot(), m.normal, block)
+    column = np.array([rows.errors[2, place] for rows in made])
+    # the legs' own inertia is felt by their joints in part
+    assert np.abs(np.abs(column) - 0.5 * robot().mass).max() < 0.1 * 0.5 * robot().mass
+    assert abs(np.sign(column).sum()) == len(column)
 
 
 def test_a_joint_that_turns_back_does_not_stand() -> None:

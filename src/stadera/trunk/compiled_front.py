@@ -40,9 +40,11 @@ NAMES = (
     "velocity_lag",
     "common_gain",
     "regression",
+    "sampling",
 )
 """Order in which the compiled function is given the places of the errors."""
 
+_SAMPLING = 11 + PLACES["sampling"].start
 _PLACES = np.array([11 + PLACES[name].start for name in NAMES])
 
 
@@ -72,6 +74,7 @@ class CompiledFront(Front):
         self._standing, self._usual, self._state = np.zeros(4), np.zeros(0), np.zeros(compiled.STATE)
         self._first, self._second = np.zeros(compiled.HALF), np.zeros(compiled.HALF)
         self._continues = False
+        self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
         self._calibration = np.zeros(10)
         self._speeds, self._count = np.zeros((LATELY, 12)), 0
 
@@ -116,6 +119,7 @@ class CompiledFront(Front):
             self._take_out_extra(Samples.of_table(cleaned, self._joints), half)
         rows = self._rows(self._first, half, trunk) if self._continues else None
         self._first, self._second, self._continues = half, self._first, True
+        self._sign *= 1.0 - 2.0 * (n % 2)
         return Made(rows)
 
     def _rows(self, first: Array, second: Array, trunk: InertialParameters) -> BlockRows:
@@ -137,6 +141,7 @@ class CompiledFront(Front):
             white,
         )
         self._count += 1
+        columns[:, _SAMPLING] *= self._sign
         air = first[c.AIR : c.AIR + 4] * second[c.AIR : c.AIR + 4] > 0.0
         joint = total[c.JOINT : c.JOINT + 72].reshape(6, 12)
         return BlockRows(float(second[c.END]), elapsed, columns, white, SwingRows(air, joint[:4], joint[4], joint[5]))

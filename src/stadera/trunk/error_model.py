@@ -34,6 +34,7 @@ _SIZES = {
     "velocity_lag": 1,
     "common_gain": 1,
     "regression": 3,
+    "sampling": 1,
 }
 
 
@@ -48,7 +49,7 @@ def _places() -> dict[str, slice]:
 PLACES = MappingProxyType(_places())
 """Index ranges of the errors in p, by name. Entries of twelve go by leg and joint; `link_com` by axis, leg and link;
 `contact` by leg and trunk axis. `stiction` is the torque of static friction, `regression` the part removed from noisy
-angular acceleration (`stadera.trunk.calibration`).
+angular acceleration (`stadera.trunk.calibration`), `sampling` half the difference between rows of every other sample.
 """
 
 ERRORS = sum(_SIZES.values())
@@ -61,8 +62,8 @@ JOINTS = slice(0, PLACES["offset"].stop)
 BLOCKS = (JOINTS, PLACES["stiction"])
 """Errors that are correlated among each other before any loaded row; all others are independent."""
 
-INVISIBLE = ("common_gain", "regression")
-"""Errors that no residual shows, so they keep their prior size."""
+INVISIBLE = ("common_gain", "regression", "sampling")
+"""Errors that no residual shows, or whose size the log shows directly; they keep their prior size."""
 
 HELD = 0.8
 """Standard deviation of static friction as a share of the joint's Coulomb friction, which bounds it."""
@@ -99,7 +100,7 @@ class ErrorModel:
             std[PLACES[name]] = getattr(sizes, name)
         for name in ("accelerometer", "velocity_lag", "common_gain"):
             std[PLACES[name]] = getattr(sizes, name)
-        std[PLACES["regression"]] = 1.0
+        std[PLACES["regression"]] = std[PLACES["sampling"]] = 1.0
         correlation = np.eye(ERRORS)
         # in a robot that sags under a load, friction holds all knees alike
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": _SAGS}

@@ -1,17 +1,22 @@
 """Fit quality of the rows: the size of the model errors, and which of them is the likeliest.
 
-The residual r = b - A θ̂ - C p̂ has the energy S. White noise explains E_w of it, and model errors with their prior
-covariance Σ0 explain E_m = tr(Σ0 D), with D the products of their columns after eliminating θ. Robots differ: one's
-errors have the covariance s² Σ0, with ln s normally distributed, of standard deviation `TrunkSettings.scale_spread`,
-and s² of mean one. Given s, S is a sum of squares of Gaussians, nearly distributed as a multiple of χ² of the same mean
-and variance (Satterthwaite),
+The residual r = b - A θ̂ - C p̂ has the energy S. White noise and sampling explain E_w of it, and model errors with their
+prior covariance Σ0 explain E_m = tr(Σ0 D), with D the products of their columns after eliminating θ. Robots differ:
+one's errors have the covariance s² Σ0, with ln s normally distributed, of standard deviation
+`TrunkSettings.scale_spread`, and s² of mean one. Given s, S is a sum of squares of Gaussians, nearly distributed as a
+multiple of χ² of the same mean and variance (Satterthwaite),
 
-    E[S | s] = E_w + s² E_m,      Var[S | s] = (0.3 E_w)² + 2 s⁴ tr (Σ0 D)²
+    E[S | s] = E_w + s² E_m,      Var[S | s] = Var E_w + 2 s⁴ tr (Σ0 D)²
 
 and n = 2 E[S]² / Var[S] degrees of freedom. A robot that stands shows about three, one that walks five to thirty: its
 residual may be small by chance although its offsets and gains are not. The scale used is the mean of s² given S: one
 where nothing is seen, (S - E_w) / E_m where n is large. s scales the errors that residuals show; errors that no
 residual shows (those of a robot at rest) keep their prior size. The misfit is S / (E_w + E_m).
+
+Sampling errors are those of signals that change within a sample, as at a touchdown on hard ground, where an
+accelerometer read at 200 or 500 Hz misses part of the impact or counts it twice. They are at most as large as half the
+difference between rows of every other sample (`stadera.trunk.rows`), white noise included, so E_w lies between the
+energy of white noise, known to 30 %, and the energy of these differences, with a uniform distribution.
 """
 
 from __future__ import annotations
@@ -44,7 +49,7 @@ _CAUSES = {
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
 }
-_NOISE_KNOWN = 0.3  # relative standard deviation of E_w: noise is not quite white, and windows overlap
+_NOISE_KNOWN = 0.3  # relative standard deviation of white noise's energy: it is not quite white, and windows overlap
 _WIDEST, _TRIES = 5.0, 81  # standard deviations of ln s, and number of its values, in sums over it
 _TRIED = 10.0  # times the prior standard deviation, the largest error that is tried as an explanation of the residual
 
@@ -73,12 +78,16 @@ class Fit:
             errors: p̂ (ERRORS,). covariance: Σ0, of p at its prior size where nothing else is known.
         """
         remainder = _without(summed_remainder(segments), errors)
-        white = float(sum(s.white for s in segments))
-        residual = max(float(remainder[0, 0]), 0.0)
+        sampling, white = PLACES["sampling"].start, float(sum(s.white for s in segments))
+        more = 0.5 * max(float(remainder[1 + sampling, 1 + sampling]) - white, 0.0)  # none to all of it
+        unsure = (_NOISE_KNOWN * white) ** 2 + more**2 / 3.0
+        residual, noise = max(float(remainder[0, 0]), 0.0), white + more
         moved = covariance @ remainder[1:, 1:]
+        moved[sampling] = 0.0  # in the noise
         stated = float(np.trace(moved))
-        square = _scale_square(residual, white, stated, float((moved * moved.T).sum()), settings.scale_spread)
-        return cls(float(np.sqrt(square)), residual / max(white + stated, 1e-300), remainder, white)
+        doubled = 2.0 * float((moved * moved.T).sum())
+        square = _scale_square(max(residual, white), (noise, unsure), (stated, doubled), settings.scale_spread)
+        return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), remainder, noise)
 
     def trust(self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float) -> Trust:
         """The verdict, with reasons."""
@@ -127,20 +136,20 @@ class Fit:
         return float(along @ np.linalg.solve(normal + prior, along)) / level
 
 
-def _scale_square(residual: float, white: float, stated: float, stated_squared: float, spread: float) -> float:
+def _scale_square(residual: float, noise: tuple[float, float], errors: tuple[float, float], spread: float) -> float:
     """Mean of s² given the residual's energy, see the module's text.
 
     Args:
-        residual, white, stated: S, E_w and E_m. stated_squared: tr (Σ0 CᵀMC)².
+        residual: S. noise: mean and variance of E_w. errors: mean and variance of the model errors' part for s = 1.
         spread: standard deviation of ln s before any data.
     """
-    if stated <= 0.0:
+    if errors[0] <= 0.0:
         return 1.0
     tried = np.linspace(-_WIDEST * spread, _WIDEST * spread, _TRIES)  # ln s about the prior's median
     square = np.exp(2.0 * (tried - spread**2))
-    expected = white + square * stated
-    half_freedom = expected**2 / (2.0 * square**2 * stated_squared + (_NOISE_KNOWN * white) ** 2)
-    part = half_freedom * max(residual, white, 1e-300) / expected  # less than the noise is noise stated too large
+    expected = noise[0] + square * errors[0]
+    half_freedom = expected**2 / (noise[1] + square**2 * errors[1])
+    part = half_freedom * max(residual, 1e-300) / expected
     likely = half_freedom * np.log(part) - part - gammaln(half_freedom)
     likely -= 0.5 * (tried / spread) ** 2
     weight = np.exp(likely - likely.max())

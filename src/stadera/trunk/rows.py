@@ -18,6 +18,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
     link mass and centre       -∂b/∂(m, c)                 `BaseWrenchRegressor.by_links`
     IMU place, axes, bias      -K ([α]x + [ω]x[ω]x), K [a]x + L [α]x, -K
     lag of the velocities      G q⃛ + L α̇
+    sampling                   half the difference of A θ - b between odd and even samples, times one
 
 G, L, K of the legs are found by feeding each acceleration alone at the block's last posture.
 """
@@ -151,6 +152,7 @@ class _Sums:
     jerk: Array  # (15,)
     joint: Array  # (6, 12): q̈, q̇, s, 1, τ̇, h - τ
     squared: Array  # (6, 6), Σ w² E σ² Eᵀ of white torque noise
+    alternating: Array  # (18,): signals and target, with signs that alternate from sample to sample
 
     def __add__(self, other: _Sums) -> _Sums:
         return _Sums(*(getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__))
@@ -176,6 +178,7 @@ class RowMaker:
         self.weight, self.extra = robot.mass * GRAVITY, robot.extra
         self.flat = SINGULAR * self.regressor.length**3
         self._half: _Half | None = None
+        self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
         self._calibration = SignalCalibration()
         self._speeds: deque[Array] = deque(maxlen=LATELY)  # squared, over the noise's variance
@@ -214,6 +217,7 @@ class RowMaker:
             self._take_out(half, self.extra_wrench(samples))
         rows = None if self._half is None else self._rows(self._half, half, trunk)
         self._half = half
+        self._sign *= 1.0 - 2.0 * (n % 2)
         return BlockResult(rows, wrenches.feet[:, n - 1], force[:, n - 1])
 
     def extra_wrench(self, samples: Samples) -> Array:
@@ -299,6 +303,8 @@ class RowMaker:
         rising = half_window(n)
         # both halves at once: rising weights first
         weights = np.stack([rising, rising[::-1]])
+        signs = 1.0 - 2.0 * (np.arange(n) % 2)
+        alternating = weights * np.stack([signs[::-1], -signs])  # + at a block's end, - where the next one begins
         links = self.regressor.by_links(wrenches, weights)
         weighted = E * weights[:, None, :, None]
         noisy = (weighted * self.noise.torque).reshape(2, 6, -1)
@@ -312,6 +318,7 @@ class RowMaker:
             weights @ jerk,
             (weights @ joint.reshape(n, -1)).reshape(2, 6, 12),
             noisy @ noisy.transpose(0, 2, 1),
+            alternating @ np.vstack([signals, target]).T,
         )
         sums = [_Sums(*(part[k] for part in halves)) for k in range(2)]
         step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
@@ -394,6 +401,8 @@ class RowMaker:
         C[:, PLACES["accelerometer"]] = -K
         C[:, PLACES["velocity_lag"]] = (L @ total.jerk[12:] - G @ total.jerk[:12])[:, None]
         C[:, PLACES["regression"]] = own_alpha * removed
+        alternating = trunk_matrix(total.alternating[:12]) @ trunk.vector - total.alternating[12:]
+        C[:, PLACES["sampling"].start] = self._sign * alternating
         L_noise = L + K @ skew(self._lever)
         white = _OVERLAP * (total.squared + averaged * noise.accelerometer**2 * (K @ K.T))
         white += _TELESCOPED * differentiated * (noise.gyro**2 * (L_noise @ L_noise.T))

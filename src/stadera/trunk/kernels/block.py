@@ -32,9 +32,9 @@ ARM, AXIS, MASS, MOMENT, TENSOR, ROTOR, VISCOUS, COULOMB, OFFSET = 27, 30, 33, 3
 
 # a half window: sums weighted by its rising half, the same by its falling half, and what is not weighted
 SIGNALS, TARGET, BY_RATE, JERK, JOINT, SQUARED, BY_TERMS, BY_LINKS = 0, 12, 18, 24, 39, 111, 117, 549
-SUMS = 837
-BY_A, BY_ALPHA, BY_JOINTS, MIDDLE, OMEGA, AIR = 1674, 1692, 1710, 1782, 1926, 1929
-AVERAGED, DIFFERENTIATED, END, FEET, FORCE, HALF = 1933, 1934, 1935, 1936, 1948, 1960
+ALTERNATING, SUMS = 837, 855
+BY_A, BY_ALPHA, BY_JOINTS, MIDDLE, OMEGA, AIR = 1710, 1728, 1746, 1818, 1962, 1965
+AVERAGED, DIFFERENTIATED, END, FEET, FORCE, HALF = 1969, 1970, 1971, 1972, 1984, 1996
 
 # as in `stadera.trunk.rows` and `stadera.trunk.noise`
 STEP = 1e-4  # rad, of the differences by joint positions
@@ -609,25 +609,25 @@ def sums(
     height, along, square = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
     for k in range(n):
         rising, falling = window[k], window[n - 1 - k]
+        # alternating: + at a block's end, - where the next one begins
+        plus_minus, minus_plus = rising if (n - 1 - k) % 2 == 0 else -rising, falling if k % 2 == 1 else -falling
         span = 1.0 / (table[k + 2, 0] - table[k, 0])
         omega, alpha, a = trunk_at(table, k + 1, joints, to_imu, span)
         for c in range(3):
             add_number(out, SIGNALS + c, rising, falling, a[c])
             add_number(out, SIGNALS + 3 + c, rising, falling, alpha[c])
+            add_number(out, ALTERNATING + c, plus_minus, minus_plus, a[c])
+            add_number(out, ALTERNATING + 3 + c, plus_minus, minus_plus, alpha[c])
             at = 1 + 3 * joints + c
             turning = (table[k + 2, at] - 2.0 * table[k + 1, at] + table[k, at]) * (4.0 * span * span)
             add_number(out, JERK + 12 + c, rising, falling, turning)
             out[OMEGA + c] += omega[c] / n
-        add(
-            out,
-            SIGNALS + 6,
-            rising,
-            falling,
-            (
-                (omega[0] * omega[0], omega[0] * omega[1], omega[0] * omega[2]),
-                (omega[1] * omega[1], omega[1] * omega[2], omega[2] * omega[2]),
-            ),
+        products = (
+            (omega[0] * omega[0], omega[0] * omega[1], omega[0] * omega[2]),
+            (omega[1] * omega[1], omega[1] * omega[2], omega[2] * omega[2]),
         )
+        add(out, SIGNALS + 6, rising, falling, products)
+        add(out, ALTERNATING + 6, plus_minus, minus_plus, products)
         for which in range(4):
             here = slice(3 * which, 3 * which + 3)
             leg = leg_at(links[which], feet[which], q[k, here], v[k, here], acc[k, here], omega, alpha, a, up)
@@ -659,7 +659,9 @@ def sums(
                 add_number(out, JOINT + 60 + j, rising, falling, left[j])
                 add_link(out, BY_LINKS + 24 * j, rising, falling, body, leg, i, E)
             torque = (left[3 * which], left[3 * which + 1], left[3 * which + 2])
-            add(out, TARGET, rising, falling, target(E, torque, leg[7]))
+            left_over = target(E, torque, leg[7])
+            add(out, TARGET, rising, falling, left_over)
+            add(out, ALTERNATING + 12, plus_minus, minus_plus, left_over)
             force, _ = target(E, torque, (ZERO, ZERO))
             height[k, which], along[k, which], square[k, which] = dot(leg[3], up), dot(force, up), dot(force, force)
             if k == n - 1:
@@ -840,7 +842,7 @@ def rows(
         trunk: (10,), parameters at which errors of the IMU are linearised. lever: (3,) [m], of the IMU.
         trunk_map: (60, 12), `TRUNK_MAP`. variance: (30,), of white noise.
         calibration: (10,), state of `calibrate`. speeds, count: see `still`.
-        places: (17,), first of each error's columns, in the order of `stadera.trunk.compiled_rows.NAMES`.
+        places: (18,), first of each error's columns, in the order of `stadera.trunk.compiled_rows.NAMES`.
         total: (SUMS,), the window's sums. columns: (6, 11 + errors), of A, b and C. white: (6,), variances.
     """
     elapsed: float = second[END] - first[END]
@@ -873,12 +875,15 @@ def rows(
         for j in range(12):
             G[c, j] = 0.5 * (first[BY_JOINTS + 12 * c + j] + second[BY_JOINTS + 12 * c + j])
     for c in range(6):
+        alternating = -total[ALTERNATING + 12 + c]
         for j in range(10):
             value = 0.0
             for s in range(12):
                 value += trunk_map[10 * c + j, s] * signals[s]
+                alternating += trunk_map[10 * c + j, s] * total[ALTERNATING + s] * trunk[j]
             columns[c, j] = value
         columns[c, 10] = total[TARGET + c]
+        columns[c, places[17]] = alternating
     # signs such that positive static friction lifts the trunk
     for j in range(12):
         at = BY_TERMS + 36 * j
