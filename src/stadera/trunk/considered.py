@@ -107,8 +107,10 @@ class Errors:
         if rows is not None:
             rows.update(self.mean, self.covariance)
         place, coulomb = PLACES["stiction"], PLACES["coulomb"]
-        seen = 1.0 if swing.rows else scale  # at rest no residual shows static friction
-        dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(self.covariance)[coulomb] / seen**2)
+        # rows under load tell friction as far as the direction of sliding is known, and noise at rest mimics that
+        dry = np.sqrt(np.diag(model.covariance)[coulomb])
+        if swing.rows:
+            dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(self.covariance)[coulomb])
         ratio = HELD * dry / np.maximum(np.sqrt(np.diag(self.covariance)[place]), 1e-300)
         self.covariance[place] *= ratio[:, None]
         self.covariance[:, place] *= ratio

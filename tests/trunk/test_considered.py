@@ -1,0 +1,24 @@
+"""What the errors' covariance takes from the rows, and what it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stadera.robot import load_robot
+from stadera.trunk.considered import Errors, RowSums
+from stadera.trunk.error_model import ERRORS, HELD, PLACES, ErrorModel
+from stadera.trunk.settings import ModelErrors, SwingDetection
+from stadera.trunk.swing import SwingJoints
+
+
+def test_rows_of_a_robot_that_never_lifted_a_leg_do_not_say_that_its_joints_cannot_stick() -> None:
+    """Noise that passes for sliding in all directions would show no friction at all, and very surely."""
+    model = ErrorModel(load_robot("hyq"), ModelErrors(), 0.7)
+    remainder = np.zeros((1 + ERRORS, 1 + ERRORS))
+    coulomb = np.arange(PLACES["coulomb"].start, PLACES["coulomb"].stop)
+    remainder[1 + coulomb, 1 + coulomb] = 1e6
+    errors = Errors(model, SwingJoints(model, SwingDetection()), 0.5, RowSums(remainder, 100, 5.0))
+    usual = np.sqrt(np.diag(model.covariance))
+    assert (errors.std[coulomb] < 0.01 * usual[coulomb]).all()
+    assert errors.std[PLACES["stiction"]] == pytest.approx(HELD * usual[coulomb])
