@@ -148,30 +148,27 @@ class SampleBuffer:
         self._waiting, self._filled = np.empty((0, 0)), 0
         self._pending: Array | None = None
         self._last, self._step = -inf, inf
+        self._latest = -inf  # time of the last measurement that waits
         self.due = -inf
 
     def gather(self, m: Measurement) -> Array | None:
         """Stores one measurement. Returns the table of all stored ones, for `take`, when a block is full or the
         sequence is broken.
         """
-        k, waiting, joints = self._filled, self._waiting, len(self._joints)
+        k, waiting = self._filled, self._waiting
         if k == len(waiting):
-            more = np.empty((max(k, _ROOM), 7 + 3 * joints + len(m.extra)))
+            more = np.empty((max(k, _ROOM), 7 + 3 * len(self._joints) + len(m.extra)))
             self._waiting = waiting = np.concatenate([waiting, more]) if k else more
         row = waiting[k]
-        before = self._last if k == 0 else max(waiting[k - 1, 0], self._last)
-        row[0] = m.time
-        row[1 : 1 + joints] = m.joint_position
-        row[1 + joints : 1 + 2 * joints] = m.joint_velocity
-        row[1 + 2 * joints : 1 + 3 * joints] = m.effort
-        row[1 + 3 * joints : 4 + 3 * joints] = m.angular_velocity
-        row[4 + 3 * joints : 7 + 3 * joints] = m.specific_force
-        row[7 + 3 * joints :] = m.extra
-        self._filled = k + 1
+        row[0] = time = m.time
+        channels = m.joint_position, m.joint_velocity, m.effort, m.angular_velocity, m.specific_force, m.extra
+        np.concatenate(channels, out=row[1:])
+        follows = max(self._latest, self._last) < time < self.due
+        self._filled, self._latest = k + 1, time
         # a value that is not finite makes the sum of squares not finite
-        if before < m.time < self.due and isfinite(row.dot(row)):
+        if follows and isfinite(row.dot(row)):
             return None
-        self._waiting, self._filled = np.empty_like(waiting), 0
+        self._waiting, self._filled, self._latest = np.empty_like(waiting), 0, -inf
         return waiting[: k + 1]
 
     def take(self, table: Array) -> Iterator[Stretch]:

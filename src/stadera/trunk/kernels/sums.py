@@ -35,21 +35,23 @@ def fold(triangle: Array, rows: Array, root: float, out: Array) -> float:
         # H = 1 - τ v vᵀ with v = (1, rest / (first - last)) takes the column to (last, 0, ...)
         last = -copysign(sqrt(first * first + square), first)
         tau, scale = (last - first) / last, 1.0 / (first - last)
-        for c in range(j + 1, width):
-            along[c] = out[j, c]
+        # over all columns, of which those before j are zero: loops that start at zero are done several columns at once
+        above = out[j]
+        for c in range(width):
+            along[c] = above[c]
         for i in range(n):
-            v = left[i, j] * scale
-            for c in range(j + 1, width):
-                along[c] += v * left[i, c]
-        out[j, j] = last
-        for c in range(j + 1, width):
+            v, row = left[i, j] * scale, left[i]
+            for c in range(width):
+                along[c] += v * row[c]
+        for c in range(width):
             along[c] *= tau
-            out[j, c] -= along[c]
+            above[c] -= along[c]
+        above[j] = last
         for i in range(n):
-            v = left[i, j] * scale
-            left[i, j] = 0.0
-            for c in range(j + 1, width):
-                left[i, c] -= v * along[c]
+            v, row = left[i, j] * scale, left[i]
+            for c in range(width):
+                row[c] -= v * along[c]
+            row[j] = 0.0
     cost = 0.0
     for i in range(n):
         cost += left[i, unknowns] ** 2
