@@ -124,6 +124,24 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
     )
 
 
+def with_usual_drives(robot: Robot, sizes: RealSizes) -> Robot:
+    """The robot that its controller knows: rotor inertia and friction as the middle of what is drawn.
+
+    A manufacturer knows the motors. A controller without their inertia takes the torque that brakes a light leg for
+    touch-down, and drives the foot into the ground with the stance's force: joints reach 25 rad/s, as no real robot's.
+    """
+    limit, middle = effort_limits(robot), {**robot.dynamics}
+    for joint, most in zip(robot.tree.joints, limit.tolist(), strict=True):
+        given = robot.dynamics[joint]
+        middle[joint] = replace(
+            given,
+            armature=given.armature + 0.5 * sum(sizes.rotor) * sizes.rotor_per_limit * most,
+            coulomb=given.coulomb + float(np.sqrt(sizes.coulomb[0] * sizes.coulomb[1])) * most,
+            viscous=given.viscous + float(np.sqrt(sizes.viscous[0] * sizes.viscous[1])) * most,
+        )
+    return replace(robot, dynamics=middle)
+
+
 def noise_of(factor: float) -> SensorErrors:
     """The errors of `STANDARD`, times a factor."""
     sizes = {f.name: getattr(STANDARD, f.name) for f in fields(STANDARD)}

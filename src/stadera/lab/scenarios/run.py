@@ -17,7 +17,7 @@ from stadera.lab.plant import (
     recording_of,
     truth_of,
 )
-from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log
+from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log, with_usual_drives
 from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, scenario_named, trunk_controller_of
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
@@ -93,7 +93,9 @@ def simulate(
         plant.pull(settings.outside)
     sensors = _KeptSensors(settings.sensor_errors, settings.seed, robot)
     sensors.keep(1 if made.draw else settings.every)
-    bed = TestBed(plant, sensors, scenario.controller(made.model, TrunkModel.prior(robot)), hold=settings.hold)
+    bed = TestBed(
+        plant, sensors, scenario.controller(made.controlled or made.model, TrunkModel.prior(robot)), hold=settings.hold
+    )
     script = scenario.script(robot, made.settings, duration)
     moments = _played(bed, sorted(script, key=_when), duration, progress)
     truth = Truth(
@@ -116,13 +118,14 @@ def simulate(
 
 @dataclass(frozen=True, eq=False)
 class _Made:
-    """Parts of a run: plant, model file, ground, and the draw of real errors."""
+    """Parts of a run: plant, model file, ground, the draw of real errors, and the controller's model if another."""
 
     real: Robot
     model: Robot
     terrain: Terrain
     settings: SimulateSettings
     draw: Drawn | None = None
+    controlled: Robot | None = None
 
 
 def _sized(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
@@ -134,7 +137,9 @@ def _sized(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
 
 
 def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
-    """With real errors controller and estimator have the model file's robot; requested settings override drawn ones."""
+    """With real errors the estimator has the model file's robot, the controller usual drives in addition; requested
+    settings override drawn ones.
+    """
     assert settings.real_sizes is not None
     draw = drawn(robot, settings.real_sizes, settings.seed)
     terrain = draw.terrain
@@ -145,7 +150,8 @@ def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
         terrain = replace(terrain, stones=Stones(seed=settings.seed, height=settings.stones))
     draw = replace(draw, terrain=terrain)
     stones = terrain.stones.height if terrain.stones else 0.0
-    return _Made(draw.robot, robot, terrain, replace(settings, stones=stones), draw)
+    usual = with_usual_drives(robot, settings.real_sizes)
+    return _Made(draw.robot, robot, terrain, replace(settings, stones=stones), draw, usual)
 
 
 def _when(event: ScriptEvent) -> float:
