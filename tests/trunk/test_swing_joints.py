@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import Robot, load_robot
+from stadera.trunk import TrunkEstimator
 from stadera.trunk.error_model import PLACES, ErrorModel
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, SwingDetection
@@ -102,3 +106,23 @@ def test_single_wild_samples_are_replaced_and_impacts_stay() -> None:
     step = block(31)
     step.effort[6:, 3] += 60.0  # a step is no single sample
     np.testing.assert_array_equal(filtered.clean(step).effort[:, 3], step.effort[:, 3])
+
+
+@pytest.mark.parametrize(("name", "scenario"), [("anymal_c", "crawl"), ("go2", "trot")])
+def test_rotors_that_the_model_lacks_are_found_by_legs_in_the_air(name: str, scenario: str) -> None:
+    """On four feet each carries a quarter of the weight, and a light leg's rotors seem to carry a third."""
+    model = load_robot(name)
+    limit = {joint: model.limits[joint].effort for joint in model.tree.joints}
+    turned = {joint: replace(model.dynamics[joint], armature=3e-4 * limit[joint]) for joint in model.tree.joints}
+    real = replace(model, dynamics=turned)
+    run = simulate(real, scenario, SimulateSettings("standard", duration=5.0, seed=1, rate=500.0))
+    estimator = TrunkEstimator(model)
+    estimator.add(Samples.of_recording(run.recording, model))
+    place = PLACES["rotor"]
+    joints = [joint for leg in model.legs for joint in leg.joints]
+    found, std = estimator._errors.mean[place], estimator._errors.std[place]
+    truth = np.array([turned[joint].armature for joint in joints])
+    knees = slice(2, None, 3)
+    assert estimator._swing.rows > 50
+    np.testing.assert_allclose(found[knees], truth[knees], rtol=0.2)
+    assert (np.abs(found - truth) < 4.0 * std).all()

@@ -70,7 +70,8 @@ class CompiledFront(Front):
         limits = [self._maker.flat, (swing.load * weight) ** 2, swing.carried * weight, lift, STICTION_VELOCITY]
         columns = np.ascontiguousarray(model.columns.ravel(), dtype=np.int64)
         self._constants = self._joints, columns, link_constants(model), foot_constants(model), lever
-        self._lever, self._limits = lever, np.array([*limits, LEAST_LOAD * weight])
+        limits += [LEAST_LOAD * weight, swing.stands * weight]
+        self._lever, self._limits = lever, np.concatenate([limits, np.zeros(24)])
         self._standing, self._usual, self._state = np.zeros(4), np.zeros(0), np.zeros(compiled.STATE)
         self._first, self._second = np.zeros(compiled.HALF), np.zeros(compiled.HALF)
         self._continues = False
@@ -92,6 +93,10 @@ class CompiledFront(Front):
         self.interrupt()
         self._calibration[:] = 0.0
         self._state[self._compiled.LINES :] = 0.0
+
+    def know_rotors(self, mean: Array, std: Array) -> None:
+        """See `Front.know_rotors`."""
+        self._limits[-24:] = np.concatenate([mean, std])
 
     def block(self, table: Array, trunk: InertialParameters) -> Made:
         """Processes one block: see `Front.block`."""

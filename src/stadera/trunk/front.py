@@ -60,6 +60,12 @@ class Front:
         self._maker.forget()
         self._ground = GroundNormal(self._maker.weight)
 
+    def know_rotors(self, mean: Array, std: Array) -> None:
+        """Takes rotor inertias (12,) [kg·m²], by leg and joint, and their standard deviation, for what a swinging leg
+        seems to carry.
+        """
+        self._maker.rotor, self._maker.rotor_std = mean.reshape(4, 3), std.reshape(4, 3)
+
     def block(self, table: Array, trunk: InertialParameters) -> Made:
         """Processes one block.
 

@@ -54,6 +54,7 @@ from stadera.trunk.wrench import (
 )
 from stadera.types import Array, Bools
 
+_OTHERS = np.ones((4, 4)) - np.eye(4)
 _STANDING = 0.05  # smoothing factor of each foot's usual height, for blocks in which it is loaded
 _STEP = 1e-4  # rad, of the differences by joint positions
 _PROBES = 10  # 3 specific forces, 3 angular accelerations, 3 joint accelerations, and all zero
@@ -179,6 +180,7 @@ class RowMaker:
         self.flat = SINGULAR * self.regressor.length**3
         self._half: _Half | None = None
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
+        self.rotor, self.rotor_std = np.zeros((4, 3)), np.zeros((4, 3))
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
         self._calibration = SignalCalibration()
         self._speeds: deque[Array] = deque(maxlen=LATELY)  # squared, over the noise's variance
@@ -330,7 +332,7 @@ class RowMaker:
             probes=probes,
             middle=self._middle(wrenches, by_leg, force, n),
             angular_velocity=samples.angular_velocity[1:-1].mean(axis=0),
-            air=self._in_the_air(wrenches, force, motion.normal, n),
+            air=self._in_the_air(wrenches, force, motion, n),
             averaged=float(rising @ rising),
             # the window of length 2nT has ẇ = (π / n²T) sin(...) / 2, squared and summed n/2 times
             differentiated=float((np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0),
@@ -351,18 +353,22 @@ class RowMaker:
         by_contact[3:] -= cross(f[:, :, None], _UNIT[:, None])
         return np.hstack([by_position.transpose(0, 2, 1).reshape(6, 12), by_contact.reshape(6, 12)])
 
-    def _in_the_air(self, wrenches: LegWrenches, force: Array, normal: Array, n: int) -> Bools:
-        """Legs (4,) whose foot is lifted off the ground and lightly loaded throughout the block."""
-        height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal[:, :n]) - self._standing
-        light = np.square(force[:, :n]).sum(axis=0) < (self._swing.load * self.weight) ** 2
-        loaded = ~light
-        carried = (loaded * np.einsum("cnl,cn->nl", force[:, :n], normal[:, :n])).sum(axis=1)
-        if carried.min() < self._swing.carried * self.weight:  # the robot lies, hangs, or flies
-            return np.zeros(4, dtype=bool)
-        level = (loaded * height).sum(axis=1, keepdims=True) / loaded.sum(axis=1, keepdims=True)
-        standing = ~light.any(axis=0)
-        self._standing += _STANDING * np.where(standing, (height - level).mean(axis=0), 0.0)
-        return np.asarray(((height - level > self._swing.lift * self.regressor.length) & light).all(axis=0))
+    def _in_the_air(self, wrenches: LegWrenches, force: Array, motion: LegMotions, n: int) -> Bools:
+        """Legs (4,) whose foot is lifted off the ground and lightly loaded throughout the block, while the others carry
+        the robot.
+        """
+        normal, E, acceleration = motion.normal[:, :n], wrenches.to_wrench[:3, :n], motion.acceleration[:n]
+        force = force[:, :n] + (E * self.rotor * acceleration).sum(axis=-1)
+        unsure = np.square(E * self.rotor_std * acceleration).sum(axis=(0, -1))  # (n, 4), of the force squared
+        light = np.square(force).sum(axis=0) < (self._swing.load * self.weight) ** 2 + unsure
+        height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal) - self._standing
+        along = np.einsum("cnl,cn->nl", force, normal)
+        pressed = np.maximum(along, 0.0)
+        carried, lifted = along @ _OTHERS, height - (pressed * height) @ _OTHERS / np.maximum(pressed @ _OTHERS, 1e-9)
+        up = lifted > self._swing.lift * self.regressor.length
+        stands = ((along > self._swing.stands * self.weight) & ~up).all(axis=0)
+        self._standing += _STANDING * np.where(stands, lifted.mean(axis=0), 0.0)
+        return np.asarray((up & light & (carried > self._swing.carried * self.weight)).all(axis=0))
 
     def _rows(self, first: _Half, second: _Half, trunk: InertialParameters) -> BlockRows:
         total = first.rising + second.falling

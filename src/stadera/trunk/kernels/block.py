@@ -37,6 +37,7 @@ BY_A, BY_ALPHA, BY_JOINTS, MIDDLE, OMEGA, AIR = 1710, 1728, 1746, 1818, 1962, 19
 AVERAGED, DIFFERENTIATED, END, FEET, FORCE, HALF = 1969, 1970, 1971, 1972, 1984, 1996
 
 # as in `stadera.trunk.rows` and `stadera.trunk.noise`
+KNOWN = 7  # place of the rotor inertias in `limits`
 STEP = 1e-4  # rad, of the differences by joint positions
 STANDING = 0.05  # smoothing factor of each foot's usual height
 UP, DOWN = exp(0.03), exp(-0.09)  # factors on a variance whose block lies above and below the lower quartile
@@ -412,38 +413,34 @@ def trunk_at(table: Array, k: int, joints: int, lever: Vector, rate: float) -> t
 
 
 @part
-def in_the_air(height: Array, along: Array, square: Array, limits: Array, standing: Array, out: Array) -> None:
+def in_the_air(height: Array, along: Array, heavy: Array, limits: Array, standing: Array, out: Array) -> None:
     """Writes 1 for the legs in the air throughout the block and updates `standing`, as `RowMaker._in_the_air`.
 
     Args:
-        height, along, square: (n, 4), of the feet, of the forces along the normal, and of the forces squared.
+        height, along: (n, 4), of the feet, and of the forces along the normal.
+        heavy: (n, 4), by how much the squared force exceeds that of a light foot.
         limits: see `block`.
     """
-    n = len(height)
-    level = np.empty(n)
-    for k in range(n):
-        carried = loaded = total = 0.0
-        for leg in range(4):
-            if square[k, leg] >= limits[1]:
-                carried += along[k, leg]
-                total += height[k, leg] - standing[leg]
-                loaded += 1.0
-        if carried < limits[2]:
-            return
-        level[k] = total / loaded
+    n, moved = len(height), np.zeros(4)
     for leg in range(4):
-        all_light = all_loaded = True
-        lifted, mean = True, 0.0
+        air = stands = True
+        mean = 0.0
         for k in range(n):
-            above = height[k, leg] - standing[leg] - level[k]
-            light = square[k, leg] < limits[1]
-            all_light &= light
-            all_loaded &= not light
-            lifted &= above > limits[3]
-            mean += above / n
-        out[AIR + leg] = 1.0 if all_light and lifted else 0.0
-        if all_loaded:
-            standing[leg] += STANDING * mean
+            carried = pressed = level = 0.0
+            for other in range(4):
+                if other != leg:
+                    carried += along[k, other]
+                    pressed += max(along[k, other], 0.0)
+                    level += max(along[k, other], 0.0) * (height[k, other] - standing[other])
+            lifted = height[k, leg] - standing[leg] - level / max(pressed, 1e-9)
+            up = lifted > limits[3]
+            air &= up and heavy[k, leg] < 0.0 and carried > limits[2]
+            stands &= not up and along[k, leg] > limits[6]
+            mean += lifted / n
+        out[AIR + leg] = 1.0 if air else 0.0
+        moved[leg] = STANDING * mean if stands else 0.0
+    for leg in range(4):
+        standing[leg] += moved[leg]
 
 
 # -- before the rows ---------------------------------------------------------------------------------------------------
@@ -606,7 +603,7 @@ def sums(
     noise = variance.copy()
     if quartile > 0.0:
         learn_noise(table, columns, joints, quartile, prior, noise)
-    height, along, square = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
+    height, along, heavy = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
     for k in range(n):
         rising, falling = window[k], window[n - 1 - k]
         # alternating: + at a block's end, - where the next one begins
@@ -663,11 +660,17 @@ def sums(
             add(out, TARGET, rising, falling, left_over)
             add(out, ALTERNATING + 12, plus_minus, minus_plus, left_over)
             force, _ = target(E, torque, (ZERO, ZERO))
-            height[k, which], along[k, which], square[k, which] = dot(leg[3], up), dot(force, up), dot(force, force)
             if k == n - 1:
                 for c in range(3):
                     out[FEET + 4 * c + which], out[FORCE + 4 * c + which] = leg[3][c], force[c]
                 add_probes(out, links[which], leg, which)
+            light = limits[1]
+            for i in range(3):
+                j = 3 * which + i
+                force = plus(force, times(limits[KNOWN + j] * acc[k, j], E[i][0]))
+                light += dot(E[i][0], E[i][0]) * (limits[KNOWN + 12 + j] * acc[k, j]) ** 2
+            height[k, which], along[k, which] = dot(leg[3], up), dot(force, up)
+            heavy[k, which] = dot(force, force) - light
     k = n // 2
     omega, alpha, a = trunk_at(table, k + 1, joints, to_imu, 1.0 / (table[k + 2, 0] - table[k, 0]))
     for which in range(4):
@@ -695,7 +698,7 @@ def sums(
     if singular < 4:
         return singular
     variance[:] = noise
-    in_the_air(height, along, square, limits, standing, out)
+    in_the_air(height, along, heavy, limits, standing, out)
     step = (table[n, 0] - table[1, 0]) / (n - 1) if n > 1 else 0.02
     for k in range(n):
         out[AVERAGED] += window[k] ** 2
@@ -736,8 +739,9 @@ def block(
         lever: (3,) [m], of the IMU.
         window: (n,), its rising half.
         variance, prior: (30,), of white noise; the first is updated. quartile: see `WhiteNoise`; 0 for too few samples.
-        limits: (6,), det J [m³], squared force of a light foot [N²], force that must be carried [N], height of a lifted
-            foot [m], velocity of the friction law [rad/s], load of a foot that carries [N].
+        limits: (31,), det J [m³], squared force of a light foot [N²], force that the others must carry [N], height of a
+            lifted foot [m], velocity of the friction law [rad/s], loads of a foot for the ground's normal and of one
+            that stands [N]; from `KNOWN` on the joints' rotor inertia and its standard deviation, (12,) each [kg·m²].
         standing: (4,) [m], usual heights of the feet, updated.
         usual: squared noise of each column of the table, updated. state: (STATE,), updated.
         table: as `raw`, the samples without spikes. out: (HALF,), the half window.
