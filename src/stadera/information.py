@@ -9,7 +9,7 @@ up by the triangular factor of a QR::
 Batch and recursive least squares, forgetting, merging and prior information are operations on R, z, G and ρ. R has
 twice the digits of HᵀH, and a column's unit does not matter, for Householder QR treats each column by itself.
 
-The errors p are consider parameters (Schmidt 1966): the estimate R⁻¹z takes them for zero and is off by -R⁻¹G p, so its
+The errors p are consider parameters (Schmidt 1966): the estimate R⁻¹z takes them for zero and is off by R⁻¹G p, so its
 covariance is ``R⁻¹R⁻ᵀ + (R⁻¹G)(R⁻¹G)ᵀ``. An error that acts alike on two unknowns cancels in their difference.
 
 Unknowns are named blocks, of one entry or more: ``known.mean[known["theta"]]``.

@@ -248,6 +248,15 @@ def test_sampling_errors_that_repeat_add_up(block: int) -> None:
     assert abs(np.sign(column).sum()) == len(column)
 
 
+def test_few_samples_a_block_tell_no_sampling_errors() -> None:
+    """At 50 and 100 Hz the difference between two samples is motion, and would explain any residual."""
+    m, place = motion(), PLACES["sampling"].start
+    for step, block in ((20, 1), (10, 2)):
+        made = rows_of(samples(m)[::step], robot(), m.normal[::step], block)
+        assert made
+        assert not any(rows.errors[:, place].any() for rows in made)
+
+
 def test_a_joint_that_turns_back_does_not_stand() -> None:
     """The joints of a walk, which stop at every turn, slide in all rows; none sticks."""
     later = clean()[25:]

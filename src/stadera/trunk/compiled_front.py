@@ -16,7 +16,7 @@ from stadera.trunk.error_model import ERRORS, PLACES
 from stadera.trunk.front import BLIND, Front, Made
 from stadera.trunk.ground import LEAST_LOAD
 from stadera.trunk.noise import lower_quartile
-from stadera.trunk.rows import LATELY, BlockRows, SwingRows, half_window
+from stadera.trunk.rows import LATELY, RESOLVED, BlockRows, SwingRows, half_window
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
 from stadera.trunk.wrench import TRUNK_MAP
@@ -122,12 +122,12 @@ class CompiledFront(Front):
             return Made(None, BLIND if refused == 4 else refused)
         if self._maker.extra is not None and table.shape[1] > 7 + 3 * self._joints:
             self._take_out_extra(Samples.of_table(cleaned, self._joints), half)
-        rows = self._rows(self._first, half, trunk) if self._continues else None
+        rows = self._rows(self._first, half, trunk, n) if self._continues else None
         self._first, self._second, self._continues = half, self._first, True
         self._sign *= 1.0 - 2.0 * (n % 2)
         return Made(rows)
 
-    def _rows(self, first: Array, second: Array, trunk: InertialParameters) -> BlockRows:
+    def _rows(self, first: Array, second: Array, trunk: InertialParameters, n: int) -> BlockRows:
         c = self._compiled
         total, columns, white = np.empty(c.SUMS), np.empty((6, 11 + ERRORS)), np.empty(6)
         elapsed = c.rows(
@@ -146,7 +146,7 @@ class CompiledFront(Front):
             white,
         )
         self._count += 1
-        columns[:, _SAMPLING] *= self._sign
+        columns[:, _SAMPLING] *= self._sign * (n >= RESOLVED)
         air = first[c.AIR : c.AIR + 4] * second[c.AIR : c.AIR + 4] > 0.0
         joint = total[c.JOINT : c.JOINT + 72].reshape(6, 12)
         return BlockRows(float(second[c.END]), elapsed, columns, white, SwingRows(air, joint[:4], joint[4], joint[5]))

@@ -218,7 +218,7 @@ class Segment:
 
     @property
     def sensitivity(self) -> Array:
-        """K (10, ERRORS): the estimate's error due to p is -K p."""
+        """K (10, ERRORS): errors p that are not subtracted move the estimate by K p."""
         return self.solution[:, 1:]
 
     @cached_property
