@@ -1,15 +1,12 @@
 """Online estimator of the trunk's ten parameters for a robot that stands, walks, trots or sways.
 
 1. Each block of 20 ms gives six equations A θ + C p = b of the trunk (`trunk.rows`) and, for legs in the air, equations
-of
-   their joints alone (`trunk.swing`). θ are the trunk's ten parameters, p the errors of the robot's model.
+   of their joints alone (`trunk.swing`). θ are the trunk's ten parameters, p the errors of the robot's model.
 2. The joints' part of p (rotor inertia, friction, offset, torque lag) is estimated from legs in the air, whose
-equations
-   contain no weight. θ is estimated under load with the present estimate of p; the rest of p enters the error bars
-   (`trunk.segment`), scaled by the residuals (`trunk.fit`).
+   equations contain no weight. θ is estimated under load with the present estimate of p; the rest of p enters the error
+   bars (`trunk.segment`), scaled by the residuals (`trunk.fit`).
 3. Averages over the last 0.1 to 1 s are compared with the earlier estimate (`trunk.changes`). After a change of the
-load θ
-   is estimated anew; the joints' estimates are kept.
+   load θ is estimated anew; the joints' estimates are kept.
 4. A tare stores the present trunk; the payload is the difference from it, in which constant errors cancel.
 
 The motion is arbitrary. Quantities that it does not excite, such as height and inertia of a robot at rest, keep their
