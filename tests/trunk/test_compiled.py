@@ -22,10 +22,12 @@ from stadera.trunk import Samples, SwingDetection, TrunkEstimator
 from stadera.trunk.changes import ChangeDetector
 from stadera.trunk.compiled_changes import CompiledDetector
 from stadera.trunk.compiled_front import CompiledFront, front
-from stadera.trunk.error_model import ERRORS, PLACES
+from stadera.trunk.considered import RowSums
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.front import BLIND, Front
 from stadera.trunk.segment import Segment, WeightedRows
-from stadera.trunk.settings import ChangeSettings
+from stadera.trunk.settings import ChangeSettings, ModelErrors
+from stadera.trunk.swing import SwingJoints
 from walking import Walk, recorded, walked
 
 pytest.importorskip("numba")
@@ -207,6 +209,31 @@ def test_a_sum_of_rows_is_lapacks(without_numba: Callable[[], None]) -> None:
     assert_near(solution, reference.solution, "solution")
     assert compiled.cost == pytest.approx(reference.cost, rel=1e-12)
     assert compiled.count == reference.count
+
+
+def test_errors_from_rows_and_swinging_legs_are_those_of_numpy(without_numba: Callable[[], None]) -> None:
+    """Also of a model without rotors' errors, whose covariance is singular."""
+    rng = np.random.default_rng(8)
+    columns = rng.standard_normal((300, 1 + ERRORS))
+    rows = RowSums(columns.T @ columns, 50, 5.0)
+
+    def estimated(sizes: ModelErrors) -> list[np.ndarray]:
+        rng = np.random.default_rng(9)
+        model = ErrorModel(robot("hyq"), sizes, 0.7)
+        swing = SwingJoints(ErrorModel(robot("hyq"), ModelErrors(), 0.7), SwingDetection())
+        for _ in range(60):
+            air, terms = rng.uniform(size=4) < 0.4, rng.standard_normal((4, 12))
+            swing.add(air, terms, *rng.standard_normal((2, 12)), np.full(12, 0.5))
+        mean, covariance = np.zeros(ERRORS), model.scaled(0.7)
+        rows.update(mean, covariance)
+        return [mean, covariance, *swing.posterior(1.0), *swing.posterior(0.4)]
+
+    both = (ModelErrors(), ModelErrors(rotor=0.0))
+    compiled = [estimated(sizes) for sizes in both]
+    without_numba()
+    for sizes, found in zip(both, compiled, strict=True):
+        for k, (a, b) in enumerate(zip(found, estimated(sizes), strict=True)):
+            assert_near(a, b, f"part {k}")
 
 
 def test_past_averages_are_those_of_numpy() -> None:

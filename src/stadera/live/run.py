@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -61,6 +62,9 @@ def run(
         link = ZenohLink(source.endpoints, source.topics, put, requests, worker.ask)
         session.intake.announced = link.announced
         worker.sinks = (link.publish, *([] if recorder is None else [recorder.sent]), *sinks)
+        # the collector of cyclic garbage would look through all modules and models now and then, for up to 80 ms
+        gc.collect()
+        gc.freeze()
         worker.start()
         if source.log is not None:
             frame, fix = session.imu_frame, session.fix
@@ -70,6 +74,7 @@ def run(
                 pass
     finally:
         worker.stop()
+        gc.unfreeze()
         if link is not None:
             link.close()
         if recorder is not None:

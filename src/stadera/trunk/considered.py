@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stadera.compiled import kernel
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import BLOCKS, ERRORS, HELD, JOINTS, PLACES, SHOWN, ErrorModel
@@ -17,6 +18,7 @@ from stadera.types import Array
 
 _QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
 _UNIT = 0.01  # of weight, and of weight times leg length: the unit of the rows
+_EDGES = np.array([SHOWN.stop, JOINTS.stop, BLOCKS[1].start, BLOCKS[1].stop])
 
 
 def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRows:
@@ -63,6 +65,10 @@ class RowSums:
     def update(self, mean: Array, covariance: Array) -> None:
         """Updates p̂ (ERRORS,) and Σ (ERRORS, ERRORS), which is diagonal outside `BLOCKS`, in place."""
         if not self.blocks:
+            return
+        compiled = kernel("stadera.trunk.kernels.errors")
+        if compiled is not None:
+            compiled.update(mean, covariance, self.remainder, self.blocks, self.repeated, _QUIETEST, _EDGES)
             return
         along = self.remainder[1:, 0] - self.remainder[1:, 1:][:, JOINTS] @ mean[JOINTS]
         square = float(self.remainder[0, 0] - (self.remainder[1:, 0] + along) @ mean)

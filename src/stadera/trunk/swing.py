@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from stadera.compiled import kernel
 from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array
@@ -94,6 +95,18 @@ class SwingJoints:
         return self._found[scale]
 
     def _solved(self, scale: float) -> tuple[Array, Array]:
+        compiled, repeated = kernel("stadera.trunk.kernels.errors"), self._settings.repeated
+        if compiled is None:
+            mean, covariance, loud = self._solved_by_lapack(scale)
+        else:
+            mean, covariance = np.empty(_COUNT), np.empty((_COUNT, _COUNT))
+            sums = self._normal, self._right, self._square, self.rows
+            loud = compiled.posterior(*sums, self._prior, scale, repeated, _QUIETEST, mean, covariance)
+        if self.rows > _ENOUGH and scale == 1.0:
+            self._last, self._limit_square = mean, _WILD**2 * loud / repeated
+        return mean, covariance
+
+    def _solved_by_lapack(self, scale: float) -> tuple[Array, Array, float]:
         loud, information, mean = self._settings.repeated, self._prior, self._right
         factor = information
         for _ in range(2):  # the second pass uses the first one's residual
@@ -102,7 +115,5 @@ class SwingJoints:
             if self.rows > _COUNT:
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
                 loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
-        if self.rows > _ENOUGH and scale == 1.0:
-            self._last, self._limit_square = mean, _WILD**2 * loud / self._settings.repeated
         upper = np.triu(lapack.dpotri(factor)[0])
-        return mean, upper + np.triu(upper, 1).T
+        return mean, upper + np.triu(upper, 1).T, loud
