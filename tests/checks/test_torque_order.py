@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
 import pytest
 
+from stadera.errors import UntrustedError
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.weigh import diagnose
+from stadera.weigh.weigh import weigh
 
 PAIRS = [("LF", "RF"), ("LH", "RH"), ("LF", "LH"), ("RF", "RH"), ("LF", "RH"), ("RF", "LH")]
 
 
 @cache
-def log_of(name: str, scenario: str, seed: int, loaded: bool = False) -> Recording:
+def log_of(name: str, scenario: str, seed: int, loaded: bool = False, seconds: float = 4.0) -> Recording:
     robot = load_robot(name)
     load = Load(0.1 * robot.mass, "kg", (0.05, 0.06, 0.15)) if loaded else None
-    settings = SimulateSettings("real", load, duration=4.0, rate=250.0, seed=seed, hold=2, load_time=2.0)
+    settings = SimulateSettings("real", load, duration=seconds, rate=250.0, seed=seed, hold=2, load_time=0.5 * seconds)
     return simulate(robot, scenario, settings).recording
 
 
@@ -40,6 +43,7 @@ def swapped(log: Recording, name: str, pair: tuple[str, str]) -> Recording:
         ("hyq", "shake", 12, True),
         ("anymal_c", "crawl", 13, False),
         ("b1", "stand", 14, True),
+        ("hyq", "trot", 15, True),
     ],
 )
 def test_nothing_is_found_in_a_clean_log(name: str, scenario: str, seed: int, loaded: bool) -> None:
@@ -67,3 +71,30 @@ def test_on_a_robot_that_stands_feet_that_push_against_each_other_are_a_doubt(pa
     assert finding.cause == "pushing"
     assert not finding.fatal
     assert f"feet {pair[0]} and {pair[1]} would push against each other" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario", "seed", "joint"),
+    [
+        ("hyq", "trot", 17, "lf_haa_joint"),
+        ("hyq", "trot", 17, "rf_hfe_joint"),
+        ("anymal_c", "crawl", 13, "LF_HFE"),
+        ("go2", "shake", 12, "FL_thigh_joint"),
+        ("go2", "shake", 12, "FR_calf_joint"),
+    ],
+)
+def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, seed: int, joint: str) -> None:
+    """By a tenth of its limit, and with a load of a tenth of the robot at the same time."""
+    robot, log = load_robot(name), log_of(name, scenario, seed, True, 6.0)
+    assert diagnose(log, robot) == ()
+    assert log.effort is not None
+    effort = log.effort.copy()
+    effort[log.time > 3.0, log.index(joint)] += 0.1 * robot.limits[joint].effort
+    (finding,) = diagnose(replace(log, effort=effort), robot)
+    assert finding.cause == "torque_step"
+    assert repr(joint) in finding.message
+    when = re.search(r"at about ([\d.]+) s", finding.message)
+    assert when is not None
+    assert float(when[1]) == pytest.approx(3.0, abs=0.5)
+    with pytest.raises(UntrustedError, match=f"torque step: the torque of .*{joint}"):
+        weigh(robot, replace(log, effort=effort), (0.0, 2.9))

@@ -22,6 +22,7 @@ from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
 from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
 from stadera.checks.torque_order import pushing_at_rest, swapped_in_motion
+from stadera.checks.torque_steps import torque_step
 from stadera.checks.units import (
     gravity_findings,
     gyro_findings,
@@ -234,13 +235,22 @@ def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
 
 
 def _torque_order(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
-    """Torques of legs that are swapped with those of others: certain in motion, a doubt at rest."""
+    """Torques of legs that are swapped with those of others, certain in motion and a doubt at rest, and a torque that
+    jumps.
+    """
     limits = model.limits
-    if (found := swapped_in_motion(footing, limits)) is not None:
+    found, step = swapped_in_motion(footing, limits), torque_step(footing, limits)
+    if found is not None and (step is None or found[1] > step.deviations**2):
         hypothesis, gain = found
         text = f"{hypothesis.text}: with them in the right order the trunk balances as it moves"
         odds = f"{text} (likelihood higher by e^{0.5 * gain:.0f}, allowing for friction and other errors of models)"
         yield Finding(hypothesis.cause, odds, hypothesis.option, hypothesis.mend)
+    elif step is not None:
+        first, *others = map(repr, step.joints)
+        text = f"the torque of {first}{''.join(f' or {other}' for other in others[:2])} jumps"
+        how = f"by {step.size:.3g} N·m at about {step.time:.1f} s, which neither the motion nor a load explains"
+        yield Finding("torque_step", f"{text} {how} ({step.deviations:.1f} standard deviations)")
+    if found is not None or step is not None:
         return
     for push in pushing_at_rest(footing, limits):
         yield Finding("pushing", f"{push}; let the robot sway to decide it")

@@ -28,7 +28,7 @@ class Finding:
     """A fault of a log.
 
     Attributes:
-        cause: one word: one of FATAL, or dropout, stuck, orientation, pushing, not_on_feet,
+        cause: one word: one of FATAL, or dropout, stuck, orientation, pushing, torque_step, not_on_feet,
             contradiction.
         message: the fault and the evidence for it, one sentence.
         option: command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`.

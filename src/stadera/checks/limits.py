@@ -53,6 +53,15 @@ class CheckLimits:
         order_repeated: number of successive instants that share one model error: a tenth of a second.
         order_gain: -2 log of the likelihood's ratio above which the torques are those of other legs: 2 ln(23 / 0.001),
             one in a thousand with 23 orders. In clean logs, swaying, crawling and trotting, every other order loses.
+        step_span, step_side: time before and after a possible step of a torque that is tested, most and least [s].
+        step_every: time between tests [s].
+        step_gain: z² of a step above which it is one: 2 ln(12 x 250 / 0.001) for joints and times of a minute. Clean
+            crawls, sways and trots stay below 20.
+        step_least: least size, as a share of the torque's limit. step_seen: share of a step's effect on the rows that
+            no load and no other error explains, below which it is not seen. step_alike: difference in z² within
+            which other joints are named with it.
+        step_lively: share of instants with motion before and after. step_scatter: scatter of the rows, in % of the
+            weight, above which they are too rough for the test.
         pushing: force of two feet against each other as a share of their load that swapped torques would explain;
             push_left: share of it that may remain once they are swapped. In clean logs it is below 0.05, in a
             real walk of a Go2 0.2.
@@ -104,6 +113,15 @@ class CheckLimits:
     order_fewest: int = 50
     order_repeated: float = 2.5
     order_gain: float = 20.0
+    step_span: float = 2.5
+    step_side: float = 1.0
+    step_every: float = 0.24
+    step_gain: float = 30.0
+    step_least: float = 0.03
+    step_seen: float = 0.02
+    step_alike: float = 10.0
+    step_lively: float = 0.6
+    step_scatter: float = 3.0
     pushing: float = 0.25
     push_left: float = 0.25
     slow: float = 0.5

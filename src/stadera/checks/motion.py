@@ -32,7 +32,7 @@ from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
 from stadera.inertia import skews
 from stadera.legs.model import cross
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 Places = NDArray[np.int64]
 
@@ -112,14 +112,20 @@ def _means(gain: Array) -> Array:
     return np.asarray(np.add.reduceat(gain, first) / np.diff(first, append=len(gain)))
 
 
+def moving(footing: Footing, limits: CheckLimits) -> Bools:
+    """Instants in which the robot moves, (instants,), of a log with an IMU."""
+    omega, length = footing.blocks.angular_velocity, footing.legs.length
+    assert omega is not None
+    motion = (np.nan_to_num(footing.states.speed) ** 2).sum(axis=(0, 1)) / 4.0 + length**2 * (omega**2).sum(axis=1)
+    return np.asarray(motion > (limits.lively_motion * limits.slide * length) ** 2)
+
+
 def _slide(footing: Footing, limits: CheckLimits) -> tuple[Array, float]:
     """Costs of sliding feet, and the share of instants with motion."""
     omega, length, states = footing.blocks.angular_velocity, footing.legs.length, footing.states
     assert omega is not None
     usual = limits.slide * length
-    speed = np.nan_to_num(states.speed)
-    motion = (speed**2).sum(axis=(0, 1)) / 4.0 + length**2 * (omega**2).sum(axis=1)
-    moving = motion > (limits.lively_motion * usual) ** 2
+    speed, moves = np.nan_to_num(states.speed), moving(footing, limits)
     carried = (footing.forces * footing.up.T[:, None]).sum(axis=0) / (footing.robot.mass * GRAVITY)
     load = np.clip(carried - limits.carries, 0.0, 1.0)
     enough = (load > 0).sum(axis=0) >= 2
@@ -128,9 +134,9 @@ def _slide(footing: Footing, limits: CheckLimits) -> tuple[Array, float]:
     spread = (weight * (velocity - (weight * velocity).sum(axis=1, keepdims=True)) ** 2).sum(axis=(0, 1))
     # the variance of a weighted mean of few loses one degree of freedom
     spread /= np.maximum(1.0 - (weight**2).sum(axis=0), 1e-3)
-    cost = np.where(moving, np.log1p(spread / usual**2), 0.0)
+    cost = np.where(moves, np.log1p(spread / usual**2), 0.0)
     known = enough & np.isfinite(states.speed).all(axis=(0, 1))
-    return np.where(known, cost, np.nan), float(moving.mean()) if len(moving) else 0.0
+    return np.where(known, cost, np.nan), float(moves.mean()) if len(moves) else 0.0
 
 
 def _unbalance(footing: Footing, limits: CheckLimits) -> Array:

@@ -43,7 +43,7 @@ _STEP = 1e-4  # rad, of the differences by joint positions
 _SCALES = np.logspace(-3.0, 3.0, 49)  # s², in rows of 1 % of the weight
 _OF_TORQUES = ("gain", "torque_lag", "encoder")
 _OTHERS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer")
-_LOOSE = 0.01  # of the prior's precision, in units of the robot's mass and leg length
+LOOSE = 0.01  # precision of the trunk's prior, in units of the robot's mass and leg length
 _PAIRS = ((0, 1), (2, 3))  # front and hind feet
 
 
@@ -112,6 +112,47 @@ class _Rows:
 
     @classmethod
     def of(cls, footing: Footing) -> _Rows:
+        rows, group = InstantRows.of(footing), footing.blocks.group
+        products, count, second = rows.both.T @ rows.both, 0, np.repeat(group, 6)
+        for one in np.unique(group):
+            at = np.flatnonzero(second == one)
+            A = np.vstack([rows.matrix[at], LOOSE * np.eye(10)])
+            explained = np.linalg.qr(A)[0][: len(at)].T @ rows.both[at]
+            products -= explained.T @ explained
+            count += max(len(at) - 10, 0)
+        return cls(products, rows.fixed, count, rows.root)
+
+    def cost(self, order: Sequence[int], limits: CheckLimits) -> float:
+        """-2 log L of the torques in this order."""
+        chosen = sums(len(self.products), self.fixed, order)
+        products = chosen.T @ self.products @ chosen
+        products[1:] = self.root.T @ products[1:]
+        products[:, 1:] = products[:, 1:] @ self.root
+        return Likelihood.of(products, self.count, limits.order_repeated).cost
+
+
+@dataclass(frozen=True, eq=False)
+class InstantRows:
+    """Rows of the trunk at some instants, in units of 1 % of the weight.
+
+    Attributes:
+        both: (6 n, c), see `_Rows.products`. fixed: number of errors that do not depend on the torques.
+        matrix: (6 n, 10), A, with θ in units of the robot's mass and leg length.
+        root: (p, p), root of the errors' covariance.
+        by_offset: (6 n, 12), effect on b of offsets of the torques, each of the size of its limit.
+        limit: (12,) [N·m], by leg and joint.
+    """
+
+    both: Array
+    fixed: int
+    matrix: Array
+    root: Array
+    by_offset: Array
+    limit: Array
+
+    @classmethod
+    def of(cls, footing: Footing) -> InstantRows:
+        """Computes the rows of a log with an IMU."""
         robot, b = footing.robot, footing.blocks
         legs = BaseWrenchRegressor(robot)
         a, omega = footing.specific_force, b.angular_velocity
@@ -149,39 +190,55 @@ class _Rows:
         both = np.hstack([_flat(unloaded, scale), fixed, *(_flat(x, scale) for x in of_torques)])
         matrix = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale[:, None]
         size = robot.mass * np.array([1.0, *[0.5 * legs.length] * 3, *[0.5 * legs.length**2] * 6])
-        products, count, second = both.T @ both, 0, np.repeat(b.group, 6)
-        for group in np.unique(b.group):
-            rows = np.flatnonzero(second == group)
-            A = np.vstack([(matrix * size).reshape(6 * n, 10)[rows], _LOOSE * np.eye(10)])
-            explained = np.linalg.qr(A)[0][: len(rows)].T @ both[rows]
-            products -= explained.T @ explained
-            count += max(len(rows) - 10, 0)
-        return cls(products, fixed.shape[1], count, root)
+        return cls(
+            both,
+            fixed.shape[1],
+            (matrix * size).reshape(6 * n, 10),
+            root,
+            _flat(-E, scale) * model.limit,
+            model.limit,
+        )
 
-    def cost(self, order: Sequence[int], limits: CheckLimits) -> float:
-        """-2 log L of the torques in this order."""
-        products = self._sums(order).T @ self.products @ self._sums(order)
-        products[1:] = self.root.T @ products[1:]
-        products[:, 1:] = products[:, 1:] @ self.root
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """Of rows from which θ was eliminated.
+
+    Attributes:
+        cost: -2 log L.
+        variance: s² k of a row.
+        value, vector: eigenvalues and vectors of Cᵀ C, with p in units of its usual size.
+    """
+
+    cost: float
+    variance: float
+    value: Array
+    vector: Array
+
+    @classmethod
+    def of(cls, products: Array, count: int, repeated: float) -> Likelihood:
+        """From the products of b and C, (1 + p, 1 + p), over `count` rows, of which `repeated` share an error."""
         value, vector = np.linalg.eigh(products[1:, 1:])
         value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
-        k = limits.order_repeated * _SCALES[:, None]
+        k = repeated * _SCALES[:, None]
         squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
-        spread = self.count / limits.order_repeated * np.log(_SCALES) + np.log1p(value / k).sum(axis=1)
-        return float((squares + spread).min())
+        costs = squares + count / repeated * np.log(_SCALES) + np.log1p(value / k).sum(axis=1)
+        best = int(np.argmin(costs))
+        return cls(float(costs[best]), float(k[best, 0]), value, vector)
 
-    def _sums(self, order: Sequence[int]) -> Array:
-        """(c, 1 + p): which columns make b and C of the torques in this order."""
-        first = 1 + self.fixed
-        legs = 4 * np.array(order) + np.arange(4)  # places of (m, l)
-        joints = (3 * legs[:, None] + np.arange(3)).ravel()
-        out = np.zeros((len(self.products), first + 12 + 1 + 12))
-        out[np.arange(first), np.arange(first)] = 1.0
-        out[first + joints, 0] = 1.0
-        out[first + joints, first + np.arange(12)] = 1.0
-        out[first + 48 + legs, first + 12] = 1.0
-        out[first + 64 + joints, first + 13 + np.arange(12)] = 1.0
-        return out
+
+def sums(columns: int, fixed: int, order: Sequence[int]) -> Array:
+    """(c, 1 + p): which of `InstantRows.both` make b and C of the torques in this order."""
+    first = 1 + fixed
+    legs = 4 * np.array(order) + np.arange(4)  # places of (m, l)
+    joints = (3 * legs[:, None] + np.arange(3)).ravel()
+    out = np.zeros((columns, first + 12 + 1 + 12))
+    out[np.arange(first), np.arange(first)] = 1.0
+    out[first + joints, 0] = 1.0
+    out[first + joints, first + np.arange(12)] = 1.0
+    out[first + 48 + legs, first + 12] = 1.0
+    out[first + 64 + joints, first + 13 + np.arange(12)] = 1.0
+    return out
 
 
 def _flat(values: Array, scale: Array) -> Array:

@@ -27,7 +27,13 @@ WITH_IMU, WITHOUT_IMU = "contact", "poses"
 """Default methods at rest."""
 
 _FIRST = 256  # samples read to determine the channels and the sampling rate
-_VERDICTS: dict[str, Verdict] = {"contradiction": "bad", "not_on_feet": "bad", "stuck": "bad", "pushing": "doubtful"}
+_VERDICTS: dict[str, Verdict] = {
+    "contradiction": "bad",
+    "not_on_feet": "bad",
+    "stuck": "bad",
+    "torque_step": "bad",
+    "pushing": "doubtful",
+}
 
 
 def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
