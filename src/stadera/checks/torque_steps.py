@@ -52,15 +52,20 @@ def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:
     rows = InstantRows.of(footing)
     recorded = rows.both @ sums(rows.both.shape[1], rows.fixed, (0, 1, 2, 3))
     recorded[:, 1:] = recorded[:, 1:] @ rows.root
-    found = [(*_tested(rows, recorded, span, at, limits), span.start + at) for span, at in spans]
-    squares, sizes, at = max(found, key=lambda entry: float(entry[0].max()))
+    found = {k: _tested(rows, recorded, *spans[k], limits) for k in range(0, len(spans), 2)}
+    near = max(found, key=lambda k: float(found[k][0].max()))
+    found |= {k: _tested(rows, recorded, *spans[k], limits) for k in (near - 1, near + 1) if 0 <= k < len(spans)}
+    k = max(found, key=lambda k: float(found[k][0].max()))
+    (squares, sizes), (span, at) = found[k], spans[k]
     best = int(np.argmax(squares))
     if squares[best] < limits.step_gain or abs(sizes[best]) < limits.step_least:
         return None
     names = [joint for leg in footing.robot.legs for joint in leg.joints]
     alike = [k for k in np.argsort(-squares) if squares[k] > squares[best] - limits.step_alike]
     size = float(sizes[best] * rows.limit[best])
-    return TorqueStep(tuple(names[k] for k in alike), float(blocks.time[at]), size, float(np.sqrt(squares[best])))
+    return TorqueStep(
+        tuple(names[k] for k in alike), float(blocks.time[span.start + at]), size, float(np.sqrt(squares[best]))
+    )
 
 
 def _spans(time: Array, lively: Bools, limits: CheckLimits) -> Iterator[tuple[slice, int]]:
