@@ -9,7 +9,7 @@ import pytest
 
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
-from stadera.trunk.considered import Errors, robot_weight, weighted
+from stadera.trunk.considered import Errors, robot_weight, unit_of_rows, weighted
 from stadera.trunk.error_model import ERRORS, INVISIBLE, PLACES, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.rows import RowMaker
@@ -37,7 +37,7 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
     for k in range(0, len(s) - BLOCK - 2, BLOCK):
         block = maker.block(s[k : k + BLOCK + 2], motion.normal[k + BLOCK // 2], trunk).rows
         if block is not None:
-            made.append(weighted(block, robot_weight(ROBOT), maker.regressor.length))
+            made.append(weighted(block, unit_of_rows(robot_weight(ROBOT), maker.regressor.length)))
     length = maker.regressor.length
     return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
 

@@ -135,12 +135,10 @@ class Blocks:
         """Appends a block; p (ERRORS,) are the model errors."""
         if self.end == len(self._rows):
             self._move()
+        if errors is not self._errors:
+            self._errors, self._valid = errors, self.end
         self._write(rows, self.end)
         self.end, self.count = self.end + 1, min(self.count + 1, self._most)
-        if errors is self._errors:
-            self._reduce(self.end - 1, self.end)
-        else:
-            self._errors, self._valid = errors, self.end
 
     def totals(self, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
         """Sums (k, 4, PROJECTED) over ranges given by their numbers of blocks before the latest (k,)."""
@@ -168,10 +166,11 @@ class Blocks:
         self.end, self._valid = kept, max(self._valid - (end - kept), 0)
 
     def _write(self, rows: WeightedRows, at: int) -> None:
-        """Writes a block's projected rows and running sums."""
+        """Writes a block's running sums and reduced rows."""
         projected = rows.projected
         np.add(self.sums[at], projected, out=self.sums[at + 1])
         self._rows[at, :, :-1], self._rows[at, :, -1] = projected[:, : _ESTIMATED.stop], projected[:, -1]
+        self._reduce(at, at + 1)
 
     def _reduce(self, begin: int, end: int) -> None:
         """Reduces rows of a range."""

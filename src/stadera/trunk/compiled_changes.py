@@ -33,7 +33,8 @@ class _CompiledBlocks(Blocks):
         self._compiled = compiled
 
     def _write(self, rows: WeightedRows, at: int) -> None:
-        self._compiled.push(np.ascontiguousarray(rows.columns), self._rows, self.sums, at)
+        columns, errors = np.ascontiguousarray(rows.columns), self._errors[JOINTS]
+        self._compiled.push(columns, errors, self._rows, self._reduced, self.sums, at)
 
     def _reduce(self, begin: int, end: int) -> None:
         self._compiled.reduce(self._rows, self._reduced, self._errors[JOINTS], begin, end)
@@ -63,12 +64,11 @@ class CompiledDetector(ChangeDetector):
             self._windows,
             short,
             long,
-            before.mean(errors.mean),
             before.inverse,
             before.solution,
-            long_before.mean(errors.mean),
             long_before.inverse,
             long_before.solution,
+            errors.mean[JOINTS],
             errors.std,
             self._scale,
             settings.outlier * self._scatter,

@@ -21,15 +21,18 @@ _UNIT = 0.01  # of weight, and of weight times leg length: the unit of the rows
 _EDGES = np.array([SHOWN.stop, JOINTS.stop, BLOCKS[1].start, BLOCKS[1].stop])
 
 
-def weighted(rows: BlockRows, robot_weight: float, length: float) -> WeightedRows:
-    """Scales rows to units of 1 % of the robot's weight (moments with the leg's length as lever), equally for all
-    blocks.
+def unit_of_rows(robot_weight: float, length: float) -> Array:
+    """Unit of the rows (6,): 1 % of the robot's weight [N], of moments that with the leg's length as lever [N·m].
 
-    Weights that follow the noise of each block would be optimal if noise were the only error. On real robots they are
-    worse: the apparent momentum from late torques, rotor inertia and friction cancels over whole steps, but only if all
-    phases of a step have equal weight.
+    It is the same for all blocks. Weights that follow the noise of each block would be optimal if noise were the only
+    error. On real robots they are worse: the apparent momentum from late torques, rotor inertia and friction cancels
+    over whole steps, but only if all phases of a step have equal weight.
     """
-    unit = _UNIT * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length])
+    return np.asarray(_UNIT * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length]))
+
+
+def weighted(rows: BlockRows, unit: Array) -> WeightedRows:
+    """Scales rows to their `unit_of_rows`."""
     return WeightedRows(rows.time, rows.columns / unit[:, None], float((rows.white / unit**2).sum()))
 
 

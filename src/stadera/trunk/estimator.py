@@ -33,7 +33,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.changes import Jump
 from stadera.trunk.compiled_changes import change_detector
 from stadera.trunk.compiled_front import front
-from stadera.trunk.considered import Errors, RowSums, robot_weight, weighted
+from stadera.trunk.considered import Errors, RowSums, robot_weight
 from stadera.trunk.error_model import PLACES, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.front import BLIND
@@ -45,9 +45,10 @@ from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import SampleBuffer, Samples
-from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
+from stadera.trunk.scatter import CLUSTER, Scatter
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.summing import summing
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
@@ -124,7 +125,7 @@ class TrunkEstimator:
             inertia = self.robot.inertias[self.robot.trunk].inertia_com
         self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
         self._front = front(self.robot, self.mount, self.settings.swing)
-        self._length, self._weight = LegModel.of(self.robot).length, robot_weight(self.robot)
+        self._length = LegModel.of(self.robot).length
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
         self._swing = SwingJoints(self._model, self.settings.swing)
         self._errors = Errors(self._model, self._swing, 1.0)
@@ -145,8 +146,8 @@ class TrunkEstimator:
         self._unused = 0  # next rows that still contain samples before the tare
         self._fit: Fit | None = None
         self._swing_misfit: float | None = None  # of the last fit; None before it is evaluated
-        self._odd = OddBlocks()
         self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
+        self._summing = summing(robot_weight(self.robot), self._length, self._scatter)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self._blocks, self._learnt, self._since, self._seen_for = 0, np.nan, np.nan, 0.0
         self._status, self._reason = Status.WAITING, ""
@@ -367,11 +368,10 @@ class TrunkEstimator:
         if swing.air.any():
             self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._front.torque_noise)
         p = self._errors.mean
-        rows = self._odd.limited(weighted(made, self._weight, self._length), self._current, p)
         keep = exp(-made.elapsed / self.settings.memory)
-        self._scatter.count(rows, self._aged, p)
+        rows, known = self._summing.add(made, self._current, self._aged, p, keep)
         self._recent.append(rows)
-        self._known.append(self._current.add(rows, keep))
+        self._known.append(known)
         if self._loaded is not None:
             self._unused -= 1
             if self._unused < 0:

@@ -21,10 +21,13 @@ _PRIOR_CLUSTERS = 4.0  # number of clusters that the prior κ = 1 counts as
 class OddBlocks:
     """Down-weights blocks that fit far worse than usual, except many in succession, which indicate a change of the
     load.
+
+    Attributes:
+        usual: squared residual of usual blocks. odd: number of successive odd blocks.
     """
 
     def __init__(self) -> None:
-        self._usual, self._odd = np.nan, 0
+        self.usual, self.odd = np.nan, 0
 
     def limited(self, rows: WeightedRows, known: Segment, errors: Array) -> WeightedRows:
         """Returns the block, weighted, given the estimate and model errors p̂ (ERRORS,)."""
@@ -32,12 +35,12 @@ class OddBlocks:
             return rows
         residual = rows.residual(known.mean(errors), errors)
         square = float(residual @ residual)
-        if np.isnan(self._usual):
-            self._usual = square
-        limit = _OUTLIER * max(self._usual, _LEAST_USUAL)
-        self._usual += 0.01 * (min(square, 4.0 * self._usual) - self._usual)
-        self._odd = self._odd + 1 if square > limit else 0
-        if not 0 < self._odd <= _ODD:
+        if np.isnan(self.usual):
+            self.usual = square
+        limit = _OUTLIER * max(self.usual, _LEAST_USUAL)
+        self.usual += 0.01 * (min(square, 4.0 * self.usual) - self.usual)
+        self.odd = self.odd + 1 if square > limit else 0
+        if not 0 < self.odd <= _ODD:
             return rows
         weight = np.sqrt(limit / square)
         return replace(rows, columns=weight * rows.columns, white=weight**2 * rows.white)
@@ -49,6 +52,10 @@ class Scatter:
     Args:
         wide: (4,) [kg, kg·m], prior of mass and first moment.
         most: number of clusters in memory.
+
+    Attributes:
+        value: κ.
+        sum, normal, summed: Σ Aᵀ r (4,), Σ Aᵀ A (4, 4) and number of blocks of the unfinished sum.
     """
 
     def __init__(self, wide: Array, most: float) -> None:
@@ -58,18 +65,23 @@ class Scatter:
 
     def restart(self) -> None:
         """Discards the unfinished sum after a change of the load."""
-        self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
+        self.sum, self.normal, self.summed = np.zeros(4), np.zeros((4, 4)), 0
 
     def count(self, rows: WeightedRows, known: Segment, errors: Array) -> None:
         """Adds a block, given the estimate and model errors p̂ (ERRORS,)."""
         if known.blocks < CLUSTER:
             return
         shown = rows.columns[:, :4].T
-        self._sum += shown @ rows.residual(known.mean(errors), errors)
-        self._normal += shown @ shown.T
-        self._summed += 1
-        if self._summed == CLUSTER:
-            ratio = float(self._sum @ np.linalg.solve(self._normal + self._prior, self._sum)) / 4.0
-            self._clusters = min(self._clusters + 1.0, self._most)
-            self.value += (min(ratio, 9.0 * self.value) - self.value) / self._clusters
-            self.restart()
+        self.sum += shown @ rows.residual(known.mean(errors), errors)
+        self.normal += shown @ shown.T
+        self.summed += 1
+        self.close()
+
+    def close(self) -> None:
+        """Updates κ once the sum is complete."""
+        if self.summed < CLUSTER:
+            return
+        ratio = float(self.sum @ np.linalg.solve(self.normal + self._prior, self.sum)) / 4.0
+        self._clusters = min(self._clusters + 1.0, self._most)
+        self.value += (min(ratio, 9.0 * self.value) - self.value) / self._clusters
+        self.restart()

@@ -173,7 +173,10 @@ class Segment:
         Args:
             energy: keep what `energy` needs.
         """
-        triangle, cost = _folded(self.triangle, rows.columns, sqrt(keep))
+        return self.followed(rows, keep, *_folded(self.triangle, rows.columns, sqrt(keep)), energy)
+
+    def followed(self, rows: WeightedRows, keep: float, triangle: Array, cost: float, energy: bool = True) -> Segment:
+        """Returns the segment with one more block, given its triangle and what the block adds to the cost."""
         return Segment(
             triangle,
             keep * self.cost + cost,
@@ -184,6 +187,11 @@ class Segment:
             self.sums.add(rows, keep),
             [(self, keep, rows)] if energy else [],
         )
+
+    def with_solution(self, inverse: Array, solution: Array, errors: Array, mean: Array) -> Segment:
+        """Stores `inverse`, `solution` and the mean for errors p̂, which are known already, and returns itself."""
+        self.__dict__["_solved"], self.__dict__["_mean"] = (inverse, solution), (errors, mean)
+        return self
 
     @property
     def known(self) -> Information:

@@ -14,6 +14,16 @@ WILD, MEDIAN = 3.0, 0.455  # as in `stadera.trunk.changes`
 
 
 @part
+def mean_of(solution: Array, errors: Array, out: Array) -> None:
+    """θ̂ (10,) = R⁻¹ z - K p, of p whose first entries are `errors` and whose others are zero."""
+    for i in range(len(out)):
+        row, value = solution[i], solution[i, 0]
+        for e in range(len(errors)):
+            value -= row[1 + e] * errors[e]
+        out[i] = value
+
+
+@part
 def by_errors(total: Array, solution: Array, std: Array, work: Array) -> float:
     """Variance of one summed row (10 + 1 + errors + 1) due to model errors, Σ_e ((C - A K)_e σ_e)².
 
@@ -130,30 +140,6 @@ def since(
         variance[i] = max(spread[i] + max(by_model - usual[i], 0.0), own) + scatter * before / scale[i] ** 2
 
 
-@compiled("void(float64[:,::1], float64[:,:,::1], float64[:,:,::1], int64)")
-def push(columns: Array, rows: Array, sums: Array, at: int) -> None:
-    """Adds a block's rows (6, 10 + 1 + errors), projected as `WeightedRows.projected`, to the running sums, and writes
-    those of A, b, the first errors and the weight into `rows` (..., 4, 10 + 1 + k + 1).
-    """
-    a, b, c = columns[0, 0], columns[1, 0], columns[2, 0]
-    x, y, z = columns[4, 3], columns[5, 1], columns[3, 2]
-    width, kept = columns.shape[1], rows.shape[2] - 1
-    projected = np.empty((4, width + 1))
-    for k in range(width):
-        projected[0, k] = a * columns[0, k] + b * columns[1, k] + c * columns[2, k]
-        projected[1, k] = y * columns[5, k] - z * columns[4, k]
-        projected[2, k] = z * columns[3, k] - x * columns[5, k]
-        projected[3, k] = x * columns[4, k] - y * columns[3, k]
-    projected[0, width] = a * a + b * b + c * c
-    projected[1:, width] = x * x + y * y + z * z
-    for i in range(4):
-        for k in range(kept):
-            rows[at, i, k] = projected[i, k]
-        rows[at, i, kept] = projected[i, width]
-        for k in range(width + 1):
-            sums[at + 1, i, k] = sums[at, i, k] + projected[i, k]
-
-
 @compiled("void(float64[:,:,::1], float64[:,:,::1], float64[::1], int64, int64)")
 def reduce(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> None:
     """A, b - C p and the weight of projected rows (..., 4, 10 + 1 + k + 1), into (..., 4, 12), of a range of blocks.
@@ -180,9 +166,34 @@ def reduce(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> 
             out[11] = row[11 + k]
 
 
+@compiled("void(float64[:,::1], float64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], int64)")
+def push(columns: Array, errors: Array, rows: Array, reduced: Array, sums: Array, at: int) -> None:
+    """Adds a block's rows (6, 10 + 1 + errors), projected as `WeightedRows.projected`, to the running sums, writes
+    those of A, b, the first errors and the weight into `rows` (..., 4, 10 + 1 + k + 1), and reduces them.
+    """
+    a, b, c = columns[0, 0], columns[1, 0], columns[2, 0]
+    x, y, z = columns[4, 3], columns[5, 1], columns[3, 2]
+    width, kept = columns.shape[1], rows.shape[2] - 1
+    projected = np.empty((4, width + 1))
+    for k in range(width):
+        projected[0, k] = a * columns[0, k] + b * columns[1, k] + c * columns[2, k]
+        projected[1, k] = y * columns[5, k] - z * columns[4, k]
+        projected[2, k] = z * columns[3, k] - x * columns[5, k]
+        projected[3, k] = x * columns[4, k] - y * columns[3, k]
+    projected[0, width] = a * a + b * b + c * c
+    projected[1:, width] = x * x + y * y + z * z
+    for i in range(4):
+        for k in range(kept):
+            rows[at, i, k] = projected[i, k]
+        rows[at, i, kept] = projected[i, width]
+        for k in range(width + 1):
+            sums[at + 1, i, k] = sums[at, i, k] + projected[i, k]
+    reduce(rows, reduced, errors, at, at + 1)
+
+
 @compiled(
-    "float64(float64[:,:,::1], float64[:,:,::1], int64, int64[::1], int64, int64, float64[::1], float64[:,::1], "
-    "float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], float64[::1], float64[::1], float64[::1], "
+    "float64(float64[:,:,::1], float64[:,:,::1], int64, int64[::1], int64, int64, float64[:,::1], float64[:,::1], "
+    "float64[:,::1], float64[:,::1], float64[::1], float64[::1], float64[::1], float64[::1], "
     "float64[:,::1], float64[:,::1], float64[::1], float64, float64[::1], float64[:,::1])"
 )
 def largest(
@@ -192,12 +203,11 @@ def largest(
     windows: NDArray[np.int64],
     short: int,
     long: int,
-    mean: Array,
     inverse: Array,
     solution: Array,
-    long_mean: Array,
     long_inverse: Array,
     long_solution: Array,
+    errors: Array,
     std: Array,
     scale: Array,
     near: Array,
@@ -214,15 +224,17 @@ def largest(
         reduced, sums: of all blocks, of which the last is before `end`.
         windows: numbers of blocks. short, long: how many of the short ones are looked at, from the first, and up to
             where the long ones are, from the first long one at `limits[2]`.
-        mean, inverse, solution: of the estimate without the latest blocks; `long_`: without twice as many.
-        std: of model errors. scale, near: (4,), units and Huber's limit. square, usual: (windows, 4). student:
-            (windows,).
+        inverse, solution: of the estimate without the latest blocks; `long_`: without twice as many.
+        errors: (k,), first entries of p; the others are zero. std: of model errors.
+        scale, near: (4,), units and Huber's limit. square, usual: (windows, 4). student: (windows,).
         limits: least change, pending blocks, number of short windows.
         out: (3, 4), blocks and whether to report; δ; variance.
     """
     best, first_long = -1.0, int(limits[2])
-    size, variance = np.empty(4), np.empty(4)
+    size, variance, mean, long_mean = np.empty(4), np.empty(4), np.empty(10), np.empty(10)
     work = np.empty((2, max(len(std), windows[-1])))
+    mean_of(solution, errors, mean)
+    mean_of(long_solution, errors, long_mean)
     out[:] = 0.0
     out[2] = 1.0
     for w in range(len(windows)):

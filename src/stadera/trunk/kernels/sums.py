@@ -1,4 +1,4 @@
-"""Sums of rows, compiled: what `stadera.trunk.segment` does by LAPACK for ten unknowns."""
+"""Sums of rows, compiled: what `stadera.trunk.segment` does by LAPACK for ten unknowns, and `stadera.trunk.summing`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from math import copysign, sqrt
 
 import numpy as np
 
-from stadera.compiled import compiled
+from stadera.compiled import compiled, part
 from stadera.types import Array
+
+# as in `stadera.trunk.scatter`
+OUTLIER, LEAST_USUAL, MOST_ODD = 25.0, 0.01, 3.0
 
 
 @compiled("float64(float64[:,::1], float64[:,::1], float64, float64[:,::1])")
@@ -79,3 +82,101 @@ def solve(triangle: Array, inverse: Array, solution: Array) -> None:
                 solution[i, c] -= factor * solution[k, c]
         for c in range(width - n):
             solution[i, c] *= pivot
+
+
+@part
+def mean_of(solution: Array, errors: Array, out: Array) -> None:
+    """θ̂ (10,) = R⁻¹ z - K p, of p whose first entries are `errors` and whose others are zero."""
+    for i in range(len(out)):
+        row, value = solution[i], solution[i, 0]
+        for e in range(len(errors)):
+            value -= row[1 + e] * errors[e]
+        out[i] = value
+
+
+@part
+def residual(columns: Array, reduced: Array, mean: Array, out: Array) -> float:
+    """b - C p - A θ̂ of rows, from b - C p (n,); returns its square."""
+    square = 0.0
+    for i in range(len(out)):
+        out[i] = reduced[i]
+        for c in range(10):
+            out[i] -= columns[i, c] * mean[c]
+        square += out[i] ** 2
+    return square
+
+
+@compiled(
+    "void(float64[:,::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[::1], "
+    "float64, boolean, boolean, float64[::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], "
+    "float64[:,::1], float64[:,::1], float64[::1], float64[::1])"
+)
+def digest(
+    raw: Array,
+    variances: Array,
+    unit: Array,
+    triangle: Array,
+    solution: Array,
+    aged: Array,
+    errors: Array,
+    root: float,
+    limited: bool,
+    counted: bool,
+    odd: Array,
+    total: Array,
+    normal: Array,
+    columns: Array,
+    summed: Array,
+    inverse: Array,
+    solved: Array,
+    mean: Array,
+    result: Array,
+) -> None:
+    """Weights a block's rows, limits them, counts their scatter and adds them, as `Summing.add`.
+
+    Args:
+        raw: (6, 10 + 1 + errors), of A, b and C. variances: (6,), of white noise. unit: (6,), of the rows.
+        triangle, solution: of the present estimate. aged: solution of an earlier one.
+        errors: (k,), first entries of p; the others are zero.
+        root: of the weight of what was summed before.
+        limited, counted: whether outliers are limited, and the scatter is counted.
+        odd: (2,), usual squared residual and number of successive odd blocks, updated, as in `OddBlocks`.
+        total, normal: (4,), (4, 4), updated, as in `Scatter`.
+        columns: as `raw`, the weighted rows. summed: as `triangle`, inverse, solved, mean: of the new estimate.
+        result: (2,), what the rows add to the cost, and their white variance.
+    """
+    n, width = raw.shape
+    reduced, left, estimate = np.empty(n), np.empty(n), np.empty(10)
+    white = 0.0
+    for i in range(n):
+        white += variances[i] / unit[i] ** 2
+        before, row = raw[i], columns[i]
+        for c in range(width):
+            row[c] = before[c] / unit[i]
+        reduced[i] = row[10]
+        for e in range(len(errors)):
+            reduced[i] -= row[11 + e] * errors[e]
+    if limited:
+        mean_of(solution, errors, estimate)
+        square = residual(columns, reduced, estimate, left)
+        if np.isnan(odd[0]):
+            odd[0] = square
+        limit = OUTLIER * max(odd[0], LEAST_USUAL)
+        odd[0] += 0.01 * (min(square, 4.0 * odd[0]) - odd[0])
+        odd[1] = odd[1] + 1.0 if square > limit else 0.0
+        if 0.0 < odd[1] <= MOST_ODD:
+            weight = sqrt(limit / square)
+            columns *= weight
+            reduced *= weight
+            white *= weight * weight
+    if counted:
+        mean_of(aged, errors, estimate)
+        residual(columns, reduced, estimate, left)
+        for j in range(4):
+            for i in range(n):
+                total[j] += columns[i, j] * left[i]
+                for k in range(4):
+                    normal[j, k] += columns[i, j] * columns[i, k]
+    result[0], result[1] = fold(triangle, columns, root, summed), white
+    solve(summed, inverse, solved)
+    mean_of(solved, errors, mean)

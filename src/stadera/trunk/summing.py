@@ -1,0 +1,93 @@
+"""Adds a block's rows to the sums: in the unit of the rows, without outliers, and with a record of their scatter."""
+
+from __future__ import annotations
+
+from math import sqrt
+from types import ModuleType
+
+import numpy as np
+
+from stadera.compiled import kernel
+from stadera.trunk.considered import unit_of_rows, weighted
+from stadera.trunk.error_model import ERRORS, JOINTS
+from stadera.trunk.rows import BlockRows
+from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.types import Array
+
+
+class Summing:
+    """Adds blocks to segments.
+
+    Args:
+        robot_weight: [N]. length: of a leg [m].
+        scatter: updated with every block.
+    """
+
+    def __init__(self, robot_weight: float, length: float, scatter: Scatter) -> None:
+        self._unit, self._scatter, self._odd = unit_of_rows(robot_weight, length), scatter, OddBlocks()
+
+    def add(
+        self, made: BlockRows, current: Segment, aged: Segment, errors: Array, keep: float
+    ) -> tuple[WeightedRows, Segment]:
+        """Returns the weighted rows of a block, and the present estimate with them.
+
+        Args:
+            current, aged: the present estimate, and the one without the latest blocks.
+            errors: p̂ (ERRORS,), zero but for `JOINTS`.
+            keep: factor on the weight of all before.
+        """
+        rows = self._odd.limited(weighted(made, self._unit), current, errors)
+        self._scatter.count(rows, aged, errors)
+        return rows, current.add(rows, keep)
+
+
+class CompiledSumming(Summing):
+    """The same sums as `Summing`, up to rounding, by the compiled module `stadera.trunk.kernels.sums`."""
+
+    def __init__(self, robot_weight: float, length: float, scatter: Scatter, compiled: ModuleType) -> None:
+        super().__init__(robot_weight, length, scatter)
+        self._compiled, self._usual = compiled, np.array([np.nan, 0.0])
+
+    def add(
+        self, made: BlockRows, current: Segment, aged: Segment, errors: Array, keep: float
+    ) -> tuple[WeightedRows, Segment]:
+        """Returns the weighted rows of a block, and the present estimate with them: see `Summing.add`."""
+        scatter, counted = self._scatter, aged.blocks >= CLUSTER
+        columns, triangle = np.empty((6, 11 + ERRORS)), np.empty((10, 11 + ERRORS))
+        inverse, solution, mean, result = np.empty((10, 10)), np.empty((10, 1 + ERRORS)), np.empty(10), np.empty(2)
+        self._compiled.digest(
+            made.columns,
+            made.white,
+            self._unit,
+            current.triangle,
+            current.solution,
+            aged.solution,
+            errors[JOINTS],
+            sqrt(keep),
+            current.blocks >= CLUSTER,
+            counted,
+            self._usual,
+            scatter.sum,
+            scatter.normal,
+            columns,
+            triangle,
+            inverse,
+            solution,
+            mean,
+            result,
+        )
+        if counted:
+            scatter.summed += 1
+            scatter.close()
+        cost, white = result.tolist()
+        rows = WeightedRows(made.time, columns, white)
+        return rows, current.followed(rows, keep, triangle, cost).with_solution(inverse, solution, errors, mean)
+
+
+def summing(robot_weight: float, length: float, scatter: Scatter) -> Summing:
+    """The fastest `Summing` of this installation."""
+    compiled = kernel("stadera.trunk.kernels.sums")
+    if compiled is None:
+        return Summing(robot_weight, length, scatter)
+    return CompiledSumming(robot_weight, length, scatter, compiled)
