@@ -102,6 +102,23 @@ def test_a_table_gives_the_same_whether_or_not_it_has_the_arms_torques(robot: Ro
     assert any("they move as recorded" in note for note in found.notes)
 
 
+def test_inspect_says_what_becomes_of_the_arm(run, robot: Robot, tmp_path: Path) -> None:
+    log = log_of(robot)
+    whole, path = tmp_path / "whole.csv", tmp_path / "log.csv"
+    write_table(log, whole)
+    lines = whole.read_text().splitlines()
+    idle = [f"{joint}.effort" for joint in log.joints[12:]]
+    kept = [k for k, name in enumerate(lines[0].split(",")) if name not in idle]
+    path.write_text("\n".join(",".join(line.split(",")[k] for k in kept) for line in lines))
+    shown = " ".join(run("inspect", path, "--robot", robot.source).out.split())
+    assert "left out joints of no leg that have no torque: lift, shoulder, elbow" in shown
+    assert "joints lift, shoulder, elbow of no leg: they move as recorded" in shown
+    assert "nothing wrong was found" in shown
+    write_table(legs_alone(log), path.with_suffix(".parquet"))
+    shown = " ".join(run("inspect", path.with_suffix(".parquet"), "--robot", robot.source).out.split())
+    assert "of no leg: not in log.parquet, held at the model's zero" in shown
+
+
 def test_the_estimator_takes_the_arms_joints(robot: Robot) -> None:
     log = log_of(robot)
     assert log.imu is not None

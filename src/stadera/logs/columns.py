@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 from stadera.errors import RecordingError, UnknownNameError
-from stadera.joint_words import matched
+from stadera.joint_words import matched, places
 from stadera.logs.foreign.guess import hint
 from stadera.logs.foreign.translate import Translation, translated
 from stadera.logs.pd_law import DESIRED, PdGains
@@ -129,7 +129,11 @@ def _layout(
     sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
     known = dict.fromkeys(sources)
     wanted = tuple(joints) if joints is not None else _joints_in(known, source, help_)
+    idle = _idle(wanted, known) if joints is None else ()
+    wanted = tuple(joint for joint in wanted if joint not in idle)
     channels, notes = _channels(known, source, wanted, require, pd, help_)
+    if idle:
+        notes = (*notes, f"left out joints of no leg that have no torque: {_listed(idle)}")
     imu, imu_notes = _imu(known, source, "imu" in require)
     contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
     found = Layout(wanted, channels, imu, _forces(known), contact)
@@ -154,6 +158,12 @@ def _with_others(found: Layout, names: Sequence[str], others: Sequence[str], tab
     kept = {channel: columns for channel, columns in channels.items() if set(columns) <= set(table.sources)}
     own = {name: table.sources[name] for columns in kept.values() for name in columns if table.sources[name] != name}
     return replace(found, others=kept, other_joints=there, sources={**found.sources, **own})
+
+
+def _idle(joints: Sequence[str], names: Collection[str]) -> tuple[str, ...]:
+    """Joints of no leg without an effort, in a log that has those of four legs; an arm's, for example."""
+    lacking = tuple(joint for joint in joints if f"{joint}.effort" not in names)
+    return () if len(joints) - len(lacking) < 4 * _LEG_JOINTS or places(lacking) else lacking
 
 
 def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:

@@ -66,6 +66,7 @@ def log_contents(
     yield rich_table(TableData.of("Ranges", ("column", "least", "largest", "unit"), ranges, sides="lrrl"))
     yield from notes(summary.notes)
     if inspection is not None:
+        yield from notes(inspection.notes)
         yield from _verdict(inspection)
 
 

@@ -10,6 +10,7 @@ from stadera.logs.reader import Log, as_log
 from stadera.robot.model import Robot
 from stadera.trust import Trust
 from stadera.types import Progress
+from stadera.weigh.extra_joints import with_extra_joints
 from stadera.weigh.weigh import weigh
 
 
@@ -21,11 +22,13 @@ class Inspection:
         findings: faults of its first chunk, in which most faults show.
         refusal: why weighing fails, one line; empty if it succeeds.
         trust: of the weighing; None if it was refused, or if the robot is in the air.
+        notes: on joints that belong to no leg.
     """
 
     findings: tuple[Finding, ...]
     refusal: str = ""
     trust: Trust | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def sound(self) -> bool:
@@ -46,14 +49,16 @@ def inspected(
     Raises:
         RecordingError: the log cannot be read.
     """
+    notes = with_extra_joints(robot, as_log(log))[2]
     guard = Guard(robot, robot.tree.joints, imu_frame=imu_frame)
     source = as_log(log)
     if fix:
         source = guard.mended(source)
     findings = guard.findings(source)
     if any(finding.cause == "not_on_feet" for finding in findings):
-        return Inspection(findings)
+        return Inspection(findings, notes=notes)
     try:
-        return Inspection(findings, trust=weigh(robot, source, imu_frame=imu_frame, progress=progress).trust)
+        trust = weigh(robot, source, imu_frame=imu_frame, progress=progress).trust
+        return Inspection(findings, trust=trust, notes=notes)
     except StaderaError as error:
-        return Inspection(findings, str(error))
+        return Inspection(findings, str(error), notes=notes)
