@@ -29,6 +29,7 @@ from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
 _MEDIAN_OF_CHI2 = 0.455
+_AT_ONCE = 3  # joints examined at a time, which bounds the memory
 _MANY = 4096  # samples that give a usual value to 2 %
 _MOST = 20  # largest number of steps of one joint that are examined
 _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
@@ -104,7 +105,9 @@ def joint_faults(recording: Recording, robot: Robot, limits: WindowLimits) -> It
     windows = Windows.of(recording.time, limits.length)
     joints = robot.tree.joints
     if recording.velocity is not None:
-        yield from _velocity(recording, joints, windows, limits)
+        legs = (joints[k : k + _AT_ONCE] for k in range(0, len(joints), _AT_ONCE))
+        found = [fault for leg in legs for fault in _velocity(recording, leg, windows, limits)]
+        yield from sorted(found, key=lambda fault: fault.channel != "position")
     if recording.effort is not None:
         effort = recording.channel("effort", joints)
         yield from _beyond(effort, robot, windows, limits)
@@ -217,11 +220,14 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
 def _noise(effort: Array, joints: tuple[str, ...], windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
     """Detects noise by the correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)²."""
     count = np.maximum(np.bincount(windows.of_sample, minlength=len(windows)), 1)[:, None]
-    mean = windows.sums(effort) / count
-    away = windows.sums((effort - mean[windows.of_sample]) ** 2)
     same = windows.of_sample[1:] == windows.of_sample[:-1]
-    steps = windows.sums(np.diff(effort, axis=0)[same] ** 2, windows.of_sample[1:][same])
-    correlation = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
+    correlation = np.empty((len(windows), len(joints)))
+    for k in range(0, len(joints), _AT_ONCE):
+        own = effort[:, k : k + _AT_ONCE]
+        mean = windows.sums(own) / count
+        away = windows.sums((own - mean[windows.of_sample]) ** 2)
+        steps = windows.sums(np.diff(own, axis=0)[same] ** 2, windows.of_sample[1:][same])
+        correlation[:, k : k + _AT_ONCE] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
     for j, joint in enumerate(joints):
         others = np.median(np.delete(correlation, j, axis=1), axis=1)
         chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count[:, 0] > limits.fewest)

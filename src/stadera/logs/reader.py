@@ -148,13 +148,19 @@ def _opened(log: OpenedLog, joints: Sequence[str] | None, require: Collection[st
     kept = log.beginnings[key]
     if kept.first is None or any(getattr(kept.first, channel, None) is None for channel in require):
         return _read(log, joints, require, rows)  # which raises
-    return (part for chunk in _all_of(log, kept, joints) for part in _chunks(chunk, rows))
+    chunks = _all_of(log, kept, joints)
+    return chunks if rows == MOST_ROWS else (part for chunk in chunks for part in _chunks(chunk, rows))
 
 
 def _all_of(log: OpenedLog, kept: Beginning, joints: Sequence[str] | None) -> Iterator[Recording]:
-    if kept.first is not None:
-        yield kept.first
-    rest, kept.rest = kept.rest or islice(_read(log, joints, (), MOST_ROWS), 1, None), None
+    """The first chunk and those after it; whoever reads on takes the beginning's place in memory."""
+    if kept.first is None:  # another reader has
+        yield from _read(log, joints, (), MOST_ROWS)
+        return
+    yield kept.first
+    for key in [key for key, other in log.beginnings.items() if other is kept]:
+        del log.beginnings[key]
+    rest, kept.first, kept.rest = kept.rest or islice(_read(log, joints, (), MOST_ROWS), 1, None), None, None
     yield from rest
 
 

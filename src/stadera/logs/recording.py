@@ -293,8 +293,8 @@ def _check_shape(values: NDArray[Any], shape: tuple[int, ...], name: str, source
 
 def _check_values(values: NDArray[Any], columns: tuple[str, ...], source: str) -> None:
     largest = largest_of(columns[0]) if columns else 0.0
-    good = np.abs(values) <= largest
-    if not good.all():
+    if values.size and not (values.max() <= largest and values.min() >= -largest):
+        good = np.abs(values) <= largest
         sample, column = np.argwhere(~good.reshape(len(values), -1))[0]
         value = values.reshape(len(values), -1)[sample, column]
         what = f"{value:.3g}, more than any sensor says" if np.isfinite(value) else "not finite"

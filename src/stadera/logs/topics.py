@@ -89,7 +89,8 @@ class Beginning:
 
 @dataclass(frozen=True)
 class OpenedLog(LogFile):
-    """A log on disk whose first chunk is kept in memory, so that checks made on it do not read it again.
+    """A log on disk whose first chunk is kept in memory until someone reads on, so that checks made on it before do not
+    read it again.
 
     Chunks of fewer rows are cut from it, so they are full where the file has rows with blank cells.
 

@@ -18,6 +18,7 @@ from stadera.logs.topics import LogFile
 
 MAGIC = b"PAR1"
 BUFFER_BYTES = 1 << 18
+_ROWS = 8192  # decoded at once: Arrow keeps what the largest batch has taken
 _DAMAGED = "damaged Parquet file"
 
 
@@ -66,5 +67,7 @@ def _batches(path: Path, columns: tuple[str, ...], rows: int, budget: Budget) ->
 
     with foreign(path, _DAMAGED), parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
         check_pages(path, columns, budget)
-        for batch in file.iter_batches(min(rows, rows_at_once(len(columns))), columns=list(columns), use_threads=False):
+        for batch in file.iter_batches(
+            min(rows, rows_at_once(len(columns)), _ROWS), columns=list(columns), use_threads=False
+        ):
             yield batch_of(batch, columns, str(path))
