@@ -8,7 +8,7 @@ from functools import cache
 
 import pytest
 
-from stadera.errors import UntrustedError
+from stadera.lab.experiments.faults.forces import FORCES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
@@ -84,7 +84,7 @@ def test_on_a_robot_that_stands_feet_that_push_against_each_other_are_a_doubt(pa
     ],
 )
 def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, seed: int, joint: str) -> None:
-    """By a tenth of its limit, and with a load of a tenth of the robot at the same time."""
+    """By a tenth of its limit, and with a load of a tenth of the robot at the same time. A push looks alike."""
     robot, log = load_robot(name), log_of(name, scenario, seed, True, 6.0)
     assert diagnose(log, robot) == ()
     assert log.effort is not None
@@ -92,9 +92,21 @@ def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, se
     effort[log.time > 3.0, log.index(joint)] += 0.1 * robot.limits[joint].effort
     (finding,) = diagnose(replace(log, effort=effort), robot)
     assert finding.cause == "torque_step"
+    assert "or something pushes" in finding.message
     assert repr(joint) in finding.message
     when = re.search(r"at about ([\d.]+) s", finding.message)
     assert when is not None
     assert float(when[1]) == pytest.approx(3.0, abs=0.5)
-    with pytest.raises(UntrustedError, match=f"torque step: the torque of .*{joint}"):
-        weigh(robot, replace(log, effort=effort), (0.0, 2.9))
+    found = weigh(robot, replace(log, effort=effort), (0.0, 2.9), force=True)
+    assert found.trust.verdict != "good"
+    assert any(joint in reason for reason in found.trust.reasons)
+
+
+@pytest.mark.parametrize("name", ["go2", "hyq"])
+def test_a_push_is_not_corrected_as_if_legs_were_swapped(name: str) -> None:
+    robot = load_robot(name)
+    push = FORCES["a person pushes from the side"].make(robot, 2.5)
+    settings = SimulateSettings("real", duration=5.0, rate=250.0, seed=18, hold=2, outside=push)
+    for finding in diagnose(simulate(robot, "shake", settings).recording, robot):
+        assert finding.mend is None
+        assert "or something pushes or pulls the robot" in finding.message

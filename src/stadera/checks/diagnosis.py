@@ -240,16 +240,22 @@ def _torque_order(footing: Footing, model: ConsistencyModel) -> Iterator[Finding
     """
     limits = model.limits
     found, step = swapped_in_motion(footing, limits), torque_step(footing, limits)
-    if found is not None and (step is None or found[1] > step.deviations**2):
-        hypothesis, gain = found
-        text = f"{hypothesis.text}: with them in the right order the trunk balances as it moves"
-        odds = f"{text} (likelihood higher by e^{0.5 * gain:.0f}, allowing for friction and other errors of models)"
-        yield Finding(hypothesis.cause, odds, hypothesis.option, hypothesis.mend)
+    if found is not None and (step is None or found.gain > step.deviations**2):
+        why = found.hypothesis
+        text = f"{why.text}: with them in the right order the trunk balances as it moves"
+        odds = (
+            f"{text} (likelihood higher by e^{0.5 * found.gain:.0f}, allowing for friction and other errors of models)"
+        )
+        if found.certain:
+            yield Finding(why.cause, odds, why.option, why.mend)
+        else:
+            yield Finding(why.cause, f"{odds}; or something pushes or pulls the robot, which looks alike", why.option)
     elif step is not None:
         first, *others = map(repr, step.joints)
         text = f"the torque of {first}{''.join(f' or {other}' for other in others[:2])} jumps"
         how = f"by {step.size:.3g} N·m at about {step.time:.1f} s, which neither the motion nor a load explains"
-        yield Finding("torque_step", f"{text} {how} ({step.deviations:.1f} standard deviations)")
+        said = f"{text} {how} ({step.deviations:.1f} standard deviations)"
+        yield Finding("torque_step", f"{said}; or something pushes or pulls the robot since then, which looks alike")
     if found is not None or step is not None:
         return
     for push in pushing_at_rest(footing, limits):

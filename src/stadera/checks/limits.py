@@ -53,6 +53,8 @@ class CheckLimits:
         order_repeated: number of successive instants that share one model error: a tenth of a second.
         order_gain: -2 log of the likelihood's ratio above which the torques are those of other legs: 2 ln(23 / 0.001),
             one in a thousand with 23 orders. In clean logs, swaying, crawling and trotting, every other order loses.
+        order_certain: the same with an unknown force from outside in every second, above which such a force is not
+            mistaken for the order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
         step_span, step_side: time before and after a possible step of a torque that is tested, most and least [s].
         step_every: time between tests [s].
         step_gain: z² of a step above which it is one: 2 ln(12 x 250 / 0.001) for joints and times of a minute. Clean
@@ -113,6 +115,7 @@ class CheckLimits:
     order_fewest: int = 50
     order_repeated: float = 2.5
     order_gain: float = 20.0
+    order_certain: float = 150.0
     step_span: float = 2.5
     step_side: float = 1.0
     step_every: float = 0.24

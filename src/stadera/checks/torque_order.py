@@ -12,7 +12,8 @@ eliminated, N equations with residual r remain, and with the noise's variance s�
     -2 log L(π) = min_s [ rᵀ (s² k 1 + C Σ Cᵀ)⁻¹ r + N/k log s² + log |1 + Σ Cᵀ C / s² k| ],
 
 k instants sharing one error. Another order than the recorded one is found where it gains more than by chance in any of
-23 orders. A robot at rest shows no order by this: there static friction varies more than the load.
+23 orders; it is certain if it also gains where a constant force and moment from outside, unknown in every second, may
+act. A robot at rest shows no order by this: there static friction varies more than the load.
 
 Two legs whose torques are swapped at rest push against each other, if their hips are beside the feet. Friction can hold
 that, so it is a doubt and not a contradiction.
@@ -24,6 +25,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.checks.blocks import Blocks
 from stadera.checks.footing import Footing
@@ -47,9 +49,24 @@ LOOSE = 0.01  # precision of the trunk's prior, in units of the robot's mass and
 _PAIRS = ((0, 1), (2, 3))  # front and hind feet
 
 
-def swapped_in_motion(footing: Footing, limits: CheckLimits) -> tuple[FaultHypothesis, float] | None:
-    """The order of torques that explains the motion better, and twice its gain in log likelihood; None if the recorded
-    one is not worse than by chance, or the robot is at rest.
+@dataclass(frozen=True, eq=False)
+class SwappedTorques:
+    """An order of the legs' torques.
+
+    Attributes:
+        hypothesis: that they are recorded in it.
+        gain: twice its gain in log likelihood.
+        certain: True if it is likelier also where something may push or pull the robot.
+    """
+
+    hypothesis: FaultHypothesis
+    gain: float
+    certain: bool
+
+
+def swapped_in_motion(footing: Footing, limits: CheckLimits) -> SwappedTorques | None:
+    """The order of torques that explains the motion better; None if the recorded one is not worse than by chance, or
+    the robot is at rest.
     """
     blocks = footing.blocks
     if blocks.angular_velocity is None or blocks.specific_force is None or not np.isfinite(blocks.rate).all():
@@ -58,11 +75,19 @@ def swapped_in_motion(footing: Footing, limits: CheckLimits) -> tuple[FaultHypot
         return None
     if len(blocks) > limits.order_instants:
         footing = Footing(footing.robot, blocks.thinned(limits.order_instants))
-    rows = _Rows.of(footing)
-    recorded = rows.cost((0, 1, 2, 3), limits)
-    gains = [(recorded - rows.cost(order, limits), found) for order, found in torque_orders(footing.robot)]
-    gain, best = max(gains, key=lambda entry: entry[0])
-    return (best, gain) if gain > limits.order_gain else None
+    rows, group = InstantRows.of(footing), footing.blocks.group
+
+    def gain(of: _Rows, order: Sequence[int]) -> float:
+        return of.cost((0, 1, 2, 3), limits) - of.cost(order, limits)
+
+    free = _Rows.of(rows, group)
+    recorded = free.cost((0, 1, 2, 3), limits)
+    found = [(recorded - free.cost(order, limits), order, what) for order, what in torque_orders(footing.robot)]
+    most, order, best = max(found, key=lambda entry: entry[0])
+    if most <= limits.order_gain:
+        return None
+    certain = gain(_Rows.of(rows, group, pushed=True), order) > limits.order_certain
+    return SwappedTorques(best, most, certain)
 
 
 def pushing_at_rest(footing: Footing, limits: CheckLimits) -> Iterator[str]:
@@ -111,15 +136,16 @@ class _Rows:
     root: Array
 
     @classmethod
-    def of(cls, footing: Footing) -> _Rows:
-        rows, group = InstantRows.of(footing), footing.blocks.group
+    def of(cls, rows: InstantRows, group: NDArray[np.int64], *, pushed: bool = False) -> _Rows:
+        """With another trunk in every second, and with `pushed` another constant force and moment from outside."""
         products, count, second = rows.both.T @ rows.both, 0, np.repeat(group, 6)
         for one in np.unique(group):
             at = np.flatnonzero(second == one)
-            A = np.vstack([rows.matrix[at], LOOSE * np.eye(10)])
-            explained = np.linalg.qr(A)[0][: len(at)].T @ rows.both[at]
+            A = np.hstack([rows.matrix[at], outside(len(at))]) if pushed else rows.matrix[at]
+            weak = LOOSE * np.eye(A.shape[1])
+            explained = np.linalg.qr(np.vstack([A, weak]))[0][: len(at)].T @ rows.both[at]
             products -= explained.T @ explained
-            count += max(len(at) - 10, 0)
+            count += max(len(at) - A.shape[1], 0)
         return cls(products, rows.fixed, count, rows.root)
 
     def cost(self, order: Sequence[int], limits: CheckLimits) -> float:
@@ -225,6 +251,11 @@ class Likelihood:
         costs = squares + count / repeated * np.log(_SCALES) + np.log1p(value / k).sum(axis=1)
         best = int(np.argmin(costs))
         return cls(float(costs[best]), float(k[best, 0]), value, vector)
+
+
+def outside(rows: int) -> Array:
+    """Effect (rows, 6) of a constant force and moment from outside, of any size."""
+    return 10.0 * np.tile(np.eye(6), (rows // 6, 1))
 
 
 def sums(columns: int, fixed: int, order: Sequence[int]) -> Array:

@@ -7,7 +7,8 @@ load that is put on then adds A(t) δ instead, δ its mass and first moment. Wit
 
 θ and δ are eliminated, p has its usual size, and c is as large as its standard deviation z times; z² is compared for
 all joints and times. Legs that swing tell c from a load: no foot in the air carries. A robot must move all the time: as
-it begins to move, friction lets go of all joints, which looks like a step.
+it begins to move, friction lets go of all joints, which looks like a step. A push from outside that begins at t₀ adds a
+nearly constant force and moment, which an offset imitates: the two look alike.
 """
 
 from __future__ import annotations
@@ -64,7 +65,10 @@ def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:
     alike = [k for k in np.argsort(-squares) if squares[k] > squares[best] - limits.step_alike]
     size = float(sizes[best] * rows.limit[best])
     return TorqueStep(
-        tuple(names[k] for k in alike), float(blocks.time[span.start + at]), size, float(np.sqrt(squares[best]))
+        tuple(names[k] for k in alike),
+        float(blocks.time[span.start + at]),
+        size,
+        float(np.sqrt(squares[best])),
     )
 
 
@@ -89,11 +93,11 @@ def _tested(rows: InstantRows, recorded: Array, span: slice, at: int, limits: Ch
     A, both = rows.matrix[part], recorded[part]
     after = (np.arange(len(A)) >= 6 * at)[:, None]
     trunk = np.hstack([A, A[:, :4] * after])
-    basis = np.linalg.qr(np.vstack([trunk, LOOSE * np.eye(14)]))[0][: len(A)]
+    basis = np.linalg.qr(np.vstack([trunk, LOOSE * np.eye(trunk.shape[1])]))[0][: len(A)]
     columns = np.hstack([both, rows.by_offset[part] * after])
     explained = basis.T @ columns
     products, p = columns.T @ columns - explained.T @ explained, both.shape[1]
-    fit = Likelihood.of(products[:p, :p], len(A) - 14, limits.order_repeated)
+    fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
     if fit.variance > limits.order_repeated * limits.step_scatter**2:
         return np.zeros(12), np.zeros(12)
     # what p, of its usual size, explains is taken out of b and of the steps

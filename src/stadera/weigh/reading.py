@@ -31,7 +31,7 @@ _VERDICTS: dict[str, Verdict] = {
     "contradiction": "bad",
     "not_on_feet": "bad",
     "stuck": "bad",
-    "torque_step": "bad",
+    "torque_step": "doubtful",
     "pushing": "doubtful",
 }
 
