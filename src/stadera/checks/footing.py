@@ -75,7 +75,10 @@ class Known:
             return LegStates(*(np.concatenate(legs, axis) for legs, axis in zip(columns, _LEG_AXIS, strict=True)))
         found = self._poses[keys] = _states(model, position, rate, specific_force)
         for k, key in enumerate(keys):
-            self.legs[key] = LegStates(*(x.take([k], axis) for x, axis in zip(found, _LEG_AXIS, strict=True)))
+            own = slice(k, k + 1)
+            self.legs[key] = LegStates(
+                *(x[:, own] if axis else x[own] for x, axis in zip(found, _LEG_AXIS, strict=True))
+            )
         return found
 
     def once(self, make: Callable[..., Result], *given: NDArray[Any] | float) -> Result:

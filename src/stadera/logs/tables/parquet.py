@@ -17,7 +17,7 @@ from stadera.logs.tables.rows import table_recordings
 from stadera.logs.topics import LogFile
 
 MAGIC = b"PAR1"
-BUFFER_BYTES = 1 << 18
+BUFFER_BYTES = 1 << 16
 _ROWS = 8192  # decoded at once: Arrow keeps what the largest batch has taken
 _DAMAGED = "damaged Parquet file"
 
