@@ -33,6 +33,7 @@ from walking import Walk, recorded, walked
 pytest.importorskip("numba")
 
 MOUNT = ImuMount(np.eye(3), np.array([0.1, -0.05, 0.07]), "imu")
+MOUNT.translation.setflags(write=False)
 
 
 @cache

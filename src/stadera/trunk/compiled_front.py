@@ -65,7 +65,7 @@ class CompiledFront(Front):
         super().__init__(robot, mount, swing)
         self._compiled, model, noise = compiled, self._maker.regressor, self._maker.noise
         self._noise, self._prior = noise.variance, noise.prior_variance
-        lift, lever = swing.lift * model.length, np.ascontiguousarray(mount.translation, dtype=float)
+        lift, lever = swing.lift * model.length, np.array(mount.translation, dtype=float)
         weight = self._maker.weight
         limits = [self._maker.flat, (swing.load * weight) ** 2, swing.carried * weight, lift, STICTION_VELOCITY]
         columns = np.ascontiguousarray(model.columns.ravel(), dtype=np.int64)
