@@ -8,9 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stadera.constants import GRAVITY
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.legs.instant import LegDynamics
 from stadera.robot import Robot, load_robot
+from stadera.robot.stance import standing_configuration
 from stadera.trunk import TrunkEstimator
 from stadera.trunk.error_model import PLACES, ErrorModel
 from stadera.trunk.samples import Samples
@@ -126,3 +129,31 @@ def test_rotors_that_the_model_lacks_are_found_by_legs_in_the_air(name: str, sce
     assert estimator._swing.rows > 50
     np.testing.assert_allclose(found[knees], truth[knees], rtol=0.2)
     assert (np.abs(found - truth) < 4.0 * std).all()
+
+
+@pytest.mark.parametrize("share", [0.25, 0.0])
+def test_a_foot_on_a_step_is_in_the_air_only_if_it_carries_nothing(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = robot()
+    legs, q = LegDynamics(model), standing_configuration(model).copy()
+    first = legs.columns[0]
+    q[first] += [0.0, np.sign(q[first[1]]) * 0.25, np.sign(q[first[2]]) * 0.5]  # bends the knee: the foot goes up
+    up = np.array([0.0, 0.0, GRAVITY])
+    state = legs.at(q, np.zeros(12), np.zeros(3), up)
+    assert state.feet[0, 2] - state.feet[1:, 2].max() > 0.1
+    shares = np.array([share, *[(1.0 - share) / 3.0] * 3])
+    soles = state.feet - [[0.0, 0.0, leg.foot_radius or 0.0] for leg in model.legs]
+    force = shares[:, None] * model.mass * up
+    effort = np.zeros(12)
+    effort[legs.columns] = state.bias - np.einsum("lcj,lc->lj", state.jacobians(soles), force)
+    n = 200
+    rng = np.random.default_rng(0)
+    noise = 1e-4 * rng.standard_normal((n, 12))
+    samples = Samples(0.001 * np.arange(n), q + 0 * noise, noise, effort + noise, 0 * noise[:, :3], up + noise[:, :3])
+    estimator, air = TrunkEstimator(model), []
+    learn = estimator._learn
+    monkeypatch.setattr(estimator, "_learn", lambda made: (air.append(made.swing.air), learn(made)))
+    estimator.add(samples)
+    assert (np.array(air)[:, 0] == (share == 0.0)).all()
+    assert not np.array(air)[:, 1:].any()

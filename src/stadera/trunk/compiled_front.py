@@ -70,8 +70,8 @@ class CompiledFront(Front):
         limits = [self._maker.flat, (swing.load * weight) ** 2, swing.carried * weight, lift, STICTION_VELOCITY]
         columns = np.ascontiguousarray(model.columns.ravel(), dtype=np.int64)
         self._constants = self._joints, columns, link_constants(model), foot_constants(model), lever
-        limits += [LEAST_LOAD * weight, swing.stands * weight]
-        self._lever, self._limits = lever, np.concatenate([limits, np.zeros(24)])
+        limits += [LEAST_LOAD * weight, swing.load * weight]
+        self._lever, self._limits = lever, np.concatenate([limits, np.zeros(72), [weight**2]])
         self._standing, self._usual, self._state = np.zeros(4), np.zeros(0), np.zeros(compiled.STATE)
         self._first, self._second = np.zeros(compiled.HALF), np.zeros(compiled.HALF)
         self._continues = False
@@ -94,9 +94,9 @@ class CompiledFront(Front):
         self._calibration[:] = 0.0
         self._state[self._compiled.LINES :] = 0.0
 
-    def know_rotors(self, mean: Array, std: Array) -> None:
-        """See `Front.know_rotors`."""
-        self._limits[-24:] = np.concatenate([mean, std])
+    def know_joints(self, mean: Array, std: Array) -> None:
+        """See `Front.know_joints`."""
+        self._limits[7:79] = np.concatenate([mean.ravel(), std.ravel()])
 
     def block(self, table: Array, trunk: InertialParameters) -> Made:
         """Processes one block: see `Front.block`."""

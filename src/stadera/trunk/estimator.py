@@ -400,8 +400,8 @@ class TrunkEstimator:
         usual = Errors(self._model, self._swing, 1.0, rows)
         self._fit = Fit.of(segments, usual.mean, usual.covariance, self.settings)
         self._errors = Errors(self._model, self._swing, self._fit.scale, rows)
-        place = PLACES["rotor"]
-        self._front.know_rotors(self._errors.mean[place], self._errors.std[place])
+        place = slice(PLACES["rotor"].start, PLACES["coulomb"].stop)
+        self._front.know_joints(self._errors.mean[place].reshape(3, 12), self._errors.std[place].reshape(3, 12))
         self._swing_misfit = self._swing.misfit if self._seen_for >= _EVALUATED else None
         self._trust = None
 

@@ -60,11 +60,11 @@ class Front:
         self._maker.forget()
         self._ground = GroundNormal(self._maker.weight)
 
-    def know_rotors(self, mean: Array, std: Array) -> None:
-        """Takes rotor inertias (12,) [kg·m²], by leg and joint, and their standard deviation, for what a swinging leg
-        seems to carry.
+    def know_joints(self, mean: Array, std: Array) -> None:
+        """Takes rotor inertia, viscous and Coulomb friction of the joints (3, 12), by leg and joint, and their standard
+        deviations, for what a swinging leg seems to carry.
         """
-        self._maker.rotor, self._maker.rotor_std = mean.reshape(4, 3), std.reshape(4, 3)
+        self._maker.known, self._maker.known_std = mean.reshape(3, 4, 3), std.reshape(3, 4, 3)
 
     def block(self, table: Array, trunk: InertialParameters) -> Made:
         """Processes one block.

@@ -184,7 +184,7 @@ class RowMaker:
         self.flat = SINGULAR * self.regressor.length**3
         self._half: _Half | None = None
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
-        self.rotor, self.rotor_std = np.zeros((4, 3)), np.zeros((4, 3))
+        self.known, self.known_std = np.zeros((3, 4, 3)), np.zeros((3, 4, 3))  # see `Front.know_joints`
         self._standing = np.zeros(4)  # m, by how much each foot's centre lies higher than the others' when it carries
         self._calibration = SignalCalibration()
         self._speeds: deque[Array] = deque(maxlen=LATELY)  # squared, over the noise's variance
@@ -361,16 +361,20 @@ class RowMaker:
         """Legs (4,) whose foot is lifted off the ground and lightly loaded throughout the block, while the others carry
         the robot.
         """
-        normal, E, acceleration = motion.normal[:, :n], wrenches.to_wrench[:3, :n], motion.acceleration[:n]
-        force = force[:, :n] + (E * self.rotor * acceleration).sum(axis=-1)
-        unsure = np.square(E * self.rotor_std * acceleration).sum(axis=(0, -1))  # (n, 4), of the force squared
-        light = np.square(force).sum(axis=0) < (self._swing.load * self.weight) ** 2 + unsure
+        assert motion.sliding is not None
+        normal, E = motion.normal[:, :n], wrenches.to_wrench[:3, :n]
+        moved = np.array([motion.acceleration[:n], motion.velocity[:n], direction(motion.sliding[:n])])
+        force = force[:, :n] + (E * (self.known[:, None] * moved).sum(axis=0)).sum(axis=-1)
+        torque = np.square(self.known_std[:, None] * moved).sum(axis=0)
+        unsure = (np.square(E) * torque).sum(axis=(0, -1))  # (n, 4), of the force squared
+        limit = np.minimum((self._swing.load * self.weight) ** 2 + unsure, self.weight**2)
+        light = np.square(force).sum(axis=0) < limit
         height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal) - self._standing
         along = np.einsum("cnl,cn->nl", force, normal)
         pressed = np.maximum(along, 0.0)
         carried, lifted = along @ _OTHERS, height - (pressed * height) @ _OTHERS / np.maximum(pressed @ _OTHERS, 1e-9)
         up = lifted > self._swing.lift * self.regressor.length
-        stands = ((along > self._swing.stands * self.weight) & ~up).all(axis=0)
+        stands = ((along > self._swing.load * self.weight) & ~up).all(axis=0)
         self._standing += _STANDING * np.where(stands, lifted.mean(axis=0), 0.0)
         return np.asarray((up & light & (carried > self._swing.carried * self.weight)).all(axis=0))
 

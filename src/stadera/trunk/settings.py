@@ -76,19 +76,18 @@ class SwingDetection:
 
     Attributes:
         lift: height of the foot above the lowest foot, along the ground's normal, share of the leg's length [1].
-        load: contact force computed from the joint torques below which the leg may be in the air, share of the weight
-            [1]. Above the 0.2 that friction and a rotor inertia known roughly can mimic.
+        load: contact force computed from the joint torques below which the leg may be in the air, and above which a
+            foot that is not lifted stands, share of the weight [1]. Half of what each foot carries on four; friction of
+            3 % of the effort limit and offsets of 1 % mimic up to 0.1 on a light robot.
         carried: share of the weight that the other legs must carry [1].
-        stands: share of the weight above which a foot that is not lifted stands [1]: half of what each carries on four.
         residual: standard deviation of a row's residual beyond white noise, share of the effort limit [1]: the error of
             a friction law at low speed.
         repeated: number of successive rows with the same model error [1]: half a swing of 20 ms blocks.
     """
 
     lift: float = 0.03
-    load: float = 0.35
+    load: float = 0.125
     carried: float = 0.5
-    stands: float = 0.125
     residual: float = 0.005
     repeated: float = 5.0
 

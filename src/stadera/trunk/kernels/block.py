@@ -37,7 +37,7 @@ BY_A, BY_ALPHA, BY_JOINTS, MIDDLE, OMEGA, AIR = 1710, 1728, 1746, 1818, 1962, 19
 AVERAGED, DIFFERENTIATED, END, FEET, FORCE, HALF = 1969, 1970, 1971, 1972, 1984, 1996
 
 # as in `stadera.trunk.rows` and `stadera.trunk.noise`
-KNOWN = 7  # place of the rotor inertias in `limits`
+KNOWN, KNOWN_STD, MOST_LIGHT = 7, 43, 79  # places of the joints' errors and of the robot's weight squared in `limits`
 STEP = 1e-4  # rad, of the differences by joint positions
 STANDING = 0.05  # smoothing factor of each foot's usual height
 UP, DOWN = exp(0.03), exp(-0.09)  # factors on a variance whose block lies above and below the lower quartile
@@ -667,10 +667,15 @@ def sums(
             light = limits[1]
             for i in range(3):
                 j = 3 * which + i
-                force = plus(force, times(limits[KNOWN + j] * acc[k, j], E[i][0]))
-                light += dot(E[i][0], E[i][0]) * (limits[KNOWN + 12 + j] * acc[k, j]) ** 2
+                extra = spread = 0.0
+                for t in range(3):
+                    term = (acc[k, j], v[k, j], tanh(sliding[k, j] / limits[4]))[t]
+                    extra += limits[KNOWN + 12 * t + j] * term
+                    spread += (limits[KNOWN_STD + 12 * t + j] * term) ** 2
+                force = plus(force, times(extra, E[i][0]))
+                light += dot(E[i][0], E[i][0]) * spread
             height[k, which], along[k, which] = dot(leg[3], up), dot(force, up)
-            heavy[k, which] = dot(force, force) - light
+            heavy[k, which] = dot(force, force) - min(light, limits[MOST_LIGHT])
     k = n // 2
     omega, alpha, a = trunk_at(table, k + 1, joints, to_imu, 1.0 / (table[k + 2, 0] - table[k, 0]))
     for which in range(4):
@@ -739,9 +744,10 @@ def block(
         lever: (3,) [m], of the IMU.
         window: (n,), its rising half.
         variance, prior: (30,), of white noise; the first is updated. quartile: see `WhiteNoise`; 0 for too few samples.
-        limits: (31,), det J [m³], squared force of a light foot [N²], force that the others must carry [N], height of a
+        limits: (80,), det J [m³], squared force of a light foot [N²], force that the others must carry [N], height of a
             lifted foot [m], velocity of the friction law [rad/s], loads of a foot for the ground's normal and of one
-            that stands [N]; from `KNOWN` on the joints' rotor inertia and its standard deviation, (12,) each [kg·m²].
+            that stands [N]; from `KNOWN` on rotor inertia, viscous and Coulomb friction of the joints, (3, 12), from
+            `KNOWN_STD` on their standard deviations; the robot's weight squared [N²].
         standing: (4,) [m], usual heights of the feet, updated.
         usual: squared noise of each column of the table, updated. state: (STATE,), updated.
         table: as `raw`, the samples without spikes. out: (HALF,), the half window.
