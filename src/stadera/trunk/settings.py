@@ -29,7 +29,8 @@ class ModelErrors:
             calf: of the order of 0.01 kg·m².
         viscous: viscous friction, share of the effort limit per rad/s [s/rad]. Assumed.
         coulomb: Coulomb friction [1]. Identified on a real Go2: 0.55 to 1.24 N·m on calves of 45 N·m, 1.2 to 2.8 %.
-        offset: constant torque error [1]. Assumed.
+        offset: constant torque error [1]. `identify` on the logs of real legs in the air that come with the package
+            gives root mean squares of 0.33 % (Go2) and 0.41 % (Aliengo), their own uncertainty of 0.3 % included.
         gain: scale of each joint's torque [1]: tolerances of motor and gear. Assumed.
         common_gain: scale of all torques together [1]. It cannot be separated from weight.
         encoder: zero of each joint's encoder [rad]; calibration by end stops is good to about half a degree.
