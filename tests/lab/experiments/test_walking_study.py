@@ -138,6 +138,5 @@ def test_a_trotting_robot_is_weighed() -> None:
     assert figures["late.com_z"] == pytest.approx(0.0, abs=0.02)
 
 
-@pytest.mark.xfail(reason="4.15 mm: missed since change times are found by likelihood", strict=False)
 def test_the_shift_of_a_trotting_robot_is_soon_known_to_4_mm() -> None:
     assert trotting_go2()["methods"][WALKING]["soon.shift_xy"] < 4e-3
