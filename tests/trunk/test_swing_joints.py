@@ -157,3 +157,20 @@ def test_a_foot_on_a_step_is_in_the_air_only_if_it_carries_nothing(
     estimator.add(samples)
     assert (np.array(air)[:, 0] == (share == 0.0)).all()
     assert not np.array(air)[:, 1:].any()
+
+
+def test_a_torque_that_jumps_is_named_by_the_leg_in_the_air() -> None:
+    model = robot()
+    run = simulate(model, "trot", SimulateSettings("standard", duration=6.0, seed=2, rate=500.0))
+    samples = Samples.of_recording(run.recording, model)
+    for jump in (0.0, 10.0):
+        effort = samples.effort.copy()
+        effort[samples.time > 3.5, 5] += jump
+        estimator = TrunkEstimator(model)
+        estimator.add(replace(samples, effort=effort))
+        changed = [reason for reason in estimator.trust.reasons if "while its leg swings" in reason]
+        assert len(changed) == (jump > 0.0)
+        assert (estimator.trust.verdict == "good") == (jump == 0.0)
+        assert all(repr(model.tree.joints[5]) in reason for reason in changed)
+        at = [joint for leg in model.legs for joint in leg.joints].index(model.tree.joints[5])
+        assert estimator._swing.stepped[at] == pytest.approx(jump, abs=2.0)

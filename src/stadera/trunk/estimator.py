@@ -268,7 +268,9 @@ class TrunkEstimator:
             if self._fit is None or self._swing_misfit is None:
                 self._trust = Trust("doubtful", 1.0, {}, ("too few rows yet to evaluate the fit",))
             else:
-                self._trust = self._fit.trust(self.robot, self._model, self.settings, self._swing_misfit)
+                self._trust = self._fit.trust(
+                    self.robot, self._model, self.settings, self._swing_misfit, self._swing.stepped
+                )
         return self._trust
 
     @property
@@ -476,7 +478,7 @@ class TrunkEstimator:
         """Verdict and misfit of `trust`, without its reasons."""
         if self._fit is None or self._swing_misfit is None:
             return "doubtful", 1.0
-        return self._fit.verdict(self.settings, self._swing_misfit), self._fit.misfit
+        return self._fit.verdict(self.settings, self._swing_misfit, self._swing.stepped), self._fit.misfit
 
     def _complaint(self, vector: Array, read: _Reading) -> str | None:
         """Why the trunk (10,), with the prior for unobserved parameters, is implausible; None if plausible."""

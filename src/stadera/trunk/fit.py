@@ -89,18 +89,30 @@ class Fit:
         square = _scale_square(max(residual, white), (noise, unsure), (stated, doubled), settings.scale_spread)
         return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), remainder, noise)
 
-    def trust(self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float) -> Trust:
-        """The verdict, with reasons."""
+    def trust(
+        self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float, stepped: Array
+    ) -> Trust:
+        """The verdict, with reasons.
+
+        Args:
+            stepped: see `SwingJoints`.
+        """
         reasons = self._causes(errors) if self.misfit > settings.doubtful else ()
         if swing_misfit > settings.bad:
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
-        return Trust(self.verdict(settings, swing_misfit), self.misfit, self._by_leg(robot, errors), reasons)
+        names = [joint for leg in robot.legs for joint in leg.joints]
+        reasons += tuple(
+            f"the torque of {names[k]!r} has changed by {stepped[k]:.3g} N·m since the beginning while its leg swings"
+            for k in np.flatnonzero(stepped)
+        )
+        verdict = self.verdict(settings, swing_misfit, stepped)
+        return Trust(verdict, self.misfit, self._by_leg(robot, errors), reasons)
 
-    def verdict(self, settings: TrunkSettings, swing_misfit: float) -> Verdict:
+    def verdict(self, settings: TrunkSettings, swing_misfit: float, stepped: Array) -> Verdict:
         """The verdict alone."""
         if self.misfit > settings.bad:
             return "bad"
-        return "doubtful" if self.misfit > settings.doubtful or swing_misfit > settings.bad else "good"
+        return "doubtful" if self.misfit > settings.doubtful or swing_misfit > settings.bad or stepped.any() else "good"
 
     def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
         """Mean square of the residual along each leg's errors, divided by that expected from noise and the errors of

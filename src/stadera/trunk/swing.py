@@ -26,6 +26,11 @@ _AT = np.array([PLACES[name].start + _EACH for name in ("rotor", "viscous", "cou
 _ENOUGH = 4 * _COUNT  # rows needed to evaluate the fit of the joints' law
 _QUIETEST = 0.02  # of the stated variance: smaller residuals do not sharpen the estimate further
 _LIKE = 0.05  # relative difference from one of a scale that is taken for one
+_RECENT = 12.0  # rows of a joint, over which its latest residual is averaged
+_STEP = (
+    0.04  # of the effort limit: average residual that friction laws do not have, and a torque sensor that jumps does
+)
+_STEP_WILD = 6.0  # times the usual residual of all joints
 _WILD = 5.0  # standard deviations of the residual, beyond which a row is skipped
 
 
@@ -38,6 +43,8 @@ class SwingJoints:
 
     Attributes:
         rows: number of rows so far.
+        stepped: [N·m] by joint (12,), by how much the recorded torque has departed from the law that held at first,
+            if an average over successive rows is beyond all usual ones, as after a jump of a torque sensor; else zero.
     """
 
     def __init__(self, errors: ErrorModel, settings: SwingDetection) -> None:
@@ -46,6 +53,8 @@ class SwingJoints:
         self._normal, self._right = np.zeros((_COUNT, _COUNT)), np.zeros(_COUNT)
         self._square, self.rows = 0.0, 0
         self._last, self._limit_square = np.zeros(_COUNT), np.inf
+        self.stepped, self._expected, self._loud = np.zeros(12), np.zeros(_COUNT), np.inf
+        self._average, self._averaged = np.zeros(12), np.zeros(12)
         self._found: dict[float, tuple[Array, Array]] = {}  # by scale: at one, and at the last other one
 
     def add(self, air: NDArray[np.bool_], terms: Array, rate: Array, residual: Array, white: Array) -> None:
@@ -62,7 +71,9 @@ class SwingJoints:
         rows[:, _LAG] = -rate
         weight = 1.0 / (white**2 + (self._settings.residual * self._limit) ** 2)
         usual = weight * (residual + rows @ self._last) ** 2 <= self._limit_square
-        used = usual & air.repeat(3)
+        swinging = air.repeat(3)
+        used = usual & swinging
+        self._compare(swinging, residual + rows @ self._expected, weight)
         if not used.any():
             return
         rows, residual = rows[used], residual[used]
@@ -72,6 +83,17 @@ class SwingJoints:
         self._square += float(weight[used] @ residual**2)
         self.rows += len(rows)
         self._found.clear()
+
+    def _compare(self, swinging: NDArray[np.bool_], residual: Array, weight: Array) -> None:
+        """Averages the latest residuals of each joint, and keeps those that are beyond the usual ones."""
+        if self._loud == np.inf:
+            return
+        share = swinging / _RECENT
+        self._averaged += share * (1.0 - self._averaged)
+        self._average += share * (residual - self._average)
+        mean = self._average / np.maximum(self._averaged, 1e-9)
+        large = (self._averaged > 0.5) & (np.abs(mean) > _STEP * self._limit) & (weight * mean**2 > self._loud)
+        self.stepped = np.where(large & (np.abs(mean) > np.abs(self.stepped)), -mean, self.stepped)
 
     @property
     def misfit(self) -> float:
@@ -102,6 +124,8 @@ class SwingJoints:
             mean, covariance = np.empty(_COUNT), np.empty((_COUNT, _COUNT))
             sums = self._normal, self._right, self._square, self.rows
             loud = compiled.posterior(*sums, self._prior, scale, repeated, _QUIETEST, mean, covariance)
+        if self.rows > 2 * _COUNT and scale == 1.0 and self._loud == np.inf:  # compared with the log's beginning
+            self._expected, self._loud = mean, _STEP_WILD**2 * loud / repeated
         if self.rows > _ENOUGH and scale == 1.0:
             self._last, self._limit_square = mean, _WILD**2 * loud / repeated
         return mean, covariance
