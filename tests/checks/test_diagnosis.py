@@ -13,9 +13,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.checks import CheckLimits
-from stadera.checks.blocks import Blocks
 from stadera.checks.footing import Footing
 from stadera.checks.hypotheses import hypotheses_in_motion
+from stadera.checks.instants import Instants
 from stadera.checks.motion import Gain, MotionCosts
 from stadera.checks.statics import ConsistencyModel
 from stadera.errors import UntrustedError
@@ -110,7 +110,7 @@ def test_forces_are_those_of_the_weight(hyq: Robot, clean: Recording) -> None:
     assert clean.effort is not None
     assert clean.imu is not None
     limits = CheckLimits()
-    blocks = Blocks.of(clean, hyq.tree.joints, ImuMount.of(hyq, clean.imu.frame), limits)
+    blocks = Instants.of(clean, hyq.tree.joints, ImuMount.of(hyq, clean.imu.frame), limits)
     figures = ConsistencyModel(hyq, limits).evaluate(Footing(hyq, blocks))
     assert figures.weighs == pytest.approx(StandingRobot(hyq).mass, rel=5e-3)
     assert figures.tilts.similarity > 0.99
@@ -118,12 +118,12 @@ def test_forces_are_those_of_the_weight(hyq: Robot, clean: Recording) -> None:
     assert not list(figures.faults())
 
 
-def wild_blocks(group: list[int]) -> Blocks:
+def wild_blocks(group: list[int]) -> Instants:
     """Instants of a robot whose joints are anywhere, under a specific force that hardly turns."""
     rng, n = np.random.default_rng(1), len(group)
     q, rate, effort = rng.uniform(-1.0, 1.0, (3, n, 12))
     force = np.array([0.3, -0.2, 9.8]) + 1e-3 * rng.normal(size=(n, 3))
-    return Blocks(0.04 * np.arange(n), np.array(group), q, rate, 20.0 * effort, None, force, rng.normal(size=(n, 3)))
+    return Instants(0.04 * np.arange(n), np.array(group), q, rate, 20.0 * effort, None, force, rng.normal(size=(n, 3)))
 
 
 def test_hypotheses_share_what_they_do_not_change() -> None:

@@ -15,10 +15,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stadera.checks.blocks import Blocks
 from stadera.checks.explain import explain, explain_motion
 from stadera.checks.finding import Finding
 from stadera.checks.footing import Footing
+from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
 from stadera.checks.torque_order import pushing_at_rest, swapped_in_motion
@@ -63,7 +63,7 @@ def diagnose(
         return tuple(found)
     if recording.imu is not None:
         found += _orientation(recording.imu, recording.time, limits)
-    blocks = Blocks.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
+    blocks = Instants.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
     found += _contradictions(blocks, ConsistencyModel(robot, limits))
     return tuple(found)
 
@@ -78,7 +78,7 @@ def unit_findings(recording: Recording, robot: Robot, limits: CheckLimits | None
     found = [*time_findings(recording, limits), *position_findings(recording, robot, limits)]
     joints = tuple(joint for joint in robot.tree.joints if joint in recording.joints)
     if not found and joints and len(recording) > 1:
-        found += velocity_findings(Blocks.of(recording, joints, None, limits), joints, limits)
+        found += velocity_findings(Instants.of(recording, joints, None, limits), joints, limits)
     gravity = () if recording.imu is None else tuple(gravity_findings(recording.imu, limits))
     gyro = () if found or gravity else tuple(gyro_findings(recording, limits))
     return (*found, *gravity, *gyro)
@@ -90,7 +90,7 @@ def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = N
     Arguments and errors as `diagnose`; the recording has all of the robot's joints and their torques.
     """
     limits = CheckLimits()
-    blocks = Blocks.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
+    blocks = Instants.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
     return tuple(ConsistencyModel(robot, limits).evaluate(Footing(robot, blocks)).faults()) if len(blocks) else ()
 
 
@@ -197,7 +197,7 @@ def _orientation(imu: Imu, time: Array, limits: CheckLimits) -> Iterator[Finding
 # -- all sensors together -------------------------------------------------------------------------------------------
 
 
-def _contradictions(blocks: Blocks, model: ConsistencyModel) -> Iterator[Finding]:
+def _contradictions(blocks: Instants, model: ConsistencyModel) -> Iterator[Finding]:
     if not len(blocks):
         return
     footing = Footing(model.robot, blocks)

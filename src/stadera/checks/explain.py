@@ -12,9 +12,9 @@ from itertools import chain
 
 import numpy as np
 
-from stadera.checks.blocks import Blocks
 from stadera.checks.footing import Footing
 from stadera.checks.hypotheses import FaultHypothesis, hypotheses_at_rest, hypotheses_in_motion, torque_scales
+from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import Gain, MotionCosts
 from stadera.checks.statics import Consistency, ConsistencyModel
@@ -35,7 +35,7 @@ class Explanation:
     others: tuple[FaultHypothesis, ...]
 
 
-def explain(blocks: Blocks, model: ConsistencyModel) -> Explanation | None:
+def explain(blocks: Instants, model: ConsistencyModel) -> Explanation | None:
     """The hypothesis that explains what is impossible on average; None if none does."""
     robot, limits = model.robot, model.limits
     footing = Footing(robot, blocks.thinned(limits.trial_instants))

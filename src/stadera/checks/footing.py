@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.checks.blocks import Blocks
+from stadera.checks.instants import Instants
 from stadera.constants import GRAVITY
 from stadera.legs.model import LegModel
 from stadera.robot.model import Robot
@@ -109,10 +109,10 @@ class Footing:
     """
 
     robot: Robot
-    blocks: Blocks
+    blocks: Instants
     known: Known = field(default_factory=Known)
 
-    def under(self, change: Callable[[Blocks], Blocks]) -> Footing:
+    def under(self, change: Callable[[Instants], Instants]) -> Footing:
         """The footing at the same instants, of changed values."""
         return replace(self, blocks=change(self.blocks))
 

@@ -9,7 +9,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.checks.blocks import Blocks
+from stadera.checks.instants import Instants
 from stadera.checks.units import DEGREE
 from stadera.logs.columns import CHANNELS
 from stadera.logs.mend import GYRO, Mend
@@ -51,7 +51,7 @@ class FaultHypothesis:
 
     cause: str
     text: str
-    undo: Callable[[Blocks], Blocks]
+    undo: Callable[[Instants], Instants]
     option: str = ""
     mend: Mend | None = None
     rarity: float = 1.0
@@ -207,7 +207,7 @@ class _Taken:
     order: Places
     channels: tuple[str, ...]
 
-    def __call__(self, blocks: Blocks) -> Blocks:
+    def __call__(self, blocks: Instants) -> Instants:
         moved = ("position", "rate") if "position" in self.channels else ()
         names = (*moved, "effort") if "effort" in self.channels else moved
         return replace(blocks, **{name: getattr(blocks, name)[:, self.order] for name in names})
@@ -237,7 +237,7 @@ class _Mirrored:
     sign: Array
     torques: bool
 
-    def __call__(self, blocks: Blocks) -> Blocks:
+    def __call__(self, blocks: Instants) -> Instants:
         effort = blocks.effort * self.sign if self.torques else blocks.effort
         return replace(blocks, position=blocks.position * self.sign, rate=blocks.rate * self.sign, effort=effort)
 
@@ -273,7 +273,7 @@ class _Turn:
 
     turn: Array
 
-    def __call__(self, blocks: Blocks) -> Blocks:
+    def __call__(self, blocks: Instants) -> Instants:
         names = ("specific_force", "angular_velocity")
         values = {name: getattr(blocks, name) for name in names}
         return replace(blocks, **{name: v @ self.turn.T for name, v in values.items() if v is not None})

@@ -27,9 +27,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.checks.blocks import Blocks
 from stadera.checks.footing import Footing
 from stadera.checks.hypotheses import FaultHypothesis, torque_orders
+from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import MotionCosts
 from stadera.constants import GRAVITY
@@ -69,7 +69,7 @@ def swapped_in_motion(footing: Footing, limits: CheckLimits) -> SwappedTorques |
     the robot is at rest.
     """
     blocks = footing.blocks
-    if blocks.angular_velocity is None or blocks.specific_force is None or not np.isfinite(blocks.rate).all():
+    if not blocks.complete:
         return None
     if len(blocks) < limits.order_fewest or MotionCosts(footing, limits).lively <= limits.lively_share:
         return None
@@ -189,12 +189,7 @@ class InstantRows:
         def at(position: Array) -> LegWrenches:
             return legs.at(LegMotions(position, qd, qdd, omega.T, alpha.T, a.T, footing.up.T))
 
-        def moved(joint: int) -> LegWrenches:
-            other = q.copy()
-            other[:, :, joint] += _STEP
-            return at(other)
-
-        wrenches, displaced = at(q), [moved(joint) for joint in range(3)]
+        wrenches, displaced = at(q), [at(q + step) for step in _STEP * np.eye(3)]
         scale = 0.01 * robot.mass * GRAVITY * np.array([1.0, 1.0, 1.0, *[legs.length] * 3])
         model = ErrorModel(robot, ModelErrors(), legs.length)
         chosen = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in (*_OTHERS, *_OF_TORQUES)])
@@ -205,14 +200,8 @@ class InstantRows:
         by_joint = [_flat(-E * x, scale) for x in (qdd, qd, direction(qd), np.ones_like(qd))]
         by_imu = [(x / scale[:, None]).reshape(6 * n, 3) for x in (by_force @ skews(a), np.tile(-by_force, (n, 1, 1)))]
         fixed = np.hstack([*by_joint, *by_imu])
-        given = [np.broadcast_to(torque[:, m : m + 1], torque.shape) for m in range(4)]
-        by_leg = [wrenches.target(effort) for effort in given]
-        turned = [
-            np.stack([(x.target(e) - own) / _STEP for x in displaced], -1) for e, own in zip(given, by_leg, strict=True)
-        ]
-        late = [(E * rate[:, m : m + 1]).sum(axis=3) for m in range(4)]
         unloaded = wrenches.target(np.zeros_like(torque)).sum(axis=2)
-        of_torques = (*(-E * effort for effort in given), *late, *turned)
+        of_torques = _by_torques(wrenches, displaced, torque, rate)
         both = np.hstack([_flat(unloaded, scale), fixed, *(_flat(x, scale) for x in of_torques)])
         matrix = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale[:, None]
         size = robot.mass * np.array([1.0, *[0.5 * legs.length] * 3, *[0.5 * legs.length**2] * 6])
@@ -253,6 +242,18 @@ class Likelihood:
         return cls(float(costs[best]), float(k[best, 0]), value, vector)
 
 
+def _by_torques(wrenches: LegWrenches, displaced: Sequence[LegWrenches], torque: Array, rate: Array) -> list[Array]:
+    """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.products`."""
+    E, legs = wrenches.to_wrench, range(torque.shape[1])
+    given = [np.broadcast_to(torque[:, m : m + 1], torque.shape) for m in legs]
+    late = [(E * rate[:, m : m + 1]).sum(axis=3) for m in legs]
+    turned = []
+    for effort in given:
+        own = wrenches.target(effort)
+        turned.append(np.stack([(moved.target(effort) - own) / _STEP for moved in displaced], -1))
+    return [*(-E * effort for effort in given), *late, *turned]
+
+
 def outside(rows: int) -> Array:
     """Effect (rows, 6) of a constant force and moment from outside, of any size."""
     return 10.0 * np.tile(np.eye(6), (rows // 6, 1))
@@ -278,7 +279,7 @@ def _flat(values: Array, scale: Array) -> Array:
     return np.asarray(six.transpose(1, 0, 2).reshape(-1, six.shape[2]))
 
 
-def _slopes(values: Array, blocks: Blocks) -> Array:
+def _slopes(values: Array, blocks: Instants) -> Array:
     """Derivatives (instants, ...) [1/s], by central differences within each stretch."""
     out = np.zeros_like(values)
     for group in np.unique(blocks.group):

@@ -13,7 +13,7 @@ nearly constant force and moment, which an offset imitates: the two look alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,19 +45,13 @@ class TorqueStep:
 def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:
     """The step with the largest z, if it is beyond chance and no small one; None if there is none."""
     blocks = footing.blocks
-    if blocks.angular_velocity is None or blocks.specific_force is None or not np.isfinite(blocks.rate).all():
+    if not blocks.complete:
         return None
     spans = list(_spans(blocks.time, moving(footing, limits), limits))
     if not spans:
         return None
     rows = InstantRows.of(footing)
-    recorded = rows.both @ sums(rows.both.shape[1], rows.fixed, (0, 1, 2, 3))
-    recorded[:, 1:] = recorded[:, 1:] @ rows.root
-    found = {k: _tested(rows, recorded, *spans[k], limits) for k in range(0, len(spans), 2)}
-    near = max(found, key=lambda k: float(found[k][0].max()))
-    found |= {k: _tested(rows, recorded, *spans[k], limits) for k in (near - 1, near + 1) if 0 <= k < len(spans)}
-    k = max(found, key=lambda k: float(found[k][0].max()))
-    (squares, sizes), (span, at) = found[k], spans[k]
+    (squares, sizes), (span, at) = _likeliest(rows, spans, limits)
     best = int(np.argmax(squares))
     if squares[best] < limits.step_gain or abs(sizes[best]) < limits.step_least:
         return None
@@ -70,6 +64,19 @@ def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:
         size,
         float(np.sqrt(squares[best])),
     )
+
+
+def _likeliest(
+    rows: InstantRows, spans: Sequence[tuple[slice, int]], limits: CheckLimits
+) -> tuple[tuple[Array, Array], tuple[slice, int]]:
+    """z² and size by joint, where z is largest among every second stretch and its neighbours; and that stretch."""
+    recorded = rows.both @ sums(rows.both.shape[1], rows.fixed, (0, 1, 2, 3))
+    recorded[:, 1:] = recorded[:, 1:] @ rows.root
+    found = {k: _tested(rows, recorded, *spans[k], limits) for k in range(0, len(spans), 2)}
+    near = max(found, key=lambda k: float(found[k][0].max()))
+    found |= {k: _tested(rows, recorded, *spans[k], limits) for k in (near - 1, near + 1) if 0 <= k < len(spans)}
+    k = max(found, key=lambda k: float(found[k][0].max()))
+    return found[k], spans[k]
 
 
 def _spans(time: Array, lively: Bools, limits: CheckLimits) -> Iterator[tuple[slice, int]]:

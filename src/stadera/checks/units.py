@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stadera.checks.blocks import Blocks
 from stadera.checks.finding import Finding
+from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
 from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
@@ -100,7 +100,7 @@ def _beyond(recording: Recording, robot: Robot, joint: str, factor: float) -> fl
     return float(np.median(np.maximum(beyond, 0.0)))
 
 
-def velocity_findings(blocks: Blocks, joints: Sequence[str], limits: CheckLimits) -> Iterator[Finding]:
+def velocity_findings(blocks: Instants, joints: Sequence[str], limits: CheckLimits) -> Iterator[Finding]:
     """Compares joint velocities with the slopes of the positions: unit, sign, order."""
     if blocks.velocity is None or not len(blocks) or not np.isfinite(blocks.rate).all():
         return
@@ -226,8 +226,8 @@ def gyro_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding
         )
 
 
-def _vector_blocks(recording: Recording, values: Array, limits: CheckLimits) -> Blocks:
+def _vector_blocks(recording: Recording, values: Array, limits: CheckLimits) -> Instants:
     """Instants of vectors (samples, 3), stored in place of joint positions."""
     axes = ("x", "y", "z")
     bare = replace(recording, joints=axes, position=values, velocity=None, acceleration=None, effort=None)
-    return Blocks.of(bare, axes, None, limits)
+    return Instants.of(bare, axes, None, limits)

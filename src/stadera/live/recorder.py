@@ -13,7 +13,7 @@ from stadera.live.topics import KINDS, Arrival
 _JSON = "json"
 
 
-class Recorder:
+class MessageRecorder:
     """Writes one file; thread-safe.
 
     Args:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from stadera.live.link import Endpoints, ZenohLink
 from stadera.live.messages import RESET, TARE
-from stadera.live.recorder import Recorder
+from stadera.live.recorder import MessageRecorder
 from stadera.live.replay import replay
 from stadera.live.session import LiveSession
 from stadera.live.state import LiveState
@@ -53,7 +53,7 @@ def run(
         MissingExtraError: zenoh is not installed. StaderaError: Zenoh cannot be started.
         RecordingError: the log cannot be replayed. UntrustedError: its units or signs are wrong.
     """
-    recorder = None if record is None else Recorder(record)
+    recorder = None if record is None else MessageRecorder(record)
     worker = Worker(session, keep=None if recorder is None else recorder.keep)
     link: ZenohLink | None = None
     try:

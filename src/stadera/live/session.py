@@ -195,7 +195,7 @@ class LiveSession:
         if estimator is None:
             frame = self.imu_frame or (recording.imu.frame if recording.imu is not None else None)
             mount = ImuMount.of(self.robot, frame)
-            self._posed = posed_as(self.robot, recording)
+            self._posed = posed_as(self.robot, recording.others)
             estimator = TrunkEstimator(self._posed, settings=self.settings.trunk, mount=mount)
         elif self.intake.fresh:
             estimator.restart()

@@ -29,7 +29,7 @@ from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.csv import CsvTable
 from stadera.logs.tables.parquet import ParquetTable
 from stadera.logs.tables.refused import refusal
-from stadera.logs.topics import Beginning, LogFile, OpenedLog
+from stadera.logs.topics import FirstChunk, LogFile, OpenedLog
 
 Log = str | PathLike[str] | Recording
 """A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory."""
@@ -144,7 +144,7 @@ def _opened(log: OpenedLog, joints: Sequence[str] | None, require: Collection[st
     key = None if joints is None else tuple(joints)
     if key not in log.beginnings:
         chunks = _read(log, joints, (), MOST_ROWS)
-        log.beginnings[key] = Beginning(next(chunks, None), chunks)
+        log.beginnings[key] = FirstChunk(next(chunks, None), chunks)
     kept = log.beginnings[key]
     if kept.first is None or any(getattr(kept.first, channel, None) is None for channel in require):
         return _read(log, joints, require, rows)  # which raises
@@ -152,7 +152,7 @@ def _opened(log: OpenedLog, joints: Sequence[str] | None, require: Collection[st
     return chunks if rows == MOST_ROWS else (part for chunk in chunks for part in _chunks(chunk, rows))
 
 
-def _all_of(log: OpenedLog, kept: Beginning, joints: Sequence[str] | None) -> Iterator[Recording]:
+def _all_of(log: OpenedLog, kept: FirstChunk, joints: Sequence[str] | None) -> Iterator[Recording]:
     """The first chunk and those after it; whoever reads on takes the beginning's place in memory."""
     if kept.first is None:  # another reader has
         yield from _read(log, joints, (), MOST_ROWS)

@@ -80,7 +80,7 @@ class LogFile(PathLike[str]):
 
 
 @dataclass
-class Beginning:
+class FirstChunk:
     """The first chunk of a log, and those after it until a reader takes them."""
 
     first: Recording | None
@@ -98,7 +98,7 @@ class OpenedLog(LogFile):
         beginnings: by joints read; filled by `stadera.logs.stream`.
     """
 
-    beginnings: dict[tuple[str, ...] | None, Beginning] = field(
+    beginnings: dict[tuple[str, ...] | None, FirstChunk] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Collection
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -20,11 +21,12 @@ from stadera.robot.extra import ExtraJoints
 from stadera.robot.feet import find_foot
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
-from stadera.robot.modelfile import ModelFile, joint_axis, sliding_axis
+from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import fitted_shapes
 from stadera.robot.xacro import parsed
 from stadera.robot.xmltree import require_depth, require_size
+from stadera.types import Array
 
 _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit
 
@@ -95,7 +97,12 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> ET.Element:
 
 def _understand(file: ModelFile) -> Robot:
     chains, notes = find_legs(file)
-    model, held = _without_other_joints(file.model, chains)
+    of_legs = {joint for chain in chains for joint in chain.joints}
+    model, locked = _with_only(file.model, of_legs)
+    if locked:
+        others = ", ".join(file.model.names[joint] for joint in locked)
+        held = "belong to no leg, so their links are lumped into their parents, at zero unless a log says otherwise"
+        notes = (*notes, f"{held}: {others}")
     order = [model.getJointId(file.model.names[joint]) for chain in chains for joint in chain.joints]
     tree = _tree(file, model, order)
     frames = _frames(model, order, tree)
@@ -114,64 +121,68 @@ def _understand(file: ModelFile) -> Robot:
         frames=frames,
         shapes=(*shapes, *fitted_shapes(tree, legs, shapes)),
         source=file.path,
-        notes=(*notes, *held, *foot_notes, *limit_notes),
-        extra=_extra(file, chains),
+        notes=(*notes, *foot_notes, *limit_notes),
+        extra=_extra(file.model, of_legs),
     )
     return replace(robot, notes=(*robot.notes, *check_sense(robot)))
 
 
-def _without_other_joints(model: Any, chains: tuple[Chain, ...]) -> tuple[Any, list[str]]:
-    """The model with all joints except the legs' fixed at zero, and a note on them."""
-    locked = sorted(set(range(2, model.njoints)).difference(*(chain.joints for chain in chains)))
-    if not locked:
-        return model, []
-    names = ", ".join(model.names[joint] for joint in locked)
-    reduced = pin.buildReducedModel(model, locked, pin.neutral(model))
-    return reduced, [
-        f"belong to no leg, so their links are lumped into their parents, at zero unless a log says otherwise: {names}"
-    ]
+def _with_only(model: Any, joints: Collection[int]) -> tuple[Any, list[int]]:
+    """The model with all other joints of the trunk's fixed at zero, and these others."""
+    locked = sorted(set(range(2, model.njoints)).difference(joints))
+    return (pin.buildReducedModel(model, locked, pin.neutral(model)) if locked else model), locked
 
 
-def _extra(file: ModelFile, chains: tuple[Chain, ...]) -> ExtraJoints | None:
+def _extra(whole: Any, of_legs: Collection[int]) -> ExtraJoints | None:
     """The joints outside the legs that hang from the trunk and turn or slide; the others among them stay at zero."""
-    of_legs = set().union(*(chain.joints for chain in chains))
     found: list[int] = []
-    for joint in range(2, file.model.njoints):  # in topological order
-        moves = joint_axis(file.model.joints[joint]) is not None or sliding_axis(file.model.joints[joint]) is not None
-        if joint not in of_legs and moves and file.model.parents[joint] in (1, *found):
+    for joint in range(2, whole.njoints):  # in topological order
+        if (
+            joint not in of_legs
+            and whole.parents[joint] in (1, *found)
+            and moving_axis(whole.joints[joint]) is not None
+        ):
             found.append(joint)
     if not found:
         return None
-    names = tuple(file.model.names[joint] for joint in found)
-    locked = sorted(set(range(2, file.model.njoints)).difference(found, of_legs))
-    model = pin.buildReducedModel(file.model, locked, pin.neutral(file.model)) if locked else file.model
+    model, _ = _with_only(whole, {*of_legs, *found})
+    names = tuple(whole.names[joint] for joint in found)
     order = [model.getJointId(name) for name in names]
-    joints = [model.joints[joint] for joint in order]
-    axes = [(joint_axis(joint), sliding_axis(joint)) for joint in joints]
+    rotations, translations = _placements(model, order)
     return ExtraJoints(
         joints=names,
-        parents=tuple([1, *order].index(model.parents[joint]) - 1 for joint in order),
-        rotations=np.array([model.jointPlacements[joint].rotation for joint in order]),
-        translations=np.array([model.jointPlacements[joint].translation for joint in order]),
-        axes=np.array([along if about is None else about for about, along in axes]),
-        sliding=tuple(about is None for about, _ in axes),
+        parents=tuple(parent - 1 for parent in _parents(model, order)),
+        rotations=rotations,
+        translations=translations,
+        axes=np.array([moving_axis(model.joints[joint]) for joint in order]),
+        sliding=tuple(joint_axis(model.joints[joint]) is None for joint in order),
         bodies=tuple(InertialParameters.from_pinocchio(model.inertias[joint]) for joint in order),
         reference=np.zeros(len(order)),
     )
 
 
 def _tree(file: ModelFile, model: Any, order: list[int]) -> Tree:
-    link_of_joint = [1, *order]
     joints = tuple(model.names[joint] for joint in order)
-    placements = [model.jointPlacements[joint] for joint in order]
+    rotations, translations = _placements(model, order)
     return Tree(
         links=(file.trunk, *map(file.links.__getitem__, joints)),
         joints=joints,
-        parents=tuple(link_of_joint.index(model.parents[joint]) for joint in order),
-        rotations=np.array([placement.rotation for placement in placements]),
-        translations=np.array([placement.translation for placement in placements]),
+        parents=_parents(model, order),
+        rotations=rotations,
+        translations=translations,
         axes=np.array([joint_axis(model.joints[joint]) for joint in order]),
     )
+
+
+def _parents(model: Any, order: list[int]) -> tuple[int, ...]:
+    """For each joint, 0 if it is on the trunk, else one more than its parent's place in the order."""
+    return tuple([1, *order].index(model.parents[joint]) for joint in order)
+
+
+def _placements(model: Any, order: list[int]) -> tuple[Array, Array]:
+    """Rotations (n, 3, 3) and translations (n, 3) [m] of the joints' frames in their parents'."""
+    placements = [model.jointPlacements[joint] for joint in order]
+    return np.array([pose.rotation for pose in placements]), np.array([pose.translation for pose in placements])
 
 
 def _inertias(file: ModelFile, model: Any, tree: Tree, order: list[int]) -> dict[str, InertialParameters]:

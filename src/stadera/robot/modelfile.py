@@ -47,9 +47,10 @@ def joint_axis(joint: Any) -> Array | None:
     return _axis(joint, slice(3, 6))
 
 
-def sliding_axis(joint: Any) -> Array | None:
-    """Unit axis (3,) of a Pinocchio prismatic joint model in its own frame; None for any other kind of joint."""
-    return _axis(joint, slice(0, 3))
+def moving_axis(joint: Any) -> Array | None:
+    """The same of a revolute or prismatic joint model."""
+    about = joint_axis(joint)
+    return _axis(joint, slice(0, 3)) if about is None else about
 
 
 def _axis(joint: Any, part: slice) -> Array | None:

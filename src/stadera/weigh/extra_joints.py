@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from stadera.errors import RecordingError
 from stadera.logs import Recording, stream
+from stadera.logs.recording import OtherJoints
 from stadera.robot.model import Robot
 from stadera.weigh.settings import Source
 
@@ -26,35 +25,30 @@ def with_extra_joints(robot: Robot, *logs: Source) -> tuple[Robot, tuple[Source,
     extra = robot.extra
     if extra is None:
         return robot, logs, ()
-    read: list[Source] = []
-    notes: dict[str, None] = {}
-    posed: Robot | None = None
-    for log in logs:
-        other, first = _reading_others(robot, log, extra.joints)
-        read.append(other)
-        found = () if first is None or first.others is None else first.others.names
-        if first is not None and first.others is not None and posed is None:
-            posed = posed_as(robot, first)
-        if lacking := [joint for joint in extra.joints if joint not in found]:
-            notes[f"{_listed(lacking)} of no leg: not in {log.name}, held at the model's zero"] = None
-    if posed is not None and posed.extra is not None:
+    read = [_reading_others(robot, log, extra.joints) for log in logs]
+    notes: list[str] = []
+    for log, recorded in read:
+        if lacking := [joint for joint in extra.joints if recorded is None or joint not in recorded.names]:
+            notes.append(f"{_listed(lacking)} of no leg: not in {log.name}, held at the model's zero")
+    posed = posed_as(robot, next((recorded for _, recorded in read if recorded is not None), None))
+    if posed is not robot and posed.extra is not None:
         angles = ", ".join(f"{value:.3g}" for value in posed.extra.reference)
-        notes[
-            f"{_listed(posed.extra.joints)} of no leg: they move as recorded, with the model's inertia; the trunk's "
+        notes.append(
+            f"{_listed(extra.joints)} of no leg: they move as recorded, with the model's inertia; the trunk's "
             f"values are those with them at {angles} (rad or m), as at the beginning"
-        ] = None
-    return posed or robot, tuple(read), tuple(notes)
+        )
+    return posed, tuple(log for log, _ in read), tuple(dict.fromkeys(notes))
 
 
-def posed_as(robot: Robot, first: Recording) -> Robot:
+def posed_as(robot: Robot, recorded: OtherJoints | None) -> Robot:
     """The robot with its joints outside the legs where they are at the beginning of a recording, if it has them."""
-    if first.others is None:
+    if recorded is None:
         return robot
-    return robot.posed(dict(zip(first.others.names, np.asarray(first.others.position[0]).tolist(), strict=True)))
+    return robot.posed(dict(zip(recorded.names, recorded.position[0].tolist(), strict=True)))
 
 
-def _reading_others(robot: Robot, log: Source, joints: tuple[str, ...]) -> tuple[Source, Recording | None]:
-    """The log that also reads these joints, and its beginning; the log itself if it does not have them throughout."""
+def _reading_others(robot: Robot, log: Source, joints: tuple[str, ...]) -> tuple[Source, OtherJoints | None]:
+    """The log that also reads these joints, and what it begins with; the log itself if it lacks them or has gaps."""
     if isinstance(log, Recording):
         other: Source = log.with_others(joints)
     else:
@@ -64,7 +58,7 @@ def _reading_others(robot: Robot, log: Source, joints: tuple[str, ...]) -> tuple
         if first is not None and first.others is not None:
             whole = next(stream(log, joints=robot.tree.joints, rows=_FIRST))
             if len(first) >= _COMPLETE * len(whole):
-                return other, first
+                return other, first.others
     except RecordingError:
         pass  # whoever reads the log says why
     return log, None

@@ -36,14 +36,14 @@ def weigh_in_motion(request: Request) -> Weighing:
     """Weighs in any motion. Raises as `stadera.weigh.weigh`."""
     tare, robot = request.tare, request.robot
     require_imu(robot, request.source, IN_MOTION)
-    before: _Reading | None = None
+    before: _LogPass | None = None
     if tare is not None and not isinstance(tare, tuple):
         require_imu(robot, tare, IN_MOTION)
-        before = _Reading(request, CheckedLog(request, tare, ("imu",)))
+        before = _LogPass(request, CheckedLog(request, tare, ("imu",)))
         before.read()
         before.tare(tare.source)
     log = CheckedLog(request, request.source, ("imu",))
-    reading = _Reading(request, log, before)
+    reading = _LogPass(request, log, before)
     reading.read()
     if isinstance(tare, tuple) and not reading.tared:
         raise IdentificationError(
@@ -67,7 +67,7 @@ def trust_now(estimator: TrunkEstimator, learnt: float | None = None) -> Trust:
     return trust.at_most(verdict, f"as known at {at:.2f} s; nothing was learnt after it: {estimate.reason}")
 
 
-class _Reading:
+class _LogPass:
     """Processing of one log.
 
     Args:
@@ -76,7 +76,7 @@ class _Reading:
         before: processing of the tare's log, whose estimator continues with this one; None for a new estimator.
     """
 
-    def __init__(self, request: Request, log: CheckedLog, before: _Reading | None = None) -> None:
+    def __init__(self, request: Request, log: CheckedLog, before: _LogPass | None = None) -> None:
         self.log = log
         self._request, self._before = request, before
         self._range = request.tare if isinstance(request.tare, tuple) and before is None else None

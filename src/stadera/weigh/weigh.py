@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 
 from stadera.checks import Guard
 from stadera.errors import UntrustedError
-from stadera.logs import LogFile, Recording
+from stadera.logs import LogFile
 from stadera.logs.reader import Log, as_log
 from stadera.logs.topics import OpenedLog
 from stadera.robot import load_robot
@@ -19,7 +18,7 @@ from stadera.weigh.extra_joints import with_extra_joints
 from stadera.weigh.in_motion import weigh_in_motion
 from stadera.weigh.reading import beginning, choose_method
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import IN_MOTION, Request, Watch, WeighSettings, check_choice
+from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice
 
 
 def weigh(
@@ -62,32 +61,27 @@ def weigh(
         UntrustedError: units or signs of the log are wrong, or it contradicts the model or itself, without `force`.
     """
     check_choice(method, stiffness)
-    model = robot if isinstance(robot, Robot) else load_robot(Path(robot) if isinstance(robot, PathLike) else robot)
-    source, chosen = as_log(log), settings or WeighSettings()
-    other: tuple[float, float] | LogFile | Recording | None = tare if isinstance(tare, tuple) else None
-    if tare is not None and not isinstance(tare, tuple):
-        other = as_log(tare)
-    logs = (source, other) if isinstance(other, LogFile | Recording) else (source,)
-    model, read, said = with_extra_joints(model, *logs)
-    source, other = _opened(read[0]), other if len(read) == 1 else _opened(read[1])
+    model, chosen = load_robot(robot), settings or WeighSettings()
+    logs = [log] if tare is None or isinstance(tare, tuple) else [log, tare]
+    model, read, said = with_extra_joints(model, *map(as_log, logs))
     guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
-    source = guard.admitted(source, fix=fix, force=force)
-    if isinstance(other, LogFile | Recording):
-        other = guard.admitted(other, fix=fix, force=force)
-    if isinstance(other, tuple):
-        other, shifted = _in_time_of(source, other, model)
-        said = (*said, *shifted)
-    name = method or choose_method(model, source, other, chosen)
-    request = Request(model, source, other, name, imu_frame, stiffness, force, chosen, progress, watch)
-    result = weigh_in_motion(request) if name == IN_MOTION else weigh_at_rest(request)
-    if result.trust.verdict == "bad" and not force:
-        raise UntrustedError(f"{source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
-    return replace(result, notes=(*said, *result.notes))
+    source, *others = [guard.admitted(_opened(each), fix=fix, force=force) for each in read]
+    span, shifted = _in_time_of(source, tare, model) if isinstance(tare, tuple) else (None, ())
+    unloaded = others[0] if others else span
+    name = method or choose_method(model, source, unloaded, chosen)
+    result = _trusted(Request(model, source, unloaded, name, imu_frame, stiffness, force, chosen, progress, watch))
+    return replace(result, notes=(*said, *shifted, *result.notes))
 
 
-def _in_time_of(
-    source: LogFile | Recording, tare: tuple[float, float], robot: Robot
-) -> tuple[tuple[float, float], tuple[str, ...]]:
+def _trusted(request: Request) -> Weighing:
+    """The result of the request's estimator, unless it is refused."""
+    result = weigh_in_motion(request) if request.method == IN_MOTION else weigh_at_rest(request)
+    if result.trust.verdict == "bad" and not request.force:
+        raise UntrustedError(f"{request.source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
+    return result
+
+
+def _in_time_of(source: Source, tare: tuple[float, float], robot: Robot) -> tuple[tuple[float, float], tuple[str, ...]]:
     """The tare's range in the log's own time, and a note if it was given from the log's beginning."""
     begin, end = tare
     first = float(beginning(robot, source).time[0])
@@ -97,6 +91,6 @@ def _in_time_of(
     return (first + begin, first + end), (note,)
 
 
-def _opened(log: LogFile | Recording) -> LogFile | Recording:
+def _opened(log: Source) -> Source:
     """The log, its first chunk read once for all checks."""
     return OpenedLog.at(log) if isinstance(log, LogFile) else log

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.logs.bags.clock import HeaderClock
-from stadera.logs.bags.sample import Sample, Samples
+from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.logs.sampling import GAP_FACTOR
@@ -69,7 +69,7 @@ class Track:
         """Adds a sample with its columns in any order."""
         self.add(sample.stamp, sample.values[self._places(sample.columns)], sample.received)
 
-    def take_many(self, samples: Samples) -> None:
+    def take_many(self, samples: SampleBatch) -> None:
         """Adds samples with their columns in any order."""
         self._gather()
         self._blocks.append((samples.stamp, samples.received, samples.values[:, self._places(samples.columns)]))

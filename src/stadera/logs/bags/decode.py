@@ -12,7 +12,7 @@ from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
 from stadera.logs.bags.container import Message, Messages, Topic
 from stadera.logs.bags.repeated import Repeated
-from stadera.logs.bags.sample import Sample, Samples
+from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS
@@ -37,7 +37,7 @@ class Decoder(Protocol):
         """The values of one message."""
         ...
 
-    def many(self, messages: Messages) -> Samples | None:
+    def many(self, messages: Messages) -> SampleBatch | None:
         """The same values from several messages at once; None, without having read any, if they are not laid out
         alike.
         """
@@ -54,7 +54,7 @@ class OneByOne:
         """The values of one message."""
         return self._decode(message)
 
-    def many(self, messages: Messages) -> Samples | None:
+    def many(self, messages: Messages) -> SampleBatch | None:
         """Nothing: see `Decoder`."""
         return None
 

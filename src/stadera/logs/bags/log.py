@@ -23,7 +23,7 @@ from stadera.logs.bags.choice import choose
 from stadera.logs.bags.container import Bag, Bundle, Container, Message, Messages
 from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.merging import Merging
-from stadera.logs.bags.sample import Sample, Samples
+from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import Batch, recordings, within
@@ -78,15 +78,8 @@ class BagLog:
         with foreign(path, "definitions of messages"):
             decoders = {name: decoder(found[name], self.container.encoding, joints, self.settings) for name in chosen}
         samples = _Samples(bag, decoders)
-        head = first_samples(samples, joint_topic, imu_topic, self.settings)
-        if not any(sample.topic == joint_topic for sample in head):
-            why = "".join(f"; {damage}" for damage in bag.damage[:1])
-            raise RecordingError(f"{path}: no message of topic {joint_topic} can be read{why}")
-        try:
-            asked = None if joints is None else (*joints, *log.reading.others)
-            start = beginning_of(head, joint_topic, imu_topic, asked)
-        except RecordingError as error:
-            raise RecordingError(f"{path}: {error}") from None
+        asked = None if joints is None else (*joints, *log.reading.others)
+        start = self._beginning(samples, joint_topic, imu_topic, asked)
         if start.imu_fault and "imu" in require:
             raise RecordingError(f"{path}: topic {imu_topic} cannot be used as IMU: {start.imu_fault}")
         names = (TIME, *start.columns)
@@ -97,6 +90,19 @@ class BagLog:
         batches = within(_batches(samples, start, merging, self.settings.batch), bag.budget, rows)
         notes_of_all = _notes(samples, merging, joint_topic)
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
+
+    def _beginning(
+        self, samples: _Samples, joint_topic: str, imu_topic: str | None, asked: Sequence[str] | None
+    ) -> Beginning:
+        path = samples.bag.path
+        head = first_samples(samples, joint_topic, imu_topic, self.settings)
+        if not any(sample.topic == joint_topic for sample in head):
+            why = "".join(f"; {damage}" for damage in samples.bag.damage[:1])
+            raise RecordingError(f"{path}: no message of topic {joint_topic} can be read{why}")
+        try:
+            return beginning_of(head, joint_topic, imu_topic, asked)
+        except RecordingError as error:
+            raise RecordingError(f"{path}: {error}") from None
 
 
 def stamped(reading: Reading) -> Reading:
@@ -124,7 +130,7 @@ class _Samples:
             if (sample := self._decoded(message)) is not None:
                 yield sample
 
-    def several(self) -> Iterator[list[Sample | Samples]]:
+    def several(self) -> Iterator[list[Sample | SampleBatch]]:
         """Yields the values of a message, or of all messages of a bundle."""
         while self._ahead:
             sample = self._decoded(self._ahead.popleft())
@@ -144,7 +150,7 @@ class _Samples:
             self._ahead.extend(item.each())
         return self._ahead.popleft()
 
-    def _of(self, group: Messages) -> Iterator[Sample | Samples]:
+    def _of(self, group: Messages) -> Iterator[Sample | SampleBatch]:
         try:
             samples = self.decoders[group.topic].many(group)
         except (IndexError, ValueError):  # shorter than the layout
@@ -183,10 +189,10 @@ def _is_time(stamp: Any) -> Any:
 def _batches(samples: _Samples, start: Beginning, merging: Merging, batch: int) -> Iterator[Batch]:
     """The rows of all messages."""
     count = 0
-    head: list[Sample | Samples] = list(start.samples)
+    head: list[Sample | SampleBatch] = list(start.samples)
     for some in chain([head], samples.several()):
         for found in some:
-            if isinstance(found, Samples):
+            if isinstance(found, SampleBatch):
                 merging.take_many(found)
                 count += len(found.stamp)
             else:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -38,7 +38,7 @@ class Pieces:
     """
 
     data: bytes
-    places: dict[tuple[int, int], tuple[list[int], list[int]]] = field(default_factory=dict)
+    places: dict[tuple[int, int], tuple[list[int], list[int]]]
 
     def of(self, topics: Mapping[int, str]) -> Bundle:
         """The messages of these topics, by channel."""
@@ -72,25 +72,42 @@ def split(data: bytes, checksum: int) -> list[McapRecord | Pieces]:
 
     if checksum and zlib.crc32(data) != checksum:
         raise RecordingError(f"crc validation failed in Chunk, expected: {checksum}, calculated: {zlib.crc32(data)}")
+    readers: dict[int, Callable[[ReadDataStream], McapRecord]] = {_SCHEMA: Schema.read, _CHANNEL: Channel.read}
     found: list[McapRecord | Pieces] = []
-    piece, count, at, end = Pieces(data), 0, 0, len(data)
-    while at < end:
-        kind, length = _RECORD.unpack_from(data, at)
-        start, at = at + _RECORD.size, at + _RECORD.size + length
-        if at > end or (kind == _STORED and length < _MESSAGE.size):
-            raise RecordingError("a record is not within its chunk, or shorter than any message")
+    at = 0
+    while at < len(data):
+        kind, start, stop = _record(data, at)
         if kind == _STORED:
-            channel, _, time, _ = _MESSAGE.unpack_from(data, start)
-            key = channel, length - _MESSAGE.size
-            if (places := piece.places.get(key)) is None:
-                places = piece.places[key] = ([], [])
-            places[0].append(time)
-            places[1].append(start + _MESSAGE.size)
-            count += 1
-            if count == _MOST:
-                found, piece, count = [*found, piece], Pieces(data), 0
-        elif kind in (_SCHEMA, _CHANNEL):
-            if piece.places:
-                found, piece, count = [*found, piece], Pieces(data), 0
-            found.append((Schema if kind == _SCHEMA else Channel).read(ReadDataStream(BytesIO(data[start:at]))))
-    return [*found, piece] if piece.places else found
+            piece, at = _piece(data, at)
+            found.append(piece)
+            continue
+        if kind in readers:
+            found.append(readers[kind](ReadDataStream(BytesIO(data[start:stop]))))
+        at = stop
+    return found
+
+
+def _piece(data: bytes, at: int) -> tuple[Pieces, int]:
+    """The consecutive messages from a place on, at most `_MOST`, and the place after them."""
+    places: dict[tuple[int, int], tuple[list[int], list[int]]] = {}
+    for _ in range(_MOST):
+        kind, start, stop = _record(data, at)
+        if kind != _STORED:
+            break
+        channel, _, time, _ = _MESSAGE.unpack_from(data, start)
+        times, starts = places.setdefault((channel, stop - start - _MESSAGE.size), ([], []))
+        times.append(time)
+        starts.append(start + _MESSAGE.size)
+        at = stop
+        if at == len(data):
+            break
+    return Pieces(data, places), at
+
+
+def _record(data: bytes, at: int) -> tuple[int, int, int]:
+    """Kind of the record at a place, and where its content begins and ends."""
+    kind, length = _RECORD.unpack_from(data, at)
+    start = at + _RECORD.size
+    if start + length > len(data) or (kind == _STORED and length < _MESSAGE.size):
+        raise RecordingError("a record is not within its chunk, or shorter than any message")
+    return kind, start, start + length

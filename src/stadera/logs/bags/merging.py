@@ -8,7 +8,7 @@ import numpy as np
 
 from stadera.logs.bags.alignment import Alignment, Track
 from stadera.logs.bags.beginning import Beginning, joints_in
-from stadera.logs.bags.sample import Sample, Samples
+from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.batches import Batch
 from stadera.logs.columns import TIME
@@ -52,7 +52,7 @@ class Merging:
             track.take(sample)
         return track is not None
 
-    def take_many(self, samples: Samples) -> None:
+    def take_many(self, samples: SampleBatch) -> None:
         """Adds several messages' values."""
         track = self._imu if samples.topic != self._topic else self._of_joints(samples.columns, len(samples.stamp))
         if track is not None:

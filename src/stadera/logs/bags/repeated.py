@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.logs.bags.container import Message, Messages
-from stadera.logs.bags.sample import Sample, Samples
+from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.types import Array
 
 _LITTLE = b"\0\1\0\0"
@@ -55,7 +55,7 @@ class Repeated:
         stamp = seconds * 1_000_000_000 + nanoseconds
         return like._replace(topic=message.topic, received=message.received, stamp=stamp, values=values)
 
-    def many(self, messages: Messages) -> Samples | None:
+    def many(self, messages: Messages) -> SampleBatch | None:
         """See `Decoder`; None before the first message and if one of them is laid out in another way."""
         rows, like = messages.data, self._like
         if like is None or rows.shape[1] != self._length:
@@ -70,7 +70,7 @@ class Repeated:
             _blank_unknown(values, numbers)
         times = np.ascontiguousarray(rows[:, 4:_STAMP])
         stamps = times.view("<i4")[:, 0].astype(np.int64) * 1_000_000_000 + times.view("<u4")[:, 1]
-        return Samples(messages.topic, messages.received, stamps, like.frame, like.columns, values)
+        return SampleBatch(messages.topic, messages.received, stamps, like.frame, like.columns, values)
 
     def _is_laid_out_alike(self, data: bytes) -> bool:
         return (

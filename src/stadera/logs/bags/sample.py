@@ -30,7 +30,7 @@ class Sample(NamedTuple):
     values: Array
 
 
-class Samples(NamedTuple):
+class SampleBatch(NamedTuple):
     """The values of several messages of one topic, like `Sample` with arrays (n,) and values (n, columns)."""
 
     topic: str

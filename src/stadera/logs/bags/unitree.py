@@ -16,7 +16,7 @@ from stadera.joint_words import by_place, places
 from stadera.logs.bags.clock import TickClock
 from stadera.logs.bags.container import Message, Messages, Topic
 from stadera.logs.bags.decode import IMU_NAMES, ZSTD, joint_columns, uncompressed
-from stadera.logs.bags.sample import Sample, Samples
+from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.types import Array
 
@@ -73,14 +73,14 @@ class LowStates:
         stamp = self.clock.stamp(message.received, int(ticks[0]))
         return Sample(message.topic, message.received, stamp, "", self._columns, values[0])
 
-    def many(self, messages: Messages) -> Samples | None:
+    def many(self, messages: Messages) -> SampleBatch | None:
         """See `Decoder`; None for messages that are compressed individually, or of both orders of bytes."""
         start = messages.data[:, :4]
         if (start == np.frombuffer(ZSTD, np.uint8)).all(axis=1).any() or np.ptp(start[:, 1] & 1):
             return None
         ticks, values = self._read(messages.data)
         stamps = self.clock.stamps(messages.received, ticks)
-        return Samples(messages.topic, messages.received, stamps, "", self._columns, values)
+        return SampleBatch(messages.topic, messages.received, stamps, "", self._columns, values)
 
     def _read(self, data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Array]:
         """Counters (n,) and values (n, columns) of messages (n, bytes) of one order of bytes."""

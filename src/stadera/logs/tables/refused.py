@@ -6,6 +6,7 @@ import zipfile
 from pathlib import Path
 
 _PICKLES = (".pkl", ".pickle")
+_PICKLED = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 _UNSAFE = "a pickle can run any code and is not read; where you trust it, make a table of it in Python"
 
 
@@ -16,15 +17,10 @@ def refusal(path: Path) -> str:
     with path.open("rb") as file:
         head = file.read(128)
     name, npz = str(path), f"{path.stem}.npz"
-    if (head[:1] == b"\x80" and head[1:2] in (b"\x02", b"\x03", b"\x04", b"\x05")) or path.suffix.lower() in _PICKLES:
+    if head.startswith(_PICKLED) or path.suffix.lower() in _PICKLES:
         return f"{_UNSAFE}: import numpy, pickle; numpy.savez({npz!r}, **pickle.load(open({name!r}, 'rb')))"
-    if head.startswith(b"PK") and _is_torch(path):
-        return (
-            f"{_UNSAFE}: import numpy, torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in "
-            f"torch.load({name!r}, weights_only=True).items()}})"
-        )
-    if head.startswith(b"PK") and (inside := _inside(path)):
-        return f"a zip archive; unpack it and give the log in it: {inside}"
+    if head.startswith(b"PK") and zipfile.is_zipfile(path):
+        return _of_zip(path, npz)
     if head.startswith(b"\x93NUMPY"):
         return _of_npy(head, name, npz)
     if b"MATLAB 7.3" in head[:16]:
@@ -37,22 +33,19 @@ def refusal(path: Path) -> str:
     return ""
 
 
-def _inside(path: Path) -> str:
-    """The first files in an archive that is not NumPy's; empty for NumPy's, or if it is damaged."""
-    if not zipfile.is_zipfile(path):
-        return ""
+def _of_zip(path: Path, npz: str) -> str:
+    """For an archive that is not NumPy's: PyTorch's, or files to unpack."""
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
+    if any(name.endswith("data.pkl") for name in names):
+        return (
+            f"{_UNSAFE}: import numpy, torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in "
+            f"torch.load({str(path)!r}, weights_only=True).items()}})"
+        )
     if any(name.endswith(".npy") for name in names):
         return ""
-    return (", ".join(names[:3]) + (" ..." if len(names) > 3 else "")) or "it is empty"
-
-
-def _is_torch(path: Path) -> bool:
-    if not zipfile.is_zipfile(path):
-        return False
-    with zipfile.ZipFile(path) as archive:
-        return any(name.endswith("data.pkl") for name in archive.namelist())
+    inside = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
+    return f"a zip archive; unpack it and give the log in it: {inside or 'it is empty'}"
 
 
 def _of_npy(head: bytes, name: str, npz: str) -> str:

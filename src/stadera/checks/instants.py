@@ -19,7 +19,7 @@ _WHOLE = 1.5  # an instant longer than this many times its nominal length contai
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class Instants:
     """Instants of a log, joints in the requested order.
 
     Attributes:
@@ -44,7 +44,7 @@ class Blocks:
         return len(self.time)
 
     @classmethod
-    def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Blocks:
+    def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Instants:
         """Computes the instants of a recording that has these joints; missing efforts are zero."""
         chosen = [recording.index(joint) for joint in joints]
         steps = np.diff(recording.time)
@@ -84,12 +84,19 @@ class Blocks:
             angular_velocity=omega,
         )
 
-    def thinned(self, most: int) -> Blocks:
+    @property
+    def complete(self) -> bool:
+        """True with an IMU and the rates of all joints."""
+        return (
+            self.angular_velocity is not None and self.specific_force is not None and bool(np.isfinite(self.rate).all())
+        )
+
+    def thinned(self, most: int) -> Instants:
         """Thinned out evenly to at most `most` instants, by whole seconds."""
         rows = _thinned(len(self), most)
         return self if len(rows) == len(self) else self.at(rows)
 
-    def at(self, rows: NDArray[np.int64]) -> Blocks:
+    def at(self, rows: NDArray[np.int64]) -> Instants:
         """A selection of the instants."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})
