@@ -42,7 +42,7 @@ from stadera.compiled import available
 from stadera.files import written_together
 from stadera.lab.control import TestBed, Trot
 from stadera.lab.plant import STANDARD, Plant, Sensors
-from stadera.lab.record import recording_of
+from stadera.lab.sensors import recording_of
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.pinocchio import pinocchio_model

@@ -36,7 +36,7 @@ from stadera.live.topics import Arrival
 from stadera.live.view import Viewer
 from stadera.logs import Recording
 from stadera.logs.bags.decode import IMU, JOINT_STATE
-from stadera.report.live.terminal import live_screen
+from stadera.report.live import live_screen
 from stadera.robot import load_robot
 
 FOLDER = Path(__file__).parent / "figures"

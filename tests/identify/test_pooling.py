@@ -9,9 +9,9 @@ import pytest
 
 from identify.leg_runs import hyq
 from stadera.errors import IdentificationError
-from stadera.identify.pooling import KindSpread, pooled_prior
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, null_space_solution
+from stadera.identify.solving import KindSpread, pooled_prior
 from stadera.information import Information
 from stadera.legs import FrictionModel, JointTorqueRegressor
 from stadera.robot.model import Leg

@@ -15,7 +15,7 @@ from rich.console import Console
 import bags
 from stadera.live import LiveSession, LiveState
 from stadera.logs import Recording
-from stadera.report.live.terminal import live_lines, live_screen
+from stadera.report.live import live_lines, live_screen
 from stadera.robot import Robot
 from stadera.trust import Trust
 

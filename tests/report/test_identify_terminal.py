@@ -8,10 +8,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from stadera.report.identify.quantities import shown
 from stadera.report.identify.remarks import is_alarming, overall_rmse, remarks, torque_rms
-from stadera.report.identify.tables import link_table
-from stadera.report.identify.terminal import identification_tables
+from stadera.report.identify.tables import identification_tables, link_table, shown
 from stadera.report.terminal import rich_table
 from stadera.trust import Trust
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stadera.lab.control import TestBed, TrunkController
-from stadera.lab.control.standing_walker import StandingWalker
+from stadera.lab.control.walkers import StandingWalker
 from stadera.lab.plant import IDEAL, Plant, RigidMass, Sensors
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration

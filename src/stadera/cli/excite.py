@@ -53,7 +53,7 @@ def excite(
     from stadera.excite.design import ExciteSettings, motion_table
     from stadera.excite.design import excite as design
     from stadera.logs import write_table
-    from stadera.report.excite.terminal import excitation_tables
+    from stadera.report.excite import excitation_tables
     from stadera.robot import load_robot
 
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)

@@ -108,7 +108,7 @@ def fleet(
 
     from stadera.fleet.jobs import FleetOptions, jobs_of, read_manifest
     from stadera.fleet.pool import Pool
-    from stadera.report.fleet.terminal import fleet_tables
+    from stadera.report.fleet.tables import fleet_tables
 
     logged = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
     options = FleetOptions(identify, method, springs, imu_frame, logged.topics, logged.reading, force, fix)

@@ -106,7 +106,7 @@ def identify(
     from stadera.identify.legs import identify as identify_legs
     from stadera.identify.settings import IdentifySettings
     from stadera.legs.friction import FrictionModel
-    from stadera.report.identify.terminal import identification_tables
+    from stadera.report.identify.tables import identification_tables
     from stadera.robot import load_robot
 
     settings = IdentifySettings(

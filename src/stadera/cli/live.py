@@ -77,7 +77,7 @@ def live(
     from stadera.live.link import Endpoints
     from stadera.live.run import LiveSource, run
     from stadera.logs.reading import AS_RECORDED
-    from stadera.report.live.terminal import live_summary
+    from stadera.report.live import live_summary
 
     model = robot_with_legs(robot, legs, options.reading.limits)
     check_outputs((record, rrd))
@@ -105,7 +105,7 @@ def _until_stopped() -> Iterator[threading.Event]:
 @contextmanager
 def _shown() -> Iterator[Callable[[LiveState], None]]:
     """Yields the function that shows states: a screen on a terminal, else one line for each event."""
-    from stadera.report.live.terminal import live_lines, live_screen
+    from stadera.report.live import live_lines, live_screen
 
     if sys.stdout.isatty():
         from rich.live import Live

@@ -67,7 +67,7 @@ def reproduce(
     require_lab("stadera reproduce")
     from stadera.fleet.pool import Pool
     from stadera.lab.experiments import ReproduceSettings, experiments_named, run_experiments
-    from stadera.lab.report.experiments.terminal import experiment_renderables
+    from stadera.lab.report.experiments import experiment_renderables
 
     experiments = experiments_named(name)
     figures = figure_files(figure)
@@ -94,7 +94,7 @@ def _write(
     fig6-figure-1.
     """
     from stadera.lab.experiments.result import ExperimentResult
-    from stadera.lab.report.experiments.page import experiments_html
+    from stadera.lab.report.experiments import experiments_html
     from stadera.report.latex import latex as latex_of
 
     done = [result for result in results if isinstance(result, ExperimentResult)]

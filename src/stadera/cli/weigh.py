@@ -132,7 +132,7 @@ def weigh(
 
         return figures_of(result, known)
 
-    from stadera.report.weigh.terminal import weighing_tables
+    from stadera.report.weigh.tables import weighing_tables
 
     files.write(result, page, figures)
     show(*weighing_tables(result, known))

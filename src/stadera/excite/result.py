@@ -86,19 +86,19 @@ class Excitation(Result):
 
     def to_html(self) -> str:
         """The report as one self-contained HTML page."""
-        from stadera.report.excite.page import excitation_html
+        from stadera.report.excite import excitation_html
 
         return excitation_html(self)
 
     def to_tables(self) -> list[TableData]:
         """Extremes of the motion, and its expected information."""
-        from stadera.report.excite.tables import limits_table, worth_table
+        from stadera.report.excite import limits_table, worth_table
 
         return [limits_table(self), worth_table(self)]
 
     def to_figures(self) -> Mapping[str, Figure]:
         """Figures: information (of each combination of parameters) and motion."""
-        from stadera.report.excite.plots import figures
+        from stadera.report.excite import figures
 
         return figures(self)
 

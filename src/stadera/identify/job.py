@@ -9,13 +9,12 @@ from functools import cached_property, partial
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.identify.feet import carried_shares
+from stadera.identify.held import TrunkUp, carried_shares, vertical_of
 from stadera.identify.lag import TorqueLag, estimate_lag
 from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.residuals import torque_sizes
 from stadera.identify.settings import IdentifySettings, LagSettings
-from stadera.identify.vertical import TrunkUp, vertical_of
 from stadera.legs import FrictionModel, JointTorqueRegressor, TrunkMotion
 from stadera.logs.cutoff import highest_cutoff, suggest_cutoff
 from stadera.logs.join import take

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
-from stadera.identify.pooling import KindSpread
 from stadera.identify.prior import PriorWidth
 from stadera.identify.solutions import SolverSettings
+from stadera.identify.solving import KindSpread
 from stadera.identify.spikes import SpikeSettings
 from stadera.legs import FRICTION_TERMS, FrictionModel
 

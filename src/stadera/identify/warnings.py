@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from stadera.identify.held import TrunkUp
 from stadera.identify.residuals import LegScore
 from stadera.identify.result import LegIdentification
 from stadera.identify.settings import TrustSettings
-from stadera.identify.vertical import TrunkUp
 
 
 def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore], limits: TrustSettings) -> LegIdentification:

@@ -21,8 +21,7 @@ from stadera.lab.demo.schema import known_after, true_load
 from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.lab.plant.payload import Tray
 from stadera.lab.report.demo.page import demo_html
-from stadera.lab.report.demo.parts import robot_parts
-from stadera.lab.report.demo.scene import packed, scene
+from stadera.lab.report.demo.scene import packed, robot_parts, scene
 from stadera.lab.report.demo.terminal import headline
 from stadera.robot import load_robot
 from stadera.robot.kinematics import forward_kinematics

@@ -1,16 +1,14 @@
 """Controllers with which the test-bed's robots stand and walk."""
 
 from stadera.lab.control.crawl.crawl import Crawl
-from stadera.lab.control.crawl.phase import CrawlPhase
 from stadera.lab.control.crawl.run import WalkMonitor, walk
-from stadera.lab.control.crawl.settings import CrawlCommand, CrawlError, CrawlSettings
+from stadera.lab.control.crawl.settings import CrawlCommand, CrawlError, CrawlPhase, CrawlSettings
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution
 from stadera.lab.control.gains import Response, TrunkGains
 from stadera.lab.control.odometry import LegOdometry
 from stadera.lab.control.planner.com import SupportPhase, plan_com
-from stadera.lab.control.planner.support import PlanError, SupportPolygon
-from stadera.lab.control.reference import Move, TrunkPose
-from stadera.lab.control.shake import Shake
+from stadera.lab.control.planner.feet import PlanError, SupportPolygon
+from stadera.lab.control.reference import Move, Shake, TrunkPose
 from stadera.lab.control.smooth import SmoothTrunk
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.swing import SwingTrajectory

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.lab.sensors import Sensors
 from stadera.robot.imu import ImuMount
@@ -13,6 +14,31 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status
 from stadera.types import Array, Bools
+
+
+class Gait:
+    """The part of a `Controller` that a gait delegates to its trunk controller; `update` is implemented by the gait.
+
+    Args:
+        controller: the trunk controller.
+    """
+
+    def __init__(self, controller: TrunkController) -> None:
+        self.controller = controller
+
+    @property
+    def robot(self) -> Robot:
+        """The model of the robot."""
+        return self.controller.robot
+
+    @property
+    def stance(self) -> Bools:
+        """Legs meant to be in stance, (4,) bool."""
+        return self.controller.stance
+
+    def update_trunk(self, trunk: TrunkModel) -> bool:
+        """Sets a new model of the trunk for controller and planner; False if it is not plausible."""
+        return self.controller.update_trunk(trunk)
 
 
 class Controller(Protocol):

@@ -25,8 +25,8 @@ from numpy.typing import ArrayLike
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError
 from stadera.lab.control.gains import composite
-from stadera.lab.control.gait import Gait
 from stadera.lab.control.reference import TrunkPose
+from stadera.lab.control.stand import Gait
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.control.trunk import TrunkController
 from stadera.legs.model import foot_positions

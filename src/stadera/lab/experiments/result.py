@@ -147,7 +147,7 @@ class ExperimentResult(Result):
 
     def to_html(self) -> str:
         """The report as one self-contained HTML page."""
-        from stadera.lab.report.experiments.page import experiments_html
+        from stadera.lab.report.experiments import experiments_html
 
         return experiments_html([self])
 

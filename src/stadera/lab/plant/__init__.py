@@ -1,13 +1,11 @@
 """The test-bed: a MuJoCo plant made from a `Robot`, independent of the models that estimators use."""
 
 from stadera.lab.plant.leg import Gains, simulate_leg
-from stadera.lab.plant.outside import OutsideForce
-from stadera.lab.plant.payload import DroppedBox, Payload, RigidMass, Tray, VirtualForce
+from stadera.lab.plant.payload import DroppedBox, OutsideForce, Payload, RigidMass, Tray, VirtualForce
 from stadera.lab.plant.perturb import perturbed, perturbed_physical
 from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.lab.plant.state import TrueState
 from stadera.lab.plant.terrain import Stones, Terrain
-from stadera.lab.record import recording_of, truth_of
 from stadera.lab.sensor_errors import (
     HARSH,
     IDEAL,
@@ -18,7 +16,7 @@ from stadera.lab.sensor_errors import (
     with_foot_position,
     with_torque_offset,
 )
-from stadera.lab.sensors import SensorReading, Sensors, estimator_model, measured, plant_model
+from stadera.lab.sensors import SensorReading, Sensors, estimator_model, measured, plant_model, recording_of, truth_of
 
 __all__ = [
     "HARSH",

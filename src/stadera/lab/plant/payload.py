@@ -1,6 +1,7 @@
-"""Three kinds of loads on a trunk: a force in place of a weight, a fixed mass, and a box dropped on the back.
+"""What acts on a trunk: loads, and external forces such as a person who pushes or lifts, a rope, a wall.
 
-Each provides its contribution to the trunk's ten parameters, in the trunk frame: the ground truth of weighing.
+There are three kinds of loads: a force in place of a weight, a fixed mass, and a box dropped on the back. Each provides
+its contribution to the trunk's ten parameters, in the trunk frame: the ground truth of weighing.
 """
 
 from __future__ import annotations
@@ -148,3 +149,45 @@ def _require_finite(what: str, *values: float) -> None:
 def _require_positive(what: str, *values: float) -> None:
     if not (np.isfinite(values).all() and min(values) > 0):
         raise ModelError(f"{what}: mass, size and friction must be positive, got {values}")
+
+
+@dataclass(frozen=True)
+class OutsideForce:
+    """An external force on the trunk.
+
+    Attributes:
+        size: F [N], not negative.
+        direction: n, world axes; any nonzero length.
+        at: point of application [m], trunk frame.
+        begin, end: times [s].
+        stiffness: k [N/m], not negative.
+        ramp: time to rise and to fall [s].
+
+    Raises:
+        ModelError: a value is not finite or out of its range.
+    """
+
+    size: float
+    direction: tuple[float, float, float]
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    begin: float = 0.0
+    end: float = float("inf")
+    stiffness: float = 0.0
+    ramp: float = 0.1
+
+    def __post_init__(self) -> None:
+        numbers = (self.size, *self.direction, *self.at, self.begin, self.stiffness, self.ramp)
+        positive = min(self.size, self.stiffness) >= 0 and self.ramp > 0 and self.end > self.begin
+        if not (np.isfinite(numbers).all() and positive and np.any(self.direction)):
+            raise ModelError(f"an outside force needs finite sizes, a direction and a time, got {self}")
+
+    def force(self, time: float, moved: Array) -> Array:
+        """Force (3,) [N], world axes.
+
+        Args:
+            time: [s].
+            moved: (3,) p - p_0 [m], world axes.
+        """
+        share = max(0.0, min((time - self.begin) / self.ramp, (self.end - time) / self.ramp, 1.0))
+        n = np.asarray(self.direction) / np.linalg.norm(self.direction)
+        return np.asarray(n * share * max(0.0, self.size - self.stiffness * float(n @ moved)))

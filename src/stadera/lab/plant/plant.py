@@ -22,11 +22,9 @@ from numpy.typing import ArrayLike
 
 from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.contacts import Contacts
 from stadera.lab.plant.model import joint_offsets, set_body_inertia
-from stadera.lab.plant.outside import OutsideForce
-from stadera.lab.plant.payload import DroppedBox, Payload, RigidMass, Tray, VirtualForce
-from stadera.lab.plant.state import TrueState
+from stadera.lab.plant.payload import DroppedBox, OutsideForce, Payload, RigidMass, Tray, VirtualForce
+from stadera.lab.plant.state import Contacts, TrueState
 from stadera.lab.plant.terrain import Terrain
 from stadera.lab.plant.world import box_body, build_world, foot_radius
 from stadera.robot.model import Robot

@@ -13,8 +13,7 @@ import numpy as np
 from stadera.errors import StaderaError, UnknownNameError
 from stadera.lab.control.crawl.crawl import Crawl
 from stadera.lab.control.crawl.settings import CrawlCommand
-from stadera.lab.control.reference import TrunkPose
-from stadera.lab.control.shake import Shake
+from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
 from stadera.lab.control.trot import Trot
 from stadera.lab.control.trunk import TrunkController

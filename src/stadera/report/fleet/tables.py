@@ -1,15 +1,23 @@
-"""Tables of a fleet: one row for each robot, one row for each departure."""
+"""Tables of a fleet, for terminal and page, and its terminal output with the logs that failed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import nan
+from typing import TYPE_CHECKING
 
-from stadera.fleet.departures import Departure
-from stadera.fleet.series import LogRow, by_robot, when
+from rich.text import Text
+
+from stadera.fleet.departures import Departure, departures
+from stadera.fleet.series import LogRow, by_robot, series_of, when
 from stadera.fleet.table import FleetTable
 from stadera.report.numbers import number, with_std
+from stadera.report.shown import SHOWN
 from stadera.report.table import Cell, Row, TableData
+from stadera.report.terminal import rich_table
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 
 def robots_table(table: FleetTable) -> TableData:
@@ -64,3 +72,15 @@ def found_table(found: Sequence[Departure]) -> TableData:
         for d in found
     ]
     return TableData.of("What stands out", head, rows, sides="lllrrrl")
+
+
+def fleet_tables(table: FleetTable) -> Iterator[RenderableType]:
+    """Summary after the run."""
+    yield rich_table(robots_table(table))
+    if found := departures(list(series_of(table))):
+        yield rich_table(found_table(found))
+    failed = [row for row in table.rows if row["status"] == "failed"]
+    for row in failed[: SHOWN.failed]:
+        yield Text(f"failed: {row['error']}", style="yellow")
+    if len(failed) > SHOWN.failed:
+        yield Text(f"and {len(failed) - SHOWN.failed} more that failed", style="yellow")

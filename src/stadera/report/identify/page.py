@@ -1,4 +1,4 @@
-"""Page of an identification: verdict, evidence, each leg, and processing of the log."""
+"""Page of an identification: verdict, next steps, evidence, each leg, processing of the log, and terms."""
 
 from __future__ import annotations
 
@@ -7,15 +7,78 @@ from math import nan
 
 from stadera.identify.result import MODELS, Identification, LegIdentification
 from stadera.report.identify import plots, tables
-from stadera.report.identify.advice import next_steps
-from stadera.report.identify.glossary import TERMS
-from stadera.report.identify.quantities import MODEL_NAMES
-from stadera.report.identify.remarks import answer, badge, evaluated_part, headline, overall_rmse, remarks
+from stadera.report.identify.remarks import answer, badge, evaluated_part, headline, is_alarming, overall_rmse, remarks
+from stadera.report.identify.tables import MODEL_NAMES
 from stadera.report.numbers import number, percent
 from stadera.report.page import render
 from stadera.report.table import Cell, TableData
 from stadera.report.trust import marked, trust_reasons
 from stadera.trust import Trust
+
+TERMS: dict[str, str] = {
+    "CAD": "The values of the robot's model file: the prior.",
+    "prior": "Values and standard deviations before the log was seen. For links, CAD. For rotor inertia and friction, "
+    "the model file's values, drawn towards those of the other legs' same joints where several legs are identified "
+    "together.",
+    "CAD + friction": "The model file's links, with rotor inertia, friction and torque offset of each joint fitted to "
+    "the same data: the baseline that shows what the links' parameters bring on top of friction.",
+    "identified": "Links and joints fitted together.",
+    "RMSE": "Root of the mean squared difference between measured and predicted torque. Over all joints: the root of "
+    "the mean of the joints' squares.",
+    "torque RMS": "Root mean square of the measured torque over the samples that are drawn: what an error is to be "
+    "compared with.",
+    "validation": "Motion that the fit has not seen. Errors on the training data say how well a model bends, not how "
+    "well it predicts.",
+    "± std": "One standard deviation, from the torque noise seen in the residuals and the prior. It covers noise, not "
+    "errors of the model itself, such as a friction law that does not fit.",
+    "trust": "Good: the error bars hold. Doubtful: they are widened to the fit, or a reason is against them. Bad: the "
+    "model does not explain the torques, and no figure is to be relied on.",
+    "misfit": "Variance of the torque residuals over the stated one, 1 if model and noise are right.",
+    "observable": "The data alone fix the value to within a tenth of what CAD leaves open.",
+    "partial": "Data fix it only in combination with others. Predictions need the combination only; the value by "
+    "itself leans on CAD.",
+    "unobservable": "No torque of this motion changes with it beyond noise. It stays as CAD has it, or moves along "
+    "with what was measured, as prior and physical consistency have it (the number in brackets; the export holds it).",
+    "com": "Centre of mass in the link's frame. It is the first moment over the mass; where the mass is not measured "
+    "it holds for CAD's mass, and its standard deviation leaves the mass's out.",
+    "Ixx ... Izz": "Inertia about the origin of the link's frame, in the link's axes (not about the centre of mass).",
+    "rank": "How many independent combinations of parameters the data know better than the prior.",
+    "physically possible": "A non-negative mass density exists that has these moments, and no joint has negative rotor "
+    "inertia or friction.",
+    "torque lag": "How much later than the joint states the torques were stamped; found from the log, taken off.",
+    "armature": "Rotor inertia times the gear ratio squared, as felt at the joint.",
+}
+"""By term, in the displayed order."""
+
+
+_POOR = 0.6  # of the directions that rich motion determines; below this another motion is recommended
+
+
+def next_steps(result: Identification) -> Iterator[str]:
+    """Yields next steps for this result, the most urgent first: sentences, with commands between backquotes."""
+    robot = result.robot.name
+    if result.trust.verdict == "bad":
+        yield (
+            "Do not use these figures: the model does not explain the torques, and the likeliest cause is named below. "
+            "Mend the log or the model file and identify again."
+        )
+        return
+    if evaluated_part(result) == "training":
+        yield "This fit is untested: hold back a part, `--split 0.5`, or give another log, `--validate LOG`."
+    poor = [leg for leg in result.legs if leg.estimate.observability.rank < _POOR * leg.structural_rank]
+    if poor:
+        leg = min(poor, key=lambda leg: leg.estimate.observability.rank / leg.structural_rank)
+        yield (
+            f"Play a richer motion: {leg.leg.name} showed {leg.estimate.observability.rank} of {leg.structural_rank} "
+            f"directions. `stadera excite --robot {robot} --leg {leg.leg.name} --out motion.csv` designs one."
+        )
+    if not is_alarming(result):
+        yield (
+            f"Weigh with these legs: `stadera identify LOG --robot {robot} --json legs.json`, then "
+            f"`stadera weigh WALK --robot {robot} --legs legs.json`."
+        )
+        yield f"Write them into the model file: `stadera identify LOG --robot {robot} --export identified.urdf`."
+
 
 _METHODS = {
     "consistent": "physically consistent (maximum a posteriori, CAD as prior)",
@@ -33,7 +96,7 @@ def identification_html(result: Identification) -> str:
         level=how,
         word=word,
         why=f"{trust_reasons(result.trust)} {headline(result)}.",
-        next=next_steps(result),
+        next=tuple(next_steps(result)),
         problems=[remark for remark in said if remark.level == "bad"],
         remarks=[remark for remark in said if remark.level != "bad"],
         cards=list(_cards(overall_rmse(result, part))),

@@ -9,9 +9,8 @@ import numpy as np
 
 from stadera.identify.result import Identification, LegIdentification, TorqueTrace
 from stadera.report.figures import Axis, Bars, Figure, Guide, Panel, Series, line, stacked
-from stadera.report.identify.quantities import MODEL_NAMES
 from stadera.report.identify.remarks import evaluated_part
-from stadera.report.identify.tables import link_table
+from stadera.report.identify.tables import MODEL_NAMES, link_table
 from stadera.report.look import ROLES
 from stadera.report.table import TableData
 from stadera.types import Array

@@ -1,15 +1,51 @@
-"""Tables of an identification, for terminal and page."""
+"""Tables of an identification for terminal and page, with a symbol in addition to each of Table I's colours."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rich.console import RenderableType
+from rich.text import Text
+
+from stadera.constants import SAME
 from stadera.identify.result import MODELS, Identification, LegIdentification, Quantity
 from stadera.inertia import ORDER
-from stadera.report.identify.quantities import MODEL_NAMES, compact_cell, row
-from stadera.report.identify.remarks import evaluated_part, overall_rmse, torque_rms
-from stadera.report.numbers import number, percent
+from stadera.report.identify.remarks import evaluated_part, level, overall_rmse, remarks, torque_rms, verdict
+from stadera.report.numbers import number, percent, with_std
 from stadera.report.table import Cell, TableData
+from stadera.report.terminal import legend, rich_table
+from stadera.report.trust import STYLES, marked
+
+NOT_MEASURED = "not measured"
+
+MODEL_NAMES: dict[str, str] = {"identified": "identified", "prior_friction": "CAD + friction", "prior": "CAD"}
+"""Names of the compared models, best first."""
+
+
+def shown(quantity: Quantity, prior: str = "CAD") -> str:
+    """The value as text, without its unit.
+
+    A value that was not measured is marked as such: it is the prior's, or in brackets if the prior or physical
+    consistency changed it along with measured values.
+    """
+    if not quantity.is_held and quantity.std is not None:
+        return with_std(quantity.value, quantity.std)
+    if abs(quantity.value - quantity.prior) <= SAME * abs(quantity.prior):
+        return f"{prior}, {NOT_MEASURED}"
+    return f"{NOT_MEASURED} ({number(quantity.value, 3)})"
+
+
+def compact_cell(quantity: Quantity) -> Cell:
+    """Value and prior in one cell."""
+    return Cell(shown(quantity, "prior"), quantity.verdict, note=f"[{number(quantity.prior, 3)}]")
+
+
+def row(name: str, quantity: Quantity, prior: str = "CAD") -> tuple[Cell, ...]:
+    """Name with unit, prior, and the value with its standard deviation."""
+    held = quantity.is_held
+    named = Cell(name, quantity.verdict, note=f"[{quantity.unit}]")
+    return named, Cell(number(quantity.prior, 3)), Cell(shown(quantity, prior), strong=not held, muted=held)
+
 
 _COMPARED = MODELS[::-1]  # best first
 LINK_FRAMES = "in each link's own frame and axes, inertia about that frame's origin"
@@ -109,3 +145,22 @@ def _rmse_row(joint: str, errors: dict[str, float], rms: float | None = None) ->
         compared = Cell(f"{change} {'worse' if worse else 'better'}", good=not worse)
     cells = [Cell(number(errors[model], 3) if model in errors else "", strong=strong) for model in _COMPARED]
     return [Cell(joint, strong=strong), Cell("" if rms is None else number(rms, 3)), *cells, compared]
+
+
+_WORDS = {"bad": "problem", "warning": "warning", "note": "note"}
+
+
+def identification_tables(result: Identification) -> Iterator[RenderableType]:
+    """Links and joints of each leg, torque errors, then remarks and verdict.
+
+    The verdict comes last, since a terminal shows the end of the output.
+    """
+    for leg in result.legs:
+        yield rich_table(marked(link_table(leg), result.trust))
+        if any(name.split(".")[0] in leg.leg.joints for name in leg.estimate.columns):
+            yield rich_table(marked(joint_table(leg), result.trust))
+    yield legend(f"({LINK_FRAMES}; in square brackets: the prior)")
+    yield rich_table(rmse_table(result))
+    for remark in reversed(remarks(result)):
+        yield Text(f"{_WORDS[remark.level]}: {remark.text}", style=STYLES[remark.level])
+    yield Text(verdict(result), style="bold" if result.trust.verdict == "good" else STYLES[level(result)])

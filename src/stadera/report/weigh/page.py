@@ -1,4 +1,4 @@
-"""Page of a weighing: answer and trust, evidence, and method."""
+"""Page of a weighing: answer and trust, next steps, evidence, and method."""
 
 from __future__ import annotations
 
@@ -6,17 +6,61 @@ from collections.abc import Iterator
 from math import degrees
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from stadera.report.numbers import number
 from stadera.report.page import render
 from stadera.report.shown import SHOWN
 from stadera.report.trust import LEVELS, trust_reasons
 from stadera.report.weigh import plots, tables
-from stadera.report.weigh.advice import next_steps
 from stadera.trunk.registry import METHODS
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
+
+
+def next_steps(result: Weighing) -> Iterator[str]:
+    """Yields next steps for this result, the most urgent first: sentences, with commands between backquotes."""
+    command = f"stadera weigh LOG --robot {result.robot.name}"
+    if not result.is_trusted:
+        yield "Do not use these figures: the model does not explain the log, and the likeliest cause is named above."
+        yield (
+            f"Check the log with `stadera inspect LOG --robot {result.robot.name}`: reversed torques, swapped joints, "
+            "another IMU frame. Then weigh it again."
+        )
+        return
+    if result.trust.verdict == "doubtful":
+        yield (
+            "Use the error bars as they are, for they are widened to the fit. Friction and rotor inertia from "
+            "`stadera identify` make them narrower: `--legs legs.json`."
+        )
+    if result.payload is None:
+        yield (
+            f"For the payload alone, give a time or a log without it: `{command} --tare {_tare(result)}`. Errors that "
+            "both have in common cancel."
+        )
+    if (hidden := _hidden(result)) is not None:
+        yield hidden
+    yield f"Write it into the model file: `{command} --export weighed.urdf`."
+
+
+def _tare(result: Weighing) -> str:
+    """The time before the first change of the load, if there is one."""
+    first = next((change.time for change in result.changes), np.nan)
+    known = first - result.begin > 1.0
+    return f"{result.begin + 0.5:.1f}:{first - 0.2:.1f}" if known else "T0:T1"
+
+
+def _hidden(result: Weighing) -> str | None:
+    """How to observe the height of the centre of mass; None if it is known."""
+    std = result.com_std if result.payload is None else result.payload.com_std
+    if not np.isnan(std[2]):
+        return None
+    if result.torque_lag is None:
+        return "A level robot at rest does not show how high a centre of mass is: hold a second pose, pitched by 10°."
+    return "The height of the centre of mass was not observed: let the trunk pitch and roll, on the spot will do."
+
 
 _VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forces, for the log has no IMU"}
 _TERMS = {
@@ -43,7 +87,7 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
         headline=tables.answer(result),
         word=f"Trust: {result.trust.verdict}",
         why=trust_reasons(result.trust),
-        next=next_steps(result),
+        next=tuple(next_steps(result)),
         bodies=tables.bodies_table(result, truth),
         inertia=tables.inertia_table(result),
         missing=tables.inertia_missing(result),

@@ -1,4 +1,4 @@
-"""Tables of a weighing as plain values, and its answer in a sentence."""
+"""Tables of a weighing as plain values, its answer in a sentence, and terminal output."""
 
 from __future__ import annotations
 
@@ -6,16 +6,21 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
 from stadera.inertia import ORDER
 from stadera.report.numbers import number, with_std
+from stadera.report.shown import SHOWN
 from stadera.report.table import Cell, TableData
-from stadera.report.trust import UNTRUSTED
+from stadera.report.terminal import notes, rich_table
+from stadera.report.trust import LEVELS, STYLES, UNTRUSTED, trust_text
 from stadera.types import Array
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
+
 
 _HEAD = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
 _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # the order of `stadera.inertia.ORDER`
@@ -131,3 +136,34 @@ def _marked(result: Weighing, figure: str) -> Cell:
 def _exact(com: Iterable[float]) -> tuple[str, str, str]:
     x, y, z = (number(round(float(value), 6)) for value in com)
     return x, y, z
+
+
+def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[RenderableType]:
+    """Trunk and payload, changes of the load, notes, times without estimate; the answer and its trust last."""
+    used = result.end - result.begin - result.refused
+    span = f"estimated from {used:.1f} of {result.end - result.begin:.1f} s, as known at {result.time:.2f} s"
+    yield Text(f"{result.robot.name}, {result.source}: {span}; {result.status}", style="bold")
+    yield rich_table(bodies_table(result, truth))
+    if (inertia := inertia_table(result)) is not None:
+        yield rich_table(inertia)
+    if result.changes:
+        yield rich_table(changes_table(result))
+    if missing := inertia_missing(result):
+        yield Text(missing, style="dim")
+    if result.torque_lag is not None:
+        yield Text(lag_text(result.torque_lag), style="dim")
+    yield from notes(result.notes)
+    yield from _refusals(result)
+    yield Text(
+        f"{headline(result)}; trust: {trust_text(result.trust)}",
+        style="bold" if result.trust.verdict == "good" else STYLES[LEVELS[result.trust.verdict]],
+    )
+
+
+def _refusals(result: Weighing) -> Iterator[Text]:
+    """The longest periods that were not used, and why."""
+    longest = sorted(result.refusals, key=lambda r: r.begin - r.end)[: SHOWN.reasons]
+    for refusal in sorted(longest, key=lambda r: r.begin):
+        yield Text(f"not used: {refusal.begin:.2f} to {refusal.end:.2f} s: {refusal.reason}", style="yellow")
+    if (more := len(result.refusals) - len(longest)) > 0:
+        yield Text(f"and {more} shorter times", style="yellow")

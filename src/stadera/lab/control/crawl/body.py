@@ -19,8 +19,7 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.lab.control.crawl.settings import CrawlTuning
 from stadera.lab.control.planner.com import ComPlan, SupportPhase, plan_com
-from stadera.lab.control.planner.feet import GroundPlane, facing
-from stadera.lab.control.planner.support import SupportPolygon
+from stadera.lab.control.planner.feet import GroundPlane, SupportPolygon, facing
 from stadera.lab.control.reference import Move, TrunkPose
 from stadera.lab.control.trunk import TrunkController
 from stadera.legs.model import foot_jacobians

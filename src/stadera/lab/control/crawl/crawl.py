@@ -22,15 +22,19 @@ from __future__ import annotations
 import numpy as np
 
 from stadera.lab.control.crawl.body import BodyReference
-from stadera.lab.control.crawl.phase import CrawlEvent, CrawlPhase
-from stadera.lab.control.crawl.settings import CrawlCommand, CrawlError, CrawlSettings, StepTiming
-from stadera.lab.control.crawl.steps import StepSequence
-from stadera.lab.control.crawl.swing import LegSwing
-from stadera.lab.control.gait import Gait
-from stadera.lab.control.overload import OverloadWatch
-from stadera.lab.control.planner.feet import GroundPlane
+from stadera.lab.control.crawl.legs import LegSwing, StepSequence
+from stadera.lab.control.crawl.settings import (
+    CrawlCommand,
+    CrawlError,
+    CrawlEvent,
+    CrawlPhase,
+    CrawlSettings,
+    StepTiming,
+)
+from stadera.lab.control.loading import OverloadWatch
+from stadera.lab.control.planner.feet import GroundPlane, SupportPolygon
 from stadera.lab.control.planner.steps import Airborne, support_phases
-from stadera.lab.control.planner.support import SupportPolygon
+from stadera.lab.control.stand import Gait
 from stadera.lab.control.trunk import TrunkController
 from stadera.robot.model import LEG_NAMES
 from stadera.trunk.measurement import Measurement

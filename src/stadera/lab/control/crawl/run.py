@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.constants import GRAVITY, ROUNDING
-from stadera.lab.control.planner.support import PlanError, SupportPolygon
+from stadera.lab.control.planner.feet import PlanError, SupportPolygon
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.plant.plant import Plant, SimulationError

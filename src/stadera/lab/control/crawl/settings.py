@@ -1,8 +1,9 @@
-"""Settings of a crawl: the command, and sizes and times scaled from the robot."""
+"""Settings of a crawl: the command, and sizes and times scaled from the robot; its phases and events."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from enum import StrEnum
 
 import numpy as np
 
@@ -196,3 +197,23 @@ def standing_height(robot: Robot) -> float:
     feet = foot_positions(robot, standing_configuration(robot)[None])[0]
     hips = [robot.tree.translations[robot.tree.joints.index(leg.joints[0])][2] for leg in robot.legs]
     return float(np.mean(hips) - feet[:, 2].mean())
+
+
+class CrawlPhase(StrEnum):
+    """Phase of a crawl."""
+
+    STAND = "stand"
+    BODY = "body motion"
+    SWING = "swing"
+    RETREAT = "retreat"
+    SIT = "sit"
+
+
+@dataclass(frozen=True)
+class CrawlEvent:
+    """A transition: time [s], the phase that begins, the leg concerned (or None), and the reason."""
+
+    time: float
+    phase: CrawlPhase
+    leg: str | None
+    reason: str

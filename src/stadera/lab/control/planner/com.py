@@ -25,7 +25,7 @@ import proxsuite
 from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
-from stadera.lab.control.planner.support import PlanError, SupportPolygon
+from stadera.lab.control.planner.feet import PlanError, SupportPolygon
 from stadera.types import Array
 
 

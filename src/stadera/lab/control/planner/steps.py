@@ -9,7 +9,7 @@ import numpy as np
 
 from stadera.lab.control.crawl.settings import StepTiming
 from stadera.lab.control.planner.com import SupportPhase, plan_com
-from stadera.lab.control.planner.support import SupportPolygon
+from stadera.lab.control.planner.feet import SupportPolygon
 from stadera.types import Array
 
 

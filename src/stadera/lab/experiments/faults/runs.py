@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.lab.control.planner.support import PlanError
+from stadera.lab.control.planner.feet import PlanError
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.experiments.faults.forces import FORCES
 from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS

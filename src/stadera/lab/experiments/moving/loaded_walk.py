@@ -17,12 +17,11 @@ from stadera.constants import GRAVITY
 from stadera.inertia import InertialParameters
 from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.control.crawl.crawl import Crawl
-from stadera.lab.control.crawl.phase import CrawlPhase
 from stadera.lab.control.crawl.run import Fall, WalkMonitor
-from stadera.lab.control.crawl.settings import CrawlCommand
-from stadera.lab.control.crawl.walker import CrawlWalker
-from stadera.lab.control.planner.support import PlanError
+from stadera.lab.control.crawl.settings import CrawlCommand, CrawlPhase
+from stadera.lab.control.planner.feet import PlanError
 from stadera.lab.control.trunk import ControlError
+from stadera.lab.control.walkers import CrawlWalker
 from stadera.lab.experiments.moving.outcome import Verdict, WalkTrace, verdict
 from stadera.lab.plant import (
     STANDARD,

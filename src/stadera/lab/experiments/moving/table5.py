@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.lab.control.standing_walker import StandingWalker
+from stadera.lab.control.walkers import StandingWalker
 from stadera.lab.experiments.grid import Outcome, run_grid
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
 from stadera.lab.experiments.paper import Paper, ReproduceSettings

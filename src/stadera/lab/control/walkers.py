@@ -1,15 +1,61 @@
-"""A walker that only stands: a trunk controller on four feet, for weighing without walking."""
+"""Adapters to the supervisors: a crawl, and a trunk controller that only stands, for weighing without walking."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from stadera.lab.control.crawl.crawl import Crawl
+from stadera.lab.control.crawl.settings import CrawlPhase
 from stadera.lab.control.gains import Response
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.trunk import TrunkController
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.standing.orientation import PostureLaw
 from stadera.trunk.standing.static_poses import PoseOffset
+
+
+class CrawlWalker:
+    """Implements `Walker` with a `Crawl`, whose planner and trunk controller share one trunk model.
+
+    Args:
+        crawl: the crawl.
+    """
+
+    def __init__(self, crawl: Crawl) -> None:
+        self.crawl = crawl
+
+    @property
+    def phase(self) -> str:
+        """The crawl's phase, and its leg."""
+        leg = self.crawl.leg
+        return str(self.crawl.phase) if leg is None else f"{self.crawl.phase} of {leg}"
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it stands on four feet, at rest."""
+        return self.crawl.stopped and self.crawl.phase is CrawlPhase.STAND
+
+    @property
+    def fault(self) -> str:
+        """Why it stopped unasked; empty if it did not."""
+        return self.crawl.reason if self.crawl.failed and self.crawl.phase is CrawlPhase.STAND else ""
+
+    def request_stop(self) -> None:
+        """Stops after the current step."""
+        self.crawl.request_stop("asked by the supervisor")
+
+    def resume(self) -> None:
+        """Continues walking with the leg whose turn it is."""
+        self.crawl.resume()
+
+    def sit(self) -> None:
+        """Sits down from a stand."""
+        self.crawl.sit("asked by the supervisor")
+
+    def update_trunk(self, trunk: TrunkModel) -> bool:
+        """Sets the model used by controller and planner."""
+        return self.crawl.update_trunk(trunk)
+
 
 _SIT, _SITTING_HEIGHT = 1.5, 0.5  # s; share of the standing height
 

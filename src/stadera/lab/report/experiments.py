@@ -1,0 +1,145 @@
+"""Report of reproduced experiments: comparison with bounds, terminal and page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from stadera.lab.experiments.result import ExperimentResult, Record, Skipped
+from stadera.report.numbers import number
+from stadera.report.page import render
+from stadera.report.shown import SHOWN
+from stadera.report.table import Cell, TableData
+from stadera.report.terminal import legend, rich_table
+
+_WORDS = {True: "met", False: "NOT met", None: ""}
+
+
+def outcome(result: ExperimentResult) -> str:
+    """Number of bounds met, in half a sentence."""
+    bounded = sum(record.met is not None for record in result.records)
+    if not result.missed:
+        return f"all {bounded} bounds met"
+    return f"{len(result.missed)} of {bounded} bounds NOT met"
+
+
+def compared_records(result: ExperimentResult) -> tuple[Record, ...]:
+    """Records that have a bound or the paper's value; if there are many, only the missed ones."""
+    compared = tuple(r for r in result.records if r.bound is not None or r.paper is not None)
+    return compared if len(compared) <= SHOWN.records else result.missed
+
+
+def record_table(records: Sequence[Record], title: str = "Measured values, their bounds, and the paper's") -> TableData:
+    """Records grouped by case, for all joints, under one heading."""
+    groups: dict[str, list[tuple[Cell, ...]]] = {}
+    for record in records:
+        case = ", ".join(f"{name}: {value}" for name, value in record.case.items() if name != "joint")
+        groups.setdefault(case, []).append(_row(record))
+    return TableData.of(title, ("metric", "unit", "measured", "bound", "", "paper"), groups)
+
+
+def _row(record: Record) -> tuple[Cell, ...]:
+    sign = {"at most": "≤", "at least": "≥"}[record.bound_is]
+    return (
+        Cell(f"{record.case['joint']}: {record.metric}" if "joint" in record.case else record.metric),
+        Cell("" if record.unit == "1" else record.unit),
+        Cell(_figure(record.value), strong=True),
+        Cell("" if record.bound is None else f"{sign} {_figure(record.bound)}"),
+        Cell(_WORDS[record.met], good=record.met),
+        Cell("" if record.paper is None else _figure(record.paper)),
+    )
+
+
+def _figure(value: float) -> str:
+    return f"{value:g}" if float(value).is_integer() and abs(value) < 1e6 else number(value, 3)
+
+
+def experiment_renderables(result: ExperimentResult | Skipped) -> Iterator[RenderableType]:
+    """One experiment."""
+    if isinstance(result, Skipped):
+        yield Text(f"{result.name} skipped: {result.reason}\n", style="yellow")
+        return
+    yield Padding(Text(result.title, style="bold reverse"), (0, 0, 1, 0))
+    yield Padding(Text(result.lead), (0, 0, 1, 0))
+    for table in result.tables:
+        yield rich_table(table)
+        below = legend(table.note) if table.has_verdicts else Text(table.note, style="dim")
+        yield Padding(below, (0, 0, 1, 1))
+    if records := compared_records(result):
+        yield rich_table(record_table(records))
+    yield Text(f"{result.name}: {outcome(result)}\n", style="bold red" if result.missed else "bold green")
+
+
+PAPER_CITED = (
+    "G. Tournois, M. Focchi, A. Del Prete, R. Orsolino, D. G. Caldwell, C. Semini: Online Payload Identification for "
+    "Quadruped Robots. IEEE/RSJ International Conference on Intelligent Robots and Systems, Vancouver 2017",
+    "https://hal.science/hal-01575033",
+)
+"""The paper, and its open copy."""
+
+
+def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
+    """The complete, self-contained page."""
+    done = [result for result in results if isinstance(result, ExperimentResult)]
+    missed = sum(len(result.missed) for result in done)
+    bounded = sum(record.met is not None for result in done for record in result.records)
+    level, word, said, why = _verdict(missed, bounded)
+    return render(
+        "experiments.html.j2",
+        package="stadera.lab.report",
+        title=done[0].title if len(done) == 1 else "Reproduced tables and figures",
+        level=level,
+        headline=f"{said}.",
+        word=word,
+        why=why,
+        next=_next_steps(done),
+        paper=PAPER_CITED if any(result.differs for result in done) else None,
+        outcomes=[_outcome(result) for result in results],
+        experiments=[_experiment(result) for result in done],
+    )
+
+
+def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
+    """Level, word, headline and reason for a number of bounds missed and their total."""
+    if missed:
+        why = "A bound that is missed is a measurement, not an error; why is said below."
+        return "warning", f"{missed} missed", f"{bounded - missed} of {bounded} bounds are met", why
+    if bounded:
+        return "note", "All met", f"{bounded} of {bounded} bounds are met", ""
+    return "note", "Measured", "No bound is set; values alone", ""
+
+
+def _next_steps(done: Sequence[ExperimentResult]) -> tuple[str, ...]:
+    name = done[0].name if len(done) == 1 else "table1"
+    return (
+        f"Draw everything anew: `stadera reproduce {name} --seed 1`.",
+        f"Take the figures and tables along: `stadera reproduce {name} --figure F.pdf --latex F.tex --json F.json`.",
+    )
+
+
+def _outcome(result: ExperimentResult | Skipped) -> tuple[str, str, str]:
+    """Level, word and sentence."""
+    if isinstance(result, Skipped):
+        return "warning", "Skipped", f"{result.name}: {result.reason}"
+    level, word = ("warning", "Missed") if result.missed else ("note", "Met")
+    return level, word, f"{result.title}: {outcome(result)}."
+
+
+def _experiment(result: ExperimentResult) -> dict[str, object]:
+    """The template's values for one experiment."""
+    records = compared_records(result)
+    tables = [*result.tables, *([record_table(records)] if records else [])]
+    return {
+        "name": result.name,
+        "title": result.title,
+        "lead": result.lead,
+        "facts": result.facts,
+        "tables": tables,
+        "coloured": next((table for table in tables if table.has_verdicts), None),
+        "plots": list(result.figures),
+        "notes": result.notes,
+        "differs": result.differs,
+    }

@@ -1,1 +1,0 @@
-"""Report of reproduced experiments: terminal, page and figures."""

@@ -1,1 +1,0 @@
-"""Report of an excitation: terminal, page and figures."""

@@ -1,1 +1,0 @@
-"""Output for a running robot."""
