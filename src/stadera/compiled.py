@@ -71,3 +71,10 @@ def compiled(signature: str | list[str] | None = None, **options: Any) -> Callab
 def part(function: _Function) -> _Function:
     """Decorator for a function that only kernels of the same file call: compiled with these, faster to compile."""
     return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+
+
+def lane(function: _Function) -> _Function:
+    """Decorator for a `part` without loops that is compiled into its callers, so that a loop over it uses the
+    processor's vectors.
+    """
+    return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(function)

@@ -1,4 +1,4 @@
-"""`Front` by compiled functions where numba is installed, ten times as fast."""
+"""`Front` by compiled functions where numba is installed."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class CompiledFront(Front):
         weight = self._maker.weight
         limits = [self._maker.flat, (swing.load * weight) ** 2, swing.carried * weight, lift, STICTION_VELOCITY]
         columns = np.ascontiguousarray(model.columns.ravel(), dtype=np.int64)
-        self._constants = self._joints, columns, link_constants(model), foot_constants(model), lever
+        self._constants = self._joints, columns, workspace(model, compiled.ROOM), lever
         limits += [LEAST_LOAD * weight, swing.load * weight]
         self._lever, self._limits = lever, np.concatenate([limits, np.zeros(72), [weight**2]])
         self._standing, self._usual, self._state = np.zeros(4), np.zeros(0), np.zeros(compiled.STATE)
@@ -171,6 +171,11 @@ def link_constants(model: BaseWrenchRegressor) -> Array:
     return np.ascontiguousarray(np.concatenate([*turns, arm, axis, mass, moment, tensor, *others], axis=-1))
 
 
-def foot_constants(model: BaseWrenchRegressor) -> Array:
-    """(4, 4) [m]: each foot's centre in the last link, and its radius."""
-    return np.ascontiguousarray(np.column_stack([model.foot[..., 0].T, model.radius]))
+def workspace(model: BaseWrenchRegressor, rows: int) -> Array:
+    """(4 rows,): rows of one number for each leg, of which the first are constants of its links, the centre of its foot
+    in the last link [m], and the foot's radius [m].
+    """
+    constants = np.column_stack([link_constants(model).reshape(4, -1), model.foot[..., 0].T, model.radius])
+    out = np.zeros((rows, 4))
+    out[: constants.shape[1]] = constants.T
+    return out.ravel()

@@ -1,9 +1,10 @@
 """Sums of one block of samples, compiled: `RowMaker.block` of `stadera.trunk.rows` up to its rows, with
 `BaseWrenchRegressor.at` and `by_links` of `stadera.legs.base_wrench`, whose docstrings derive the equations.
 
-One pass over samples and legs adds up what the numpy code stores by sample and multiplies afterwards. Vectors are
-tuples of three numbers, rotations tuples of three columns, wrenches (force, moment about the trunk's origin); all in
-trunk axes.
+One pass over the samples adds up what the numpy code stores by sample and multiplies afterwards. A workspace has rows
+of four numbers, one a leg, and a loop over the legs that contains nothing but arithmetic on its rows is compiled to
+instructions on four numbers at once. Vectors are tuples of three numbers, rotations tuples of three columns, wrenches
+(force, moment about the trunk's origin); all in trunk axes.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from math import cos, exp, sin, sqrt, tanh
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.compiled import compiled, part
+from stadera.compiled import compiled, lane, part
 from stadera.types import Array
 
 Vector = tuple[float, float, float]
@@ -36,6 +37,15 @@ ALTERNATING, SUMS = 837, 855
 BY_A, BY_ALPHA, BY_JOINTS, MIDDLE, OMEGA, AIR = 1710, 1728, 1746, 1818, 1962, 1965
 AVERAGED, DIFFERENTIATED, END, FEET, FORCE, HALF = 1969, 1970, 1971, 1972, 1984, 1996
 
+# rows of the workspace, four numbers each, one a leg: constants of three links and the foot; joints' errors and noise
+LINK, FOOT, ERRORS_KNOWN, NOISE = 50, 150, 154, 172
+# of one sample, three joints each: inputs; contact force and centre of the foot; what tells whether it is in the air
+SINE, COSINE, VELOCITY, ACCELERATION, SURE, STUCK, TORQUE, RATE, SNAP = 175, 178, 181, 184, 187, 190, 193, 196, 199
+FOOT_FORCE, SEEN = 202, 208
+# sums of one half window, the other half's follow after EACH rows; derivatives at the last and the middle sample
+SUM_TERMS, SUM_LINKS, SUM_TARGET, SUM_ALTERNATING, SUM_RATE, SUM_SQUARED, SUM_JOINT = 214, 322, 394, 400, 406, 412, 418
+EACH, PROBES, MIDDLES, ROOM = 225, 664, 718, 818
+
 # as in `stadera.trunk.rows` and `stadera.trunk.noise`
 KNOWN, KNOWN_STD, MOST_LIGHT = 7, 43, 79  # places of the joints' errors and of the robot's weight squared in `limits`
 STEP = 1e-4  # rad, of the differences by joint positions
@@ -53,38 +63,38 @@ BLOCKS, LINES, UPWARDS, UP_KNOWN, STATE = 0, 1, 10, 13, 14
 
 
 # -- vectors -----------------------------------------------------------------------------------------------------------
-@part
+@lane
 def plus(a: Vector, b: Vector) -> Vector:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@part
+@lane
 def minus(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@part
+@lane
 def times(s: float, a: Vector) -> Vector:
     return s * a[0], s * a[1], s * a[2]
 
 
-@part
+@lane
 def dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@part
+@lane
 def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@part
+@lane
 def rotated(R: Rotation, v: Vector) -> Vector:
     """R v."""
     return plus(plus(times(v[0], R[0]), times(v[1], R[1])), times(v[2], R[2]))
 
 
-@part
+@lane
 def rotated_back(R: Rotation, v: Vector) -> Vector:
     """Rᵀ v."""
     return dot(R[0], v), dot(R[1], v), dot(R[2], v)
@@ -107,76 +117,115 @@ def turned(omega: Vector, duration: float) -> Array:
     return out
 
 
-# -- a leg at one sample -----------------------------------------------------------------------------------------------
-@part
-def inertial(body: Array, turn: Rotation, origin: Vector, omega: Vector, alpha: Vector, a: Vector) -> Wrench:
+# -- four legs at one sample, one in each lane ------------------------------------------------------------------------
+@lane
+def entry(ws: Array, at: int, leg: int) -> float:
+    """A leg's number in a row of the workspace."""
+    value: float = ws[4 * at + leg]
+    return value
+
+
+@lane
+def triple(ws: Array, at: int, leg: int) -> Vector:
+    """A leg's numbers in three rows."""
+    return ws[4 * at + leg], ws[4 * at + 4 + leg], ws[4 * at + 8 + leg]
+
+
+@lane
+def put(ws: Array, at: int, leg: int, wrench: Wrench) -> None:
+    """Writes a leg's wrench into six rows."""
+    force, moment = wrench
+    ws[4 * at + leg], ws[4 * at + 4 + leg], ws[4 * at + 8 + leg] = force
+    ws[4 * at + 12 + leg], ws[4 * at + 16 + leg], ws[4 * at + 20 + leg] = moment
+
+
+@lane
+def add_number(ws: Array, at: int, leg: int, rising: float, falling: float, value: float) -> None:
+    """Adds a leg's number to the sums of both halves."""
+    ws[4 * at + leg] += rising * value
+    ws[4 * (EACH + at) + leg] += falling * value
+
+
+@lane
+def add(ws: Array, at: int, leg: int, rising: float, falling: float, wrench: Wrench) -> None:
+    """Adds a leg's wrench to the sums of both halves."""
+    force, moment = wrench
+    add_number(ws, at, leg, rising, falling, force[0])
+    add_number(ws, at + 1, leg, rising, falling, force[1])
+    add_number(ws, at + 2, leg, rising, falling, force[2])
+    add_number(ws, at + 3, leg, rising, falling, moment[0])
+    add_number(ws, at + 4, leg, rising, falling, moment[1])
+    add_number(ws, at + 5, leg, rising, falling, moment[2])
+
+
+@lane
+def inertial(
+    ws: Array, body: int, leg: int, turn: Rotation, origin: Vector, omega: Vector, alpha: Vector, a: Vector
+) -> Wrench:
     """Inertial wrench of a link whose origin has the specific force a."""
-    h = rotated(turn, vector(body, MOMENT))
-    force = plus(times(body[MASS], a), plus(cross(alpha, h), cross(omega, cross(omega, h))))
-    tensor = (vector(body, TENSOR), vector(body, TENSOR + 3), vector(body, TENSOR + 6))
+    h = rotated(turn, triple(ws, body + MOMENT, leg))
+    force = plus(times(entry(ws, body + MASS, leg), a), plus(cross(alpha, h), cross(omega, cross(omega, h))))
+    tensor = (triple(ws, body + TENSOR, leg), triple(ws, body + TENSOR + 3, leg), triple(ws, body + TENSOR + 6, leg))
     own_omega, own_alpha = rotated_back(turn, omega), rotated_back(turn, alpha)
     own = plus(rotated(tensor, own_alpha), cross(own_omega, rotated(tensor, own_omega)))
     return force, plus(plus(cross(h, a), rotated(turn, own)), cross(origin, force))
 
 
-@part
+@lane
+def turned_by(ws: Array, at: int, leg: int, s: float, c: float) -> Vector:
+    """A column of a link's rotation by an angle of sine s, and one minus its cosine c."""
+    return plus(plus(triple(ws, at, leg), times(s, triple(ws, at + 9, leg))), times(c, triple(ws, at + 18, leg)))
+
+
+@lane
 def link(
-    body: Array,
-    turn: Rotation,
-    origin: Vector,
-    omega: Vector,
-    alpha: Vector,
-    a: Vector,
-    q: float,
-    velocity: float,
-    acceleration: float,
+    ws: Array, which: int, leg: int, turn: Rotation, origin: Vector, omega: Vector, alpha: Vector, a: Vector
 ) -> Link:
     """A link from the previous one, or the trunk: its rotation, origin, joint axis, ω, α, a, and inertial wrench."""
-    s, c = sin(q), 1.0 - cos(q)
-    local = (
-        plus(plus(vector(body, 0), times(s, vector(body, 9))), times(c, vector(body, 18))),
-        plus(plus(vector(body, 3), times(s, vector(body, 12))), times(c, vector(body, 21))),
-        plus(plus(vector(body, 6), times(s, vector(body, 15))), times(c, vector(body, 24))),
-    )
-    arm = rotated(turn, vector(body, ARM))
+    body, s, c = LINK * which, entry(ws, SINE + which, leg), entry(ws, COSINE + which, leg)
+    local = (turned_by(ws, body, leg, s, c), turned_by(ws, body + 3, leg, s, c), turned_by(ws, body + 6, leg, s, c))
+    arm = rotated(turn, triple(ws, body + ARM, leg))
+    axis_before = triple(ws, body + AXIS, leg)
     turn = (rotated(turn, local[0]), rotated(turn, local[1]), rotated(turn, local[2]))
     origin = plus(origin, arm)
-    axis = rotated(turn, vector(body, AXIS))
+    axis = rotated(turn, axis_before)
     a = plus(a, plus(cross(alpha, arm), cross(omega, cross(omega, arm))))
-    spin = times(velocity, axis)
-    alpha = plus(alpha, plus(cross(omega, spin), times(acceleration, axis)))
+    spin = times(entry(ws, VELOCITY + which, leg), axis)
+    alpha = plus(alpha, plus(cross(omega, spin), times(entry(ws, ACCELERATION + which, leg), axis)))
     omega = plus(omega, spin)
-    return turn, origin, axis, omega, alpha, a, inertial(body, turn, origin, omega, alpha, a)
+    return turn, origin, axis, omega, alpha, a, inertial(ws, body, leg, turn, origin, omega, alpha, a)
 
 
-@part
+@lane
+def torque_of(link: Link, force: Vector, moment: Vector) -> float:
+    """Torque of a link's joint that a wrench needs."""
+    return dot(link[2], minus(moment, cross(link[1], force)))
+
+
+@lane
 def carried(one: Link, two: Link, three: Link, w: Wrench, v: Wrench, u: Wrench) -> tuple[Vector, Wrench]:
     """Joint torques (3) that wrenches w, v, u on the three links need, and the wrenches' sum."""
-    t2 = dot(three[2], minus(u[1], cross(three[1], u[0])))
+    t2 = torque_of(three, u[0], u[1])
     force, moment = plus(u[0], v[0]), plus(u[1], v[1])
-    t1 = dot(two[2], minus(moment, cross(two[1], force)))
+    t1 = torque_of(two, force, moment)
     force, moment = plus(force, w[0]), plus(moment, w[1])
-    t0 = dot(one[2], minus(moment, cross(one[1], force)))
-    return (t0, t1, t2), (force, moment)
+    return (torque_of(one, force, moment), t1, t2), (force, moment)
 
 
-@part
-def leg_at(
-    links: Array, foot: Array, q: Array, v: Array, acc: Array, omega: Vector, alpha: Vector, a: Vector, normal: Vector
-) -> Leg:
-    """One leg at one sample: links, centre of the foot, E by joint, J by joint, torques of rigid bodies and rotors,
-    inertial wrench, det J.
-
-    Args:
-        links: (3, ...) constants. foot: (4,) [m], in the last link, and radius. q, v, acc: (3,).
+@lane
+def leg_at(ws: Array, leg: int, omega: Vector, alpha: Vector, a: Vector, normal: Vector) -> Leg:
+    """One leg: links, centre of the foot, E by joint, J by joint, torques of rigid bodies and rotors, inertial wrench,
+    det J.
     """
-    one = link(links[0], UNIT, ZERO, omega, alpha, a, q[0], v[0], acc[0])
-    two = link(links[1], one[0], one[1], one[3], one[4], one[5], q[1], v[1], acc[1])
-    three = link(links[2], two[0], two[1], two[3], two[4], two[5], q[2], v[2], acc[2])
+    one = link(ws, 0, leg, UNIT, ZERO, omega, alpha, a)
+    two = link(ws, 1, leg, one[0], one[1], one[3], one[4], one[5])
+    three = link(ws, 2, leg, two[0], two[1], two[3], two[4], two[5])
     torque, wrench = carried(one, two, three, one[6], two[6], three[6])
-    torque = plus(torque, (links[0, ROTOR] * acc[0], links[1, ROTOR] * acc[1], links[2, ROTOR] * acc[2]))
-    centre = plus(three[1], rotated(three[0], vector(foot, 0)))
-    contact = minus(centre, times(foot[3], normal))
+    rotor = (entry(ws, ROTOR, leg), entry(ws, LINK + ROTOR, leg), entry(ws, 2 * LINK + ROTOR, leg))
+    acc = triple(ws, ACCELERATION, leg)
+    torque = plus(torque, (rotor[0] * acc[0], rotor[1] * acc[1], rotor[2] * acc[2]))
+    centre = plus(three[1], rotated(three[0], triple(ws, FOOT, leg)))
+    contact = minus(centre, times(entry(ws, FOOT + 3, leg), normal))
     J = (
         cross(one[2], minus(contact, one[1])),
         cross(two[2], minus(contact, two[1])),
@@ -189,7 +238,7 @@ def leg_at(
     return one, two, three, centre, E, J, torque, wrench, volume
 
 
-@part
+@lane
 def target(E: tuple[Wrench, Wrench, Wrench], left: Vector, inertia: Wrench) -> Wrench:
     """b of a leg: Σ_k E_k (h_k - τ_k) - w."""
     force = plus(plus(times(left[0], E[0][0]), times(left[1], E[1][0])), times(left[2], E[2][0]))
@@ -197,182 +246,267 @@ def target(E: tuple[Wrench, Wrench, Wrench], left: Vector, inertia: Wrench) -> W
     return minus(force, inertia[0]), minus(moment, inertia[1])
 
 
-# -- sums --------------------------------------------------------------------------------------------------------------
-@part
-def add(out: Array, at: int, rising: float, falling: float, wrench: Wrench) -> None:
-    """Adds a wrench to the sums of both halves."""
-    force, moment = wrench
-    out[at] += rising * force[0]
-    out[at + 1] += rising * force[1]
-    out[at + 2] += rising * force[2]
-    out[at + 3] += rising * moment[0]
-    out[at + 4] += rising * moment[1]
-    out[at + 5] += rising * moment[2]
-    at += SUMS
-    out[at] += falling * force[0]
-    out[at + 1] += falling * force[1]
-    out[at + 2] += falling * force[2]
-    out[at + 3] += falling * moment[0]
-    out[at + 4] += falling * moment[1]
-    out[at + 5] += falling * moment[2]
+@lane
+def unexplained(ws: Array, joint: int, leg: int, rigid: float) -> float:
+    """Torque that a joint needs for rigid bodies, rotor and friction, minus the measured one."""
+    body = LINK * joint
+    friction = entry(ws, body + VISCOUS, leg) * entry(ws, VELOCITY + joint, leg) + entry(ws, body + OFFSET, leg)
+    friction += entry(ws, body + COULOMB, leg) * entry(ws, SURE + joint, leg)
+    return rigid + friction - entry(ws, TORQUE + joint, leg)
 
 
-@part
-def add_number(out: Array, at: int, rising: float, falling: float, value: float) -> None:
-    """Adds a number to the sums of both halves."""
-    out[at] += rising * value
-    out[SUMS + at] += falling * value
+@lane
+def add_joint(ws: Array, joint: int, leg: int, rising: float, falling: float, e: Wrench, left: float) -> None:
+    """Adds what a joint's own terms are multiplied by, and the terms themselves."""
+    at, numbers = SUM_TERMS + 36 * joint, SUM_JOINT + joint
+    acc, speed = entry(ws, ACCELERATION + joint, leg), entry(ws, VELOCITY + joint, leg)
+    sure, rate = entry(ws, SURE + joint, leg), entry(ws, RATE + joint, leg)
+    torque, stuck = entry(ws, TORQUE + joint, leg), entry(ws, STUCK + joint, leg)
+    add(ws, at, leg, rising * acc, falling * acc, e)
+    add(ws, at + 6, leg, rising * speed, falling * speed, e)
+    add(ws, at + 12, leg, rising * sure, falling * sure, e)
+    add(ws, at + 18, leg, rising, falling, e)
+    add(ws, at + 24, leg, rising * torque, falling * torque, e)
+    add(ws, at + 30, leg, rising * stuck, falling * stuck, e)
+    add(ws, SUM_RATE, leg, rising * rate, falling * rate, e)
+    add_number(ws, numbers, leg, rising, falling, acc)
+    add_number(ws, numbers + 3, leg, rising, falling, speed)
+    add_number(ws, numbers + 6, leg, rising, falling, sure)
+    add_number(ws, numbers + 9, leg, rising, falling, 1.0)
+    add_number(ws, numbers + 12, leg, rising, falling, rate)
+    add_number(ws, numbers + 15, leg, rising, falling, left)
+    add_number(ws, numbers + 18, leg, rising, falling, entry(ws, SNAP + joint, leg))
+    noise = entry(ws, NOISE + joint, leg)
+    force, moment = e
+    squared = (
+        (force[0] * force[0], force[1] * force[1], force[2] * force[2]),
+        (moment[0] * moment[0], moment[1] * moment[1], moment[2] * moment[2]),
+    )
+    add(ws, SUM_SQUARED, leg, rising * rising * noise, falling * falling * noise, squared)
 
 
-@part
-def add_squared(out: Array, rising: float, falling: float, variance: float, E: Wrench) -> None:
-    """Adds the variances of the six rows due to white noise of one torque."""
-    r, f = rising * rising * variance, falling * falling * variance
-    for c in range(3):
-        out[SQUARED + c] += r * E[0][c] ** 2
-        out[SQUARED + 3 + c] += r * E[1][c] ** 2
-        out[SUMS + SQUARED + c] += f * E[0][c] ** 2
-        out[SUMS + SQUARED + 3 + c] += f * E[1][c] ** 2
-
-
-@part
-def add_link(
-    out: Array,
-    at: int,
-    rising: float,
-    falling: float,
-    body: Array,
-    leg: Leg,
-    which: int,
-    E: tuple[Wrench, Wrench, Wrench],
+@lane
+def add_effect(
+    ws: Array, at: int, which: int, leg: int, rising: float, falling: float, state: Leg, force: Vector, moment: Vector
 ) -> None:
+    """Adds what a wrench on a link changes in b."""
+    g0 = torque_of(state[0], force, moment)
+    g1 = torque_of(state[1], force, moment) if which > 0 else 0.0
+    g2 = torque_of(state[2], force, moment) if which > 1 else 0.0
+    add(ws, at, leg, rising, falling, target(state[4], (g0, g1, g2), (force, moment)))
+
+
+@lane
+def displaced(mass: float, axis: Vector, centre: Vector, omega: Vector, alpha: Vector, force: Vector) -> Wrench:
+    """Derivative of a link's wrench by its centre of mass along an axis; `force` is its inertial force."""
+    more = times(mass, plus(cross(alpha, axis), cross(omega, cross(omega, axis))))
+    return more, plus(cross(axis, force), cross(centre, more))
+
+
+@lane
+def add_link(ws: Array, which: int, leg: int, rising: float, falling: float, moving: Link, state: Leg) -> None:
     """Adds the effect of errors of one link's mass and centre of mass, `BaseWrenchRegressor.by_links`."""
-    one, two, three = leg[0], leg[1], leg[2]
-    state = one if which == 0 else two if which == 1 else three
-    turn, origin, _, omega, alpha, _, wrench = state
-    mass = body[MASS]
-    centre = plus(origin, times(1.0 / mass, rotated(turn, vector(body, MOMENT))))
-    for effect in range(4):
-        if effect == 0:
-            force, moment = wrench
-        else:
-            axis = turn[0] if effect == 1 else turn[1] if effect == 2 else turn[2]
-            force = times(mass, plus(cross(alpha, axis), cross(omega, cross(omega, axis))))
-            moment = plus(cross(axis, wrench[0]), cross(centre, force))
-        g0 = dot(one[2], minus(moment, cross(one[1], force)))
-        g1 = dot(two[2], minus(moment, cross(two[1], force))) if which > 0 else 0.0
-        g2 = dot(three[2], minus(moment, cross(three[1], force))) if which > 1 else 0.0
-        add(out, at + 6 * effect, rising, falling, target(E, (g0, g1, g2), (force, moment)))
+    turn, origin, _, omega, alpha, _, wrench = moving
+    at, mass = SUM_LINKS + 24 * which, entry(ws, LINK * which + MASS, leg)
+    centre = plus(origin, times(1.0 / mass, rotated(turn, triple(ws, LINK * which + MOMENT, leg))))
+    add_effect(ws, at, which, leg, rising, falling, state, wrench[0], wrench[1])
+    f, m = displaced(mass, turn[0], centre, omega, alpha, wrench[0])
+    add_effect(ws, at + 6, which, leg, rising, falling, state, f, m)
+    f, m = displaced(mass, turn[1], centre, omega, alpha, wrench[0])
+    add_effect(ws, at + 12, which, leg, rising, falling, state, f, m)
+    f, m = displaced(mass, turn[2], centre, omega, alpha, wrench[0])
+    add_effect(ws, at + 18, which, leg, rising, falling, state, f, m)
+
+
+@lane
+def doubt(ws: Array, joint: int, leg: int) -> tuple[float, float]:
+    """Torque of a joint's known errors, and its variance."""
+    acc, speed = entry(ws, ACCELERATION + joint, leg), entry(ws, VELOCITY + joint, leg)
+    sure, at = entry(ws, SURE + joint, leg), ERRORS_KNOWN + joint
+    extra = entry(ws, at, leg) * acc + entry(ws, at + 3, leg) * speed + entry(ws, at + 6, leg) * sure
+    one, two, three = entry(ws, at + 9, leg) * acc, entry(ws, at + 12, leg) * speed, entry(ws, at + 15, leg) * sure
+    return extra, one * one + two * two + three * three
 
 
 @part
-def probe(links: Array, leg: Leg, a: Vector, alpha: Vector, joint: int) -> Wrench:
-    """b of a leg for an acceleration alone: of the trunk (a, α), or of one joint (0 to 2, else -1)."""
-    one, two, three, _, E = leg[0], leg[1], leg[2], leg[3], leg[4]
-    at = ZERO
-    if joint >= 0:
-        moving = one if joint == 0 else two if joint == 1 else three
-        alpha, at = moving[2], moving[1]
-    w = v = u = (ZERO, ZERO)
-    if joint < 1:
-        w = inertial(links[0], one[0], one[1], ZERO, alpha, plus(a, cross(alpha, minus(one[1], at))))
-    if joint < 2:
-        v = inertial(links[1], two[0], two[1], ZERO, alpha, plus(a, cross(alpha, minus(two[1], at))))
-    u = inertial(links[2], three[0], three[1], ZERO, alpha, plus(a, cross(alpha, minus(three[1], at))))
-    torque, wrench = carried(one, two, three, w, v, u)
-    if joint == 0:
-        torque = (torque[0] + links[0, ROTOR], torque[1], torque[2])
-    elif joint == 1:
-        torque = (torque[0], torque[1] + links[1, ROTOR], torque[2])
-    elif joint == 2:
-        torque = (torque[0], torque[1], torque[2] + links[2, ROTOR])
-    return target(E, torque, wrench)
-
-
-@part
-def put(out: Array, at: int, columns: int, wrench: Wrench) -> None:
-    """Adds a wrench to a column of a matrix with six rows."""
-    force, moment = wrench
-    out[at] += force[0]
-    out[at + columns] += force[1]
-    out[at + 2 * columns] += force[2]
-    out[at + 3 * columns] += moment[0]
-    out[at + 4 * columns] += moment[1]
-    out[at + 5 * columns] += moment[2]
-
-
-@part
-def add_probes(out: Array, links: Array, leg: Leg, which: int) -> None:
-    """Adds a leg's derivatives of b by a (6, 3), by α (6, 3) and by the joints' accelerations (6, 12)."""
-    for axis in range(3):
-        put(out, BY_A + axis, 3, probe(links, leg, UNIT[axis], ZERO, -1))
-        put(out, BY_ALPHA + axis, 3, probe(links, leg, ZERO, UNIT[axis], -1))
-        put(out, BY_JOINTS + 3 * which + axis, 12, probe(links, leg, ZERO, ZERO, axis))
-
-
-@part
-def add_middle(
-    out: Array,
-    links: Array,
-    foot: Array,
-    which: int,
-    q: Array,
-    v: Array,
-    acc: Array,
-    left_out: Array,
+def add_sample(
+    ws: Array,
     omega: Vector,
     alpha: Vector,
     a: Vector,
-    normal: Vector,
-    flat: float,
-) -> bool:
-    """Writes a leg's derivatives of b by its joints' and its contact point's positions, as `RowMaker._middle`.
+    up: Vector,
+    rising: float,
+    falling: float,
+    odd: float,
+    even: float,
+) -> None:
+    """Adds one sample of all legs to their sums, and writes what `in_the_air` needs.
 
     Args:
-        left_out: (3,) friction and offsets minus actuator torques. flat: least det J.
-
-    Returns:
-        True if the leg is near-singular at one of the positions.
+        rising, falling: weights in both halves. odd, even: the same with alternating signs.
     """
-    here = leg_at(links, foot, q, v, acc, omega, alpha, a, normal)
-    E, other = here[4], (left_out[0], left_out[1], left_out[2])
-    left = plus(here[6], other)
-    force, moment = target(E, left, here[7])
-    singular = abs(here[8]) < flat
-    moved = q.copy()
+    for leg in range(4):
+        state = leg_at(ws, leg, omega, alpha, a, up)
+        one, two, three, centre, E, _, rigid, wrench, volume = state
+        left = (
+            unexplained(ws, 0, leg, rigid[0]),
+            unexplained(ws, 1, leg, rigid[1]),
+            unexplained(ws, 2, leg, rigid[2]),
+        )
+        add_joint(ws, 0, leg, rising, falling, E[0], left[0])
+        add_joint(ws, 1, leg, rising, falling, E[1], left[1])
+        add_joint(ws, 2, leg, rising, falling, E[2], left[2])
+        add_link(ws, 0, leg, rising, falling, one, state)
+        add_link(ws, 1, leg, rising, falling, two, state)
+        add_link(ws, 2, leg, rising, falling, three, state)
+        left_over = target(E, left, wrench)
+        add(ws, SUM_TARGET, leg, rising, falling, left_over)
+        add(ws, SUM_ALTERNATING, leg, odd, even, left_over)
+        force, _ = target(E, left, (ZERO, ZERO))
+        put(ws, FOOT_FORCE, leg, (force, centre))
+        x0, d0 = doubt(ws, 0, leg)
+        x1, d1 = doubt(ws, 1, leg)
+        x2, d2 = doubt(ws, 2, leg)
+        force = plus(force, plus(times(x0, E[0][0]), plus(times(x1, E[1][0]), times(x2, E[2][0]))))
+        light = dot(E[0][0], E[0][0]) * d0 + dot(E[1][0], E[1][0]) * d1 + dot(E[2][0], E[2][0]) * d2
+        seen = ((dot(centre, up), dot(force, up), dot(force, force)), (light, volume, 0.0))
+        put(ws, SEEN, leg, seen)
+
+
+@lane
+def put_probe(ws: Array, at: int, leg: int, state: Leg, a: Vector, alpha: Vector, joint: int) -> None:
+    """Writes b of a leg for an acceleration alone: of the trunk (a, α), or of one joint (0 to 2, else -1)."""
+    one, two, three = state[0], state[1], state[2]
+    pivot = ZERO
+    if joint >= 0:
+        moving = one if joint == 0 else two if joint == 1 else three
+        alpha, pivot = moving[2], moving[1]
+    w = v = (ZERO, ZERO)
+    if joint < 1:
+        w = inertial(ws, 0, leg, one[0], one[1], ZERO, alpha, plus(a, cross(alpha, minus(one[1], pivot))))
+    if joint < 2:
+        v = inertial(ws, LINK, leg, two[0], two[1], ZERO, alpha, plus(a, cross(alpha, minus(two[1], pivot))))
+    u = inertial(ws, 2 * LINK, leg, three[0], three[1], ZERO, alpha, plus(a, cross(alpha, minus(three[1], pivot))))
+    torque, wrench = carried(one, two, three, w, v, u)
+    if joint == 0:
+        torque = (torque[0] + entry(ws, ROTOR, leg), torque[1], torque[2])
+    elif joint == 1:
+        torque = (torque[0], torque[1] + entry(ws, LINK + ROTOR, leg), torque[2])
+    elif joint == 2:
+        torque = (torque[0], torque[1], torque[2] + entry(ws, 2 * LINK + ROTOR, leg))
+    put(ws, at, leg, target(state[4], torque, wrench))
+
+
+@part
+def write_probes(ws: Array, omega: Vector, alpha: Vector, a: Vector, up: Vector) -> None:
+    """Writes the legs' derivatives of b by a, by α and by the joints' accelerations, six rows each."""
+    for leg in range(4):
+        state = leg_at(ws, leg, omega, alpha, a, up)
+        put_probe(ws, PROBES, leg, state, X, ZERO, -1)
+        put_probe(ws, PROBES + 6, leg, state, Y, ZERO, -1)
+        put_probe(ws, PROBES + 12, leg, state, Z, ZERO, -1)
+        put_probe(ws, PROBES + 18, leg, state, ZERO, X, -1)
+        put_probe(ws, PROBES + 24, leg, state, ZERO, Y, -1)
+        put_probe(ws, PROBES + 30, leg, state, ZERO, Z, -1)
+        put_probe(ws, PROBES + 36, leg, state, ZERO, ZERO, 0)
+        put_probe(ws, PROBES + 42, leg, state, ZERO, ZERO, 1)
+        put_probe(ws, PROBES + 48, leg, state, ZERO, ZERO, 2)
+
+
+@lane
+def put_contact(ws: Array, at: int, leg: int, state: Leg, turning: Vector, moment: Vector) -> None:
+    """Writes the derivative of b by a contact point's position along an axis."""
+    put(ws, at, leg, target(state[4], times(-1.0, turning), (ZERO, moment)))
+
+
+@part
+def write_target(ws: Array, at: int, omega: Vector, alpha: Vector, a: Vector, up: Vector) -> None:
+    """Writes b of the legs, six rows, det J, and its derivatives by the contact points' positions, as
+    `RowMaker._middle`.
+    """
+    for leg in range(4):
+        state = leg_at(ws, leg, omega, alpha, a, up)
+        rigid = state[6]
+        left = (
+            unexplained(ws, 0, leg, rigid[0]),
+            unexplained(ws, 1, leg, rigid[1]),
+            unexplained(ws, 2, leg, rigid[2]),
+        )
+        put(ws, at, leg, target(state[4], left, state[7]))
+        ws[4 * (at + 6) + leg] = state[8]
+        f, _ = target(state[4], left, (ZERO, ZERO))
+        s0, s1, s2 = cross(f, state[0][2]), cross(f, state[1][2]), cross(f, state[2][2])
+        put_contact(ws, at + 7, leg, state, (s0[0], s1[0], s2[0]), cross(f, X))
+        put_contact(ws, at + 13, leg, state, (s0[1], s1[1], s2[1]), cross(f, Y))
+        put_contact(ws, at + 19, leg, state, (s0[2], s1[2], s2[2]), cross(f, Z))
+
+
+@part
+def set_inputs(ws: Array, given: Array) -> None:
+    """Writes the legs' inputs of one sample."""
+    for k in range(len(given)):
+        ws[4 * SINE + k] = given[k]
+
+
+@part
+def add_middle(ws: Array, q: Array, omega: Vector, alpha: Vector, a: Vector, normal: Vector, out: Array) -> None:
+    """Writes the legs' derivatives of b by joint and contact positions q (12,), by difference, from the inputs."""
+    write_target(ws, MIDDLES, omega, alpha, a, normal)
     for joint in range(3):
-        moved[joint] = q[joint] + STEP
-        there = leg_at(links, foot, moved, v, acc, omega, alpha, a, normal)
-        moved[joint] = q[joint]
-        singular |= abs(there[8]) < flat
-        f, m = target(there[4], plus(there[6], other), there[7])
-        slope = (times(1.0 / STEP, minus(f, force)), times(1.0 / STEP, minus(m, moment)))
-        put(out, MIDDLE + 3 * which + joint, 24, slope)
-    f, _ = target(E, left, (ZERO, ZERO))
-    s0, s1, s2 = cross(f, here[0][2]), cross(f, here[1][2]), cross(f, here[2][2])
-    for axis in range(3):
-        turning = (-s0[axis], -s1[axis], -s2[axis])
-        put(out, MIDDLE + 12 + 3 * which + axis, 24, target(E, turning, (ZERO, cross(f, UNIT[axis]))))
-    return singular
+        for leg in range(4):
+            moved = q[3 * leg + joint] + STEP
+            ws[4 * (SINE + joint) + leg], ws[4 * (COSINE + joint) + leg] = sin(moved), 1.0 - cos(moved)
+        write_target(ws, MIDDLES + 25 * (1 + joint), omega, alpha, a, normal)
+        for leg in range(4):
+            still = q[3 * leg + joint]
+            ws[4 * (SINE + joint) + leg], ws[4 * (COSINE + joint) + leg] = sin(still), 1.0 - cos(still)
+            for c in range(6):
+                there, here = ws[4 * (MIDDLES + 25 * (1 + joint) + c) + leg], ws[4 * (MIDDLES + c) + leg]
+                out[MIDDLE + 24 * c + 3 * leg + joint] = (1.0 / STEP) * (there - here)
+                by_contact = ws[4 * (MIDDLES + 7 + 6 * joint + c) + leg]
+                out[MIDDLE + 24 * c + 12 + 3 * leg + joint] = by_contact
+
+
+@part
+def gather(ws: Array, out: Array) -> None:
+    """Writes the legs' sums and probes into a half window."""
+    for half in range(2):
+        to, at = SUMS * half, EACH * half
+        for leg in range(4):
+            for i in range(3):
+                j = 3 * leg + i
+                for t in range(36):
+                    out[to + BY_TERMS + 36 * j + t] = ws[4 * (at + SUM_TERMS + 36 * i + t) + leg]
+                for t in range(24):
+                    out[to + BY_LINKS + 24 * j + t] = ws[4 * (at + SUM_LINKS + 24 * i + t) + leg]
+                for t in range(6):
+                    out[to + JOINT + 12 * t + j] = ws[4 * (at + SUM_JOINT + 3 * t + i) + leg]
+                out[to + JERK + j] = ws[4 * (at + SUM_JOINT + 18 + i) + leg]
+            for c in range(6):
+                out[to + TARGET + c] += ws[4 * (at + SUM_TARGET + c) + leg]
+                out[to + ALTERNATING + 12 + c] += ws[4 * (at + SUM_ALTERNATING + c) + leg]
+                out[to + BY_RATE + c] += ws[4 * (at + SUM_RATE + c) + leg]
+                out[to + SQUARED + c] += ws[4 * (at + SUM_SQUARED + c) + leg]
+    for leg in range(4):
+        for axis in range(3):
+            for c in range(6):
+                out[BY_A + 3 * c + axis] += ws[4 * (PROBES + 6 * axis + c) + leg]
+                out[BY_ALPHA + 3 * c + axis] += ws[4 * (PROBES + 18 + 6 * axis + c) + leg]
+                out[BY_JOINTS + 12 * c + 3 * leg + axis] = ws[4 * (PROBES + 36 + 6 * axis + c) + leg]
+            out[FORCE + 4 * axis + leg], out[FEET + 4 * axis + leg] = (
+                ws[4 * (FOOT_FORCE + axis) + leg],
+                ws[4 * (FOOT_FORCE + 3 + axis) + leg],
+            )
 
 
 # -- motion ------------------------------------------------------------------------------------------------------------
 @part
-def third_difference_squared(table: Array, column: int) -> float:
-    """Mean square of a column's third differences over its gain of 20, of at least four samples."""
-    n, total = len(table) - 3, 0.0
-    for k in range(n):
-        first, last = table[k + 1, column] - table[k, column], table[k + 3, column] - table[k + 2, column]
-        middle = table[k + 2, column] - table[k + 1, column]
-        total += (last - 2.0 * middle + first) ** 2
-    return total / (20.0 * n)
-
-
-@part
 def learn_noise(
-    table: Array, columns: NDArray[np.intp], joints: int, quartile: float, prior: Array, out: Array
+    squares: Array, columns: NDArray[np.intp], joints: int, quartile: float, prior: Array, out: Array
 ) -> None:
-    """`WhiteNoise.learn`, on variances (30,) `out`. The table has the joints' efforts from column 1 + 2 `joints`."""
+    """`WhiteNoise.learn`, on variances (30,) `out`, from the mean square of third differences of each column of the
+    table, which has the joints' efforts from column 1 + 2 `joints`.
+    """
     for channel in range(30):
         if channel < 12:
             at = 1 + 2 * joints + columns[channel]
@@ -380,8 +514,15 @@ def learn_noise(
             at = 1 + joints + columns[channel - 12]
         else:
             at = 1 + 3 * joints + channel - 24
-        out[channel] *= UP if third_difference_squared(table, at) > quartile * out[channel] else DOWN
+        out[channel] *= UP if squares[at] > quartile * out[channel] else DOWN
         out[channel] = min(max(out[channel], LEAST * prior[channel]), MOST * prior[channel])
+
+
+@part
+def collect(out: Array, at: int, rising: float, falling: float, value: float) -> None:
+    """Adds a number to the sums of both halves."""
+    out[at] += rising * value
+    out[SUMS + at] += falling * value
 
 
 @part
@@ -445,32 +586,51 @@ def in_the_air(height: Array, along: Array, heavy: Array, limits: Array, standin
 
 # -- before the rows ---------------------------------------------------------------------------------------------------
 @part
-def clean(table: Array, usual: Array, state: Array, out: Array) -> None:
-    """Writes the samples without spikes, as `SpikeFilter.clean`; `state[BLOCKS]` counts the blocks before."""
-    n = len(table)
+def squared_differences(table: Array, out: Array) -> None:
+    """Mean square of third differences over its gain of 20, of each column of at least four samples."""
+    n = len(table) - 3
+    out[:] = 0.0
+    for k in range(n):
+        one, two, three, four = table[k], table[k + 1], table[k + 2], table[k + 3]
+        for c in range(len(out)):
+            third = (four[c] - three[c]) - 2.0 * (three[c] - two[c]) + (two[c] - one[c])
+            out[c] += third * third
+    for c in range(len(out)):
+        out[c] /= 20.0 * n
+
+
+@part
+def clean(table: Array, usual: Array, state: Array, out: Array, squares: Array) -> None:
+    """Writes the samples without spikes, as `SpikeFilter.clean`, and mean squares of their third differences;
+    `state[BLOCKS]` counts the blocks before.
+    """
+    n, columns = table.shape
     out[:] = table
     if n < 4:
         return
     state[BLOCKS] += 1.0
     blocks = state[BLOCKS]
-    for c in range(1, table.shape[1]):
-        if blocks > LEARNT:
-            limit = WILD * sqrt(usual[c])
-            for k in range(n):
-                if k == 0:
-                    expected = 2.0 * table[1, c] - table[2, c]
-                    away = 0.5 * abs((table[1, c] - table[0, c]) - (table[2, c] - table[1, c]))
-                elif k == n - 1:
-                    expected = 2.0 * table[n - 2, c] - table[n - 3, c]
-                    away = 0.5 * abs((table[k, c] - table[k - 1, c]) - (table[k - 1, c] - table[k - 2, c]))
-                else:
-                    before, after = table[k, c] - table[k - 1, c], table[k + 1, c] - table[k, c]
-                    expected = 0.5 * (table[k - 1, c] + table[k + 1, c])
-                    away = min(abs(before), abs(after)) if before * after < 0.0 else 0.0
-                if away > limit:
-                    out[k, c] = expected
-        square = third_difference_squared(out, c) + 1e-12
-        usual[c] += (square - usual[c]) / min(blocks, SPIKE_MEMORY)
+    if blocks > LEARNT:
+        limit = np.empty(columns)
+        limit[0] = np.inf  # time
+        for c in range(1, columns):
+            limit[c] = WILD * sqrt(usual[c])
+        for k in range(1, n - 1):
+            before, now, after, to = table[k - 1], table[k], table[k + 1], out[k]
+            for c in range(columns):
+                rise, fall = now[c] - before[c], after[c] - now[c]
+                away = min(abs(rise), abs(fall))
+                spike = rise * fall < 0.0 and away > limit[c]
+                to[c] = 0.5 * (before[c] + after[c]) if spike else now[c]
+        for end in range(2):
+            now, near, far = (table[0], table[1], table[2]) if end == 0 else (table[n - 1], table[n - 2], table[n - 3])
+            to = out[(n - 1) * end]
+            for c in range(columns):
+                if 0.5 * abs((now[c] - near[c]) - (near[c] - far[c])) > limit[c]:
+                    to[c] = 2.0 * near[c] - far[c]
+    squared_differences(out, squares)
+    for c in range(1, columns):
+        usual[c] += (squares[c] + 1e-12 - usual[c]) / min(blocks, SPIKE_MEMORY)
 
 
 @part
@@ -564,142 +724,132 @@ def learn_ground(feet: Array, force: Array, duration: float, least: float, state
 
 # -- the block ---------------------------------------------------------------------------------------------------------
 @part
+def inputs(
+    table: Array, columns: NDArray[np.intp], joints: int, velocity: float, given: Array, q: Array, mean: Array
+) -> None:
+    """Inputs of the legs at each sample, (n + 1, 108): nine rows of three joints by four legs from `SINE` on. The last
+    are those in the middle of the block. Also writes its joint positions and the mean accelerations (12,).
+    """
+    n, middle = len(table) - 2, (len(table) - 2) // 2
+    v = np.empty((n, 12))
+    for k in range(n):
+        span = 1.0 / (table[k + 2, 0] - table[k, 0])
+        first, now, last, out = table[k], table[k + 1], table[k + 2], given[k]
+        for j in range(12):
+            at, to = 1 + columns[j], 4 * (j % 3) + j // 3
+            out[to], out[12 + to] = sin(now[at]), 1.0 - cos(now[at])
+            if k == middle:
+                q[j] = now[at]
+            at += joints
+            v[k, j] = out[24 + to] = now[at]
+            out[36 + to] = (last[at] - first[at]) * span
+            out[96 + to] = (last[at] - 2.0 * now[at] + first[at]) * (4.0 * span * span)
+            mean[j] += out[36 + to] / n
+            at += joints
+            out[72 + to], out[84 + to] = now[at], (last[at] - first[at]) * span
+    sliding = fitted_lines(v)
+    for k in range(n):
+        for j in range(12):
+            to, sure = 4 * (j % 3) + j // 3, tanh(sliding[k, j] / velocity)
+            given[k, 48 + to], given[k, 60 + to] = sure, sqrt(max(1.0 - sure * sure, 0.0))
+    given[n] = given[middle]
+    for j in range(12):
+        to = 4 * (j % 3) + j // 3
+        given[n, 36 + to], given[n, 48 + to] = mean[j], tanh(v[middle, j] / velocity)
+
+
+@part
+def add_trunk(
+    table: Array, k: int, joints: int, lever: Vector, weights: tuple[float, float, float, float], out: Array
+) -> tuple[Vector, Vector, Vector]:
+    """Adds the trunk's signals at a sample to the sums; returns ω, α and the specific force at its origin."""
+    n = len(table) - 2
+    rising, falling, odd, even = weights
+    span = 1.0 / (table[k + 2, 0] - table[k, 0])
+    omega, alpha, a = trunk_at(table, k + 1, joints, lever, span)
+    for c in range(3):
+        collect(out, SIGNALS + c, rising, falling, a[c])
+        collect(out, SIGNALS + 3 + c, rising, falling, alpha[c])
+        collect(out, ALTERNATING + c, odd, even, a[c])
+        collect(out, ALTERNATING + 3 + c, odd, even, alpha[c])
+        at = 1 + 3 * joints + c
+        turning = (table[k + 2, at] - 2.0 * table[k + 1, at] + table[k, at]) * (4.0 * span * span)
+        collect(out, JERK + 12 + c, rising, falling, turning)
+        out[OMEGA + c] += omega[c] / n
+    products = omega[0] * omega[0], omega[0] * omega[1], omega[0] * omega[2]
+    others = omega[1] * omega[1], omega[1] * omega[2], omega[2] * omega[2]
+    for c in range(3):
+        collect(out, SIGNALS + 6 + c, rising, falling, products[c])
+        collect(out, SIGNALS + 9 + c, rising, falling, others[c])
+        collect(out, ALTERNATING + 6 + c, odd, even, products[c])
+        collect(out, ALTERNATING + 9 + c, odd, even, others[c])
+    return omega, alpha, a
+
+
+@part
+def first_singular(ws: Array, at: int, flat: float, singular: int) -> int:
+    """The first leg whose det J in a row of the workspace is below `flat`, or an earlier one found before."""
+    for leg in range(4):
+        if abs(ws[4 * at + leg]) < flat:
+            singular = min(singular, leg)
+    return singular
+
+
+@part
 def sums(
     table: Array,
     joints: int,
     columns: NDArray[np.intp],
-    links: Array,
-    feet: Array,
+    ws: Array,
     to_imu: Vector,
     up: Vector,
     window: Array,
     variance: Array,
     prior: Array,
     quartile: float,
+    squares: Array,
     standing: Array,
     limits: Array,
     out: Array,
 ) -> int:
     """Sums of one block without spikes, as `RowMaker.block` until its rows; arguments and result as of `block`, with
-    the ground's normal `up`.
+    the ground's normal `up`, and mean squares of third differences.
     """
-    n = len(table) - 2
+    n, singular = len(table) - 2, 4
     out[:] = 0.0
-    joint = np.empty((6, n, 12))
-    q, v, acc, tau, rate, jerk = joint[0], joint[1], joint[2], joint[3], joint[4], joint[5]
-    mean, left, singular = np.zeros(12), np.empty(12), 4
-    for k in range(n):
-        span = 1.0 / (table[k + 2, 0] - table[k, 0])
-        for j in range(12):
-            at = 1 + columns[j]
-            q[k, j] = table[k + 1, at]
-            before, now, after = table[k, at + joints], table[k + 1, at + joints], table[k + 2, at + joints]
-            v[k, j], acc[k, j] = now, (after - before) * span
-            jerk[k, j] = (after - 2.0 * now + before) * (4.0 * span * span)
-            mean[j] += acc[k, j] / n
-            at += 2 * joints
-            tau[k, j], rate[k, j] = table[k + 1, at], (table[k + 2, at] - table[k, at]) * span
-    sliding = fitted_lines(v)
+    given, q, mean = np.empty((n + 1, 108)), np.empty(12), np.zeros(12)
+    inputs(table, columns, joints, limits[4], given, q, mean)
     noise = variance.copy()
     if quartile > 0.0:
-        learn_noise(table, columns, joints, quartile, prior, noise)
+        learn_noise(squares, columns, joints, quartile, prior, noise)
+    for leg in range(4):
+        for i in range(3):
+            ws[4 * (NOISE + i) + leg] = noise[3 * leg + i]
+            for t in range(6):
+                ws[4 * (ERRORS_KNOWN + 3 * t + i) + leg] = limits[KNOWN + 12 * t + 3 * leg + i]
+    ws[4 * SUM_TERMS : 4 * (SUM_TERMS + 2 * EACH)] = 0.0
     height, along, heavy = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
     for k in range(n):
         rising, falling = window[k], window[n - 1 - k]
         # alternating: + at a block's end, - where the next one begins
-        plus_minus, minus_plus = rising if (n - 1 - k) % 2 == 0 else -rising, falling if k % 2 == 1 else -falling
-        span = 1.0 / (table[k + 2, 0] - table[k, 0])
-        omega, alpha, a = trunk_at(table, k + 1, joints, to_imu, span)
-        for c in range(3):
-            add_number(out, SIGNALS + c, rising, falling, a[c])
-            add_number(out, SIGNALS + 3 + c, rising, falling, alpha[c])
-            add_number(out, ALTERNATING + c, plus_minus, minus_plus, a[c])
-            add_number(out, ALTERNATING + 3 + c, plus_minus, minus_plus, alpha[c])
-            at = 1 + 3 * joints + c
-            turning = (table[k + 2, at] - 2.0 * table[k + 1, at] + table[k, at]) * (4.0 * span * span)
-            add_number(out, JERK + 12 + c, rising, falling, turning)
-            out[OMEGA + c] += omega[c] / n
-        products = (
-            (omega[0] * omega[0], omega[0] * omega[1], omega[0] * omega[2]),
-            (omega[1] * omega[1], omega[1] * omega[2], omega[2] * omega[2]),
-        )
-        add(out, SIGNALS + 6, rising, falling, products)
-        add(out, ALTERNATING + 6, plus_minus, minus_plus, products)
-        for which in range(4):
-            here = slice(3 * which, 3 * which + 3)
-            leg = leg_at(links[which], feet[which], q[k, here], v[k, here], acc[k, here], omega, alpha, a, up)
-            E, rigid = leg[4], leg[6]
-            if abs(leg[8]) < limits[0]:
-                singular = min(singular, which)
-            for i in range(3):
-                j = 3 * which + i
-                body, e = links[which, i], E[i]
-                sure = tanh(sliding[k, j] / limits[4])
-                friction = body[VISCOUS] * v[k, j] + body[OFFSET] + body[COULOMB] * sure
-                left[j] = rigid[i] + friction - tau[k, j]
-                stuck = sqrt(max(1.0 - sure * sure, 0.0))
-                at = BY_TERMS + 36 * j
-                add(out, at, rising * acc[k, j], falling * acc[k, j], e)
-                add(out, at + 6, rising * v[k, j], falling * v[k, j], e)
-                add(out, at + 12, rising * sure, falling * sure, e)
-                add(out, at + 18, rising, falling, e)
-                add(out, at + 24, rising * tau[k, j], falling * tau[k, j], e)
-                add(out, at + 30, rising * stuck, falling * stuck, e)
-                add(out, BY_RATE, rising * rate[k, j], falling * rate[k, j], e)
-                add_squared(out, rising, falling, noise[j], e)
-                add_number(out, JERK + j, rising, falling, jerk[k, j])
-                add_number(out, JOINT + j, rising, falling, acc[k, j])
-                add_number(out, JOINT + 12 + j, rising, falling, v[k, j])
-                add_number(out, JOINT + 24 + j, rising, falling, sure)
-                add_number(out, JOINT + 36 + j, rising, falling, 1.0)
-                add_number(out, JOINT + 48 + j, rising, falling, rate[k, j])
-                add_number(out, JOINT + 60 + j, rising, falling, left[j])
-                add_link(out, BY_LINKS + 24 * j, rising, falling, body, leg, i, E)
-            torque = (left[3 * which], left[3 * which + 1], left[3 * which + 2])
-            left_over = target(E, torque, leg[7])
-            add(out, TARGET, rising, falling, left_over)
-            add(out, ALTERNATING + 12, plus_minus, minus_plus, left_over)
-            force, _ = target(E, torque, (ZERO, ZERO))
-            if k == n - 1:
-                for c in range(3):
-                    out[FEET + 4 * c + which], out[FORCE + 4 * c + which] = leg[3][c], force[c]
-                add_probes(out, links[which], leg, which)
-            light = limits[1]
-            for i in range(3):
-                j = 3 * which + i
-                extra = spread = 0.0
-                for t in range(3):
-                    term = (acc[k, j], v[k, j], tanh(sliding[k, j] / limits[4]))[t]
-                    extra += limits[KNOWN + 12 * t + j] * term
-                    spread += (limits[KNOWN_STD + 12 * t + j] * term) ** 2
-                force = plus(force, times(extra, E[i][0]))
-                light += dot(E[i][0], E[i][0]) * spread
-            height[k, which], along[k, which] = dot(leg[3], up), dot(force, up)
-            heavy[k, which] = dot(force, force) - min(light, limits[MOST_LIGHT])
+        odd, even = rising if (n - 1 - k) % 2 == 0 else -rising, falling if k % 2 == 1 else -falling
+        omega, alpha, a = add_trunk(table, k, joints, to_imu, (rising, falling, odd, even), out)
+        set_inputs(ws, given[k])
+        add_sample(ws, omega, alpha, a, up, rising, falling, odd, even)
+        singular = first_singular(ws, SEEN + 4, limits[0], singular)
+        for leg in range(4):
+            height[k, leg], along[k, leg] = ws[4 * SEEN + leg], ws[4 * (SEEN + 1) + leg]
+            light = limits[1] + ws[4 * (SEEN + 3) + leg]
+            heavy[k, leg] = ws[4 * (SEEN + 2) + leg] - min(light, limits[MOST_LIGHT])
+        if k == n - 1:
+            write_probes(ws, omega, alpha, a, up)
+    gather(ws, out)
     k = n // 2
     omega, alpha, a = trunk_at(table, k + 1, joints, to_imu, 1.0 / (table[k + 2, 0] - table[k, 0]))
-    for which in range(4):
-        for i in range(3):
-            j, body = 3 * which + i, links[which, i]
-            friction = body[VISCOUS] * v[k, j] + body[OFFSET] + body[COULOMB] * tanh(v[k, j] / limits[4])
-            left[j] = friction - tau[k, j]
-        here = slice(3 * which, 3 * which + 3)
-        if add_middle(
-            out,
-            links[which],
-            feet[which],
-            which,
-            q[k, here],
-            v[k, here],
-            mean[here],
-            left[here],
-            omega,
-            alpha,
-            a,
-            up,
-            limits[0],
-        ):
-            singular = min(singular, which)
+    set_inputs(ws, given[n])
+    add_middle(ws, q, omega, alpha, a, up, out)
+    for moved in range(4):
+        singular = first_singular(ws, MIDDLES + 25 * moved + 6, limits[0], singular)
     if singular < 4:
         return singular
     variance[:] = noise
@@ -713,7 +863,7 @@ def sums(
 
 
 @compiled(
-    "int64(float64[:,::1], int64, int64[::1], float64[:,:,::1], float64[:,::1], float64[::1], float64[::1], "
+    "int64(float64[:,::1], int64, int64[::1], float64[::1], float64[::1], float64[::1], "
     "float64[::1], float64[::1], float64, float64[::1], float64[::1], float64[::1], float64[::1], float64[:,::1], "
     "float64[::1])"
 )
@@ -721,8 +871,7 @@ def block(
     raw: Array,
     joints: int,
     columns: NDArray[np.intp],
-    links: Array,
-    feet: Array,
+    ws: Array,
     lever: Array,
     window: Array,
     variance: Array,
@@ -740,7 +889,8 @@ def block(
     Args:
         raw: (n + 2, ...), `Samples.table` of the block with one sample more before and after it.
         joints: their number in the table. columns: (12,), of the legs' among them, by leg.
-        links: (4, 3, 50), constants of the links. feet: (4, 4) [m], each in its last link, and its radius.
+        ws: (4 ROOM,), workspace with the legs' constants, row by row: of the links, see `link_constants`, and the feet
+            [m], each in its last link, and its radius.
         lever: (3,) [m], of the IMU.
         window: (n,), its rising half.
         variance, prior: (30,), of white noise; the first is updated. quartile: see `WhiteNoise`; 0 for too few samples.
@@ -756,7 +906,8 @@ def block(
         The first near-singular leg, with no change but of the outputs and the ground's normal; 4 for an accelerometer
         that reads zero; -1 for neither.
     """
-    clean(raw, usual, state, table)
+    squares = np.zeros(raw.shape[1])
+    clean(raw, usual, state, table, squares)
     n, at = len(table) - 2, 1 + 3 * joints
     turning, pulling = ZERO, ZERO
     for k in range(1, n + 1):
@@ -770,14 +921,14 @@ def block(
         table,
         joints,
         columns,
-        links,
-        feet,
+        ws,
         vector(lever, 0),
         normal,
         window,
         variance,
         prior,
         quartile,
+        squares,
         standing,
         limits,
         out,
