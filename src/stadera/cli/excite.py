@@ -7,20 +7,12 @@ from typing import Annotated
 
 import typer
 
-from stadera.cli.options import FigureFiles, JsonFile, LatexFile, LimitValues, ReportFile, RobotName, limits_of
-from stadera.cli.outputs import (
-    check_outputs,
-    check_report,
-    check_table,
-    figure_files,
-    json_of,
-    page_of,
-    text_of,
-    write_outputs,
-)
+from stadera.cli.options import LimitValues, RobotName, grouped, limits_of
+from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
 
 
+@grouped
 def excite(
     robot: RobotName,
     leg: Annotated[str, typer.Option(metavar="RH", help="LF, RF, LH or RH, in any case.")],
@@ -39,11 +31,9 @@ def excite(
     stand_height: Annotated[
         float | None, typer.Option(metavar="M", help="Height of the trunk's origin above level ground to avoid [m].")
     ] = None,
-    report: ReportFile = None,
-    json: JsonFile = None,
-    figure: FigureFiles = None,
-    latex: LatexFile = None,
     limit: LimitValues = None,
+    *,
+    files: ResultFiles,
 ) -> None:
     """Design the most informative motion of one leg in the air, with the trunk on a stand.
 
@@ -57,9 +47,7 @@ def excite(
     from stadera.robot import load_robot
 
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
-    figures = figure_files(figure)
-    check_outputs((out, report, json, latex, *(file.path for file in figures)))
-    check_report(report)
+    files.check(out)
     if out is not None:
         check_table(out)
     with progress() as watch:
@@ -69,11 +57,7 @@ def excite(
         reference = result.chosen.motion.sample(settings.rate)
         write_table(motion_table(result.experiment.bounds.robot, reference, whole=not leg_only), draft)
 
-    write_outputs(
-        (out, table),
-        (report, page_of(result.to_html)),
-        (json, json_of(result.to_dict)),
-        (latex, text_of(result.to_latex)),
-        *(file.output(result.to_figures) for file in figures),
+    files.write(
+        (out, table), values=result.to_dict, page=result.to_html, latex=result.to_latex, figures=result.to_figures
     )
     show(*excitation_tables(result))

@@ -9,21 +9,14 @@ import typer
 
 from stadera.cli import parse
 from stadera.cli.options import (
-    Columns,
-    Fix,
     Force,
-    GearRatio,
-    ImuTopic,
-    JointTopic,
     JsonFile,
-    LimitValues,
     LogOptions,
-    PdGains,
     ReportFile,
     Scheduler,
-    Units,
     Workers,
     check_workers,
+    grouped,
 )
 from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
@@ -34,6 +27,7 @@ if TYPE_CHECKING:
     from stadera.fleet.table import FleetTable
 
 
+@grouped
 def fleet(
     out: Annotated[
         Path, typer.Option(metavar="F.parquet", help="The table; logs that it already contains are skipped.")
@@ -74,14 +68,6 @@ def fleet(
         str | None, typer.Option(metavar="KX,KY,KZ", help="As in `weigh`, for the method 'orientation'.")
     ] = None,
     imu_frame: Annotated[str | None, typer.Option(metavar="NAME", help="Frame of the IMUs' values.")] = None,
-    joint_topic: JointTopic = None,
-    imu_topic: ImuTopic = None,
-    columns: Columns = None,
-    units: Units = None,
-    pd: PdGains = None,
-    gear: GearRatio = None,
-    fix: Fix = False,
-    limit: LimitValues = None,
     force: Force = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -90,6 +76,8 @@ def fleet(
     memory: Annotated[
         float, typer.Option(metavar="GB", help="Memory of a local worker, above which it is restarted.")
     ] = 2.0,
+    *,
+    options: LogOptions,
 ) -> None:
     """Weigh the logs of many robots, on all cores or a Dask cluster, and write one table with a row per log.
 
@@ -110,12 +98,11 @@ def fleet(
     from stadera.fleet.pool import Pool
     from stadera.report.fleet.tables import fleet_tables
 
-    logged = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
-    options = FleetOptions(identify, method, springs, imu_frame, logged.topics, logged.reading, force, fix)
+    shared = FleetOptions(identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix)
     if manifest is not None:
-        jobs = read_manifest(manifest, robot, options)
+        jobs = read_manifest(manifest, robot, shared)
     else:
-        jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, options)
+        jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, shared)
     check_outputs((out, json, report, merge))
     check_report(report)
     table = _run(jobs, out, Pool(workers, scheduler, round(1e9 * memory)))

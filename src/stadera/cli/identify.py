@@ -9,24 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import (
-    Columns,
-    FigureFiles,
-    Fix,
-    Force,
-    GearRatio,
-    ImuTopic,
-    JointTopic,
-    JsonFile,
-    LatexFile,
-    LimitValues,
-    LogOptions,
-    PdGains,
-    ReportFile,
-    RobotOfLog,
-    Units,
-)
-from stadera.cli.outputs import ResultFiles, figure_files
+from stadera.cli.options import Force, LogOptions, RobotOfLog, grouped
+from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -40,6 +24,7 @@ class Solver(StrEnum):
     NULL_SPACE = "null-space"
 
 
+@grouped
 def identify(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs to fit; several are merged.")],
     robot: RobotOfLog = None,
@@ -73,22 +58,13 @@ def identify(
     up: Annotated[
         str, typer.Option(metavar="X,Y,Z|auto", help="The vertical in trunk axes; 'auto': from the IMU, else level.")
     ] = "auto",
-    joint_topic: JointTopic = None,
-    imu_topic: ImuTopic = None,
-    columns: Columns = None,
-    units: Units = None,
-    pd: PdGains = None,
-    gear: GearRatio = None,
-    fix: Fix = False,
-    limit: LimitValues = None,
-    json: JsonFile = None,
-    report: ReportFile = None,
-    figure: FigureFiles = None,
-    latex: LatexFile = None,
     export: Annotated[
         Path | None, typer.Option(metavar="F.urdf", help="Write the model file with the identified values.")
     ] = None,
     force: Force = False,
+    *,
+    options: LogOptions,
+    files: ResultFiles,
 ) -> None:
     """Identify legs from logs of a robot on a stand, legs in the air.
 
@@ -100,7 +76,6 @@ def identify(
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
     chosen_legs, chosen_terms = parse.names(legs), parse.terms(friction)
     cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
-    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
     share = 1.0 if validate else parse.split(split or "0.5")
 
     from stadera.identify.legs import identify as identify_legs
@@ -108,19 +83,27 @@ def identify(
     from stadera.legs.friction import FrictionModel
     from stadera.report.identify.tables import identification_tables
     from stadera.robot import load_robot
+    from stadera.robot.export import check_export
 
     settings = IdentifySettings(
         chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
     )
-    model = load_robot(reading.robot(robot, logs[0]), reading.reading.limits)
-    files = ResultFiles(json, report, export, figure_files(figure), latex)
-    files.check(model)
-    training = [reading.log(path) for path in logs]
-    validation = [reading.log(path) for path in validate or ()]
+    model = load_robot(options.robot(robot, logs[0]), options.reading.limits)
+    files.check(export)
+    if export is not None:
+        check_export(model, export)
+    training = [options.log(path) for path in logs]
+    validation = [options.log(path) for path in validate or ()]
     with progress() as watch:
-        result = identify_legs(model, training, settings, validation or None, watch, fix=fix, force=force)
+        result = identify_legs(model, training, settings, validation or None, watch, fix=options.fix, force=force)
     _require_trust(result, force)
-    files.write(result)
+    files.write(
+        (export, result.save_urdf),
+        values=result.to_dict,
+        page=result.to_html,
+        latex=result.to_latex,
+        figures=result.to_figures,
+    )
     show(*identification_tables(result))
 
 

@@ -7,35 +7,18 @@ from typing import Annotated
 
 import typer
 
-from stadera.cli.options import (
-    TEMPLATE,
-    Columns,
-    Fix,
-    GearRatio,
-    ImuTopic,
-    JointTopic,
-    LimitValues,
-    LogOptions,
-    PdGains,
-    Units,
-    limits_of,
-)
+from stadera.cli.options import TEMPLATE, LogOptions, grouped, limits_of
 from stadera.cli.terminal import progress, show
 
 
+@grouped
 def inspect(
     target: Annotated[str, typer.Argument(metavar="LOG|ROBOT", help="A log, a robot's name, or a URDF or MJCF.")],
     robot: Annotated[
         str | None, typer.Option("--robot", metavar="R", help="Check the log against this robot, standing or walking.")
     ] = None,
-    joint_topic: JointTopic = None,
-    imu_topic: ImuTopic = None,
-    columns: Columns = None,
-    units: Units = None,
-    pd: PdGains = None,
-    gear: GearRatio = None,
-    fix: Fix = False,
-    limit: LimitValues = None,
+    *,
+    options: LogOptions,
 ) -> None:
     """Show the content of a log or a robot model.
 
@@ -43,22 +26,22 @@ def inspect(
     rate, gaps, ranges, and matching robots; with --robot, faults found in it, and whether `weigh` would accept it.
     `--columns` without a value writes a map of a table's columns, filled in as far as they are recognised.
     """
-    if columns == TEMPLATE:
+    if options.columns == TEMPLATE:
         from stadera.logs.foreign.template import template
 
-        print(template(Path(target), LogOptions.of(units=units, limit=limit).reading), end="")
+        print(template(Path(target), LogOptions(units=options.units, limit=options.limit).reading), end="")
         return
     if _is_robot(target):
         from stadera.report.inspect import robot_contents
         from stadera.robot import load_robot
 
-        show(*robot_contents(load_robot(target, limits_of(limit))))
+        show(*robot_contents(load_robot(target, limits_of(options.limit))))
         return
     from stadera.logs.reader import stream
     from stadera.logs.summary import summarize
     from stadera.report.inspect import log_contents
 
-    log = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear).log(Path(target))
+    log = options.log(Path(target))
     if robot is None:
         summary = summarize(stream(log))
         show(*log_contents(summary, _fitting(summary.joints)))
@@ -66,10 +49,10 @@ def inspect(
     from stadera.robot import load_robot
     from stadera.weigh.inspection import inspected
 
-    model = load_robot(robot, limits_of(limit))
+    model = load_robot(robot, limits_of(options.limit))
     summary = summarize(stream(log))
     with progress() as watch:
-        found = inspected(model, log, fix=fix, progress=watch)
+        found = inspected(model, log, fix=options.fix, progress=watch)
     show(*log_contents(summary, [model.name], found))
 
 

@@ -67,7 +67,7 @@ def live(
     """
     if source != "zenoh" and not source.startswith(REPLAY):
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
-    options = LogOptions.of(joint_topic, imu_topic, units=units, limit=limit, gear=gear)
+    options = LogOptions(joint_topic, imu_topic, units=units, limit=limit, gear=gear)
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs

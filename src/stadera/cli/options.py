@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, is_dataclass
+from functools import cached_property, wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -30,47 +32,15 @@ ReportFile = Annotated[
     Path | None,
     typer.Option("--report", metavar="F.html", help="Write an HTML report; F.pdf is printed by Chromium."),
 ]
-FigureFiles = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--figure",
-        metavar="[NAME=]F.pdf",
-        help="Draw a figure (.pdf, .png or .svg), the main one or the named one; repeatable.",
-    ),
-]
-LatexFile = Annotated[Path | None, typer.Option("--latex", metavar="F.tex", help="Write the tables as LaTeX.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Give a result even if it is not to be trusted, every figure marked.")
 ]
-JointTopic = Annotated[
-    str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Topic to read, if a log has several of joints.")
-]
-ImuTopic = Annotated[
-    str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Topic to read, if a log has several IMUs.")
-]
-
 View = Annotated[bool, typer.Option("--view", help="Show the robot and its estimates in Rerun.")]
 RrdFile = Annotated[Path | None, typer.Option("--rrd", metavar="F.rrd", help="Write a recording for Rerun.")]
-
-
-Columns = Annotated[
-    str | None,
-    typer.Option(
-        metavar="MAP.toml|PRESET",
-        help="Map of a table's columns, or a preset [default: by their names]. "
-        "`stadera inspect LOG --columns` writes a map.",
-    ),
-]
 Units = Annotated[
     str | None,
     typer.Option(
         metavar="deg,ms,...", help="Units of the log: deg, deg/s, gyro=deg/s, g, ms ...; 200Hz if it has no time."
-    ),
-]
-PdGains = Annotated[
-    str | None,
-    typer.Option(
-        "--pd", metavar="KP,KD", help="Compute torques from desired positions; hip, thigh, calf: KP,KD/KP,KD/..."
     ),
 ]
 GearRatio = Annotated[
@@ -98,6 +68,26 @@ Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler whose workers are used."),
 ]
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with each parameter that is a dataclass of options replaced by the options of that dataclass."""
+    parameters = list(signature(command, eval_str=True).parameters.values())
+    groups = {p.name: cast(type[Any], p.annotation) for p in parameters if is_dataclass(p.annotation)}
+    single = {p.name: p.replace(kind=Parameter.KEYWORD_ONLY) for p in parameters if p.name not in groups}
+    of_group = {name: signature(group, eval_str=True).parameters for name, group in groups.items()}
+    options = single | {
+        p.name: p.replace(kind=Parameter.KEYWORD_ONLY) for group in of_group.values() for p in group.values()
+    }
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        made = {name: group(**{key: given.pop(key) for key in of_group[name]}) for name, group in groups.items()}
+        command(**given, **made)
+
+    run.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
+    run.__annotations__ = {name: option.annotation for name, option in options.items()}
+    return run
 
 
 def check_workers(workers: int | None, scheduler: str | None) -> None:
@@ -130,27 +120,47 @@ def limits_of(given: Sequence[str] | None) -> Limits:
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Instructions for reading logs, parsed once for all logs of the command."""
+    """Options for reading logs, the same for all logs of the command."""
 
-    topics: Topics
-    reading: Reading
+    joint_topic: Annotated[
+        str | None,
+        typer.Option("--joint-topic", metavar="TOPIC", help="Topic to read, if a log has several of joints."),
+    ] = None
+    imu_topic: Annotated[
+        str | None, typer.Option(metavar="TOPIC", help="Topic to read, if a log has several IMUs.")
+    ] = None
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MAP.toml|PRESET",
+            help="Map of a table's columns, or a preset [default: by their names]. "
+            "`stadera inspect LOG --columns` writes a map.",
+        ),
+    ] = None
+    units: Units = None
+    pd: Annotated[
+        str | None,
+        typer.Option(
+            "--pd", metavar="KP,KD", help="Compute torques from desired positions; hip, thigh, calf: KP,KD/KP,KD/..."
+        ),
+    ] = None
+    gear: GearRatio = None
+    fix: Fix = False
+    limit: LimitValues = None
 
-    @classmethod
-    def of(
-        cls,
-        joint_topic: str | None = None,
-        imu_topic: str | None = None,
-        columns: str | None = None,
-        units: str | None = None,
-        pd: str | None = None,
-        limit: Sequence[str] | None = None,
-        gear: str | None = None,
-    ) -> LogOptions:
-        """Parses the options' texts; raises as `Reading.of`."""
-        from stadera.logs.reading import Reading
+    @cached_property
+    def topics(self) -> Topics:
+        """The topics to read."""
         from stadera.logs.topics import Topics
 
-        return cls(Topics(joint_topic, imu_topic), Reading.of(columns, units, pd, limits_of(limit), gear))
+        return Topics(self.joint_topic, self.imu_topic)
+
+    @cached_property
+    def reading(self) -> Reading:
+        """The other options, parsed; raises as `Reading.of`."""
+        from stadera.logs.reading import Reading
+
+        return Reading.of(self.columns, self.units, self.pd, limits_of(self.limit), self.gear)
 
     def log(self, path: Path) -> LogFile:
         """The log at a path, to be read with these instructions."""

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
+from stadera.cli.options import JsonFile, ReportFile
 from stadera.errors import RecordingError, StaderaError
 from stadera.files import require_writable, write_text, written_together
 
 if TYPE_CHECKING:
-    from stadera.identify.result import Identification
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
-    from stadera.robot import Robot
-    from stadera.weigh.result import Weighing
 
 Writer = Callable[[Path], object]
 """Fills the draft of one file."""
@@ -93,49 +94,51 @@ class FigureFile:
         return self.path, fill
 
 
-def figure_files(given: Iterable[str] | None) -> tuple[FigureFile, ...]:
-    """Parses all `--figure` options. Raises as `FigureFile.of`."""
-    return tuple(map(FigureFile.of, given or ()))
-
-
 @dataclass(frozen=True)
 class ResultFiles:
-    """Files for a result; None for one that was not requested."""
+    """Options for the files of a result."""
 
-    json: Path | None
-    report: Path | None
-    export: Path | None
-    figures: tuple[FigureFile, ...] = ()
-    latex: Path | None = None
+    json: JsonFile = None
+    report: ReportFile = None
+    figure: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]F.pdf",
+            help="Draw a figure (.pdf, .png or .svg), the main one or the named one; repeatable.",
+        ),
+    ] = None
+    latex: Annotated[Path | None, typer.Option(metavar="F.tex", help="Write the tables as LaTeX.")] = None
 
-    def check(self, robot: Robot) -> None:
-        """Checks the files before the computation.
+    @cached_property
+    def figures(self) -> tuple[FigureFile, ...]:
+        """The figures' files. Raises as `FigureFile.of`."""
+        return tuple(map(FigureFile.of, self.figure or ()))
+
+    def check(self, *others: Path | None) -> None:
+        """Checks these and other files before the computation.
 
         Raises:
-            StaderaError: see `check_outputs` and `check_report`. ModelError: the robot's model file has another format
-                than the export.
+            StaderaError: see `check_outputs` and `check_report`.
         """
-        drawn = (figure.path for figure in self.figures)
-        check_outputs((self.json, self.report, self.export, self.latex, *drawn))
+        drawn = [figure.path for figure in self.figures]
+        check_outputs((*others, self.json, self.report, self.latex, *drawn))
         check_report(self.report)
-        if self.export is not None:
-            from stadera.robot.export import check_export
-
-            check_export(robot, self.export)
 
     def write(
         self,
-        result: Identification | Weighing,
-        page: Callable[[], str] | None = None,
-        figures: Callable[[], Mapping[str, Figure | TableData]] | None = None,
+        *others: tuple[Path | None, Writer],
+        values: Callable[[], Any],
+        page: Callable[[], str],
+        latex: Callable[[], str],
+        figures: Callable[[], Mapping[str, Figure | TableData]],
     ) -> None:
-        """Writes all files or none; `page` and `figures` replace the result's own."""
+        """Writes these and other files, or none."""
         write_outputs(
-            (self.json, json_of(result.to_dict)),
-            (self.report, page_of(page or result.to_html)),
-            (self.export, result.save_urdf),
-            (self.latex, text_of(result.to_latex)),
-            *(figure.output(figures or result.to_figures) for figure in self.figures),
+            *others,
+            (self.json, json_of(values)),
+            (self.report, page_of(page)),
+            (self.latex, text_of(latex)),
+            *(figure.output(figures) for figure in self.figures),
         )
 
 

@@ -8,17 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.options import FigureFiles, JsonFile, LatexFile, ReportFile, Scheduler, Workers, check_workers
-from stadera.cli.outputs import (
-    FigureFile,
-    check_outputs,
-    check_report,
-    figure_files,
-    json_of,
-    page_of,
-    text_of,
-    write_outputs,
-)
+from stadera.cli.options import Scheduler, Workers, check_workers, grouped
+from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -27,6 +18,7 @@ if TYPE_CHECKING:
     from stadera.report.table import TableData
 
 
+@grouped
 def reproduce(
     name: Annotated[
         str,
@@ -51,10 +43,8 @@ def reproduce(
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
-    json: JsonFile = None,
-    report: ReportFile = None,
-    figure: FigureFiles = None,
-    latex: LatexFile = None,
+    *,
+    files: ResultFiles,
 ) -> None:
     """Reproduce tables and figures of the paper, and compare them with their bounds.
 
@@ -70,26 +60,18 @@ def reproduce(
     from stadera.lab.report.experiments import experiment_renderables
 
     experiments = experiments_named(name)
-    figures = figure_files(figure)
-    check_outputs((json, report, latex, *(file.path for file in figures)))
-    check_report(report)
+    files.check()
     results = []
     with progress() as watch:
         settings = ReproduceSettings(seed, quick, data, keep, seeds, Pool(workers, scheduler))
         for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
-    _write(results, json, report, latex, figures)
+    _write(results, files)
     for result in results:
         show(*experiment_renderables(result))
 
 
-def _write(
-    results: list[ExperimentResult | Skipped],
-    json: Path | None,
-    report: Path | None,
-    latex: Path | None,
-    figures: tuple[FigureFile, ...],
-) -> None:
+def _write(results: list[ExperimentResult | Skipped], files: ResultFiles) -> None:
     """Writes all outputs or none. Figures of several experiments are prefixed with the experiment's name:
     fig6-figure-1.
     """
@@ -105,9 +87,9 @@ def _write(
             return done[0].to_figures()
         return {f"{result.name}-{name}": shown for result in done for name, shown in result.to_figures().items()}
 
-    write_outputs(
-        (json, json_of(lambda: records)),
-        (report, page_of(lambda: experiments_html(results))),
-        (latex, text_of(lambda: latex_of(table for result in done for table in result.tables))),
-        *(file.output(drawn) for file in figures),
+    files.write(
+        values=lambda: records,
+        page=lambda: experiments_html(results),
+        latex=lambda: latex_of(table for result in done for table in result.tables),
+        figures=drawn,
     )

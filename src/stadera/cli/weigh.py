@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import (
-    Columns,
-    FigureFiles,
-    Fix,
-    Force,
-    GearRatio,
-    ImuTopic,
-    JointTopic,
-    JsonFile,
-    LatexFile,
-    LimitValues,
-    LogOptions,
-    PdGains,
-    ReportFile,
-    RobotOfLog,
-    RrdFile,
-    Units,
-    View,
-)
-from stadera.cli.outputs import ResultFiles, figure_files
+from stadera.cli.options import Force, LogOptions, RobotOfLog, RrdFile, View, grouped
+from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 from stadera.cli.viewing import watching
 
 if TYPE_CHECKING:
     from stadera.limits import Limits
-    from stadera.logs import LogFile
-    from stadera.report.figures import Figure
     from stadera.robot import Robot
-    from stadera.weigh.truth import Truth
 
 
+@grouped
 def weigh(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a robot on its feet, walking or standing.")],
     robot: RobotOfLog = None,
@@ -67,28 +46,19 @@ def weigh(
     imu_frame: Annotated[
         str | None, typer.Option(metavar="NAME", help="Frame of the IMU's values [default: the model's IMU].")
     ] = None,
-    joint_topic: JointTopic = None,
-    imu_topic: ImuTopic = None,
-    columns: Columns = None,
-    units: Units = None,
-    pd: PdGains = None,
-    gear: GearRatio = None,
-    fix: Fix = False,
-    limit: LimitValues = None,
     truth: Annotated[
         Path | None,
         typer.Option(metavar="F.truth.json", help="Ground truth of a simulated log, shown with the result."),
     ] = None,
-    json: JsonFile = None,
-    report: ReportFile = None,
-    figure: FigureFiles = None,
-    latex: LatexFile = None,
     export: Annotated[
         Path | None,
         typer.Option(metavar="F.urdf", help="Write the weighed model (URDF, MJCF), with the payload as a link."),
     ] = None,
     view: View = False,
     rrd: RrdFile = None,
+    *,
+    options: LogOptions,
+    files: ResultFiles,
 ) -> None:
     """Weigh a robot from its log: trunk with payload, centre of mass, and changes of the load.
 
@@ -97,60 +67,41 @@ def weigh(
     contradict each other is refused (exit code 1) unless --force is given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
-    reading = LogOptions.of(joint_topic, imu_topic, columns, units, pd, limit, gear)
-    chosen_tare = None if tare is None else _tare(tare, reading)
+    chosen_tare = None if tare is None else parse.tare(tare)
 
+    from stadera.report.weigh.tables import weighing_tables
+    from stadera.robot.export import check_export
     from stadera.weigh.settings import check_choice
+    from stadera.weigh.truth import read_truth
     from stadera.weigh.weigh import weigh as weigh_log
 
     check_choice(method, springs)
-    files = ResultFiles(json, report, export, figure_files(figure), latex)
-    model = robot_with_legs(reading.robot(robot, log), legs, reading.reading.limits)
-    files.check(model)
-    known = _truth(truth)
+    model = robot_with_legs(options.robot(robot, log), legs, options.reading.limits)
+    files.check(export)
+    if export is not None:
+        check_export(model, export)
+    known = None if truth is None else read_truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:
         result = weigh_log(
             model,
-            reading.log(log),
-            chosen_tare,
+            options.log(log),
+            options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare,
             method,
             imu_frame=imu_frame,
             stiffness=springs,
             force=force,
-            fix=fix,
+            fix=options.fix,
             progress=bar,
             watch=watch,
         )
-
-    def page() -> str:
-        from stadera.report.weigh.page import weighing_html
-
-        return weighing_html(result, known)
-
-    def figures() -> Mapping[str, Figure]:
-        from stadera.report.weigh.plots import figures as figures_of
-
-        return figures_of(result, known)
-
-    from stadera.report.weigh.tables import weighing_tables
-
-    files.write(result, page, figures)
+    files.write(
+        (export, result.save_urdf),
+        values=result.to_dict,
+        page=lambda: result.to_html(known),
+        latex=result.to_latex,
+        figures=lambda: result.to_figures(known),
+    )
     show(*weighing_tables(result, known))
-
-
-def _truth(path: Path | None) -> Truth | None:
-    """The ground truth of a simulated log, if given."""
-    if path is None:
-        return None
-    from stadera.weigh.truth import read_truth
-
-    return read_truth(path)
-
-
-def _tare(given: str, reading: LogOptions) -> tuple[float, float] | LogFile:
-    """Parses a tare: a range of time, or another log."""
-    chosen = parse.tare(given)
-    return reading.log(chosen) if isinstance(chosen, Path) else chosen
 
 
 def robot_with_legs(name: str, legs: Path | None, limits: Limits) -> Robot:

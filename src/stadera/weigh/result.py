@@ -22,6 +22,7 @@ from stadera.types import Array, Bools
 if TYPE_CHECKING:
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
+    from stadera.weigh.truth import Truth
 
 
 @dataclass(frozen=True)
@@ -234,11 +235,11 @@ class Weighing(Result):
 
         return timeline_frame(self.timeline)
 
-    def to_html(self) -> str:
-        """The report as one self-contained HTML page."""
+    def to_html(self, truth: Truth | None = None) -> str:
+        """The report as one self-contained HTML page; with the truth of a simulated log, if given."""
         from stadera.report.weigh.page import weighing_html
 
-        return weighing_html(self)
+        return weighing_html(self, truth)
 
     def save_urdf(self, path: str | PathLike[str]) -> None:
         """Writes the robot's model file with the weighed trunk and the payload as a separate link, in the format of the
@@ -261,10 +262,10 @@ class Weighing(Result):
 
         return tables(self)
 
-    def to_figures(self) -> Mapping[str, Figure]:
+    def to_figures(self, truth: Truth | None = None) -> Mapping[str, Figure]:
         """Figures: payload (with a tare, in motion), mass, balance (at rest), convergence (of the centre of mass),
         forces.
         """
         from stadera.report.weigh.plots import figures
 
-        return figures(self)
+        return figures(self, truth)
