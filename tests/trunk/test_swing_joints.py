@@ -106,9 +106,43 @@ def test_single_wild_samples_are_replaced_and_impacts_stay() -> None:
     clean = filtered.clean(wild)
     assert (clean.effort != wild.effort).sum() == 1
     assert abs(clean.effort[5, 3] - 0.5 * (wild.effort[4, 3] + wild.effort[6, 3])) < 1e-9
-    step = block(31)
+    garbled = block(31)  # a message of zeros
+    for channel in (garbled.position, garbled.velocity, garbled.effort, garbled.specific_force):
+        channel[5] += 5.0 * np.sign(channel[4])
+    np.testing.assert_allclose(
+        filtered.clean(garbled).specific_force[5], garbled.specific_force[[4, 6]].mean(axis=0), atol=1e-9
+    )
+    step = block(32)
     step.effort[6:, 3] += 60.0  # a step is no single sample
     np.testing.assert_array_equal(filtered.clean(step).effort[:, 3], step.effort[:, 3])
+    impact = block(33)  # trunk and joints within one sample
+    impact.specific_force[5, 2] += 100.0
+    impact.velocity[5, 1] -= 3.0
+    assert filtered.clean(impact) is impact
+
+
+def test_the_impulse_of_a_hard_touchdown_is_kept() -> None:
+    """Specific force and velocities of a trunk that falls and is stopped within a sample, five times a second: their
+    means stay, of which the first is gravity.
+    """
+    rng, n, rate, dt = np.random.default_rng(1), 12, 5.0, 0.002
+    filtered, force, kept = SpikeFilter(), [], []
+    for k in range(200):
+        t = dt * (10 * k + np.arange(n))
+        struck = (np.round(t / dt).astype(int) % round(1.0 / (rate * dt)) == 7)[:, None]
+        height = np.array([0.0, 0.0, 1.0])
+        samples = Samples(
+            t,
+            1e-4 * rng.standard_normal((n, 12)),
+            0.02 * rng.standard_normal((n, 12)) + 2.0 * struck * np.ones(12),
+            0.2 * rng.standard_normal((n, 12)),
+            0.003 * rng.standard_normal((n, 3)),
+            9.81 * 0.9 * height + 0.05 * rng.standard_normal((n, 3)) + struck * height * 0.1 * 9.81 / (rate * dt),
+        )
+        force.append(samples.specific_force[1:-1])
+        kept.append(filtered.clean(samples).specific_force[1:-1])
+    assert abs(np.concatenate(force)[:, 2].mean() - 9.81) < 0.02
+    np.testing.assert_array_equal(kept, force)
 
 
 @pytest.mark.parametrize(("name", "scenario"), [("anymal_c", "crawl"), ("go2", "trot")])

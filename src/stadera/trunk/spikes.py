@@ -1,8 +1,11 @@
-"""Replaces spikes of a single sample, detected by their distance from the median of the sample and its neighbours.
+"""Replaces spikes: single values that a sensor or a message got wrong, and that no motion explains.
 
-The median of three equals the sample where a signal is monotonic, so only peaks of one sample are affected, and of
-these only those beyond ten times the channel's usual noise, estimated from third differences. Spikes are replaced by
-the mean of their neighbours.
+The median of three equals the sample where a signal is monotonic, so only peaks of one sample can be spikes, and of
+these only those beyond ten times the channel's usual noise, estimated from third differences. An impact is a peak too:
+on hard ground a touchdown accelerates trunk and joints within one or two samples, and without it the mean specific
+force of a trot would be up to a tenth too small, and the trunk as much too heavy. But an impact shows in several
+channels at once. So a peak is a spike if it is alone, or if its sample is impossible: a joint's position jumps there
+and back faster than any joint turns. Spikes are replaced by the mean of their neighbours.
 """
 
 from __future__ import annotations
@@ -13,10 +16,12 @@ import numpy as np
 
 from stadera.trunk.noise import third_differences_squared
 from stadera.trunk.samples import Samples
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 _CHANNELS = ("position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
 _WILD = 10.0  # times the usual noise
+_RESTLESS = 4.0  # times the usual noise: a peak in another channel of the sample or its neighbours, as in an impact
+_FASTEST = 30.0  # rad/s: joints of legged robots turn at up to 20 to 30 rad/s (data sheets of Go2, A1, ANYmal)
 _MEMORY = 100.0  # blocks
 _LEARNT = 5  # blocks before any spike is replaced
 
@@ -42,7 +47,13 @@ class SpikeFilter:
             # |now - median|: the distance to the nearer neighbour where it is a peak, else zero
             deviation[1:-1] = np.where(steps[:-1] * steps[1:] < 0.0, np.minimum(away[:-1], away[1:]), 0.0)
             deviation[0], deviation[-1] = 0.5 * np.abs(steps[0] - steps[1]), 0.5 * np.abs(steps[-1] - steps[-2])
-            wild = deviation > _WILD * np.sqrt(usual)
+            noise = np.sqrt(usual)
+            wild = deviation > _WILD * noise
+            if wild.any():
+                impossible = _FASTEST * float(samples.time[1] - samples.time[0])
+                wild &= _alone(deviation > _RESTLESS * noise) | (
+                    deviation[:, : samples.position.shape[1]] > impossible
+                ).any(axis=1, keepdims=True)
             if cleaned := bool(wild.any()):
                 expected = np.empty_like(values)
                 expected[1:-1] = 0.5 * (values[:-2] + values[2:])
@@ -54,3 +65,13 @@ class SpikeFilter:
             return samples
         edges = np.cumsum([channel.shape[1] for channel in channels[:-1]])
         return replace(samples, **dict(zip(_CHANNELS, np.split(values, edges, axis=1), strict=True)))
+
+
+def _alone(restless: Bools) -> Bools:
+    """True where no other channel (samples, channels) is restless in the same sample, the one before or the one
+    after.
+    """
+    around = restless.astype(int)
+    around[1:] += restless[:-1]
+    around[:-1] += restless[1:]
+    return np.asarray(around.sum(axis=1, keepdims=True) == around)

@@ -56,7 +56,8 @@ OVERLAP, TELESCOPED = 4.0 / 3.0, 0.5  # correlation of neighbouring windows' noi
 MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
 MEMORY, BEYOND_NOISE = 1.0, 2.0  # s, of ground and accelerations; times the variance of noise
 BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
-WILD, SPIKE_MEMORY, LEARNT = 10.0, 100.0, 5.0  # times the usual noise; blocks; blocks before a spike is replaced
+WILD, RESTLESS, FASTEST = 10.0, 4.0, 30.0  # times the usual noise, twice; rad/s
+SPIKE_MEMORY, LEARNT = 100.0, 5.0  # blocks; blocks before a spike is replaced
 
 # state of what comes before the rows: blocks seen by the filter of spikes; lines between feet, vertical, if it is known
 BLOCKS, LINES, UPWARDS, UP_KNOWN, STATE = 0, 1, 10, 13, 14
@@ -600,7 +601,53 @@ def squared_differences(table: Array, out: Array) -> None:
 
 
 @part
-def clean(table: Array, usual: Array, state: Array, out: Array, squares: Array) -> None:
+def peak(table: Array, k: int, c: int) -> float:
+    """By how much sample k of channel c stands out of its neighbours; at the edges half the second difference."""
+    at = min(max(k, 1), len(table) - 2)
+    before, after = table[at, c] - table[at - 1, c], table[at + 1, c] - table[at, c]
+    if at != k:
+        return 0.5 * abs(before - after)
+    return min(abs(before), abs(after)) if before * after < 0.0 else 0.0
+
+
+@part
+def expected(table: Array, k: int, c: int) -> float:
+    """What the neighbours of sample k let expect."""
+    if k == 0:
+        return float(2.0 * table[1, c] - table[2, c])
+    if k == len(table) - 1:
+        return float(2.0 * table[k - 1, c] - table[k - 2, c])
+    return float(0.5 * (table[k - 1, c] + table[k + 1, c]))
+
+
+@part
+def replace_spikes(table: Array, usual: Array, joints: int, out: Array) -> None:
+    """Replaces wild peaks that are alone or in an impossible sample."""
+    n, channels = table.shape
+    restless, around, impossible = np.zeros((n + 2, channels)), np.zeros(n + 2), np.zeros(n)
+    fastest = FASTEST * (table[1, 0] - table[0, 0])
+    for c in range(1, channels):
+        limit = RESTLESS * sqrt(usual[c])
+        for k in range(n):
+            away = peak(table, k, c)
+            if away > limit:
+                restless[k + 1, c] = 1.0
+                around[k + 1] += 1.0
+            if c <= joints and away > fastest:
+                impossible[k] = 1.0
+    for c in range(1, channels):
+        limit = WILD * sqrt(usual[c])
+        for k in range(n):
+            if peak(table, k, c) > limit:
+                others = 0.0
+                for at in range(k, k + 3):
+                    others += around[at] - restless[at, c]
+                if others == 0.0 or impossible[k] > 0.0:
+                    out[k, c] = expected(table, k, c)
+
+
+@part
+def clean(table: Array, usual: Array, joints: int, state: Array, out: Array, squares: Array) -> None:
     """Writes the samples without spikes, as `SpikeFilter.clean`, and mean squares of their third differences;
     `state[BLOCKS]` counts the blocks before.
     """
@@ -615,19 +662,17 @@ def clean(table: Array, usual: Array, state: Array, out: Array, squares: Array) 
         limit[0] = np.inf  # time
         for c in range(1, columns):
             limit[c] = WILD * sqrt(usual[c])
+        wild = False
         for k in range(1, n - 1):
-            before, now, after, to = table[k - 1], table[k], table[k + 1], out[k]
+            before, now, after = table[k - 1], table[k], table[k + 1]
             for c in range(columns):
                 rise, fall = now[c] - before[c], after[c] - now[c]
-                away = min(abs(rise), abs(fall))
-                spike = rise * fall < 0.0 and away > limit[c]
-                to[c] = 0.5 * (before[c] + after[c]) if spike else now[c]
-        for end in range(2):
-            now, near, far = (table[0], table[1], table[2]) if end == 0 else (table[n - 1], table[n - 2], table[n - 3])
-            to = out[(n - 1) * end]
+                wild |= rise * fall < 0.0 and min(abs(rise), abs(fall)) > limit[c]
+        for end in range(0, n, n - 1):
             for c in range(columns):
-                if 0.5 * abs((now[c] - near[c]) - (near[c] - far[c])) > limit[c]:
-                    to[c] = 2.0 * near[c] - far[c]
+                wild |= peak(table, end, c) > limit[c]
+        if wild:
+            replace_spikes(table, usual, joints, out)
     squared_differences(out, squares)
     for c in range(1, columns):
         usual[c] += (squares[c] + 1e-12 - usual[c]) / min(blocks, SPIKE_MEMORY)
@@ -907,7 +952,7 @@ def block(
         that reads zero; -1 for neither.
     """
     squares = np.zeros(raw.shape[1])
-    clean(raw, usual, state, table, squares)
+    clean(raw, usual, joints, state, table, squares)
     n, at = len(table) - 2, 1 + 3 * joints
     turning, pulling = ZERO, ZERO
     for k in range(1, n + 1):
