@@ -606,8 +606,8 @@ def peak(table: Array, k: int, c: int) -> float:
     at = min(max(k, 1), len(table) - 2)
     before, after = table[at, c] - table[at - 1, c], table[at + 1, c] - table[at, c]
     if at != k:
-        return 0.5 * abs(before - after)
-    return min(abs(before), abs(after)) if before * after < 0.0 else 0.0
+        return float(0.5 * abs(before - after))
+    return float(min(abs(before), abs(after))) if before * after < 0.0 else 0.0
 
 
 @part
