@@ -7,12 +7,12 @@ are named with it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 
-from stadera.checks.footing import Footing
+from stadera.checks.footing import Footing, Known
 from stadera.checks.hypotheses import FaultHypothesis, hypotheses_at_rest, hypotheses_in_motion, torque_scales
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
@@ -80,6 +80,7 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     robot, limits, blocks = model.robot, model.limits, footing.blocks
     if blocks.angular_velocity is None or not np.isfinite(blocks.rate).any():
         return None
+    footing = replace(footing, known=Known())  # what is known of other hypotheses is not kept
     now = MotionCosts(footing, limits)
     least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest
     fitting: list[tuple[Gain, FaultHypothesis, MotionCosts]] = []

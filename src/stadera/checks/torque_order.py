@@ -162,7 +162,8 @@ class InstantRows:
     """Rows of the trunk at some instants, in units of 1 % of the weight.
 
     Attributes:
-        both: (6 n, c), see `_Rows.products`. fixed: number of errors that do not depend on the torques.
+        both: (6 n, c), columns as in `_Rows.products`; of each leg with its recorded torques alone, if only those were
+            asked for. fixed: number of errors that do not depend on the torques.
         matrix: (6 n, 10), A, with θ in units of the robot's mass and leg length.
         root: (p, p), root of the errors' covariance.
         by_offset: (6 n, 12), effect on b of offsets of the torques, each of the size of its limit.
@@ -177,8 +178,13 @@ class InstantRows:
     limit: Array
 
     @classmethod
-    def of(cls, footing: Footing) -> InstantRows:
-        """Computes the rows of a log with an IMU."""
+    def of(cls, footing: Footing, *, recorded: bool = False) -> InstantRows:
+        """Computes the rows of a log with an IMU.
+
+        Args:
+            footing: of the log.
+            recorded: for the recorded order of the torques alone, which takes a quarter of the memory.
+        """
         robot, b = footing.robot, footing.blocks
         legs = BaseWrenchRegressor(robot)
         a, omega = footing.specific_force, b.angular_velocity
@@ -201,7 +207,8 @@ class InstantRows:
         by_imu = [(x / scale[:, None]).reshape(6 * n, 3) for x in (by_force @ skews(a), np.tile(-by_force, (n, 1, 1)))]
         fixed = np.hstack([*by_joint, *by_imu])
         unloaded = wrenches.target(np.zeros_like(torque)).sum(axis=2)
-        of_torques = _by_torques(wrenches, displaced, torque, rate)
+        of_leg = [slice(None)] if recorded else [slice(m, m + 1) for m in range(4)]
+        of_torques = _by_torques(wrenches, displaced, torque, rate, of_leg)
         both = np.hstack([_flat(unloaded, scale), fixed, *(_flat(x, scale) for x in of_torques)])
         matrix = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale[:, None]
         size = robot.mass * np.array([1.0, *[0.5 * legs.length] * 3, *[0.5 * legs.length**2] * 6])
@@ -242,11 +249,17 @@ class Likelihood:
         return cls(float(costs[best]), float(k[best, 0]), value, vector)
 
 
-def _by_torques(wrenches: LegWrenches, displaced: Sequence[LegWrenches], torque: Array, rate: Array) -> list[Array]:
-    """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.products`."""
-    E, legs = wrenches.to_wrench, range(torque.shape[1])
-    given = [np.broadcast_to(torque[:, m : m + 1], torque.shape) for m in legs]
-    late = [(E * rate[:, m : m + 1]).sum(axis=3) for m in legs]
+def _by_torques(
+    wrenches: LegWrenches, displaced: Sequence[LegWrenches], torque: Array, rate: Array, of_leg: Sequence[slice]
+) -> list[Array]:
+    """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.products`.
+
+    Args:
+        of_leg: the leg whose torques all legs are given, for each set of columns; all legs for each with its own.
+    """
+    E = wrenches.to_wrench
+    given = [np.broadcast_to(torque[:, legs], torque.shape) for legs in of_leg]
+    late = [(E * rate[:, legs]).sum(axis=3) for legs in of_leg]
     turned = []
     for effort in given:
         own = wrenches.target(effort)
@@ -259,17 +272,20 @@ def outside(rows: int) -> Array:
     return 10.0 * np.tile(np.eye(6), (rows // 6, 1))
 
 
-def sums(columns: int, fixed: int, order: Sequence[int]) -> Array:
-    """(c, 1 + p): which of `InstantRows.both` make b and C of the torques in this order."""
+def sums(columns: int, fixed: int, order: Sequence[int] = (0, 0, 0, 0)) -> Array:
+    """(c, 1 + p): which of `InstantRows.both` make b and C of the torques in this order; of rows of the recorded order
+    alone without it.
+    """
     first = 1 + fixed
+    pairs = (columns - first) // 7  # (m, l): by joint, in sum, and displaced by joint
     legs = 4 * np.array(order) + np.arange(4)  # places of (m, l)
     joints = (3 * legs[:, None] + np.arange(3)).ravel()
     out = np.zeros((columns, first + 12 + 1 + 12))
     out[np.arange(first), np.arange(first)] = 1.0
     out[first + joints, 0] = 1.0
     out[first + joints, first + np.arange(12)] = 1.0
-    out[first + 48 + legs, first + 12] = 1.0
-    out[first + 64 + joints, first + 13 + np.arange(12)] = 1.0
+    out[first + 3 * pairs + legs, first + 12] = 1.0
+    out[first + 4 * pairs + joints, first + 13 + np.arange(12)] = 1.0
     return out
 
 

@@ -50,7 +50,7 @@ def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:
     spans = list(_spans(blocks.time, moving(footing, limits), limits))
     if not spans:
         return None
-    rows = InstantRows.of(footing)
+    rows = InstantRows.of(footing, recorded=True)
     (squares, sizes), (span, at) = _likeliest(rows, spans, limits)
     best = int(np.argmax(squares))
     if squares[best] < limits.step_gain or abs(sizes[best]) < limits.step_least:
@@ -70,7 +70,7 @@ def _likeliest(
     rows: InstantRows, spans: Sequence[tuple[slice, int]], limits: CheckLimits
 ) -> tuple[tuple[Array, Array], tuple[slice, int]]:
     """z² and size by joint, where z is largest among every second stretch and its neighbours; and that stretch."""
-    recorded = rows.both @ sums(rows.both.shape[1], rows.fixed, (0, 1, 2, 3))
+    recorded = rows.both @ sums(rows.both.shape[1], rows.fixed)
     recorded[:, 1:] = recorded[:, 1:] @ rows.root
     found = {k: _tested(rows, recorded, *spans[k], limits) for k in range(0, len(spans), 2)}
     near = max(found, key=lambda k: float(found[k][0].max()))
