@@ -22,7 +22,7 @@ from stadera.trunk import Samples, SwingDetection, TrunkEstimator
 from stadera.trunk.changes import ChangeDetector
 from stadera.trunk.compiled_changes import CompiledDetector
 from stadera.trunk.compiled_front import CompiledFront, front
-from stadera.trunk.considered import RowSums
+from stadera.trunk.considered import Errors, RowSums
 from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.front import BLIND, Front
 from stadera.trunk.segment import Segment, WeightedRows
@@ -225,9 +225,9 @@ def test_errors_from_rows_and_swinging_legs_are_those_of_numpy(without_numba: Ca
         for _ in range(60):
             air, terms = rng.uniform(size=4) < 0.4, rng.standard_normal((4, 12))
             swing.add(air, terms, *rng.standard_normal((2, 12)), np.full(12, 0.5))
-        mean, covariance = np.zeros(ERRORS), model.scaled(0.7)
-        rows.update(mean, covariance)
-        return [mean, covariance, *swing.posterior(1.0), *swing.posterior(0.4)]
+        found = Errors(model, swing, 0.7, rows)
+        assert_near(found.known.applied(rows.remainder[1:, 1:]), rows.remainder[1:, 1:] @ found.covariance, "products")
+        return [found.mean, found.covariance, found.std, *swing.posterior(1.0), *swing.posterior(0.4)]
 
     both = (ModelErrors(), ModelErrors(rotor=0.0))
     compiled = [estimated(sizes) for sizes in both]

@@ -9,7 +9,7 @@ import pytest
 
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
-from stadera.trunk.considered import Errors, robot_weight, unit_of_rows, weighted
+from stadera.trunk.considered import Errors, RowSums, robot_weight, unit_of_rows, weighted
 from stadera.trunk.error_model import ERRORS, INVISIBLE, PLACES, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.rows import RowMaker
@@ -72,7 +72,7 @@ def standardised(walk: Walk, scale: float) -> np.ndarray:
     usual = Errors(model, swing, 1.0)
     for seed in range(DRAWS):
         segment = drawn(walk, scale, seed)
-        fit = Fit.of((segment,), usual.mean, usual.covariance, SETTINGS)
+        fit = Fit.of(RowSums.of((segment,), 5.0), usual, SETTINGS)
         errors = Errors(model, swing, fit.scale)
         std = np.sqrt(np.diag(errors.trunk_covariance(segment, 1.0)))
         found.append(((segment.mean(errors.mean) - truth) / std)[:3])
@@ -94,9 +94,7 @@ def test_the_scale_is_right_on_average_whatever_it_was_found_to_be(walk: Walk) -
     usual = Errors(model, SwingJoints(model, SwingDetection()), 1.0)
     spread = SETTINGS.scale_spread
     true = np.exp(spread * np.random.default_rng(3).standard_normal(DRAWS) - spread**2)
-    fits = [
-        Fit.of((drawn(walk, s, seed),), usual.mean, usual.covariance, SETTINGS) for seed, s in enumerate(true.tolist())
-    ]
+    fits = [Fit.of(RowSums.of((drawn(walk, s, seed),), 5.0), usual, SETTINGS) for seed, s in enumerate(true.tolist())]
     found = np.array([fit.scale**2 for fit in fits])
     assert found.mean() == pytest.approx(1.0, abs=0.2)
     for quarter in np.array_split(np.argsort(found), 4):
@@ -106,5 +104,5 @@ def test_the_scale_is_right_on_average_whatever_it_was_found_to_be(walk: Walk) -
 def test_without_rows_the_scale_is_the_priors() -> None:
     _, model, length = rows(STAND)
     usual = Errors(model, SwingJoints(model, SwingDetection()), 1.0)
-    fit = Fit.of((prior(length),), usual.mean, usual.covariance, SETTINGS)
+    fit = Fit.of(RowSums.of((prior(length),), 5.0), usual, SETTINGS)
     assert fit.scale == pytest.approx(1.0, abs=0.02)

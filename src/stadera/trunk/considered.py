@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from stadera.compiled import kernel
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import BLOCKS, ERRORS, HELD, JOINTS, PLACES, SHOWN, ErrorModel
+from stadera.trunk.error_model import ERRORS, HELD, JOINTS, PLACES, SHOWN, STICKING, ErrorModel
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.segment import Segment, WeightedRows, summed_remainder
+from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
 _QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
 _UNIT = 0.01  # of weight, and of weight times leg length: the unit of the rows
-_EDGES = np.array([SHOWN.stop, JOINTS.stop, BLOCKS[1].start, BLOCKS[1].stop])
 
 
 def unit_of_rows(robot_weight: float, length: float) -> Array:
@@ -54,38 +54,121 @@ class RowSums:
     Attributes:
         remainder: see `Segment.remainder`, summed over segments. blocks: number of blocks.
         repeated: number of successive rows with the same error [1].
+        white: Σ of the rows' white variance [1].
     """
 
     remainder: Array
     blocks: int
     repeated: float
+    white: float = 0.0
 
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float) -> RowSums:
         """Sums up segments of the same robot."""
-        return cls(summed_remainder(segments), sum(segment.blocks for segment in segments), repeated)
+        first, *others = segments
+        total = cls(first.remainder, first.blocks, repeated, first.white)
+        for segment in others:
+            total = total.plus(segment)
+        return total
 
-    def update(self, mean: Array, covariance: Array) -> None:
-        """Updates p̂ (ERRORS,) and Σ (ERRORS, ERRORS), which is diagonal outside `BLOCKS`, in place."""
+    def plus(self, segment: Segment) -> RowSums:
+        """With one more segment."""
+        return RowSums(
+            self.remainder + segment.remainder,
+            self.blocks + segment.blocks,
+            self.repeated,
+            self.white + segment.white,
+        )
+
+    def update(self, mean: Array, known: Covariance) -> Covariance:
+        """Updates p̂ (ERRORS,) in place, and returns the new Σ, given one with `Covariance.shown` of the prior."""
         if not self.blocks:
-            return
+            return known
         compiled = kernel("stadera.trunk.kernels.errors")
         if compiled is not None:
-            compiled.update(mean, covariance, self.remainder, self.blocks, self.repeated, _QUIETEST, _EDGES)
-            return
+            shown, joints, variance = np.empty(known.shown.shape), known.joints.copy(), known.variance.copy()
+            compiled.update(
+                mean,
+                joints,
+                known.sticking,
+                variance,
+                shown,
+                self.remainder,
+                self.blocks,
+                self.repeated,
+                _QUIETEST,
+                PLACES["stiction"].start,
+            )
+            return Covariance(joints, known.sticking, variance, shown)
         along = self.remainder[1:, 0] - self.remainder[1:, 1:][:, JOINTS] @ mean[JOINTS]
         square = float(self.remainder[0, 0] - (self.remainder[1:, 0] + along) @ mean)
         loud = self.repeated * max(square / (6.0 * self.blocks), _QUIETEST)
-        k, normal = SHOWN, self.remainder[1:, 1:][SHOWN] / loud
-        found = _combined(covariance[k, k], normal[:, k])
-        mean[k] += found @ along[k] / loud
-        spread = normal * np.diagonal(covariance)  # N Σ
-        for block in BLOCKS:
-            spread[:, block] = normal[:, block] @ covariance[block, block]
-        moved = covariance[k] - found @ spread
-        own = moved[:, k] + (found @ normal[:, k] - moved @ normal.T) @ found
-        covariance[k], covariance[:, k] = moved, moved.T
-        covariance[k, k] = 0.5 * (own + own.T)
+        normal = self.remainder[1:, 1:][SHOWN] / loud
+        found = _combined(known.joints[SHOWN, SHOWN], normal[:, SHOWN])
+        mean[SHOWN] += found @ along[SHOWN] / loud
+        moved = known.shown - found @ known.applied(normal)
+        own = moved[:, SHOWN] + (found @ normal[:, SHOWN] - moved @ normal.T) @ found
+        moved[:, SHOWN] = 0.5 * (own + own.T)
+        return known.replaced(moved)
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """Covariance Σ of the model errors, of which only those in `JOINTS`, those of static friction, and those in `SHOWN`
+    with all others may be correlated.
+
+    Attributes:
+        joints: (JOINTS, JOINTS). sticking: (12, 12), of static friction. variance: (ERRORS,), the diagonal.
+        shown: (SHOWN, ERRORS), the rows of those that loaded rows determine too.
+    """
+
+    joints: Array
+    sticking: Array
+    variance: Array
+    shown: Array
+
+    @classmethod
+    def of(cls, model: ErrorModel, scale: float, joints: Array) -> Covariance:
+        """Before any loaded row: the prior with its standard deviations times `scale`, and `joints`."""
+        variance, shown = model.scaled(scale), np.zeros((SHOWN.stop, ERRORS))
+        variance[JOINTS], shown[:, JOINTS] = np.diagonal(joints), joints[SHOWN]
+        return cls(joints, scale**2 * model.covariance[STICKING, STICKING], variance, shown)
+
+    @cached_property
+    def dense(self) -> Array:
+        """Σ (ERRORS, ERRORS)."""
+        out = np.diag(self.variance)
+        out[JOINTS, JOINTS], out[STICKING, STICKING] = self.joints, self.sticking
+        out[SHOWN], out[:, SHOWN] = self.shown, self.shown.T
+        return out
+
+    def applied(self, rows: Array) -> Array:
+        """Products with Σ, of rows (n, ERRORS): a third of the operations of a dense product."""
+        others, offsets = slice(SHOWN.stop, None), slice(SHOWN.stop, JOINTS.stop)
+        out: Array = rows[:, SHOWN] @ self.shown
+        out[:, SHOWN] += rows[:, others] @ self.shown[:, others].T
+        variance = self.variance[others].copy()
+        variance[: JOINTS.stop - SHOWN.stop] = 0.0
+        variance[STICKING.start - SHOWN.stop : STICKING.stop - SHOWN.stop] = 0.0
+        out[:, others] += rows[:, others] * variance
+        out[:, offsets] += rows[:, offsets] @ self.joints[offsets, offsets]
+        out[:, STICKING] += rows[:, STICKING] @ self.sticking
+        return out
+
+    def replaced(self, shown: Array) -> Covariance:
+        """With new rows `shown`."""
+        joints, variance = self.joints.copy(), self.variance.copy()
+        joints[SHOWN], joints[:, SHOWN] = shown[:, JOINTS], shown[:, JOINTS].T
+        variance[SHOWN] = np.diagonal(shown)
+        return Covariance(joints, self.sticking, variance, shown)
+
+    def held(self, std: Array) -> Covariance:
+        """With other standard deviations (12,) of static friction, and unchanged correlations."""
+        ratio = std / np.maximum(np.sqrt(self.variance[STICKING]), 1e-300)
+        variance, shown = self.variance.copy(), self.shown.copy()
+        variance[STICKING] *= ratio**2
+        shown[:, STICKING] *= ratio
+        return Covariance(self.joints, self.sticking * ratio * ratio[:, None], variance, shown)
 
 
 def _combined(covariance: Array, information: Array) -> Array:
@@ -103,7 +186,7 @@ class Errors:
     """Mean p̂ and covariance Σ of the model errors, from the prior, swing legs, loaded rows and the scale of the fit.
 
     Attributes:
-        mean: (ERRORS,). covariance: (ERRORS, ERRORS). std: (ERRORS,).
+        mean: (ERRORS,). known: Σ. std: (ERRORS,).
     """
 
     def __init__(self, model: ErrorModel, swing: SwingJoints, scale: float, rows: RowSums | None = None) -> None:
@@ -111,24 +194,26 @@ class Errors:
         joints, learned = swing.posterior(scale)
         self.mean = np.zeros(ERRORS)
         self.mean[JOINTS] = joints
-        self.covariance = model.scaled(scale)
-        self.covariance[JOINTS, JOINTS] = learned
+        known = Covariance.of(model, scale, learned)
         if rows is not None:
-            rows.update(self.mean, self.covariance)
-        place, coulomb = PLACES["stiction"], PLACES["coulomb"]
+            known = rows.update(self.mean, known)
+        coulomb = PLACES["coulomb"]
         # rows under load tell friction as far as the direction of sliding is known, and noise at rest mimics that
-        dry = np.sqrt(np.diag(model.covariance)[coulomb])
+        square = np.diagonal(model.covariance)[coulomb]
         if swing.rows:
-            dry = np.sqrt(self.mean[coulomb] ** 2 + np.diag(self.covariance)[coulomb])
-        ratio = HELD * dry / np.maximum(np.sqrt(np.diag(self.covariance)[place]), 1e-300)
-        self.covariance[place] *= ratio[:, None]
-        self.covariance[:, place] *= ratio
-        self.std: Array = np.sqrt(np.diag(self.covariance))
+            square = self.mean[coulomb] ** 2 + known.variance[coulomb]
+        self.known = known.held(HELD * np.sqrt(square))
+        self.std: Array = np.sqrt(self.known.variance)
+
+    @property
+    def covariance(self) -> Array:
+        """Σ (ERRORS, ERRORS)."""
+        return self.known.dense
 
     def trunk_covariance(self, segment: Segment, scatter: float) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10); `scatter` is κ."""
         K = segment.sensitivity
-        return np.asarray(self._of_rows(segment, scatter) + K @ self.covariance @ K.T)
+        return np.asarray(self._of_rows(segment, scatter) + self.known.applied(K) @ K.T)
 
     def difference_covariance(self, first: Segment, second: Segment, scatter: float, stiction: bool = True) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
@@ -141,11 +226,13 @@ class Errors:
         """
         difference = second.sensitivity - first.sensitivity
         total = self._of_rows(first, scatter, stiction) + self._of_rows(second, scatter, stiction)
-        total += difference @ self.covariance @ difference.T
-        for name in ("stiction",) * stiction + ("regression",):
-            place = PLACES[name]
+        total += self.known.applied(difference) @ difference.T
+        regression = PLACES["regression"]
+        changing = [(regression, np.diag(self.known.variance[regression]))]
+        if stiction:
+            changing.append((STICKING, self.known.sticking))
+        for place, own in changing:
             K1, K2, D = (x[:, place] for x in (first.sensitivity, second.sensitivity, difference))
-            own = self.covariance[place, place]
             total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
         return np.asarray(0.5 * (total + total.T))
 
@@ -154,8 +241,7 @@ class Errors:
         P = segment.inverse @ segment.inverse.T
         if not stiction:
             return scatter * P
-        place = PLACES["stiction"]
-        return scatter * P + P @ segment.sums.follows_motion(self.covariance[place, place], self._length) @ P
+        return scatter * P + P @ segment.sums.follows_motion(self.known.sticking, self._length) @ P
 
 
 def robot_weight(robot: Robot) -> float:

@@ -59,8 +59,8 @@ SHOWN = slice(0, PLACES["torque_lag"].stop)
 JOINTS = slice(0, PLACES["offset"].stop)
 """Errors that legs in the air determine: these and offsets. Only of these the mean is not zero."""
 
-BLOCKS = (JOINTS, PLACES["stiction"])
-"""Errors that are correlated among each other before any loaded row; all others are independent."""
+STICKING = PLACES["stiction"]
+"""Static friction. Before any loaded row, only these errors and those in `JOINTS` are correlated among each other."""
 
 INVISIBLE = ("common_gain", "regression", "sampling")
 """Errors that no residual shows, or whose size the log shows directly; they keep their prior size."""
@@ -112,8 +112,9 @@ class ErrorModel:
         self.covariance: Array = correlation * np.outer(std, std)
 
     def scaled(self, scale: float) -> Array:
-        """The covariance (ERRORS, ERRORS) with all standard deviations but the invisible ones multiplied by `scale`."""
-        out: Array = scale**2 * self.covariance
+        """Variances (ERRORS,) with all standard deviations but the invisible ones multiplied by `scale`."""
+        prior = np.diagonal(self.covariance)
+        out: Array = scale**2 * prior
         for name in INVISIBLE:
-            out[PLACES[name], PLACES[name]] = self.covariance[PLACES[name], PLACES[name]]
+            out[PLACES[name]] = prior[PLACES[name]]
         return out

@@ -138,6 +138,7 @@ class TrunkEstimator:
         scale = mass * np.array([1.0, le, le, le])
         self._detector = change_detector(self.settings.changes, scale, self.settings.block)
         self._finished: tuple[Segment, ...] = ()
+        self._earlier: RowSums | None = None  # their sum
         self._changes: list[LoadChange] = []
         self._changing: _Change | None = None
         self._candidate: _Change | None = None
@@ -377,7 +378,7 @@ class TrunkEstimator:
         if self._loaded is not None:
             self._unused -= 1
             if self._unused < 0:
-                self._loaded = self._loaded.add(rows, keep, energy=False)
+                self._loaded = self._loaded.add(rows, keep, remainder=False)
         if len(self._recent) > 2 * self.settings.changes.pending:
             self._recent.popleft()
             self._known.popleft()
@@ -397,10 +398,9 @@ class TrunkEstimator:
         """Updates p̂ and Σ from legs in the air and residuals."""
         # rows in which a change may still be detected do not count against the model
         last = self._aged if self._aged.blocks >= CLUSTER or self._finished else self._current
-        segments = (*self._finished, last)
-        rows = RowSums.of(segments, self.settings.swing.repeated)
+        rows = RowSums.of((last,), self.settings.swing.repeated) if self._earlier is None else self._earlier.plus(last)
         usual = Errors(self._model, self._swing, 1.0, rows)
-        self._fit = Fit.of(segments, usual.mean, usual.covariance, self.settings)
+        self._fit = Fit.of(rows, usual, self.settings)
         self._errors = Errors(self._model, self._swing, self._fit.scale, rows)
         place = slice(PLACES["rotor"].start, PLACES["coulomb"].stop)
         self._front.know_joints(self._errors.mean[place].reshape(3, 12), self._errors.std[place].reshape(3, 12))
@@ -414,6 +414,7 @@ class TrunkEstimator:
         before = self._known[max(len(recent) - blocks - spoilt, 0)]
         begun = recent[-blocks].time - self.settings.block
         self._finished = (*self._finished[-3:], before)
+        self._earlier = RowSums.of(self._finished, self.settings.swing.repeated)
         self._known = deque([Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)])
         self._loaded = None
         self._recent = deque(recent[len(recent) - blocks + spoilt :])

@@ -22,13 +22,14 @@ energy of white noise, known to 30 %, and the energy of these differences, with 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaln
 
 from stadera.robot.model import Robot
+from stadera.trunk.considered import Errors, RowSums
 from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
-from stadera.trunk.segment import Segment, summed_remainder
 from stadera.trunk.settings import TrunkSettings
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
@@ -61,33 +62,41 @@ class Fit:
     Attributes:
         scale: s, of the model errors that show in residuals.
         misfit: variance of the residual divided by the expected one.
-        remainder: see `Segment.remainder`, of the residual after subtracting C p̂.
+        sums: see `Segment.remainder`. errors: p̂ (ERRORS,).
         white: E_w.
     """
 
     scale: float
     misfit: float
-    remainder: Array
+    sums: Array
+    errors: Array
     white: float
 
     @classmethod
-    def of(cls, segments: tuple[Segment, ...], errors: Array, covariance: Array, settings: TrunkSettings) -> Fit:
-        """Evaluates the fit of segments of the same robot.
+    def of(cls, rows: RowSums, errors: Errors, settings: TrunkSettings) -> Fit:
+        """Evaluates the fit of rows of the same robot.
 
         Args:
-            errors: p̂ (ERRORS,). covariance: Σ0, of p at its prior size where nothing else is known.
+            errors: p̂, and Σ0 of p at its prior size where nothing else is known.
         """
-        remainder = _without(summed_remainder(segments), errors)
-        sampling, white = PLACES["sampling"].start, float(sum(s.white for s in segments))
-        more = 0.5 * max(float(remainder[1 + sampling, 1 + sampling]) - white, 0.0)  # none to all of it
+        sums, white, p = rows.remainder, rows.white, errors.mean
+        sampling, products = PLACES["sampling"].start, sums[1:, 1:]
+        along = sums[1:, 0] - products[:, JOINTS] @ p[JOINTS]
+        square = float(sums[0, 0] - (sums[1:, 0] + along) @ p)
+        more = 0.5 * max(float(products[sampling, sampling]) - white, 0.0)  # none to all of it
         unsure = (_NOISE_KNOWN * white) ** 2 + more**2 / 3.0
-        residual, noise = max(float(remainder[0, 0]), 0.0), white + more
-        moved = covariance @ remainder[1:, 1:]
-        moved[sampling] = 0.0  # in the noise
+        residual, noise = max(square, 0.0), white + more
+        moved = errors.known.applied(products)  # D Σ0
+        moved[:, sampling] = 0.0  # in the noise
         stated = float(np.trace(moved))
-        doubled = 2.0 * float((moved * moved.T).sum())
+        doubled = 2.0 * float(np.einsum("ij,ji->", moved, moved))
         square = _scale_square(max(residual, white), (noise, unsure), (stated, doubled), settings.scale_spread)
-        return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), remainder, noise)
+        return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), sums, p, noise)
+
+    @cached_property
+    def remainder(self) -> Array:
+        """See `Segment.remainder`, of the residual after subtracting C p̂."""
+        return _without(self.sums, self.errors)
 
     def trust(
         self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float, stepped: Array

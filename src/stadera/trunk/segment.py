@@ -11,11 +11,9 @@ given by W.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -88,29 +86,22 @@ class WeightedRows:
         return out
 
 
-class RowMoments(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class RowMoments:
     """Weighted sums over blocks, with the same forgetting as `Segment.known`.
 
     Attributes:
-        weight: Σ of the weights.
-        force: Σ a, (3,), the specific force in the unit of the rows. stiction: Σ of the columns of static friction,
-            (6, 12).
-        products: Σ a aᵀ (3, 3).
+        values: (85,), Σ of the weights; Σ a (3), the specific force in the unit of the rows; Σ a aᵀ (3, 3); and the
+            summed columns of static friction (6, 12).
     """
 
-    weight: float = 0.0
-    force: Array = np.zeros(3)
-    stiction: Array = np.zeros((6, 12))
-    products: Array = np.zeros((3, 3))
+    values: Array = field(default_factory=lambda: np.zeros(85))
 
     def add(self, rows: WeightedRows, keep: float) -> RowMoments:
         """With one more block, the weight of everything before it multiplied by `keep`."""
         a = rows.columns[:3, 0]
         return RowMoments(
-            keep * self.weight + 1.0,
-            keep * self.force + a,
-            keep * self.stiction + rows.columns[:, STICTION],
-            keep * self.products + a[:, None] * a,
+            keep * self.values + np.concatenate([[1.0], a, np.outer(a, a).ravel(), rows.columns[:, STICTION].ravel()])
         )
 
     def follows_motion(self, covariance: Array, length: float) -> Array:
@@ -126,16 +117,16 @@ class RowMoments(NamedTuple):
             covariance: Σ (12, 12), of static friction [N²·m²].
             length: lever of the moments in the unit of the rows [m].
         """
-        if not self.weight:
+        weight = float(self.values[0])
+        if not weight:
             return np.zeros((10, 10))
-        stiction = self.stiction / self.weight
-        error = stiction @ covariance @ stiction.T
-        mean = self.force / self.weight
-        moved = self.products / self.weight - mean[:, None] * mean
+        mean, products, stiction = np.split(self.values[1:] / weight, [3, 12])
+        error = stiction.reshape(6, 12) @ covariance @ stiction.reshape(6, 12).T
+        moved = products.reshape(3, 3) - mean[:, None] * mean
         by_force = BY_FORCE / np.array([1.0, 1.0, 1.0, length, length, length])[:, None, None]
         left = by_force.transpose(1, 0, 2).reshape(10, 18)
         right = np.tensordot(error, by_force @ moved, 1).transpose(1, 0, 2).reshape(10, 18)
-        return np.asarray(self.weight**2 / 3.0 * (left @ right.T))
+        return np.asarray(weight**2 / 3.0 * (left @ right.T))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +148,8 @@ class Segment:
     white: float = 0.0
     begin: float = np.nan
     blocks: int = 0
-    sums: RowMoments = field(default_factory=lambda: RowMoments())
-    _last: list[tuple[Segment, float, WeightedRows]] = field(default_factory=list, repr=False)
+    sums: RowMoments = field(default_factory=RowMoments)
+    _last: list[tuple[Segment, float, Array]] = field(default_factory=list, repr=False)
 
     @classmethod
     def prior(cls, mean: Array, std: Array) -> Segment:
@@ -167,25 +158,31 @@ class Segment:
         triangle[:, :10], triangle[:, 10] = np.diag(1.0 / std), mean / std
         return cls(triangle)
 
-    def add(self, rows: WeightedRows, keep: float = 1.0, energy: bool = True) -> Segment:
+    def add(self, rows: WeightedRows, keep: float = 1.0, remainder: bool = True) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
 
         Args:
-            energy: keep what `energy` needs.
+            remainder: keep what `remainder` needs.
         """
-        return self.followed(rows, keep, *_folded(self.triangle, rows.columns, sqrt(keep)), energy)
+        triangle, residue = _folded(self.triangle, rows.columns, sqrt(keep))
+        return self.followed(rows, keep, triangle, residue, self.sums.add(rows, keep), remainder)
 
-    def followed(self, rows: WeightedRows, keep: float, triangle: Array, cost: float, energy: bool = True) -> Segment:
-        """Returns the segment with one more block, given its triangle and what the block adds to the cost."""
+    def followed(
+        self, rows: WeightedRows, keep: float, triangle: Array, residue: Array, sums: RowMoments, remainder: bool = True
+    ) -> Segment:
+        """Returns the segment with one more block, given its triangle, the six rows (6, 1 + ERRORS) of target and
+        errors that the block leaves after eliminating θ, and its sums.
+        """
+        left = residue[:, 0]
         return Segment(
             triangle,
-            keep * self.cost + cost,
+            keep * self.cost + float(left @ left),
             keep * self.count + 6.0,
             keep * self.white + rows.white,
             rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
-            self.sums.add(rows, keep),
-            [(self, keep, rows)] if energy else [],
+            sums,
+            [(self, keep, residue)] if remainder else [],
         )
 
     def with_solution(self, inverse: Array, solution: Array, errors: Array, mean: Array) -> Segment:
@@ -200,23 +197,27 @@ class Segment:
         return Information(THETA, T[:, :10], T[:, 10], T[:, 11:], self.cost, self.count)
 
     @cached_property
-    def energy(self) -> Array:
-        """(1 + ERRORS, 1 + ERRORS), products of targets and errors, summed.
+    def remainder(self) -> Array:
+        """(1 + ERRORS, 1 + ERRORS), products of targets and errors, summed over all rows after eliminating θ.
 
-        Summed on first use, over all blocks since the last segment whose energy is known: one product of stacked rows
-        instead of one a block.
+        Each block adds the products of the rows that it leaves. They are summed on first use, over all blocks since the
+        last segment whose remainder is known: one product of stacked rows instead of one a block.
         """
-        scale, columns, at = 1.0, [], self
-        while at._last and "energy" not in at.__dict__:
-            before, keep, rows = at._last[0]
-            columns.append(sqrt(scale) * rows.columns[:, 10:])
+        scale, residues, at = 1.0, [], self
+        while at._last and "remainder" not in at.__dict__:
+            before, keep, residue = at._last[0]
+            residues.append(sqrt(scale) * residue)
             scale, at = scale * keep, before
         self._last.clear()
-        known = at.__dict__.get("energy")
-        stacked = np.vstack(columns) if columns else np.zeros((0, 1 + ERRORS))
+        known = at.__dict__.get("remainder")
+        if known is None:  # before any row
+            explained = at.triangle[:, 10:]
+            known = -(explained.T @ explained)
+        if not residues:
+            return np.asarray(known)
+        stacked = np.concatenate(residues)
         total: Array = stacked.T @ stacked
-        if known is not None:
-            total += scale * known
+        total += scale * known
         return total
 
     @cached_property
@@ -233,12 +234,6 @@ class Segment:
     def solution(self) -> Array:
         """R⁻¹ z and K, (10, 1 + ERRORS)."""
         return self._solved[1]
-
-    @cached_property
-    def remainder(self) -> Array:
-        """`energy` after eliminating θ."""
-        explained = self.triangle[:, 10:]
-        return np.asarray(self.energy - explained.T @ explained)
 
     def mean(self, errors: Array) -> Array:
         """θ̂ (10,), given errors p̂ (ERRORS,)."""
@@ -258,20 +253,14 @@ class Segment:
         return inverse, solution
 
 
-def summed_remainder(segments: Sequence[Segment]) -> Array:
-    """Sum of the segments' `remainder`, not to be written into."""
-    total = segments[0].remainder
-    for segment in segments[1:]:
-        total = total + segment.remainder
-    return total
-
-
-def _folded(triangle: Array, columns: Array, root: float) -> tuple[Array, float]:
-    """A triangle [R z G], multiplied by `root`, with the rows [A b C] added, and what these add to the cost."""
+def _folded(triangle: Array, columns: Array, root: float) -> tuple[Array, Array]:
+    """A triangle [R z G], multiplied by `root`, with the rows [A b C] added, and the rows [0 b C] that these leave."""
     compiled = kernel("stadera.trunk.kernels.sums")
     if compiled is not None:
-        out = np.empty(triangle.shape)
-        return out, compiled.fold(triangle, np.ascontiguousarray(columns), root, out)
-    T = root * triangle
-    known = Information(THETA, T[:, :10], T[:, 10], T[:, 11:]).add(columns[:, :10], columns[:, 10], columns[:, 11:])
-    return np.hstack([known.R, known.z[:, None], known.G]), known.cost
+        out, left = np.empty(triangle.shape), columns.copy()
+        compiled.fold(triangle, left, root, out)
+        return out, np.ascontiguousarray(left[:, 10:])
+    stacked = np.vstack([root * triangle, columns])
+    rotation, R = np.linalg.qr(stacked[:, :10], mode="complete")
+    turned = rotation.T @ stacked[:, 10:]
+    return np.hstack([R[:10], turned[:10]]), turned[10:]

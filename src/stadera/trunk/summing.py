@@ -12,7 +12,7 @@ from stadera.trunk.considered import unit_of_rows, weighted
 from stadera.trunk.error_model import ERRORS, JOINTS
 from stadera.trunk.rows import BlockRows
 from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import STICTION, RowMoments, Segment, WeightedRows
 from stadera.types import Array
 
 
@@ -55,8 +55,9 @@ class CompiledSumming(Summing):
         """Returns the weighted rows of a block, and the present estimate with them: see `Summing.add`."""
         scatter, counted = self._scatter, aged.blocks >= CLUSTER
         columns, triangle = np.empty((6, 11 + ERRORS)), np.empty((10, 11 + ERRORS))
-        inverse, solution, mean, result = np.empty((10, 10)), np.empty((10, 1 + ERRORS)), np.empty(10), np.empty(2)
-        self._compiled.digest(
+        inverse, solution, mean = np.empty((10, 10)), np.empty((10, 1 + ERRORS)), np.empty(10)
+        residue, moments = np.empty((6, 1 + ERRORS)), np.empty(85)
+        white = self._compiled.digest(
             made.columns,
             made.white,
             self._unit,
@@ -75,14 +76,17 @@ class CompiledSumming(Summing):
             inverse,
             solution,
             mean,
-            result,
+            residue,
+            current.sums.values,
+            moments,
+            STICTION.start,
         )
         if counted:
             scatter.summed += 1
             scatter.close()
-        cost, white = result.tolist()
         rows = WeightedRows(made.time, columns, white)
-        return rows, current.followed(rows, keep, triangle, cost).with_solution(inverse, solution, errors, mean)
+        known = current.followed(rows, keep, triangle, residue, RowMoments(moments))
+        return rows, known.with_solution(inverse, solution, errors, mean)
 
 
 def summing(robot_weight: float, length: float, scatter: Scatter) -> Summing:

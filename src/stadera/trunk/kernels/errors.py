@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.compiled import compiled, part
 from stadera.types import Array
@@ -112,37 +111,51 @@ def posterior(
     return loud
 
 
-@compiled("void(float64[::1], float64[:,::1], float64[:,::1], int64, float64, float64, int64[::1])")
+@compiled(
+    "void(float64[::1], float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], int64, float64, "
+    "float64, int64)"
+)
 def update(
     mean: Array,
-    covariance: Array,
+    joints: Array,
+    sticking: Array,
+    variance: Array,
+    shown: Array,
     remainder: Array,
     blocks: int,
     repeated: float,
     quietest: float,
-    edges: NDArray[np.int64],
+    begin: int,
 ) -> None:
-    """Updates mean (n,) and covariance (n, n) of the errors, line by line as `RowSums.update`.
+    """Updates mean (n,) and covariance of the errors, line by line as `RowSums.update`.
 
     Args:
+        joints, sticking, variance: see `Covariance`; the first and the last are updated. shown: see there, written.
         remainder: (1 + n, 1 + n), of so many blocks. repeated, quietest: see `RowSums`.
-        edges: ends of the errors that are updated and of those of swinging legs, begin and end of the other block of Σ.
+        begin: first place of static friction.
     """
-    n, k, joints, begin, end = len(mean), edges[0], edges[1], edges[2], edges[3]
-    target, products = remainder[1:, 0].copy(), remainder[1:, 1:].copy()
-    along = target - np.dot(products, mean)
-    square = remainder[0, 0] - np.dot(target + along, mean)
-    loud = repeated * max(square / (6.0 * blocks), quietest)
-    normal = products[:k] / loud
-    N, P, size = normal[:, :k].copy(), covariance[:k, :k].copy(), np.empty(k)
+    n, k, known, held = len(mean), len(shown), len(joints), len(sticking)
+    along, squared = remainder[0, 1:].copy(), remainder[0, 0]
+    for e in range(known):
+        for i in range(n):
+            along[i] -= remainder[1 + e, 1 + i] * mean[e]
+    for i in range(known):
+        squared -= (remainder[0, 1 + i] + along[i]) * mean[i]
+    loud = repeated * max(squared / (6.0 * blocks), quietest)
+    normal, spread = np.empty((k, n)), np.empty((k, n))  # N, and N Σ
+    N, P, size = np.empty((k, k)), np.empty((k, k)), np.empty(k)
     for i in range(k):
-        size[i] = sqrt(P[i, i])
+        for e in range(n):
+            normal[i, e] = remainder[1 + i, 1 + e] / loud
+            spread[i, e] = normal[i, e] * variance[e]
+        size[i] = sqrt(joints[i, i])
     scaled = np.empty((k, k))
     for i in range(k):
         for j in range(k):
             unit = size[i] * size[j]
-            scaled[i, j] = P[i, j] / unit if unit > 0.0 else 0.0
-            P[i, j] = N[i, j] * unit
+            scaled[i, j] = joints[i, j] / unit if unit > 0.0 else 0.0
+            N[i, j] = normal[i, j]
+            P[i, j] = normal[i, j] * unit
     system = np.dot(scaled, P)
     for i in range(k):
         system[i, i] += 1.0
@@ -151,18 +164,22 @@ def update(
     for i in range(k):
         for j in range(k):
             S[i, j] = 0.5 * (found[i, j] + found[j, i]) * size[i] * size[j]
-    mean[:k] += np.dot(S, along[:k]) / loud
-    spread = np.empty((k, n))  # N Σ
-    for i in range(k):
-        for e in range(n):
-            spread[i, e] = normal[i, e] * covariance[e, e]
-    spread[:, :joints] = np.dot(normal[:, :joints].copy(), covariance[:joints, :joints].copy())
-    spread[:, begin:end] = np.dot(normal[:, begin:end].copy(), covariance[begin:end, begin:end].copy())
-    moved = covariance[:k] - np.dot(S, spread)
-    own = moved[:, :k] + np.dot(np.dot(S, N) - np.dot(moved, normal.T), S)
-    for i in range(k):
-        for e in range(n):
-            covariance[i, e] = covariance[e, i] = moved[i, e]
+    spread[:, :known] = np.dot(normal[:, :known].copy(), joints)
+    spread[:, begin : begin + held] = np.dot(normal[:, begin : begin + held].copy(), sticking)
     for i in range(k):
         for j in range(k):
-            covariance[i, j] = 0.5 * (own[i, j] + own[j, i])
+            mean[i] += S[i, j] * along[j] / loud
+    moved = np.dot(S, spread)
+    for i in range(k):
+        for e in range(n):
+            shown[i, e] = (joints[i, e] if e < known else 0.0) - moved[i, e]
+    own = np.dot(np.dot(S, N) - np.dot(shown, normal.T), S)
+    for i in range(k):
+        for j in range(k):
+            own[i, j] += shown[i, j]
+    for i in range(k):
+        for j in range(k):
+            shown[i, j] = 0.5 * (own[i, j] + own[j, i])
+        for e in range(known):
+            joints[i, e] = joints[e, i] = shown[i, e]
+        variance[i] = shown[i, i]

@@ -13,18 +13,16 @@ from stadera.types import Array
 OUTLIER, LEAST_USUAL, MOST_ODD = 25.0, 0.01, 3.0
 
 
-@compiled("float64(float64[:,::1], float64[:,::1], float64, float64[:,::1])")
-def fold(triangle: Array, rows: Array, root: float, out: Array) -> float:
+@compiled("void(float64[:,::1], float64[:,::1], float64, float64[:,::1])")
+def fold(triangle: Array, left: Array, root: float, out: Array) -> None:
     """Adds rows [A b C] to a triangle [R z G] that is first multiplied by `root`, by Householder reflections.
 
     Args:
-        triangle: (10, 10 + 1 + errors). rows: (n, 10 + 1 + errors). out: as `triangle`, the sum.
-
-    Returns:
-        What the rows add to the sum of squares that no unknown explains.
+        triangle: (10, 10 + 1 + errors). left: (n, 10 + 1 + errors), the rows, and then what they leave after the
+            unknowns are eliminated. out: as `triangle`, the sum.
     """
-    n, unknowns, width = len(rows), len(triangle), triangle.shape[1]
-    left, along = rows.copy(), np.empty(width)
+    n, unknowns, width = len(left), len(triangle), triangle.shape[1]
+    along = np.empty(width)
     for i in range(unknowns):
         for c in range(width):
             out[i, c] = root * triangle[i, c]
@@ -55,10 +53,6 @@ def fold(triangle: Array, rows: Array, root: float, out: Array) -> float:
             for c in range(width):
                 row[c] -= v * along[c]
             row[j] = 0.0
-    cost = 0.0
-    for i in range(n):
-        cost += left[i, unknowns] ** 2
-    return cost
 
 
 @compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])")
@@ -107,9 +101,9 @@ def residual(columns: Array, reduced: Array, mean: Array, out: Array) -> float:
 
 
 @compiled(
-    "void(float64[:,::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[::1], "
+    "float64(float64[:,::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[::1], "
     "float64, boolean, boolean, float64[::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], "
-    "float64[:,::1], float64[:,::1], float64[::1], float64[::1])"
+    "float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[::1], float64[::1], int64)"
 )
 def digest(
     raw: Array,
@@ -130,8 +124,11 @@ def digest(
     inverse: Array,
     solved: Array,
     mean: Array,
-    result: Array,
-) -> None:
+    residue: Array,
+    earlier: Array,
+    moments: Array,
+    stiction: int,
+) -> float:
     """Weights a block's rows, limits them, counts their scatter and adds them, as `Summing.add`.
 
     Args:
@@ -143,7 +140,11 @@ def digest(
         odd: (2,), usual squared residual and number of successive odd blocks, updated, as in `OddBlocks`.
         total, normal: (4,), (4, 4), updated, as in `Scatter`.
         columns: as `raw`, the weighted rows. summed: as `triangle`, inverse, solved, mean: of the new estimate.
-        result: (2,), what the rows add to the cost, and their white variance.
+        residue: (6, 1 + errors), what the rows leave. earlier, moments: sums of `RowMoments`, and those with the rows.
+        stiction: first column of static friction.
+
+    Returns:
+        The rows' white variance.
     """
     n, width = raw.shape
     reduced, left, estimate = np.empty(n), np.empty(n), np.empty(10)
@@ -177,6 +178,19 @@ def digest(
                 total[j] += columns[i, j] * left[i]
                 for k in range(4):
                     normal[j, k] += columns[i, j] * columns[i, k]
-    result[0], result[1] = fold(triangle, columns, root, summed), white
+    rest = columns.copy()
+    fold(triangle, rest, root, summed)
+    residue[:] = rest[:, 10:]
     solve(summed, inverse, solved)
     mean_of(solved, errors, mean)
+    for k in range(len(moments)):
+        moments[k] = root * root * earlier[k]
+    moments[0] += 1.0
+    for i in range(3):
+        moments[1 + i] += columns[i, 0]
+        for j in range(3):
+            moments[4 + 3 * i + j] += columns[i, 0] * columns[j, 0]
+    for i in range(n):
+        for j in range(12):
+            moments[13 + 12 * i + j] += columns[i, stiction + j]
+    return white
