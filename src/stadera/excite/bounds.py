@@ -81,7 +81,6 @@ class LegBounds:
             robot: provides limits and the prior model.
             leg: LF, RF, LH or RH.
             rest: (3,) [rad]; None for the leg's nominal stance.
-            margins: None for the defaults.
             ground: height of a level ground in the trunk frame [m], None for no ground.
 
         Raises:

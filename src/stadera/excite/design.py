@@ -81,7 +81,6 @@ def excite(
     Args:
         robot: a robot with limits and a prior (CAD) model, its name, or a path to a URDF or MJCF.
         leg: LF, RF, LH or RH.
-        settings: None for the defaults.
         progress: called with the step's name, items done and total.
 
     Raises:

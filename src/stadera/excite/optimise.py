@@ -94,7 +94,6 @@ def optimal_excitation(
         experiment: leg, bounds and noise.
         rng: for the starts; the same state gives the same motion.
         duration: from rest to rest [s].
-        search: None for the defaults.
         progress: called with the share of the work done, 0 to 1.
 
     Raises:

@@ -69,7 +69,6 @@ def paper_draw(
         duration: from rest to rest [s].
         bounds: None for `LegBounds.of(robot, leg)`. A draw that violates them is scaled towards the rest pose until it
             fits.
-        settings: None for the defaults.
 
     Raises:
         UnknownNameError: no such leg.

@@ -10,11 +10,7 @@ _PACKAGES = ("mujoco", "proxsuite")
 
 
 def require_lab(purpose: str) -> None:
-    """Checks that the packages of the extra `lab` are installed.
-
-    Raises:
-        MissingExtraError: one is missing; `purpose` names the feature that needs it.
-    """
+    """Checks that the packages of the extra `lab` are installed."""
     for package in _PACKAGES:
         if find_spec(package) is None:
             raise MissingExtraError(package, "lab", purpose)

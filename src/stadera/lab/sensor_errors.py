@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
 
-from stadera.errors import ModelError, UnknownNameError
+from stadera.errors import ModelError, require_known
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,7 @@ class Gaussian:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std >= 0):
             raise ModelError(f"a Gaussian error needs a finite mean and std ≥ 0, got {self.mean}, {self.std}")
-        if self.drawn not in ("run", "sample"):
-            raise UnknownNameError("draw of a Gaussian error", self.drawn, ("run", "sample"))
+        require_known("draw of a Gaussian error", (self.drawn,), ("run", "sample"))
 
     @property
     def is_zero(self) -> bool:
@@ -120,21 +119,6 @@ ERROR_SETS = {"ideal": IDEAL, "standard": STANDARD, "harsh": HARSH}
 
 
 def sensor_errors(name: str) -> SensorErrors:
-    """The named set: ideal, standard or harsh.
-
-    Raises:
-        UnknownNameError: another name.
-    """
-    if name.lower() not in ERROR_SETS:
-        raise UnknownNameError("set of sensor errors", name, ERROR_SETS)
+    """The named set: ideal, standard or harsh."""
+    require_known("set of sensor errors", (name.lower(),), ERROR_SETS)
     return ERROR_SETS[name.lower()]
-
-
-def with_torque_offset(mean: float, std: float, drawn: Literal["run", "sample"] = "run") -> SensorErrors:
-    """Upper half of Table IV: a Gaussian error of every joint torque [N·m], and no others."""
-    return replace(IDEAL, torque_offset=Gaussian(mean, std, drawn))
-
-
-def with_foot_position(mean: float, std: float, drawn: Literal["run", "sample"] = "run") -> SensorErrors:
-    """Lower half of Table IV: a Gaussian error of every foot coordinate in the trunk frame [m], and no others."""
-    return replace(IDEAL, foot_position=Gaussian(mean, std, drawn))

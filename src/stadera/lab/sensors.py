@@ -17,7 +17,7 @@ from stadera.inertia import InertialParameters
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.state import TrueState
 from stadera.lab.plant.world import FootKinematics
-from stadera.lab.sensor_errors import Gaussian, SensorErrors
+from stadera.lab.sensor_errors import SensorErrors
 from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -56,9 +56,6 @@ class Sensors:
         errors: their sizes.
         seed: of all draws.
         robot: provides limits and nominal kinematics.
-
-    Raises:
-        ModelError: an error is a share of a joint's effort limit, and the joint has none.
     """
 
     def __init__(self, errors: SensorErrors, seed: int, robot: Robot) -> None:
@@ -73,11 +70,14 @@ class Sensors:
         white = [errors.position, errors.velocity, *torque.white, errors.gyro, errors.accelerometer]
         self._scale = np.repeat(white, [n, n, *[1] * n, 3, 3])
         # The IMU is misaligned, r_nominal = mounting r_imu, and its orientation has a separate error.
-        self._mounting = Rotation.from_rotvec(errors.imu_misalignment * _unit_vector(constant))
+        axis = constant.standard_normal(3)
+        self._mounting = Rotation.from_rotvec(errors.imu_misalignment * axis / np.linalg.norm(axis))
         turn = Rotation.from_rotvec(constant.normal(0.0, errors.orientation_constant, 3))
         self._from_nominal = block_diag(self._mounting.as_matrix().T, self._mounting.as_matrix().T)
         self._turn = (self._mounting * turn).as_quat(scalar_first=True)
-        self._foot_offset = _constant_part(errors.foot_position, constant, (len(robot.legs), 3))
+        error = errors.foot_position
+        constant_error = constant.normal(error.mean, error.std, (len(robot.legs), 3))
+        self._foot_offset = constant_error if error.drawn == "run" else np.zeros_like(constant_error)
         self._kinematics = None if errors.foot_position.is_zero else FootKinematics(robot)
         # drawn for many samples at once if nothing else is drawn in between
         self._block = 1 if errors.foot_position.drawn == "sample" else _BLOCK
@@ -159,16 +159,12 @@ def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int
     White noise on position, velocity and effort, the constants of a run on the effort, and delayed torques (by whole
     samples, the first one repeated). Accelerations are dropped, since they are not measured. IMU and feet are
     unchanged.
-
-    Raises:
-        UnknownNameError: a recorded joint does not belong to the robot.
-        ModelError: as in `Sensors`.
-        RecordingError: velocity or effort is not recorded.
     """
     constant, white = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     torque = JointTorqueError.drawn(errors, robot, constant)
     effort = np.zeros((len(recording), len(robot.tree.joints)))
-    columns = [robot.tree.joints.index(joint) for joint in _known(recording.joints, robot)]
+    robot.tree.restricted(recording.joints)  # raises for an unknown one
+    columns = [robot.tree.joints.index(joint) for joint in recording.joints]
     true_effort = recording.channel("effort", recording.joints)
     delayed = np.searchsorted(recording.time, recording.time - errors.torque_delay + ROUNDING, side="right") - 1
     effort[:, columns] = true_effort[np.maximum(delayed, 0)]
@@ -184,11 +180,7 @@ def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int
 
 
 def plant_model(robot: Robot, errors: SensorErrors) -> Robot:
-    """The robot of the plant: the given one, with the errors' dry friction in its joints.
-
-    Raises:
-        ModelError: friction is relative to a joint's effort limit, and the joint has none.
-    """
+    """The robot of the plant: the given one, with the errors' dry friction in its joints."""
     if not errors.friction:
         return robot
     friction = dict(zip(robot.tree.joints, errors.friction * effort_limits(robot), strict=True))
@@ -221,11 +213,7 @@ def estimator_model(robot: Robot, errors: SensorErrors, seed: int) -> Robot:
 
 
 def effort_limits(robot: Robot) -> Array:
-    """The joints' effort limits [N·m], (n,).
-
-    Raises:
-        ModelError: a joint has none.
-    """
+    """The joints' effort limits [N·m], (n,)."""
     limits = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
     if not np.isfinite(limits).all():
         joint = robot.tree.joints[int(np.argmin(np.isfinite(limits)))]
@@ -233,27 +221,8 @@ def effort_limits(robot: Robot) -> Array:
     return limits
 
 
-def _constant_part(error: Gaussian, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    draw = rng.normal(error.mean, error.std, shape)
-    return draw if error.drawn == "run" else np.zeros(shape)
-
-
-def _unit_vector(rng: np.random.Generator) -> Array:
-    vector = rng.standard_normal(3)
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _known(joints: tuple[str, ...], robot: Robot) -> tuple[str, ...]:
-    robot.tree.restricted(joints)  # raises for an unknown one
-    return joints
-
-
 def recording_of(samples: Sequence[SensorReading], robot: Robot, source: str = "simulation") -> Recording:
-    """The sensors' values as a log of the robot: joints and IMU, without feet and truth.
-
-    Raises:
-        RecordingError: times that do not increase.
-    """
+    """The sensors' values as a log of the robot: joints and IMU, without feet and truth."""
     return Recording(
         time=_stacked(samples, "time"),
         joints=robot.tree.joints,
@@ -271,11 +240,7 @@ def recording_of(samples: Sequence[SensorReading], robot: Robot, source: str = "
 
 
 def truth_of(states: Sequence[TrueState], robot: Robot, source: str = "simulation's truth") -> Recording:
-    """The truth: joint motion with accelerations, efforts, and the forces of the ground on the feet in world axes.
-
-    Raises:
-        RecordingError: times that do not increase.
-    """
+    """The truth: joint motion with accelerations, efforts, and the forces of the ground on the feet in world axes."""
     forces, contacts = _stacked(states, "foot_force"), np.array([s.foot_contact for s in states])
     feet = [leg.foot for leg in robot.legs]
     return Recording(

@@ -72,7 +72,6 @@ class PayloadScale:
     Args:
         forces: of the robot's legs.
         tare: the trunk without the payload; used if no such pose was held at rest.
-        settings: None for the defaults.
     """
 
     def __init__(

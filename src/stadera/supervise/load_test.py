@@ -113,7 +113,6 @@ class LoadTest:
         robot_mass: [kg], reference of the shares.
         trunk_mass: [kg], prior.
         noise: of the torques.
-        settings: None for the defaults.
     """
 
     def __init__(

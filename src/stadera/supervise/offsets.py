@@ -76,7 +76,6 @@ class SwingOffsets:
     Args:
         legs: of the robot.
         noise: of the torques.
-        settings: None for the defaults.
     """
 
     def __init__(self, legs: MeasuredLegs, noise: ForceNoise, settings: OffsetSettings | None = None) -> None:

@@ -84,7 +84,6 @@ class RestWatch:
 
     Args:
         forces: estimator of contact forces, with their noise.
-        limits: None for the defaults.
     """
 
     def __init__(self, forces: ContactForceEstimator, limits: RestLimits | None = None) -> None:

@@ -39,7 +39,6 @@ class Supervisor(Supervised):
         walker: assumed to be walking.
         trunk: initial model of controller and planner; None for the robot's own.
         forces: estimator of contact forces; None for a new one.
-        settings: None for the defaults.
 
     Attributes:
         load_test: the estimate of the mass, and its test.

@@ -38,7 +38,6 @@ class StandingWeighing:
         corrected: corrected contact forces.
         trunk: used by the controller meanwhile.
         walker: commanded to lean, by methods that need poses, and queried for its posture by the method "orientation".
-        settings: see there.
         begin: present time [s].
 
     Attributes:

@@ -11,7 +11,7 @@ import pytest
 from lab.control.testbed import ROBOTS, bed, load_of, robot_named
 from stadera.errors import ModelError, UnknownNameError
 from stadera.inertia import skew
-from stadera.lab.control import ControlError, Response, SmoothTrunk, TrunkController, TrunkPose
+from stadera.lab.control import ControlError, SmoothTrunk, TrunkController, TrunkGains, TrunkPose
 from stadera.lab.plant import Terrain
 from stadera.legs.model import foot_positions
 from stadera.robot import Robot
@@ -150,8 +150,8 @@ def test_stance_changes_while_standing() -> None:
 
 
 def test_responses_are_checked() -> None:
-    with pytest.raises(ModelError, match="frequency"):
-        Response(0.0)
+    with pytest.raises(ModelError, match="frequencies"):
+        TrunkGains.of(robot_named("hyq"), 0.0)
 
 
 def test_wrong_foot_positions_move_the_torques_as_their_jacobian_says() -> None:

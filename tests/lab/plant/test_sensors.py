@@ -22,8 +22,6 @@ from stadera.lab.plant import (
     measured,
     plant_model,
     sensor_errors,
-    with_foot_position,
-    with_torque_offset,
 )
 from stadera.legs.model import foot_positions
 from stadera.logs import Recording
@@ -121,7 +119,7 @@ def test_torques_arrive_late(hyq: Robot) -> None:
 
 @pytest.mark.parametrize("drawn", ["run", "sample"])
 def test_torque_offsets_of_table_four(hyq: Robot, still: Plant, drawn: str) -> None:
-    runs = [Sensors(with_torque_offset(10.0, 1.0, drawn), seed, hyq) for seed in range(30)]
+    runs = [Sensors(SensorErrors(torque_offset=Gaussian(10.0, 1.0, drawn)), seed, hyq) for seed in range(30)]
     errors = np.array([stacked([s.read(still) for _ in range(10)], "effort") for s in runs]) - still.effort
     assert errors.mean() == pytest.approx(10.0, abs=0.2)
     assert errors.std() == pytest.approx(1.0, abs=0.15)
@@ -130,7 +128,7 @@ def test_torque_offsets_of_table_four(hyq: Robot, still: Plant, drawn: str) -> N
 
 @pytest.mark.parametrize("drawn", ["run", "sample"])
 def test_foot_positions_of_table_four(hyq: Robot, still: Plant, drawn: str) -> None:
-    runs = [Sensors(with_foot_position(0.0, 0.02, drawn), seed, hyq) for seed in range(30)]
+    runs = [Sensors(SensorErrors(foot_position=Gaussian(0.0, 0.02, drawn)), seed, hyq) for seed in range(30)]
     nominal = foot_positions(hyq, still.joint_position[None])[0]
     errors = np.array([stacked([s.read(still) for _ in range(10)], "foot_position") for s in runs]) - nominal
     assert errors.mean() == pytest.approx(0.0, abs=3e-3)

@@ -34,9 +34,6 @@ class LeastSquaresTrunk(SignalBaseline):
         hint: weight of the prior, as a share of the information [1]; affects only directions without information in the
             rows.
         least_blocks: number of blocks of six rows needed to estimate ten parameters.
-
-    Raises:
-        StaderaError: the window is not longer than a few blocks; and the errors of `SignalBaseline`.
     """
 
     def __init__(

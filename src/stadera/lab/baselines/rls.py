@@ -28,9 +28,6 @@ class RlsTrunk(SignalBaseline):
         memory: time constant of forgetting [s]: λ = exp(-block / memory).
         block: [s].
         first: initial P, in units of the robot's mass and leg's length [1].
-
-    Raises:
-        StaderaError: the memory is not positive; and the errors of `SignalBaseline`.
     """
 
     def __init__(

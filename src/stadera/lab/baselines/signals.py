@@ -38,10 +38,6 @@ class SignalBaseline:
         settled: time of data after which it counts as converged [s].
         mount: of the IMU; None for the model's.
         least_residual: least standard deviation of the residuals, as a share of the robot's weight [1].
-
-    Raises:
-        ImplausibleError: the start is implausible.
-        StaderaError: the block is not positive.
     """
 
     def __init__(

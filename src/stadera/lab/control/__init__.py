@@ -4,7 +4,7 @@ from stadera.lab.control.crawl.crawl import Crawl
 from stadera.lab.control.crawl.run import WalkMonitor, walk
 from stadera.lab.control.crawl.settings import CrawlCommand, CrawlError, CrawlPhase, CrawlSettings
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution
-from stadera.lab.control.gains import Response, TrunkGains
+from stadera.lab.control.gains import TrunkGains
 from stadera.lab.control.odometry import LegOdometry
 from stadera.lab.control.planner.com import SupportPhase, plan_com
 from stadera.lab.control.planner.feet import PlanError, SupportPolygon
@@ -27,7 +27,6 @@ __all__ = [
     "LegOdometry",
     "Move",
     "PlanError",
-    "Response",
     "Shake",
     "SmoothTrunk",
     "SupportPhase",

@@ -13,24 +13,8 @@ from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
-
-@dataclass(frozen=True)
-class Response:
-    """Desired response in one direction, as that of a mass on a spring.
-
-    Attributes:
-        frequency: natural frequency ω [rad/s].
-        damping: damping ratio ζ.
-    """
-
-    frequency: float
-    damping: float = 0.8
-
-    def __post_init__(self) -> None:
-        for name in ("frequency", "damping"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ModelError(f"a response's {name} must be positive, got {value}")
+ANGULAR, DAMPING = 16.0, 0.8
+"""Natural frequency of roll, pitch and yaw [rad/s], and damping ratio of all directions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,21 +35,23 @@ class TrunkGains:
     angular_damping: Array
 
     @classmethod
-    def of(cls, robot: Robot, linear: Response | None = None, angular: Response | None = None) -> TrunkGains:
+    def of(cls, robot: Robot, linear: float = 12.0, angular: float = ANGULAR, damping: float = DAMPING) -> TrunkGains:
         """K = m ω², D = 2 ζ ω m, and the same with the moments of inertia, of the whole robot in its nominal stance.
 
         Args:
-            linear: of the centre of mass; None for 12 rad/s.
-            angular: of roll, pitch and yaw; None for 16 rad/s.
+            linear, angular: natural frequencies ω of the centre of mass, and of roll, pitch and yaw [rad/s].
+            damping: damping ratio ζ.
         """
-        linear, angular = linear or Response(12.0), angular or Response(16.0)
+        for value in (linear, angular, damping):
+            if not (np.isfinite(value) and value > 0):
+                raise ModelError(f"frequencies and damping of the trunk must be positive, got {value}")
         whole = composite(robot, standing_configuration(robot))
         moments = np.diag(whole.inertia_com)
         return cls(
-            stiffness=whole.mass * linear.frequency**2,
-            damping=2.0 * linear.damping * linear.frequency * whole.mass,
-            angular_stiffness=moments * angular.frequency**2,
-            angular_damping=2.0 * angular.damping * angular.frequency * moments,
+            stiffness=whole.mass * linear**2,
+            damping=2.0 * damping * linear * whole.mass,
+            angular_stiffness=moments * angular**2,
+            angular_damping=2.0 * damping * angular * moments,
         )
 
 

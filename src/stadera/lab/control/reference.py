@@ -75,9 +75,6 @@ class Move:
     Attributes:
         start, goal: the poses.
         begin: [s]. duration: [s], positive.
-
-    Raises:
-        ModelError: the duration is not positive.
     """
 
     start: TrunkPose
@@ -147,9 +144,6 @@ class Shake:
         angle: amplitudes of roll, pitch and yaw, (3,) [rad].
         shift: amplitudes along x, y and z of the odometry frame, (3,) [m].
         ease: time over which the motion grows [s].
-
-    Raises:
-        ModelError: an amplitude is negative, not finite, or above half a radian.
     """
 
     centre: TrunkPose

@@ -31,10 +31,6 @@ class SmoothTrunk:
         moment: (3,) [kg·m], in use now.
         target_mass, target_moment: those of the last accepted model, without filtering: for planning ahead.
         rejected: why the last model was rejected, one sentence; empty if it was accepted.
-
-    Raises:
-        ImplausibleError: the start is outside the bounds.
-        ModelError: the time constant is not positive.
     """
 
     def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:

@@ -82,9 +82,6 @@ class TestBed:
 
     Attributes:
         measurement: the last one.
-
-    Raises:
-        SimulationError: `every` or `hold` is less than one.
     """
 
     __test__ = False  # not a test case, although its name begins with Test

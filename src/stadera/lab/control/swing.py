@@ -71,9 +71,6 @@ class SwingTrajectory:
         normal: (3,) unit vector, up.
         descent: [m/s], steady speed at which the foot searches for the ground after the end; 0 for none.
         ease: [s], in which it reaches that speed.
-
-    Raises:
-        ModelError: the duration is not positive, clearance or descent is negative, or values are not finite.
     """
 
     start: Array
@@ -154,7 +151,6 @@ class SwingLegs:
     Args:
         robot: the model of the legs.
         columns: (4, 3) int, index of each leg's joints in the tree's order.
-        settings: None for the defaults.
 
     Attributes:
         trajectories: of each leg; None for one that does not swing.

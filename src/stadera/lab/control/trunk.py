@@ -102,10 +102,6 @@ class TrunkController:
         feet: (4, 3) [m], the feet's centres, and
         normal: (3,) of the ground, the plane through the present or last footholds.
         swinging: the legs in the air: trajectories, contact forces, tracking errors.
-
-    Raises:
-        ImplausibleError: the trunk is outside `TrunkBounds.of(robot)`.
-        UnknownNameError: another kind of Jacobian.
     """
 
     def __init__(
@@ -136,12 +132,16 @@ class TrunkController:
         self.time, self.rotation, self.velocity = np.nan, np.eye(3), np.zeros(3)
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
+        feet = foot_positions(robot, standing_configuration(robot)[None])[0]
         limits = limits or ContactLimits(least_normal=least_load * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
         self._tree_order = np.argsort(self.legs.columns.ravel())
-        self._sharing, self._loads = ForceDistribution(limits, moment_length or _span(robot)), FootLoads()
+        self._sharing, self._loads = (
+            ForceDistribution(limits, moment_length or 0.5 * float(np.linalg.norm(feet[0] - feet[3]))),
+            FootLoads(),
+        )
         self._reference: TrunkReference = Move(
             TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0
         )
@@ -158,15 +158,8 @@ class TrunkController:
 
     @property
     def reference(self) -> TrunkPose:
-        """Reference of the trunk: the goal of a `move`, even while it is in progress; else the present reference.
-
-        Raises:
-            ControlError: before the first update, when it is unknown.
-        """
-        if not self._started:
-            raise ControlError(
-                "the controller's reference is where the trunk is at its first update; there was none yet"
-            )
+        """Reference of the trunk: the goal of a `move`, even while it is in progress; else the present reference."""
+        self._require_update("the reference is where the trunk is then")
         return self._reference.goal if isinstance(self._reference, Move) else self._reference.at(self.time)
 
     @property
@@ -175,24 +168,13 @@ class TrunkController:
         return self.odometry.position
 
     def move(self, goal: TrunkPose, duration: float) -> None:
-        """Moves the reference to a pose within a duration [s], from its present pose and velocity.
-
-        Raises:
-            ControlError: before the first update.
-            ModelError: the duration is not positive.
-        """
-        if not self._started:
-            raise ControlError("a move needs a first update, which says where the trunk is")
+        """Moves the reference to a pose within a duration [s], from its present pose and velocity."""
+        self._require_update("it says where the trunk is")
         self._reference = Move(self._reference.at(self.time), goal, self.time, duration)
 
     def follow(self, reference: TrunkReference) -> None:
-        """Follows a reference from now on.
-
-        Raises:
-            ControlError: before the first update.
-        """
-        if not self._started:
-            raise ControlError("a reference is in the odometry frame, which begins with the first update")
+        """Follows a reference from now on."""
+        self._require_update("a reference is in the odometry frame, which begins with it")
         self._reference = reference
 
     def relieve(self, leg: int, duration: float) -> None:
@@ -206,13 +188,8 @@ class TrunkController:
         return np.array([not self.stance[k] or self._loads.relieved(k, self.time) for k in range(4)])
 
     def swing(self, leg: int, trajectory: SwingTrajectory) -> None:
-        """Takes a leg out of stance and along a trajectory; a leg that already swings gets a new trajectory.
-
-        Raises:
-            ControlError: before the first update.
-        """
-        if not self._started:
-            raise ControlError("a trajectory is in the odometry frame, which begins with the first update")
+        """Takes a leg out of stance and along a trajectory; a leg that already swings gets a new trajectory."""
+        self._require_update("a trajectory is in the odometry frame, which begins with it")
         self.swinging.begin(leg, trajectory)
         if self.stance[leg]:
             self.stance = self.stance & (np.arange(4) != leg)
@@ -236,9 +213,6 @@ class TrunkController:
         """Joint torques (n,) [N·m] for one measurement.
 
         The first update uses the trunk's pose as reference.
-
-        Raises:
-            ControlError: no orientation in the measurement, time that does not increase, or values that are not finite.
         """
         m, rotation = measurement, measurement.rotation
         if rotation is None:
@@ -265,14 +239,16 @@ class TrunkController:
             torque = np.where(self.stance[:, None], torque, swing.torque)
             force += rotation.dot(swing.wrench[:3])
             moment += rotation.dot(swing.wrench[3:] - cross(com, swing.wrench[:3]))
-        self._require_finite(force + moment)
+        demanded = force + moment
+        if not isfinite(demanded.dot(demanded)):
+            raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")
         self.forces = self._sharing.solve(arms.dot(rotation.T), force, moment)
         against = np.vecmat(self.forces.dot(rotation), jacobians)
         return self._within_limits((torque - against).ravel()[self._tree_order] + self._offset)
 
-    def _require_finite(self, values: Array) -> None:
-        if not isfinite(values.dot(values)):
-            raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")
+    def _require_update(self, why: str) -> None:
+        if not self._started:
+            raise ControlError(f"the controller needs a first update: {why}")
 
     def _within_limits(self, torque: Array) -> Array:
         if not isfinite(torque.dot(torque)):
@@ -333,12 +309,6 @@ class TrunkController:
             pull += mass * goal.acceleration
         moment = gains.angular_stiffness * _log(to_goal) - gains.angular_damping * omega
         return pull + gains.damping * slow, rotation.dot(moment)
-
-
-def _span(robot: Robot) -> float:
-    """Half the diagonal between the feet of the nominal stance [m]."""
-    feet = foot_positions(robot, standing_configuration(robot)[None])[0]
-    return 0.5 * float(np.linalg.norm(feet[0] - feet[3]))
 
 
 def _log(rotation: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from stadera.lab.control.crawl.crawl import Crawl
 from stadera.lab.control.crawl.settings import CrawlPhase
-from stadera.lab.control.gains import Response
+from stadera.lab.control.gains import ANGULAR, DAMPING
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.trunk import TrunkController
 from stadera.trunk.model import TrunkModel
@@ -92,9 +92,7 @@ class StandingWalker:
 
     def posture(self) -> PostureLaw:
         """The controller's springs around its reference."""
-        angular = Response(16.0)
-        gains = self.controller.gains
-        return PostureLaw(gains.angular_stiffness, self._at_home().rotation, angular.frequency, angular.damping)
+        return PostureLaw(self.controller.gains.angular_stiffness, self._at_home().rotation, ANGULAR, DAMPING)
 
     def request_stop(self) -> None:
         """Does nothing, since it always stands."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalk
-from stadera.lab.plant import DroppedBox
-from stadera.lab.plant.plant import Plant
 from stadera.supervise import NonstopSupervisor, Supervisor
 from stadera.types import Array, Bools
 
@@ -89,7 +87,7 @@ class Camera:
             "time": state.time,
             "trunk": [*p, *state.orientation],
             "joints": state.joint_position,
-            "box": _box(plant),
+            "box": plant.box_poses[0] if plant.box_poses else np.full(7, np.nan),
             "feet": state.foot_position,
             "force": state.foot_force,
             "down": walk.monitor.carrying(),
@@ -104,12 +102,6 @@ class Camera:
         for name, value in values.items():
             self._frames[name].append(np.array(value, dtype=float))
         self._states.append(str(walk.crawl.phase if supervisor is None else supervisor.state))
-
-
-def _box(plant: Plant) -> Array:
-    """Pose (7,) of the first dropped box, world."""
-    boxes = [payload for payload in plant.payloads if isinstance(payload, DroppedBox)]
-    return plant.box_poses[0] if boxes else np.full(7, np.nan)
 
 
 def _weighed(supervisor: Supervisor | NonstopSupervisor | None) -> tuple[Array, Array]:

@@ -53,9 +53,6 @@ class DemoSettings:
         speed: [m/s].
         seed: of the sensors' errors.
         classic: stop and weigh at rest, as in the paper, instead of weighing while walking.
-
-    Raises:
-        StaderaError: an unknown corner, a drop after the end, or a value that is not positive.
     """
 
     robot: str = "hyq"
@@ -126,9 +123,6 @@ def run_demo(settings: DemoSettings | None = None, progress: Progress | None = N
     """Makes both runs in parallel, in separate processes.
 
     Processes are spawned, so a script that calls this needs the usual `if __name__ == "__main__"`.
-
-    Raises:
-        StaderaError: a run failed.
     """
     settings, context = settings or DemoSettings(), multiprocessing.get_context("spawn")
     ways = settings.supervisions
@@ -144,11 +138,7 @@ def run_demo(settings: DemoSettings | None = None, progress: Progress | None = N
 
 
 def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress | None = None) -> DemoRun:
-    """Makes one of the two runs in this process.
-
-    Raises:
-        StaderaError: it failed.
-    """
+    """Makes one of the two runs in this process."""
     robot = load_robot(settings.robot)
     box = box_at(robot, settings.corner, settings.mass, settings.size, settings.height)
     case = LoadedWalkCase(

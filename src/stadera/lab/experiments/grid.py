@@ -8,21 +8,25 @@ version of this package that wrote it; an incomplete line is skipped.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from stadera.errors import StaderaError
 from stadera.fleet.journal import journal, read_journal
 from stadera.fleet.pool import Failure, Pool, run_tasks
 from stadera.types import Progress
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Outcome = Mapping[str, Any]
 """Outcome of a case: numbers (None for missing ones), texts, and lists of them."""
 
-Case = TypeVar("Case")
+Append = Callable[[Mapping[str, Any]], None]
+Case = TypeVar("Case", bound="DataclassInstance")
 Found = TypeVar("Found")
 Key = TypeVar("Key", bound=Hashable)
 
@@ -43,21 +47,20 @@ def run_grid(
         cases: frozen dataclasses of plain values.
         keep: folder of stored outcomes; None to store none.
         pool: where cases are run; None for one process per core. A single case is run in this process.
-
-    Raises:
-        StaderaError: a case failed; outcomes obtained before are stored.
-        MissingExtraError: Dask is needed and not installed.
     """
-    keys = [_key(case) for case in cases]
-    done = _kept(keep, study)
+    keys = [json.dumps(asdict(case), sort_keys=True, ensure_ascii=False) for case in cases]
+    file = None if keep is None else keep / f"{study}.jsonl"
+    done = {} if file is None else {str(entry["case"]): entry["outcome"] for entry in read_journal(file)}
     waiting = {key: case for key, case in zip(keys, cases, strict=True) if key not in done}
     progress(study, len(cases) - len(waiting), len(cases))
-    with _keeping(keep, study) as keep_one:
+    writing: AbstractContextManager[Append | None] = nullcontext() if file is None else journal(file)
+    with writing as append:
         for key, outcome in run_tasks(run, waiting, (pool or Pool()).for_tasks(len(waiting))):
             if isinstance(outcome, Failure):
                 raise StaderaError(f"{study}, {key}: {outcome.reason}")
             done[key] = outcome
-            keep_one(key, outcome)
+            if append is not None:
+                append({"case": key, "outcome": outcome})
             progress(study, len(done), len(cases))
     return [done[key] for key in keys]
 
@@ -68,25 +71,3 @@ def grouped(pairs: Sequence[tuple[Case, Found]], key: Callable[[Case], Key]) -> 
     for case, outcome in pairs:
         groups.setdefault(key(case), []).append((case, outcome))
     return groups
-
-
-def _key(case: Any) -> str:
-    return json.dumps(asdict(case), sort_keys=True, ensure_ascii=False)
-
-
-def _file(keep: Path, study: str) -> Path:
-    return keep / f"{study}.jsonl"
-
-
-def _kept(keep: Path | None, study: str) -> dict[str, Any]:
-    return {} if keep is None else {str(e["case"]): e["outcome"] for e in read_journal(_file(keep, study))}
-
-
-@contextmanager
-def _keeping(keep: Path | None, study: str) -> Iterator[Callable[[str, Any], None]]:
-    """Yields a function that appends outcomes to the study's file immediately; it does nothing without a folder."""
-    if keep is None:
-        yield lambda key, outcome: None
-        return
-    with journal(_file(keep, study)) as append:
-        yield lambda key, outcome: append({"case": key, "outcome": dict(outcome)})

@@ -1,13 +1,10 @@
-"""An entry of the registry of experiments: its text, the paper's values and bounds (`experiments.toml`), its
-function.
-"""
+"""Settings, progress and text of experiments; the paper's values and bounds (`experiments.toml`)."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -31,9 +28,6 @@ class ReproduceSettings:
         keep: folder in which long studies store their runs, to resume from (see `experiments.grid`); None for none.
         seeds: number of seeds for a study that repeats its whole grid for each; None for its default.
         pool: where the runs of a grid are run.
-
-    Raises:
-        StaderaError: a negative seed, or a number of seeds below one.
     """
 
     seed: int = 0
@@ -73,8 +67,7 @@ class Paper:
     """An experiment's entry in `experiments.toml`.
 
     Attributes:
-        name: of the experiment.
-        title, lead, differs, notes, study, seeded: see `ExperimentResult` and `Experiment`.
+        name, title, lead, differs, notes, study, seeded: see `ExperimentResult` and `Experiment`.
         values: printed in the paper.
         bounds: for records, by name.
     """
@@ -92,7 +85,8 @@ class Paper:
     @classmethod
     def of(cls, name: str) -> Paper:
         """The entry with that name."""
-        entry = dict(_entries()[name])
+        text = (resources.files(__package__) / "experiments.toml").read_text(encoding="utf-8")
+        entry = tomllib.loads(text)[name]
         values, (differs, notes) = entry.pop("paper", {}), (tuple(entry.pop(key, ())) for key in ("differs", "notes"))
         return cls(name, values=values, differs=differs, notes=notes, **entry)
 
@@ -121,15 +115,8 @@ class Paper:
         notes: tuple[str, ...] = (),
     ) -> ExperimentResult:
         """A result with the text of this entry; `notes` follow its own."""
-        whole = tuple(records), tuple(tables), tuple(figures)
-        notes = (*self.notes, *notes)
-        return ExperimentResult(self.name, self.title, self.lead, *whole, notes, facts or {}, self.differs)
-
-
-@cache
-def _entries() -> Mapping[str, Mapping[str, Any]]:
-    text = (resources.files(__package__) / "experiments.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+        made, notes = (tuple(records), tuple(tables), tuple(figures)), (*self.notes, *notes)
+        return ExperimentResult(self.name, self.title, self.lead, *made, notes, facts or {}, self.differs)
 
 
 class Steps:

@@ -18,33 +18,15 @@ from stadera.types import Progress
 
 ALL = "all"
 
-_MODULES = (
-    table1,
-    fig4,
-    fig5,
-    table2,
-    fig6,
-    table3,
-    table4,
-    inertial_share,
-    table5,
-    survival,
-    walking,
-    alarms,
-    reality,
-    faults,
-)
-_EXPERIMENTS = tuple(module.PAPER.experiment(module.run) for module in _MODULES)
+_MODULES = (table1, fig4, fig5, table2, fig6, table3, table4, inertial_share, table5)
+_STUDIES = (survival, walking, alarms, reality, faults)
+_EXPERIMENTS = tuple(module.PAPER.experiment(module.run) for module in (*_MODULES, *_STUDIES))
 
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
 
 
 def experiments_named(name: str) -> tuple[Experiment, ...]:
-    """The experiment with that name; for `all`, every one except the studies of hundreds of runs.
-
-    Raises:
-        UnknownNameError: no such experiment.
-    """
+    """The experiment with that name; for `all`, every one except the studies of hundreds of runs."""
     if name.lower() == ALL:
         return tuple(experiment for experiment in _EXPERIMENTS if not experiment.study)
     if name.lower() not in EXPERIMENTS:
@@ -55,11 +37,7 @@ def experiments_named(name: str) -> tuple[Experiment, ...]:
 def run_experiments(
     experiments: Sequence[Experiment], settings: ReproduceSettings, progress: Progress
 ) -> Iterator[ExperimentResult | Skipped]:
-    """Runs experiments in turn. If there are several, one whose logs or robot models are not available is skipped.
-
-    Raises:
-        StaderaError: an experiment failed, or does not accept a number of seeds.
-    """
+    """Runs experiments in turn. If there are several, one whose logs or robot models are not available is skipped."""
     if settings.seeds is not None and not all(experiment.seeded for experiment in experiments):
         seeded = ", ".join(name for name, experiment in EXPERIMENTS.items() if experiment.seeded)
         raise StaderaError(f"a number of seeds can be set for these experiments only: {seeded}")

@@ -30,9 +30,6 @@ class Record:
         paper: the paper's value, None if it gives none that is comparable.
         bound: limit of the value, None for none.
         bound_is: whether the bound is an upper or a lower limit.
-
-    Raises:
-        StaderaError: a value or bound is not finite.
     """
 
     experiment: str

@@ -13,8 +13,6 @@ from stadera.lab.sensor_errors import (
     Gaussian,
     SensorErrors,
     sensor_errors,
-    with_foot_position,
-    with_torque_offset,
 )
 from stadera.lab.sensors import SensorReading, Sensors, estimator_model, measured, plant_model, recording_of, truth_of
 
@@ -47,6 +45,4 @@ __all__ = [
     "sensor_errors",
     "simulate_leg",
     "truth_of",
-    "with_foot_position",
-    "with_torque_offset",
 ]

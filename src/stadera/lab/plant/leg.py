@@ -112,11 +112,6 @@ def simulate_leg(
 
     Returns:
         Time, position, velocity, acceleration and effort of the leg's three joints at the reference's instants.
-
-    Raises:
-        UnknownNameError: no such leg.
-        ModelError: a reference of the wrong shape or with uneven sampling, a robot that cannot be simulated, or a
-            motion that diverges.
     """
     tree = robot.leg_tree(leg)
     gains = gains or Gains.scaled(robot, leg)

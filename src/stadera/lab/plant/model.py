@@ -86,11 +86,7 @@ def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec
 
 
 def compile_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjModel:
-    """The compiled model, with the robot's inertias in it.
-
-    Raises:
-        ModelError: M(q) is not positive definite somewhere in the workspace; names the least eigenvalue and the links.
-    """
+    """The compiled model, with the robot's inertias in it."""
     model = _filled_model(spec, robot, tree)
     least = least_mass_eigenvalue(model, workspace(robot, tree))
     if least <= 0.0:
@@ -105,11 +101,7 @@ def compile_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjMod
 
 
 def build_model(robot: Robot, tree: Tree | None = None, options: ModelOptions | None = None) -> mujoco.MjModel:
-    """A compiled model of the robot, or of a part of its tree such as `robot.leg_tree("RH")`.
-
-    Raises:
-        ModelError: as in `compile_model`.
-    """
+    """A compiled model of the robot, or of a part of its tree such as `robot.leg_tree("RH")`."""
     tree = tree or robot.tree
     options = options or ModelOptions()
     return compile_model(build_spec(robot, tree, options), robot, tree)

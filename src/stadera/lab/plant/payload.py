@@ -162,9 +162,6 @@ class OutsideForce:
         begin, end: times [s].
         stiffness: k [N/m], not negative.
         ramp: time to rise and to fall [s].
-
-    Raises:
-        ModelError: a value is not finite or out of its range.
     """
 
     size: float

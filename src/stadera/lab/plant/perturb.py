@@ -43,10 +43,6 @@ def perturbed(
 
     Args:
         com_std: [m]. inertia_std: [kg·m²]. margin: dimensionless, above 0. draws: at most.
-
-    Raises:
-        UnknownNameError: no such leg.
-        ModelError: no draw was simulable.
     """
     if not margin > 0:
         raise ModelError(f"the margin on the mass matrix's least eigenvalue must be positive, got {margin}")
@@ -75,10 +71,6 @@ def perturbed_physical(
 
     Args:
         com_std: [m]. stretch_std: dimensionless.
-
-    Raises:
-        UnknownNameError: no such leg.
-        ModelError: a link of this leg is not physically possible before the perturbation.
     """
     changed = {}
     for link in robot.leg(leg).links:

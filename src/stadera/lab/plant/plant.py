@@ -46,9 +46,6 @@ class Plant:
         robot: the truth: provides inertias, joint dynamics and limits.
         terrain: the ground.
         timestep: [s], of simulation and control.
-
-    Raises:
-        ModelError: the robot cannot be simulated (see `stadera.lab.plant.model`).
     """
 
     def __init__(self, robot: Robot, terrain: Terrain | None = None, timestep: float = 1e-3) -> None:
@@ -71,9 +68,6 @@ class Plant:
             joint_position: (n,) [rad], in the tree's order.
             orientation: (4,) quaternion xyzw of the trunk; None for parallel to the plane. The lowest foot touches the
                 ground.
-
-        Raises:
-            SimulationError: a wrong shape, a value that is not finite, or no ground around the origin.
         """
         q = self._checked(joint_position, "joint positions")
         self._payloads, self._outside, self._steps = (), None, 0
@@ -93,11 +87,7 @@ class Plant:
         self._evaluate()
 
     def step(self, torque: ArrayLike) -> None:
-        """Applies joint torques (n,) [N·m], saturated at the effort limits, for one timestep.
-
-        Raises:
-            SimulationError: a wrong shape, a value that is not finite, or a motion that diverged.
-        """
+        """Applies joint torques (n,) [N·m], saturated at the effort limits, for one timestep."""
         model, data = self._model, self._data
         self._control[:] = self._checked(torque, "joint torques")
         mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_VEL, True)

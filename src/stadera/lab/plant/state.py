@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stadera.constants import ROUNDING
 from stadera.lab.plant.world import FRAME, GROUND, TRAY, box_body, foot_geom
@@ -52,19 +53,7 @@ class TrueState:
     @property
     def rotation(self) -> Array:
         """Rotation of the trunk in the world, r_world = R r_trunk, (3, 3)."""
-        return rotation_of(self.orientation)
-
-
-def rotation_of(quaternion: Array) -> Array:
-    """The rotation matrix of a unit quaternion xyzw, (3, 3)."""
-    x, y, z, w = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+        return np.asarray(Rotation.from_quat(self.orientation).as_matrix())
 
 
 class Contacts:

@@ -27,9 +27,6 @@ class Stones:
         width: [m], across, half of it on either side.
         level: [m], half edge of the square around the origin in which stones are in the plane.
         missing: share of missing stones outside that square.
-
-    Raises:
-        ModelError: sizes that are not positive, or a share outside 0 to 1.
     """
 
     seed: int = 0

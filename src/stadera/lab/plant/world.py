@@ -89,18 +89,14 @@ class FootKinematics:
 
 
 def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence[DroppedBox] = ()) -> mujoco.MjModel:
-    """Compiles the world; boxes follow the robot in the state, in their order.
-
-    Raises:
-        ModelError: the robot's mass matrix is not positive definite in its workspace.
-    """
+    """Compiles the world; boxes follow the robot in the state, in their order."""
     options = ModelOptions(floating=True, timestep=timestep)
     spec = build_spec(robot, robot.tree, options)
     _set_solver(spec)
     _add_ground(spec, terrain)
     trunk = spec.body(robot.trunk)
     for leg in robot.legs:
-        _add_foot(spec, leg, terrain)
+        _add_sphere(spec, leg.links[2], foot_geom(leg), leg.foot_position, foot_radius(leg), terrain)
     _add_frame(spec, robot, terrain)
     tray = Tray.of(robot)
     trunk.add_geom(
@@ -162,10 +158,6 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
                 size=(half, half, 0.5 * CONTACT.thickness),
                 **common,
             )
-
-
-def _add_foot(spec: mujoco.MjSpec, leg: Leg, terrain: Terrain) -> None:
-    _add_sphere(spec, leg.links[2], foot_geom(leg), leg.foot_position, foot_radius(leg), terrain)
 
 
 def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:

@@ -141,10 +141,10 @@ class Drawn:
         joints = self.robot.tree.joints
         by_joint = {"torque_gain": self.torque_gain, "torque_offset": self.torque_offset}
         by_joint["encoder_zero"] = self.encoder_zero
-        rest = [f.name for f in fields(self) if f.name not in ("robot", "terrain", *by_joint)]
+        rest = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("robot", "terrain", *by_joint)}
         t = self.terrain
         return {
-            **{name: _plain(getattr(self, name)) for name in rest},
+            **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in rest.items()},
             **{name: dict(zip(joints, values.tolist(), strict=True)) for name, values in by_joint.items()},
             "joints": {joint: vars(self.robot.dynamics[joint]) for joint in joints},
             "links": {link: self.robot.inertias[link].vector.tolist() for link in self.robot.tree.links},
@@ -166,9 +166,6 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
 
     Args:
         robot: that of the model file.
-
-    Raises:
-        ModelError: a joint has no effort limit, to which friction, rotor inertia and torque errors are scaled.
     """
     body, sensors, ground = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     n, limit = len(robot.tree.joints), effort_limits(robot)
@@ -277,7 +274,3 @@ def _ground(sizes: RealSizes, rng: np.random.Generator) -> Terrain:
         stones=Stones(seed=stones_seed, height=float(roughness)) if rough else None,
         softness=float(softness) if soft else 0.0,
     )
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value

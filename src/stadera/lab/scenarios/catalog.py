@@ -205,11 +205,7 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
 
 
 def scenario_named(name: str) -> Scenario:
-    """The scenario with that name.
-
-    Raises:
-        UnknownNameError: there is none with that name.
-    """
+    """The scenario with that name."""
     if name not in SCENARIOS:
         raise UnknownNameError("scenario", name, (*SCENARIOS, SWING))
     return SCENARIOS[name]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from stadera.lab.control import TestBed
 from stadera.lab.plant import (
@@ -20,12 +23,12 @@ from stadera.lab.plant import (
 from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log, with_usual_drives
 from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, scenario_named, trunk_controller_of
 from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.logs import Recording
+from stadera.logs import Recording, read, write_table
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.model import TrunkModel
 from stadera.types import Progress
-from stadera.weigh.truth import Truth, TruthAt
+from stadera.weigh.truth import Truth, TruthAt, read_truth, truth_json, truth_paths
 
 PERIOD = 1e-3
 """[s], of simulation and control."""
@@ -77,12 +80,7 @@ def simulate(
     Args:
         robot: the true robot, before friction and wrong legs of harsh errors are added.
         name: of the scenario.
-        settings: None for the defaults.
         progress: called with the number of periods done.
-
-    Raises:
-        UnknownNameError: no such scenario.
-        StaderaError: the robot cannot be simulated, or its motion diverges.
     """
     settings, scenario = settings or SimulateSettings(), scenario_named(name)
     duration = settings.duration or scenario.duration
@@ -97,7 +95,7 @@ def simulate(
         plant, sensors, scenario.controller(made.controlled or made.model, TrunkModel.prior(robot)), hold=settings.hold
     )
     script = scenario.script(robot, made.settings, duration)
-    moments = _played(bed, sorted(script, key=_when), duration, progress)
+    moments = _played(bed, sorted(script, key=lambda event: event.time), duration, progress)
     truth = Truth(
         robot=robot.name,
         scenario=name,
@@ -114,6 +112,18 @@ def simulate(
     rate = settings.rate or made.draw.rate
     log = measured_log(TrueMotion.of(sensors.states, robot), robot, made.draw, settings.seed, rate, source)
     return Run(log, truth, truth_of(sensors.states[:: round(1.0 / (rate * PERIOD))], robot), made.model)
+
+
+def stored(path: Path | None, run: Callable[[], Run]) -> tuple[Recording, Truth]:
+    """A run's log and truth from a file, made now and stored unless they exist; None to store nothing."""
+    if path is not None and path.exists():
+        return read(path), read_truth(truth_paths(path)[0])
+    made = run()
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        truth_paths(path)[0].write_text(json.dumps(truth_json(made.truth)), encoding="utf-8")
+        write_table(made.recording, path)  # written last, completely or not at all, so an existing log has its truth
+    return made.recording, made.truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +162,6 @@ def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
     stones = terrain.stones.height if terrain.stones else 0.0
     usual = with_usual_drives(robot, settings.real_sizes)
     return _Made(draw.robot, robot, terrain, replace(settings, stones=stones), draw, usual)
-
-
-def _when(event: ScriptEvent) -> float:
-    return event.time
 
 
 def _played(bed: TestBed, events: list[ScriptEvent], duration: float, progress: Progress | None) -> tuple[TruthAt, ...]:

@@ -28,9 +28,6 @@ class Load:
         unit: "kg" for a rigid cube of 10 cm fixed to the trunk; "N" for the paper's virtual force, without inertia.
         at: [m], of its centre in the trunk frame; None for a quarter of the feet's rectangle behind and to the left of
             the middle, at the height of the hips.
-
-    Raises:
-        StaderaError: an amount that is not positive, an unknown unit, or a position that is not finite.
     """
 
     amount: float
@@ -70,10 +67,6 @@ class SimulateSettings:
         stones: [m], largest deviation of the stepping stones' heights; 0 for a plane.
         hold: periods of the test-bed for which the controller's torques are held, see `TestBed`.
         outside: an external force other than a load; None for none.
-
-    Raises:
-        StaderaError: an unknown set of errors; a duration that is not positive; a rate that does not divide 1 kHz; a
-            negative seed; a negative load time; or a speed, turn, amplitude or stones' height that is not finite.
     """
 
     errors: str = "standard"

@@ -46,10 +46,6 @@ def swing(
         leg: LF, RF, LH, RH or all.
         settings: errors, duration, rate and seed are used; None for the defaults.
         progress: called with the step's name, legs done and total.
-
-    Raises:
-        UnknownNameError: no such leg.
-        StaderaError: as in `simulate_leg`.
     """
     settings = settings or SimulateSettings()
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None

@@ -33,7 +33,6 @@ class BodyReference:
 
     Args:
         controller: after its first update.
-        tuning: of the crawl.
 
     Attributes:
         plan: of the centre of mass.
@@ -122,9 +121,6 @@ class BodyReference:
         Args:
             margin: [m], and
             rest: as for `plan_com`.
-
-        Raises:
-            PlanError: there is no such plan.
         """
         now = self.at(time)
         trunk = self._controller.trunk

@@ -56,9 +56,6 @@ class Crawl(Gait):
         reason: why it stands, sits or retreats.
         failed: whether it stopped because it could not continue.
         events: every transition so far.
-
-    Raises:
-        CrawlError: the command is too fast for this robot.
     """
 
     def __init__(
@@ -89,11 +86,7 @@ class Crawl(Gait):
         self._steps.command = command
 
     def resume(self) -> None:
-        """Starts walking, or continues with the leg whose turn it is.
-
-        Raises:
-            CrawlError: it is sitting.
-        """
+        """Starts walking, or continues with the leg whose turn it is."""
         if self.phase is CrawlPhase.SIT:
             raise CrawlError("a robot that sits cannot walk on")
         self._walks, self._stop, self.failed = True, "", False
@@ -103,11 +96,7 @@ class Crawl(Gait):
         self._walks, self._stop = False, self._stop or reason
 
     def sit(self, reason: str = "asked to sit") -> None:
-        """Lowers the trunk permanently.
-
-        Raises:
-            CrawlError: it does not stand on four feet.
-        """
+        """Lowers the trunk permanently."""
         if self.phase is not CrawlPhase.STAND or self._body is None:
             raise CrawlError("a robot sits down from a stand: ask it to stop first")
         how = self.settings.tuning
@@ -127,12 +116,7 @@ class Crawl(Gait):
 
     # -- what the test-bed's loop asks for ------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> Array:
-        """Joint torques (n,) [N·m] for one measurement.
-
-        Raises:
-            ControlError: as `TrunkController.update`.
-            PlanError: as `plan_com`.
-        """
+        """Joint torques (n,) [N·m] for one measurement."""
         if self._body is None:
             torque = self.controller.update(measurement)
             self._start(measurement)
@@ -172,7 +156,8 @@ class Crawl(Gait):
             case CrawlPhase.SWING:
                 self._watch_swing(time)
             case CrawlPhase.RETREAT:
-                self._put_back(time)
+                if self._swing.back(time, self._planned.stretched(self._leg)):
+                    self._stand(time, self._stop)
 
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
         """Starts the body's motion such that the next leg can swing after `body` [s]; `landed` is the leg that landed
@@ -219,7 +204,8 @@ class Crawl(Gait):
                 self._put_step_off(time)
         elif time >= self._due and controller.relieved[leg]:
             if self._over_triangle():
-                self._lift(time)
+                self._swing.lift(time, leg, self._target, self._planned.normal, timing)
+                self._enter(CrawlPhase.SWING, leg, "")
             else:
                 self._put_step_off(time)
 
@@ -250,10 +236,6 @@ class Crawl(Gait):
         self._due = time + wait
         self._replan(time, None, wait)
 
-    def _lift(self, time: float) -> None:
-        self._swing.lift(time, self._leg, self._target, self._planned.normal, self._timing)
-        self._enter(CrawlPhase.SWING, self._leg, "")
-
     def _watch_swing(self, time: float) -> None:
         leg, swing = self._leg, self._swing
         stretched = self._planned.stretched(leg)
@@ -275,10 +257,6 @@ class Crawl(Gait):
         self._swing.retreat(time)
         self._replan(time, self._swing.airborne(), None)
         self._enter(CrawlPhase.RETREAT, leg, self._stop)
-
-    def _put_back(self, time: float) -> None:
-        if self._swing.back(time, self._planned.stretched(self._leg)):
-            self._stand(time, self._stop)
 
     def _stand(self, time: float, reason: str) -> None:
         """Moves the body to the middle of four feet on the ground, and stays."""

@@ -25,9 +25,6 @@ class StepSequence:
 
     Attributes:
         timing: of the command.
-
-    Raises:
-        CrawlError: the command is too fast for this robot.
     """
 
     def __init__(self, robot: Robot, settings: CrawlSettings, command: CrawlCommand) -> None:

@@ -47,7 +47,6 @@ class WalkMonitor:
     Args:
         plant: reset, on its feet.
         every: periods between two evaluations.
-        limits: None for the defaults.
 
     Attributes:
         fall: None while it has not fallen.

@@ -98,9 +98,6 @@ class CrawlSettings:
         patience: [s], time limit for that before the crawl stops.
         lead: [s], for the body before the first step from a stand.
         tuning: see `CrawlTuning`.
-
-    Raises:
-        CrawlError: the sequence does not contain each leg once, or a size or time is not positive.
     """
 
     cycle: float
@@ -153,11 +150,7 @@ class CrawlSettings:
         )
 
     def timing(self, command: CrawlCommand) -> StepTiming:
-        """Times of the steps for a command.
-
-        Raises:
-            CrawlError: the speed leaves no time to move the body.
-        """
+        """Times of the steps for a command."""
         speed, how = abs(command.speed), self.tuning
         cycle = min(self.cycle, self.longest_stride / speed) if speed > 0 else self.cycle
         step = 0.25 * cycle

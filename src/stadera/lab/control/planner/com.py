@@ -125,9 +125,6 @@ def plan_com(
         height: [m], of the centre of mass over the contacts.
         margin: [m], of zero-moment point and centre of mass to the polygons' edges.
         rest: weight of the body's rest while a leg swings, from 1 to 0 for none.
-
-    Raises:
-        PlanError: there are no phases, the height is not positive, or there is no solution.
     """
     if not phases or not height > 0:
         raise PlanError(f"a plan needs phases and a positive height, got {len(phases)} phases and {height} m")

@@ -40,11 +40,7 @@ class SupportPolygon:
 
     @classmethod
     def of(cls, points: ArrayLike) -> SupportPolygon:
-        """The hull of points (n, 2) or (n, 3) [m]; heights are ignored.
-
-        Raises:
-            PlanError: fewer than three points, or all of them collinear.
-        """
+        """The hull of points (n, 2) or (n, 3) [m]; heights are ignored."""
         flat = np.asarray(points, dtype=float)[:, :2]
         corners = _hull(flat)
         if len(corners) < 3:

@@ -7,7 +7,6 @@ tare, which ends before the load, or the force, is applied.
 
 from __future__ import annotations
 
-import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,13 +21,13 @@ from stadera.lab.control.trunk import ControlError
 from stadera.lab.experiments.faults.forces import FORCES
 from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
 from stadera.lab.plant import SimulationError
-from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import Load, SimulateSettings
-from stadera.logs import Recording, read, write_table
+from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.weigh.result import Weighing
-from stadera.weigh.truth import Truth, TruthAt, read_truth, truth_json, truth_paths
+from stadera.weigh.truth import Truth
 from stadera.weigh.weigh import weigh
 
 CLEAN = "none"
@@ -122,10 +121,9 @@ def weigh_faulty(case: FaultCase, folder: Path) -> dict[str, Any]:
     tare = (begin, begin + stretched * case.log.middle)
     try:
         result = weigh(robot, replace(faulty, source=f"{case.log.robot}, {case.log.scenario}"), tare)
-    except StaderaError as error:
-        return {"status": "refused", "said": str(error)[:_TOLD], "mass": robot.mass, "errors": {}, "left_out": False}
     except Exception as error:  # crashes are part of the study
-        return {"status": "crashed", "said": repr(error)[:_TOLD], "mass": robot.mass, "errors": {}, "left_out": False}
+        status, said = ("refused", str(error)) if isinstance(error, StaderaError) else ("crashed", repr(error))
+        return {"status": status, "said": said[:_TOLD], "mass": robot.mass, "errors": {}, "left_out": False}
     errors = figures_of(result, truth)
     good = result.trust.verdict == "good"
     return {
@@ -138,18 +136,12 @@ def weigh_faulty(case: FaultCase, folder: Path) -> dict[str, Any]:
 
 
 def figures_of(result: Weighing, truth: Truth) -> dict[str, list[float]]:
-    """Error and standard deviation, by name, of the observed quantities: trunk at the end, payload's mass since the
-    tare.
-
-    Args:
-        result: of a weighing.
-        truth: of its log.
-    """
+    """Error and standard deviation, by name, of what was observed: trunk at the end, payload's mass since the tare."""
     end, before = truth.moments[-1], truth.moments[0]
     values = [result.mass - end.mass, *(result.com - np.array(end.com))]
     stds = [result.mass_std, *result.com_std]
     if result.payload is not None:
-        values.append(result.payload.mass - _added(end, before))
+        values.append(result.payload.mass - (end.mass - before.mass))
         stds.append(result.payload.mass_std)
     names = ("trunk mass", "trunk com x", "trunk com y", "trunk com z", "payload mass")
     pairs = zip(names, values, stds, strict=False)
@@ -161,19 +153,9 @@ def worst(errors: Mapping[str, list[float]]) -> float:
     return max((abs(error) / std for error, std in errors.values()), default=0.0)
 
 
-def _added(end: TruthAt, before: TruthAt) -> float:
-    return end.mass - before.mass
-
-
 def _kept(case: LogCase, robot: Robot, folder: Path) -> tuple[Recording, Truth]:
     """The log and its truth, stored earlier or simulated now."""
-    path = folder / f"{case.name}.parquet"
-    if not path.exists():
-        run = simulate(robot, case.scenario, _settings(case, robot))
-        folder.mkdir(parents=True, exist_ok=True)
-        truth_paths(path)[0].write_text(json.dumps(truth_json(run.truth)), encoding="utf-8")
-        write_table(run.recording, path)  # written last, completely or not at all, so an existing log has its truth
-    return read(path), read_truth(truth_paths(path)[0])
+    return stored(folder / f"{case.name}.parquet", lambda: simulate(robot, case.scenario, _settings(case, robot)))
 
 
 def _settings(case: LogCase, robot: Robot) -> SimulateSettings:

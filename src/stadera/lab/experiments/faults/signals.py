@@ -147,47 +147,34 @@ def _noisy(channel: str, factor: float, log: Recording, robot: Robot, rng: Rng) 
 
 
 # -- IMU --------------------------------------------------------------------------------------------------------------
-def _imu(log: Recording, gyro: Array | None = None, force: Array | None = None) -> Recording:
-    imu = log.imu
-    if imu is None:
+Change = Callable[[Array, Recording], Array]
+"""A function from a copy of an IMU's values (samples, 3) and the log to the faulty values."""
+
+
+def _imu(which: str, change: Change, log: Recording, _: Robot | None = None, __: Rng | None = None) -> Recording:
+    """Changes the gyro's values, the accelerometer's ("force"), or both; the orientation is lost."""
+    if (imu := log.imu) is None:
         return log
-    omega = imu.angular_velocity if gyro is None else gyro
-    return replace(log, imu=Imu(omega, imu.linear_acceleration if force is None else force, None, imu.frame))
+    gyro = imu.angular_velocity if which == "force" else change(imu.angular_velocity.copy(), log)
+    force = imu.linear_acceleration if which == "gyro" else change(imu.linear_acceleration.copy(), log)
+    return replace(log, imu=Imu(gyro, force, None, imu.frame))
 
 
-def _turned(axis: str, degrees: float, which: str, log: Recording, _: Robot, __: Rng) -> Recording:
-    turn, imu = Rotation.from_euler(axis, degrees, degrees=True), log.imu
-    if imu is None:
-        return log
-    return _imu(
-        log,
-        turn.apply(imu.angular_velocity) if which in ("both", "gyro") else None,
-        turn.apply(imu.linear_acceleration) if which in ("both", "force") else None,
-    )
+def _turned(axis: str, degrees: float) -> Change:
+    turn = Rotation.from_euler(axis, degrees, degrees=True)
+    return lambda values, _: turn.apply(values)
 
 
-def _imu_changed(which: str, change: Callable[[Array, Rng], Array], log: Recording, _: Robot, rng: Rng) -> Recording:
-    if log.imu is None:
-        return log
-    if which == "gyro":
-        return _imu(log, gyro=change(log.imu.angular_velocity.copy(), rng))
-    return _imu(log, force=change(log.imu.linear_acceleration.copy(), rng))
-
-
-def _held(values: Array, _: Rng) -> Array:
+def _held(values: Array, _: Recording) -> Array:
     values[len(values) // 3 :] = values[len(values) // 3]
     return values
 
 
 def _imu_late(seconds: float, log: Recording, _: Robot, __: Rng) -> Recording:
-    imu = log.imu
-    if imu is None:
-        return log
-
-    def late(values: Array) -> Array:
+    def late(values: Array, log: Recording) -> Array:
         return np.column_stack([np.interp(log.time - seconds, log.time, column) for column in values.T])
 
-    return _since(seconds, _imu(log, late(imu.angular_velocity), late(imu.linear_acceleration)))
+    return _since(seconds, _imu("both", late, log))
 
 
 # -- time -------------------------------------------------------------------------------------------------------------
@@ -246,21 +233,21 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "velocities in deg/s": Fault("velocity", partial(_scaled, "velocity", float(np.degrees(1.0)), False)),
         "one velocity zero": Fault("velocity", partial(_constant, "velocity", False)),
         "velocities 60 ms late": Fault("velocity", partial(_late, "velocity", 0.06, False)),
-        "IMU yawed 90°": Fault("imu", partial(_turned, "z", 90.0, "both")),
-        "IMU yawed 180°": Fault("imu", partial(_turned, "z", 180.0, "both")),
-        "IMU upside down": Fault("imu", partial(_turned, "x", 180.0, "both")),
-        "IMU rolled 20°": Fault("imu", partial(_turned, "x", 20.0, "both")),
-        "gyro yawed 90°": Fault("imu", partial(_turned, "z", 90.0, "gyro")),
-        "gyro's sign": Fault("imu", partial(_imu_changed, "gyro", lambda v, _: -v)),
-        "gyro in deg/s": Fault("imu", partial(_imu_changed, "gyro", lambda v, _: np.degrees(v))),
-        "gyro zero": Fault("imu", partial(_imu_changed, "gyro", lambda v, _: 0.0 * v)),
-        "gyro stuck": Fault("imu", partial(_imu_changed, "gyro", _held)),
-        "accelerometer in g": Fault("imu", partial(_imu_changed, "force", lambda v, _: v / 9.81)),
-        "accelerometer x1.05": Fault("imu", partial(_imu_changed, "force", lambda v, _: 1.05 * v), _COMMON),
+        "IMU yawed 90°": Fault("imu", partial(_imu, "both", _turned("z", 90.0))),
+        "IMU yawed 180°": Fault("imu", partial(_imu, "both", _turned("z", 180.0))),
+        "IMU upside down": Fault("imu", partial(_imu, "both", _turned("x", 180.0))),
+        "IMU rolled 20°": Fault("imu", partial(_imu, "both", _turned("x", 20.0))),
+        "gyro yawed 90°": Fault("imu", partial(_imu, "gyro", _turned("z", 90.0))),
+        "gyro's sign": Fault("imu", partial(_imu, "gyro", lambda v, _: -v)),
+        "gyro in deg/s": Fault("imu", partial(_imu, "gyro", lambda v, _: np.degrees(v))),
+        "gyro zero": Fault("imu", partial(_imu, "gyro", lambda v, _: 0.0 * v)),
+        "gyro stuck": Fault("imu", partial(_imu, "gyro", _held)),
+        "accelerometer in g": Fault("imu", partial(_imu, "force", lambda v, _: v / 9.81)),
+        "accelerometer x1.05": Fault("imu", partial(_imu, "force", lambda v, _: 1.05 * v), _COMMON),
         "accelerometer 1 m/s² off aside": Fault(
-            "imu", partial(_imu_changed, "force", lambda v, _: v + np.array([0.0, 1.0, 0.0]))
+            "imu", partial(_imu, "force", lambda v, _: v + np.array([0.0, 1.0, 0.0]))
         ),
-        "accelerometer stuck": Fault("imu", partial(_imu_changed, "force", _held)),
+        "accelerometer stuck": Fault("imu", partial(_imu, "force", _held)),
         "IMU 80 ms late": Fault("imu", partial(_imu_late, 0.08)),
         "clock 10 % slow": Fault("time", partial(_stretched, 1.1)),
         "a fifth of the samples lost": Fault("time", partial(_lost, 0.2)),

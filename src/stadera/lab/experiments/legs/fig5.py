@@ -23,12 +23,7 @@ _LEG = "RF"  # the paper's
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Identifies all legs of both robots.
-
-    Raises:
-        MissingDataError: the given folder does not contain the logs.
-        MissingExtraError: the robots' models are not installed.
-    """
+    """Identifies all legs of both robots."""
     step = Steps(PAPER.name, progress)
     logs = {robot: real_log(name, settings.data) for robot, name in _LOGS.items()}
     results = {}

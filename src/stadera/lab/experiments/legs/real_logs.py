@@ -17,11 +17,7 @@ class MissingDataError(StaderaError):
 
 
 def data_folder(given: Path | None = None) -> Path | None:
-    """The folder of real logs: the given one, else STADERA_DATA, else ../shared/data; None if there is none.
-
-    Raises:
-        MissingDataError: the given folder, or that of STADERA_DATA, does not exist.
-    """
+    """The folder of real logs: the given one, else STADERA_DATA, else ../shared/data; None if there is none."""
     named = os.environ.get(VARIABLE)
     folder = given or (Path(named) if named else None)
     if folder is None:
@@ -32,11 +28,7 @@ def data_folder(given: Path | None = None) -> Path | None:
 
 
 def real_log(name: str, given: Path | None = None) -> Path:
-    """Path of a log, `real/<name>.csv` in the folder of real logs, or the package's own if there is no folder.
-
-    Raises:
-        MissingDataError: it does not exist.
-    """
+    """Path of a log, `real/<name>.csv` in the folder of real logs, or the package's own if there is no folder."""
     folder = data_folder(given)
     path = example(name) if folder is None else folder / "real" / f"{name}.csv"
     if not path.is_file():

@@ -38,11 +38,7 @@ def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[s
 
 
 def validation_trace(leg: LegIdentification) -> TorqueTrace:
-    """The trace of motion that was not used for fitting.
-
-    Raises:
-        IdentificationError: there is none.
-    """
+    """The trace of motion that was not used for fitting."""
     for trace in leg.traces:
         if trace.part == PART:
             return trace

@@ -104,9 +104,6 @@ def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longe
     Args:
         every: periods between two samples.
         longest: time limit for that cycle [s].
-
-    Raises:
-        StaderaError: the robot fell, or stopped.
     """
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))

@@ -208,9 +208,6 @@ class LoadedWalk:
         bed, crawl, monitor, supervisor: its parts; no supervisor without identification.
         fault: why the controller failed, so that the drives only brake; empty otherwise.
         loaded_at, evaluated_from: as in the outcome; NaN before.
-
-    Raises:
-        StaderaError: the walk cannot be set up.
     """
 
     def __init__(self, case: LoadedWalkCase) -> None:
@@ -321,9 +318,5 @@ class LoadedWalk:
 
 
 def loaded_walk(case: LoadedWalkCase) -> LoadedWalkOutcome:
-    """Runs one case.
-
-    Raises:
-        StaderaError: it cannot be set up.
-    """
+    """Runs one case."""
     return LoadedWalk(case).run()

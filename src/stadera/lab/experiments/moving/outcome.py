@@ -43,9 +43,6 @@ class OutcomeLimits:
         sagging: [s], time for which it must be that low. A step's time, since a landing load may push it down briefly.
         overload: [s], time for which a joint may be at its torque limit, since drives heat up. The controllers' own
             limit.
-
-    Raises:
-        StaderaError: a limit is not positive.
     """
 
     share: float = 0.5

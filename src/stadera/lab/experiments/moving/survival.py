@@ -97,11 +97,7 @@ class SurvivalCase:
 
 
 def survive(case: SurvivalCase) -> Outcome:
-    """Outcome of a walk.
-
-    Raises:
-        StaderaError: it cannot be set up.
-    """
+    """Outcome of a walk."""
     payload = weight_at(load_robot(_ROBOT), case.corner, case.load) if case.load else None
     outcome = loaded_walk(
         LoadedWalkCase(

@@ -51,11 +51,7 @@ class Table5Case:
 
 
 def weigh_on_the_way(case: Table5Case) -> Outcome:
-    """Centres of mass (x, y) [m] from (c), from (c) with uncorrected torques and from (a), and the truth.
-
-    Raises:
-        StaderaError: the robot fell, or was not weighed.
-    """
+    """Centres of mass (x, y) [m] from (c), from (c) with uncorrected torques and from (a), and the truth."""
     return _LoadedRun(case).outcome()
 
 

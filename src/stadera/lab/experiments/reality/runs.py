@@ -5,10 +5,8 @@ The only information on the run is the time of the tare, the last instant before
 
 from __future__ import annotations
 
-import json
 import time
 import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,17 +23,17 @@ from stadera.lab.baselines import ALL_METHODS
 from stadera.lab.control.planner.feet import PlanError
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.plant import SimulationError, Tray
-from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.scenarios.swing import swing
-from stadera.logs import Recording, read, write_table
+from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk import make_estimator
 from stadera.trunk.registry import Setup
 from stadera.trunk.samples import Samples
 from stadera.types import Array
-from stadera.weigh.truth import Truth, read_truth, truth_json, truth_paths
+from stadera.weigh.truth import Truth
 
 OURS = "walking"
 """Name of the library's estimator in the registry of methods."""
@@ -43,17 +41,9 @@ LEGS = "walking, legs identified"
 """The same with legs identified from a log of the robot's legs in the air."""
 
 LOADED_AT, DURATION = 5.0, 10.0  # s
-FIGURES = (
-    "trunk mass",
-    "trunk com x",
-    "trunk com y",
-    "trunk com z",
-    "payload mass",
-    "payload x",
-    "payload y",
-    "payload z",
-    "change mass",
-)
+_TRUNK = ("trunk mass", "trunk com x", "trunk com y", "trunk com z")
+_PAYLOAD, _CHANGE = ("payload mass", "payload x", "payload y", "payload z"), "change mass"
+FIGURES = (*_TRUNK, *_PAYLOAD, _CHANGE)
 """Estimated quantities, each with error and standard deviation [kg, m]."""
 
 _OUT = 0.6  # of the tray's half size, within which loads are placed
@@ -112,24 +102,11 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
 
 def _log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
     """The run's log and truth, stored earlier or simulated now."""
-    path = None if logs is None else logs / f"{_name(case)}.parquet"
-    if path is not None and path.exists():
-        return read(path), read_truth(truth_paths(path)[0])
     draw = _draw(case)
-    settings = SimulateSettings(
-        case.errors,
-        _load(case, robot, draw),
-        duration=DURATION,
-        seed=draw,
-        load_time=LOADED_AT,
-        hold=_HOLD,
-    )
-    run = simulate(robot, case.scenario, settings)
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        truth_paths(path)[0].write_text(json.dumps(truth_json(run.truth)), encoding="utf-8")
-        write_table(run.recording, path)
-    return run.recording, run.truth
+    load = _load(case, robot, draw)
+    settings = SimulateSettings(case.errors, load, duration=DURATION, seed=draw, load_time=LOADED_AT, hold=_HOLD)
+    path = None if logs is None else logs / f"{_name(case)}.parquet"
+    return stored(path, lambda: simulate(robot, case.scenario, settings))
 
 
 def _identified(case: RealityCase, robot: Robot, logs: Path | None) -> Robot | None:
@@ -178,10 +155,10 @@ def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[st
     bare, load = truth.moments[0], truth.moments[-1]
     figures: dict[str, Any] = {"share_of_time": spent / float(samples.time[-1] - samples.time[0])}
     figures |= {"verdict_before": verdict_before, "verdict": _verdict(estimator)}
-    figures |= _errors(FIGURES[:4], before.value - np.array([bare.mass, *bare.com]), before.std)
+    figures |= _errors(_TRUNK, before.value - np.array([bare.mass, *bare.com]), before.std)
     value, std = _payload(estimator) if name == OURS else _difference(before, estimator.estimate())
     place = np.full(3, np.nan) if load.payload_com is None else np.asarray(load.payload_com)
-    figures |= _errors(FIGURES[4:8], value - np.array([load.payload_mass, *place]), std)
+    figures |= _errors(_PAYLOAD, value - np.array([load.payload_mass, *place]), std)
     if name == OURS:
         figures |= _changes(estimator.changes, load.payload_mass)
     return figures
@@ -223,10 +200,8 @@ def _changes(changes: tuple[Any, ...], mass: float) -> dict[str, Any]:
     """The first change detected after the load is assigned to the load; all others are false."""
     after = [change for change in changes if change.noticed > LOADED_AT]
     found = after[0] if after and mass > 0 else None
-    figures: Mapping[str, Any] = {
-        "noticed": None if found is None else found.noticed - LOADED_AT,
-        "false_changes": len(changes) - (found is not None),
-    }
+    false = len(changes) - (found is not None)
     if found is None:
-        return {**figures}
-    return {**figures, FIGURES[8]: [found.mass - mass, found.mass_std]}
+        return {"noticed": None, "false_changes": false}
+    change = [found.mass - mass, found.mass_std]
+    return {"noticed": found.noticed - LOADED_AT, "false_changes": false, _CHANGE: change}

@@ -32,13 +32,7 @@ _POSES = {"poses": 5, "combined": 11}
 
 
 def stand(case: StandingCase) -> StandingOutcome:
-    """Runs one case.
-
-    Raises:
-        UnknownNameError: no such method or robot.
-        MissingExtraError: the robot's model is not installed.
-        SimulationError: the motion diverged.
-    """
+    """Runs one case."""
     run = _StandingRun(case)
     run.weigh()
     run.locate()

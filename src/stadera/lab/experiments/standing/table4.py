@@ -13,7 +13,7 @@ from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record, crossed
 from stadera.lab.experiments.standing.case import METHOD_NAMES, StandingCase, StandingOutcome, StandingTimes
 from stadera.lab.experiments.standing.run import poses_of, stand
-from stadera.lab.plant import Gaussian, with_foot_position, with_torque_offset
+from stadera.lab.plant import Gaussian, SensorErrors
 from stadera.report.table import TableData
 from stadera.robot import Robot, load_robot
 from stadera.trunk.standing.equilibrium import ConstantErrors
@@ -90,8 +90,8 @@ class ErrorColumn:
         if self.reading == "drive":
             return replace(plain, drive_offset=Gaussian(self.mean, self.std))
         if self.kind == "torque":
-            return replace(plain, errors=with_torque_offset(self.mean, self.std, drawn))
-        errors = with_foot_position(0.01 * self.mean, 0.01 * self.std, drawn)
+            return replace(plain, errors=SensorErrors(torque_offset=Gaussian(self.mean, self.std, drawn)))
+        errors = SensorErrors(foot_position=Gaussian(0.01 * self.mean, 0.01 * self.std, drawn))
         return replace(plain, errors=errors, misled=self.reading == "misled")
 
     @property
