@@ -73,6 +73,12 @@ def part(function: _Function) -> _Function:
     return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
+def reordered(function: _Function) -> _Function:
+    """Decorator for a `part` whose sums may be formed in any order, several terms at once."""
+    allowed = {"contract", "nsz", "reassoc"}
+    return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath=allowed)(function)
+
+
 def lane(function: _Function) -> _Function:
     """Decorator for a `part` without loops that is compiled into its callers, so that a loop over it uses the
     processor's vectors.

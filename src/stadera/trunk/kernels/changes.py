@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.compiled import compiled, part
+from stadera.compiled import compiled, part, reordered
 from stadera.types import Array
 
 WILD, MEDIAN = 3.0, 0.455  # as in `stadera.trunk.changes`
@@ -23,60 +23,69 @@ def mean_of(solution: Array, errors: Array, out: Array) -> None:
         out[i] = value
 
 
-@part
-def by_errors(total: Array, solution: Array, std: Array, work: Array) -> float:
-    """Variance of one summed row (10 + 1 + errors + 1) due to model errors, Σ_e ((C - A K)_e σ_e)².
+@reordered
+def by_errors(before: Array, after: Array, first: int, solution: Array, std: Array) -> float:
+    """Variance of the difference of two summed rows (10 + 1 + errors + 1) due to model errors, Σ_e (C - A K)²_e σ_e².
 
-    K follows the first column of `solution` (10, 1 + errors). The ten products are written out, and eight sums are
-    formed side by side, so that they fit the processor's vectors.
+    K follows the first column of `solution` (10, 1 + errors). The products are written out, so that they fit the
+    processor's vectors: four of the row of mass (`first` 0), whose others are zero, and nine of the others (`first` 1).
     """
-    n, K = len(std), solution
-    a0, a1, a2, a3, a4 = total[0], total[1], total[2], total[3], total[4]
-    a5, a6, a7, a8, a9 = total[5], total[6], total[7], total[8], total[9]
-    for e in range(n):
-        moved = a0 * K[0, 1 + e] + a1 * K[1, 1 + e] + a2 * K[2, 1 + e] + a3 * K[3, 1 + e] + a4 * K[4, 1 + e]
-        moved += a5 * K[5, 1 + e] + a6 * K[6, 1 + e] + a7 * K[7, 1 + e] + a8 * K[8, 1 + e] + a9 * K[9, 1 + e]
-        moved = (total[11 + e] - moved) * std[e]
-        work[e] = moved * moved
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
-    whole = n - n % 8
-    for e in range(0, whole, 8):
-        s0 += work[e]
-        s1 += work[e + 1]
-        s2 += work[e + 2]
-        s3 += work[e + 3]
-        s4 += work[e + 4]
-        s5 += work[e + 5]
-        s6 += work[e + 6]
-        s7 += work[e + 7]
-    for e in range(whole, n):
-        s0 += work[e]
-    return ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7))
+    K, variance = solution, 0.0
+    if first == 0:
+        a0, a1, a2, a3 = after[0] - before[0], after[1] - before[1], after[2] - before[2], after[3] - before[3]
+        for e in range(len(std)):
+            moved = a0 * K[0, 1 + e] + a1 * K[1, 1 + e] + a2 * K[2, 1 + e] + a3 * K[3, 1 + e]
+            moved = (after[11 + e] - before[11 + e] - moved) * std[e]
+            variance += moved * moved
+        return variance
+    a1, a2, a3 = after[1] - before[1], after[2] - before[2], after[3] - before[3]
+    a4, a5, a6 = after[4] - before[4], after[5] - before[5], after[6] - before[6]
+    a7, a8, a9 = after[7] - before[7], after[8] - before[8], after[9] - before[9]
+    for e in range(len(std)):
+        moved = a1 * K[1, 1 + e] + a2 * K[2, 1 + e] + a3 * K[3, 1 + e] + a4 * K[4, 1 + e] + a5 * K[5, 1 + e]
+        moved += a6 * K[6, 1 + e] + a7 * K[7, 1 + e] + a8 * K[8, 1 + e] + a9 * K[9, 1 + e]
+        moved = (after[11 + e] - before[11 + e] - moved) * std[e]
+        variance += moved * moved
+    return variance
+
+
+@reordered
+def product(row: Array, errors: Array) -> float:
+    """Sum of the products with the first entries of a row."""
+    total = 0.0
+    for e in range(len(errors)):
+        total += row[e] * errors[e]
+    return total
+
+
+@part
+def moved_down(values: Array, begin: int, end: int, limit: float, equal: bool) -> int:
+    """Moves values below a limit, or equal to it too, to the beginning of a range, without a branch on the values.
+    Returns where the others begin.
+    """
+    to = begin
+    for i in range(begin, end):
+        value = values[i]
+        values[i], values[to] = values[to], value
+        to += int(value <= limit) if equal else int(value < limit)
+    return to
 
 
 @part
 def smallest(values: Array, n: int, k: int) -> float:
     """The k-th smallest of the first n values, counted from 0; sorts them partly (quickselect)."""
-    low, high = 0, n - 1
-    while low < high:
-        pivot = values[(low + high) // 2]
-        i, j = low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if k <= j:
-            high = j
-        elif k >= i:
-            low = i
-        else:
-            break
-    return float(values[k])
+    low, high = 0, n
+    while high - low > 1:
+        a, b, c = values[low], values[(low + high) // 2], values[high - 1]
+        pivot = max(min(a, b), min(max(a, b), c))
+        others = moved_down(values, low, high, pivot, False)
+        if k < others:
+            high = others
+            continue
+        low = moved_down(values, others, high, pivot, True)
+        if k < low or low == others:  # the latter for what is not a number
+            return float(pivot)
+    return float(values[low])
 
 
 @part
@@ -98,7 +107,8 @@ def single(reduced: Array, i: int, mean: Array, scale: Array) -> float:
 @part
 def since(
     reduced: Array,
-    total: Array,
+    old: Array,
+    new: Array,
     n: int,
     mean: Array,
     inverse: Array,
@@ -113,14 +123,15 @@ def since(
     variance: Array,
     work: Array,
 ) -> None:
-    """δ (4,) and its variance (4,) of the average over the last n of the reduced rows, whose sum is `total`.
+    """δ (4,) and its variance (4,) of the average over the last n of the reduced rows, before which the running
+    sums are `old`, and after which `new`.
 
     Args:
         mean, inverse, solution: of the estimate before. std: of the model errors.
         near: (4,), Huber's limit. spread, usual: (4,), of this window. scatter: κ.
-        work: (2, ...), at least n and the number of errors.
+        work: (2, n) or longer.
     """
-    weight_at, last = total.shape[1] - 1, len(reduced)
+    weight_at, last = new.shape[1] - 1, len(reduced)
     for i in range(4):
         for k in range(n):
             work[0, k] = single(reduced[last - n + k], i, mean, scale)
@@ -130,9 +141,9 @@ def since(
         for k in range(n):
             value = min(max(work[0, k], centre - near[i]), centre + near[i])
             sum_near += value * reduced[last - n + k, i, 11]
-        weight = max(total[i, weight_at], 1e-12)
+        weight = max(new[i, weight_at] - old[i, weight_at], 1e-12)
         size[i] = sum_near / weight
-        by_model = by_errors(total[i], solution, std, work[0]) / (weight * scale[i]) ** 2
+        by_model = by_errors(old[i], new[i], min(i, 1), solution, std) / (weight * scale[i]) ** 2
         before = 0.0
         for c in range(10):
             before += inverse[i, c] ** 2
@@ -153,16 +164,7 @@ def reduce(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> 
             row, out = rows[n, i], reduced[n, i]
             for c in range(11):
                 out[c] = row[c]
-            s0 = s1 = s2 = s3 = 0.0
-            whole = k - k % 4
-            for e in range(0, whole, 4):
-                s0 += row[11 + e] * errors[e]
-                s1 += row[12 + e] * errors[e + 1]
-                s2 += row[13 + e] * errors[e + 2]
-                s3 += row[14 + e] * errors[e + 3]
-            for e in range(whole, k):
-                s0 += row[11 + e] * errors[e]
-            out[10] -= (s0 + s1) + (s2 + s3)
+            out[10] -= product(row[11:], errors)
             out[11] = row[11 + k]
 
 
@@ -232,7 +234,7 @@ def largest(
     """
     best, first_long = -1.0, int(limits[2])
     size, variance, mean, long_mean = np.empty(4), np.empty(4), np.empty(10), np.empty(10)
-    work = np.empty((2, max(len(std), windows[-1])))
+    work = np.empty((2, windows[-1]))
     mean_of(solution, errors, mean)
     mean_of(long_solution, errors, long_mean)
     out[:] = 0.0
@@ -247,10 +249,10 @@ def largest(
             if w >= long:
                 continue
             m, inv, sol = long_mean, long_inverse, long_solution
-        total = sums[end] - sums[end - n]
         since(
             reduced[end - n : end],
-            total,
+            sums[end - n],
+            sums[end],
             n,
             m,
             inv,
@@ -310,7 +312,7 @@ def spreads(
         mean, solution: of the estimate. std: of model errors. scale: (4,). outlier: Huber's limit.
         scatter: (4,), written. square, expected: (windows, 4), written; counts: (windows,), of averages.
     """
-    singles, running, work = np.empty((n, 4)), np.zeros((n + 1, 4, 2)), np.empty(max(n, len(std)))
+    singles, running, work = np.empty((n, 4)), np.zeros((n + 1, 4, 2)), np.empty(n)
     for i in range(4):
         for k in range(n):
             singles[k, i] = single(reduced[begin + k], i, mean, scale)
@@ -322,7 +324,7 @@ def spreads(
             running[k + 1, i, 0] = running[k, i, 0] + min(max(singles[k, i], -near), near) * weight
             running[k + 1, i, 1] = running[k, i, 1] + weight
     weight_at = sums.shape[2] - 1
-    squares, variances, total = np.empty((4, n)), np.empty((4, n)), np.empty(weight_at + 1)
+    squares, variances = np.empty((4, n)), np.empty((4, n))
     for w in range(len(windows)):
         m, count = windows[w], 0
         for first in range(0, n - m, max(m // 2, 1)):
@@ -331,10 +333,8 @@ def spreads(
                 weight = max(running[first + m, i, 1] - running[first, i, 1], 1e-12)
                 squares[i, count] = (near_sum / weight) ** 2
                 before, after = sums[begin + first, i], sums[begin + first + m, i]
-                for c in range(weight_at + 1):
-                    total[c] = after[c] - before[c]
-                weight = max(total[weight_at], 1e-12) * scale[i]
-                variances[i, count] = by_errors(total, solution, std, work) / weight**2
+                weight = max(after[weight_at] - before[weight_at], 1e-12) * scale[i]
+                variances[i, count] = by_errors(before, after, min(i, 1), solution, std) / weight**2
             count += 1
         counts[w] = count
         if count == 0:
