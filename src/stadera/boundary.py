@@ -5,8 +5,6 @@ ArrowException, RecursionError, MemoryError. Readers call other libraries inside
 to handle one class of errors only.
 """
 
-from __future__ import annotations
-
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager

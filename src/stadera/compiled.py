@@ -14,8 +14,6 @@ process alone where neither can be. Since numba compares the time of the kernel'
 a compiled function of another file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Physical constants, each defined once."""
 
-from __future__ import annotations
-
 GRAVITY = 9.81
 """Magnitude of gravity [m/s²], as in the published experiments; within 0.3 % everywhere on Earth."""
 

@@ -1,7 +1,5 @@
 """Exceptions raised by stadera. Messages name the faulty value and list the valid choices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 from math import isfinite

@@ -1,7 +1,5 @@
 """Atomic writing of output files: a command's files all appear complete, or none does. Inputs are never overwritten."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import stat

@@ -1,7 +1,5 @@
 """Parses names of joints and links: which leg they belong to, and which of the leg's three joints they are."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from itertools import pairwise

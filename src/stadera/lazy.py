@@ -3,8 +3,6 @@
 `import stadera` must not import what the caller does not use: MuJoCo, cvxpy and pyarrow take seconds together.
 """
 
-from __future__ import annotations
-
 import inspect
 import sys
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Type aliases used throughout the package."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -9,8 +9,6 @@ Undetectable on a robot that stands still: swapped left and right or front and h
 vertical. They look right until the trunk tilts or the load shifts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

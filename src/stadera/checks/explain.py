@@ -5,8 +5,6 @@ small share, in motion by more than chance. Of several, the one of least cost is
 are named with it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import chain
 

@@ -1,7 +1,5 @@
 """A fault found in a log, with its evidence and remedy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from stadera.logs.mend import Mend

@@ -4,8 +4,6 @@ Units and signs are checked for any motion. Checks that need a robot on its feet
 (`stadera.weigh.reading`), because a log may start before the robot stands up, or end in a fall.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

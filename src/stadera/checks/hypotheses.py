@@ -1,7 +1,5 @@
 """Fault hypotheses: common mistakes in logs whose sensors contradict each other, each with the way to undo it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product

@@ -10,8 +10,6 @@
   So the right gyro is the one that leaves least of this: as recorded, rotated about the vertical, reversed, or zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations
 

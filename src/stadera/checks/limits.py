@@ -1,7 +1,5 @@
 """Limits of the consistency checks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from math import radians
 

@@ -1,7 +1,5 @@
 """Faults in part of a log: finds them by all checks over windows, and decides what to do about each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from stadera.checks.leg_windows import leg_faults

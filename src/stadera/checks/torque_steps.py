@@ -11,8 +11,6 @@ it begins to move, friction lets go of all joints, which looks like a step. A pu
 nearly constant force and moment, which an offset imitates: the two look alike.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

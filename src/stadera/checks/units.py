@@ -1,7 +1,5 @@
 """Checks the units of a log's values, by joint limits, gravity and slopes of the positions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

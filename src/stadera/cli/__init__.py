@@ -4,8 +4,6 @@ Exit codes: 0 done; 1 a user's error or a result that cannot be trusted, in one 
 is a bug: one line says how to report it, and `--debug` (or STADERA_DEBUG=1) shows the traceback.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

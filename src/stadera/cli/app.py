@@ -3,8 +3,6 @@
 Command modules import their dependencies inside functions, so that help and usage errors appear immediately.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -1,7 +1,5 @@
 """`stadera demo`: a load is added to a walking robot, with and without identification."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`stadera excite`: the most informative motion of one leg, as a table for a controller."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

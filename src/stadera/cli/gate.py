@@ -1,7 +1,5 @@
 """Guards a command's outputs: none may overwrite an input, and each is reported at the end."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`stadera inspect`: shows the content of a robot model or a log."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Parses option values. Malformed values are bad usage (exit 2); unknown names are left to the callee."""
 
-from __future__ import annotations
-
 from math import isfinite
 from pathlib import Path
 from typing import Literal

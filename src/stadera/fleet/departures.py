@@ -21,8 +21,6 @@ the number of looks of its kind in the fleet (weighted Bonferroni). So the proba
 fleet is at most `chance`, and much less if the bars hold, because stretches overlap.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil

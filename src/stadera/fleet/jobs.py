@@ -1,7 +1,5 @@
 """Jobs of a fleet, one for each log: from paths, URLs and globs, or from a manifest."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping

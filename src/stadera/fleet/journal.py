@@ -1,7 +1,5 @@
 """Journal of finished logs, one JSON line each, from which an interrupted run resumes."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

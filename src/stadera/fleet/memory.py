@@ -4,8 +4,6 @@ Three things keep it otherwise: objects in reference cycles, until the collector
 many logs later; glibc, whose arenas keep freed pages between those in use; and Arrow's own pool.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import sys

@@ -1,7 +1,5 @@
 """Merges the legs of each robot of a fleet from all of its logs, using the table only: no log is read again."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

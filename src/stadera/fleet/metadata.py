@@ -4,8 +4,6 @@ A Parquet table has it under the key "robot" of its metadata; a rosbag2 folder i
 bag record --custom-data robot=go2`.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -5,8 +5,6 @@ and on interruption; then the journal is deleted. A log is finished if its conte
 the package's version equal those of its row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from os import PathLike

@@ -1,7 +1,5 @@
 """Converts a fleet's table to series: each robot's quantities over its logs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime

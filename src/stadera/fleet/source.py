@@ -3,8 +3,6 @@
 A log is a file, or a folder that is a bag. A log at a URL is fetched into a temporary folder and deleted after use.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ failed. `changes` is the number of detected changes of the load. The file's meta
 which a later run recognises finished logs.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

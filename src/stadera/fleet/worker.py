@@ -1,7 +1,5 @@
 """Preloaded by every local worker (Dask's `preload`)."""
 
-from __future__ import annotations
-
 import signal
 
 

@@ -32,8 +32,6 @@ amplifies only noise that the filter removes. Filtering the signals first is not
 posture.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

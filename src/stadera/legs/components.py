@@ -4,8 +4,6 @@ Joint axes, offsets and gravity are constant, and mostly zeros and ones. Plain n
 array, which halves the cost of making rows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stadera.types import Array

@@ -17,8 +17,6 @@ where a_i is the specific force at its joint, o. With its first moment h and ine
     F = m a_i + α_i x h + ω_i x (ω_i x h),    M = h x a_i + I α_i + ω_i x I ω_i + o x F
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

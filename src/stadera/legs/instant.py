@@ -14,8 +14,6 @@ A point r fixed to a leg's last link has, for each joint j of that leg, the velo
 unit rate, where v_j is that of the link's point at the trunk's origin.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Keeps the clock of a robot's stamps continuous when it is set or restarts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from stadera.live.settings import LiveSettings

@@ -5,8 +5,6 @@ says what is wrong and which option corrects it, and each further stretch is che
 when the session begins.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ The first messages determine which topic, publishers and columns are read, as fo
 This is repeated when a clock was set, the rate changed, or a publisher names other joints than before.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

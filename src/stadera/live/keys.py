@@ -17,8 +17,6 @@ the type is in the token, with slashes written as §::
 Both carry the message as CDR with its header of four bytes.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import NamedTuple
 

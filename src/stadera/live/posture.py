@@ -5,8 +5,6 @@ the heading comes from the gyro alone. The robot's position is not measured: the
 trunk that does not translate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

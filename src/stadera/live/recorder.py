@@ -1,7 +1,5 @@
 """Records received and sent messages as an MCAP file that every command of this package reads."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

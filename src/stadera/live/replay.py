@@ -1,7 +1,5 @@
 """Replays a log as if the robot were running now."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Runs a session from start to end: source of messages, receivers of states, clean shutdown."""
 
-from __future__ import annotations
-
 import gc
 import threading
 from collections.abc import Callable, Sequence

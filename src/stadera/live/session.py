@@ -1,7 +1,5 @@
 """Weighs one running robot: messages or samples in, its state out. Does not wait, send or draw."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Settings for receiving a running robot's messages."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 
 from stadera.errors import require_positive

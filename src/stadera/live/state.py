@@ -1,7 +1,5 @@
 """State of a running robot at one instant, with statistics of its messages."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite

@@ -1,7 +1,5 @@
 """Topics of a running robot: statistics of each, and the choice of those to read."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Worker thread that processes messages and requests in order of arrival."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

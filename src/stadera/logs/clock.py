@@ -1,7 +1,5 @@
 """Corrects the time of a log's rows: skips the few that repeat, and splits the log where the clock was set back."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

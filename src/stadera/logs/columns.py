@@ -1,7 +1,5 @@
 """Assigns a log's columns to the flat table's, by name. No file access."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

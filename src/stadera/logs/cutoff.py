@@ -1,7 +1,5 @@
 """Suggests the cut-off of the low-pass filter from the motion's spectrum."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

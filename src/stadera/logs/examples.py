@@ -1,7 +1,5 @@
 """Real logs included in the package, by name; `logs/data/README.md` states their sources and licences."""
 
-from __future__ import annotations
-
 from importlib import resources
 from pathlib import Path
 

@@ -12,8 +12,6 @@ with d1 and d2 the 9-point central differences. An equation that is linear in th
 holds for the filtered ones.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

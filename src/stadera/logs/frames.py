@@ -3,8 +3,6 @@
 None of these libraries is imported: a data frame is any object that provides columns by name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

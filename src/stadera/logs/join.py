@@ -1,7 +1,5 @@
 """Cuts and concatenates recordings in time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

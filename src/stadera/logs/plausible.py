@@ -1,7 +1,5 @@
 """Largest plausible values for a walking robot: far above any sensor's range, far below overflow."""
 
-from __future__ import annotations
-
 LARGEST: dict[str, float] = {
     "position": 1e5,
     "velocity": 1e4,

@@ -5,8 +5,6 @@ with all joints at rest are removed (their friction is undetermined). Reading in
 the whole log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain

@@ -3,8 +3,6 @@
 A new file format is one module with a reader and one line in READERS.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice

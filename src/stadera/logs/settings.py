@@ -1,7 +1,5 @@
 """Settings and report of preprocessing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

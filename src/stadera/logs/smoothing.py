@@ -6,8 +6,6 @@ sign(dq)), which strong filtering of the signals would distort. After thinning t
 neighbouring rows is nearly independent, as least squares assumes, and there are fewer rows to add.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Summarises a log: columns, duration, rate, gaps and ranges, in one pass with memory independent of its length."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain

@@ -1,7 +1,5 @@
 """Computes joint velocities for a log that records positions only."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

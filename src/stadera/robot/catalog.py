@@ -1,7 +1,5 @@
 """Catalogue of the robots known by name and their model files; finding one imports nothing heavy."""
 
-from __future__ import annotations
-
 import importlib.util
 from dataclasses import dataclass
 from importlib import metadata, resources

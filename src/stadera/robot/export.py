@@ -6,8 +6,6 @@ inertial, which is subtracted from the sum. Links and joints with unchanged valu
 stay as they are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

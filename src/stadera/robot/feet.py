@@ -1,7 +1,5 @@
 """Finds the point foot of a leg on its last link."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Which robot a log is of, by the names of its joints."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 from stadera.errors import RecordingError, StaderaError

@@ -6,8 +6,6 @@ Joint i turns its link by q_i about its unit axis a_i, so with its fixed pose (R
     exp([a]x q) = 1 + sin q [a]x + (1 - cos q) [a]x²                       (Rodrigues)
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

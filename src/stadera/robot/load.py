@@ -1,7 +1,5 @@
 """Loads a robot by name from the catalogue, or from a URDF or MJCF file."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Collection
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Output of the model readers: one file as a Pinocchio model, with the data that Pinocchio does not keep."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

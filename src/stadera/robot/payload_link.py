@@ -1,7 +1,5 @@
 """Payload to be written to a model file: a link fixed to the trunk, with its frame in the payload's centre of mass."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

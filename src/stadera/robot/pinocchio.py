@@ -1,7 +1,5 @@
 """Converts a robot to a Pinocchio model, with the robot's inertias and joint dynamics instead of the file's."""
 
-from __future__ import annotations
-
 from dataclasses import astuple
 from typing import Any
 

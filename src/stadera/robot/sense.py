@@ -1,7 +1,5 @@
 """Plausibility checks on a model's numbers: wrong units, joint limits without range, bodies without inertia."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

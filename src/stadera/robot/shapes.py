@@ -1,7 +1,5 @@
 """Fits simple shapes to links whose model file has meshes only, from kinematics."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

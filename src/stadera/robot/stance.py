@@ -1,7 +1,5 @@
 """Nominal stance of any quadruped: feet under the hips, legs slightly bent."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Expands a xacro file to its URDF, with the package xacro (the extra of that name)."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from contextlib import redirect_stderr
 from io import StringIO

@@ -1,7 +1,5 @@
 """XML documents that keep their comments, for the writers of both formats."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from xml.dom import minidom

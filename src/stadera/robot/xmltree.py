@@ -1,7 +1,5 @@
 """Reads XML of robot models within limits: elements, nesting depth, and no entities, which can expand without bound."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from pathlib import Path

@@ -10,8 +10,6 @@ its own is rarely there, and never negative. A common factor of all torques is a
 Steps break this: the foot's place and load vary, and a wrong torque leaves a residual.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 

@@ -4,8 +4,6 @@ The first pass finds the times at rest, the mass in each by eq. 7, and the chang
 method for the centre of mass as if online, restarted after each change, and collects the poses of tare and load.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import degrees, isnan, sqrt

@@ -6,8 +6,6 @@ the two poses); `WeighSettings` has both limits. If two successive blocks deviat
 the first of them. A single deviating block is discarded as a disturbance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -4,8 +4,6 @@ Where a log has their positions they move as recorded, and the trunk's values ar
 log's beginning. Where it lacks them they are held at the model's zero.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from stadera.errors import RecordingError

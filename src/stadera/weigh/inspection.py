@@ -1,7 +1,5 @@
 """Inspection of a log for weighing: its faults, and whether `weigh` accepts it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from stadera.checks import Finding, Guard

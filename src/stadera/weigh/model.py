@@ -4,8 +4,6 @@ With a tare the payload is subtracted from the trunk, so the total is the same. 
 the model's values, and a note in the file lists them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ stretch, only that stretch is used: a robot that lies or hangs before it stands 
 the model of a robot on its feet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

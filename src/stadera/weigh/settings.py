@@ -1,7 +1,5 @@
 """Settings of weighing, and the validated request for one weighing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING

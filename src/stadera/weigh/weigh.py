@@ -1,7 +1,5 @@
 """Weighs a robot from a log: chooses the estimator, runs it, and refuses a result that cannot be trusted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from os import PathLike
 

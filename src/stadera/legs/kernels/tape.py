@@ -1,7 +1,5 @@
 """Runs a recorded sequence of arithmetic, compiled: `stadera.legs.tape`, whose docstring says what a tape is."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

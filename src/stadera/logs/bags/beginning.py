@@ -1,7 +1,5 @@
 """Determines from the beginning of a bag which topics are read and which publisher provides which columns."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

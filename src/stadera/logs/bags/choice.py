@@ -1,7 +1,5 @@
 """Chooses the topics of a bag: by type, by the requested joints and by namespace; else the user must choose."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice

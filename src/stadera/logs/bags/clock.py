@@ -5,8 +5,6 @@ recorder's clock from the sender's. Queues only add to a delay. So a delay below
 back by more than messages overtake each other, indicates a step of a clock.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Merges messages of joints and an IMU into rows at the joints' stamps, from a bag or a running robot."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

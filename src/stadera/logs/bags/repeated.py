@@ -5,8 +5,6 @@ joints) is the same in successive messages of a publisher, so the numbers keep t
 bytes after the four of the encapsulation. Other messages are passed to a decoder that reads every field.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Values of decoded messages."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings for reading a bag's messages as one log."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from stadera.errors import require_positive

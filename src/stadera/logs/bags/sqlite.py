@@ -1,7 +1,5 @@
 """Reads rosbag2's sqlite3 files."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing, suppress

@@ -9,8 +9,6 @@ Known layouts, at the top of a message or in one of its parts:
 - named numbers: pal_statistics_msgs/Statistics, "state_interface.<joint>/<interface>" of ros2_control.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Unpacks compressed parts of bags within a budget: four megabytes of zeros can take a hundred bytes."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from typing import Protocol
 

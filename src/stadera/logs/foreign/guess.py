@@ -1,7 +1,5 @@
 """Suggests assignments for unrecognised columns, for errors and templates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -12,8 +12,6 @@ A pattern is a column's name with placeholders:
 Matching ignores case.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Writes a template for a map of a log's columns, filled in as far as the columns are recognised."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Translates a log's columns to those of the flat table, by a given map or by the presets' patterns."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@ names for position, velocity, acceleration, effort and their desired values; x, 
 foot's force; else they are numbered, name[0] to name[k-1]. Pickled objects are never read.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import zipfile

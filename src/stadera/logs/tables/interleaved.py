@@ -1,7 +1,5 @@
 """Tables with separate rows for joints and IMU, as PlotJuggler writes topics with different stamps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import chain
 

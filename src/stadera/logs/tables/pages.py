@@ -5,8 +5,6 @@ is a byte, the difference to the last field's number above its type; integers ar
 and not by pyarrow, which ends the process if the statistics of a column contradict its type.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO

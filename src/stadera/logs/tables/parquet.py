@@ -1,7 +1,5 @@
 """The flat table as Parquet."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files that are not read, with advice: pickles, which can run any code, unnamed arrays, archives."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Converts rows of a table to recordings: computes or converts stamps, merges rows with different stamps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain

@@ -4,8 +4,6 @@ On a damaged file SciPy's reader can crash its process, and allocates as much me
 process with limits, which imports nothing of this package.
 """
 
-from __future__ import annotations
-
 import sys
 from contextlib import suppress
 from pathlib import Path

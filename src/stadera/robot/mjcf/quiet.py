@@ -1,7 +1,5 @@
 """Keeps MuJoCo's warnings out of the working folder, where by default they are appended to MUJOCO_LOG.TXT."""
 
-from __future__ import annotations
-
 
 def keep_quiet() -> None:
     """Discards MuJoCo's warnings, unless this process has its own handler.

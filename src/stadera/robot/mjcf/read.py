@@ -4,8 +4,6 @@ MuJoCo's compiler defines MJCF (defaults, includes, frames, angles, actuators). 
 ranges and, with a joint anchor off the body's origin, misplaces fixed child bodies.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path

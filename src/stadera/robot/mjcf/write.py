@@ -1,7 +1,5 @@
 """Writes inertial parameters, joint dynamics and a payload into the XML of an MJCF."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

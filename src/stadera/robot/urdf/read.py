@@ -4,8 +4,6 @@ urdfdom ignores an inertial that it cannot parse (ixx="0,05"). So every number t
 Pinocchio's inertia of each moving link is compared with the sum over the links fixed to it.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Writes inertial parameters, joint friction and a payload into the XML of a URDF."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from xml.dom import minidom
