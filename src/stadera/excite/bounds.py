@@ -21,21 +21,13 @@ _WHOLE_TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins between an excitation and the leg's limits.
+    """Margins between an excitation and the leg's limits."""
 
-    Attributes:
-        position: distance from each joint limit [rad].
-        reach: largest distance of a joint from the rest pose [rad].
-        velocity: share of the joint's velocity limit that may be used.
-        effort: share of the joint's effort limit that may be used by the torque predicted by the prior model.
-        distance: least distance between the leg and all other bodies [m].
-    """
-
-    position: float = 0.05
-    reach: float = 1.0
-    velocity: float = 0.7
-    effort: float = 0.7
-    distance: float = 0.01
+    position: float = 0.05  # distance from each joint limit [rad]
+    reach: float = 1.0  # largest distance of a joint from the rest pose [rad]
+    velocity: float = 0.7  # share of the joint's velocity limit that may be used
+    effort: float = 0.7  # share of the joint's effort limit that may be used by the torque predicted by the prior model
+    distance: float = 0.01  # least distance between the leg and all other bodies [m]
 
     def __post_init__(self) -> None:
         if not (self.position >= 0 and self.distance >= 0 and self.reach > 0):
@@ -46,25 +38,17 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class LegBounds:
-    """Bounds on one leg's three joints with the trunk held level; margins are already subtracted.
-
-    Attributes:
-        robot, leg: the robot, and the name of its leg.
-        rest: (3,) [rad], the pose at the start and the end.
-        lower, upper: (3,) [rad]; always include the rest pose.
-        velocity: (3,) [rad/s], infinite if the model states none.
-        effort: (3,) [N·m], infinite if the model states none.
-        clearance: from trunk, other legs, the leg itself and the ground.
-    """
+    """Bounds on one leg's three joints with the trunk held level; margins are already subtracted."""
 
     robot: Robot
     leg: str
-    rest: Array
+    rest: Array  # (3,) [rad], the pose at the start and the end
+    # lower, upper: (3,) [rad]; always include the rest pose
     lower: Array
     upper: Array
-    velocity: Array
-    effort: Array
-    clearance: Clearance
+    velocity: Array  # (3,) [rad/s], infinite if the model states none
+    effort: Array  # (3,) [N·m], infinite if the model states none
+    clearance: Clearance  # from trunk, other legs, the leg itself and the ground
 
     @classmethod
     def of(

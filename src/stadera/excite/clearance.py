@@ -37,27 +37,16 @@ class _Pair:
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Bodies that one leg could collide with.
+    """Bodies that one leg could collide with."""
 
-    Attributes:
-        tree: of the leg.
-        moving: shapes on the leg's links, foot included.
-        still: shapes of trunk and other legs, with poses in the trunk frame.
-        pairs: shapes whose distance is checked, excluding those of one link or of neighbouring links.
-        ground: height of the ground in the trunk frame [m], None for no ground.
-        margin: distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest.
-        notes: pairs whose shapes touch at rest, and which are therefore not checked.
-        far: distance beyond which a bound from enclosing spheres is used [m].
-    """
-
-    tree: Tree
-    moving: tuple[Shape, ...]
-    still: tuple[Shape, ...]
-    pairs: tuple[_Pair, ...]
-    ground: float | None
-    margin: float
-    notes: tuple[str, ...] = ()
-    far: float = 0.1
+    tree: Tree  # of the leg
+    moving: tuple[Shape, ...]  # shapes on the leg's links, foot included
+    still: tuple[Shape, ...]  # shapes of trunk and other legs, with poses in the trunk frame
+    pairs: tuple[_Pair, ...]  # shapes whose distance is checked, excluding those of one link or of neighbouring links
+    ground: float | None  # height of the ground in the trunk frame [m], None for no ground
+    margin: float  # distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest
+    notes: tuple[str, ...] = ()  # pairs whose shapes touch at rest, and which are therefore not checked
+    far: float = 0.1  # distance beyond which a bound from enclosing spheres is used [m]
 
     @classmethod
     def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
@@ -168,16 +157,12 @@ class _Measure:
 
 @dataclass(frozen=True, eq=False)
 class ClearanceMap:
-    """Clearance tabulated over a box of poses and interpolated linearly: fast but approximate.
+    """Clearance tabulated over a box of poses and interpolated linearly: fast but approximate."""
 
-    Attributes:
-        lower, step: (3,) [rad], of the grid.
-        values: (points, points, points) [m].
-    """
-
+    # lower, step: (3,) [rad], of the grid
     lower: Array
     step: Array
-    values: Array
+    values: Array  # (points, points, points) [m]
 
     @classmethod
     def of(cls, clearance: Clearance, lower: Array, upper: Array, points: int = 15) -> ClearanceMap:

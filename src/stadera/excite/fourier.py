@@ -25,20 +25,13 @@ class FourierSeries:
     """Motions of a leg parametrised by x (3 (2K + 1),): o, then a, then b, each joint by joint.
 
     x is in units of half the width of the position bounds, with o measured from their middle: |o| ≤ 1 is within them.
-
-    Attributes:
-        bounds: of the leg.
-        harmonics: K.
-        period: 1/f [s].
-        duration: from rest to rest [s].
-        longest_fade: longest fade at each end [s]; a third of a short motion.
     """
 
-    bounds: LegBounds
-    harmonics: int
-    period: float
-    duration: float
-    longest_fade: float = 2.0
+    bounds: LegBounds  # of the leg
+    harmonics: int  # K
+    period: float  # 1/f [s]
+    duration: float  # from rest to rest [s]
+    longest_fade: float = 2.0  # longest fade at each end [s]; a third of a short motion
 
     @property
     def unknowns(self) -> int:

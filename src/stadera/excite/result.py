@@ -23,21 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Appraisal:
-    """Expected information from one motion.
-
-    Attributes:
-        motion: the motion.
-        gain: information gain [nat].
-        rank: number of directions that would be known better than from the prior, joint terms included.
-        rigid_rank: the same for the links' parameters alone, with the joint terms known.
-        std: (combinations,), standard deviation of each identifiable combination as a share of its prior one.
-    """
+    """Expected information from one motion."""
 
     motion: Sinusoids
-    gain: float
-    rank: int
-    rigid_rank: int
-    std: Array
+    gain: float  # information gain [nat]
+    rank: int  # number of directions that would be known better than from the prior, joint terms included
+    rigid_rank: int  # the same for the links' parameters alone, with the joint terms known
+    std: Array  # (combinations,), standard deviation of each identifiable combination as a share of its prior one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -199,19 +191,12 @@ def _finite(value: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
-    """Extremes of a motion, (3,) each.
+    """Extremes of a motion, (3,) each."""
 
-    Attributes:
-        lower, upper: position [rad].
-        velocity: magnitude [rad/s].
-        acceleration: magnitude [rad/s²].
-        torque: magnitude, predicted by the prior model [N·m].
-        distance: least distance to trunk, other legs, itself and the ground [m]; above 0.1 m a lower bound of it.
-    """
-
+    # lower, upper: position [rad]
     lower: Array
     upper: Array
-    velocity: Array
-    acceleration: Array
-    torque: Array
-    distance: float
+    velocity: Array  # magnitude [rad/s]
+    acceleration: Array  # magnitude [rad/s²]
+    torque: Array  # magnitude, predicted by the prior model [N·m]
+    distance: float  # least distance to trunk, other legs, itself and the ground [m]; above 0.1 m a lower bound of it

@@ -30,17 +30,11 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A motion for a controller to track, evenly sampled.
+    """A motion for a controller to track, evenly sampled."""
 
-    Attributes:
-        joints: names of the n joints.
-        time: (samples,) [s], from zero.
-        motion: position [rad], velocity [rad/s] and acceleration [rad/s²], (samples, n) each.
-    """
-
-    joints: tuple[str, ...]
-    time: Array
-    motion: JointMotion
+    joints: tuple[str, ...]  # names of the n joints
+    time: Array  # (samples,) [s], from zero
+    motion: JointMotion  # position [rad], velocity [rad/s] and acceleration [rad/s²], (samples, n) each
 
     def __post_init__(self) -> None:
         shape = (len(self.time), len(self.joints))
@@ -70,29 +64,19 @@ class Reference:
 class Sinusoids:
     """Segments of sinusoids about shifted origins; see the module's equations.
 
-    Attributes:
-        joints: names of the n joints.
-        rest: (n,) [rad], the pose at the start and the end.
-        origins: (segments, n) [rad].
-        amplitudes: (segments, n, harmonics) [rad].
-        frequencies: likewise [Hz].
-        phases: likewise [rad].
-        starts: (segments + 1,) [s], increasing: start of each segment's fade-in, and of the final fade-out.
-        fade: h [s], no longer than any segment.
-
     Raises:
         IdentificationError: inconsistent shapes, values that are not finite, times that do not increase, or segments
             shorter than the fade.
     """
 
-    joints: tuple[str, ...]
-    rest: Array
-    origins: Array
-    amplitudes: Array
-    frequencies: Array
-    phases: Array
-    starts: Array
-    fade: float
+    joints: tuple[str, ...]  # names of the n joints
+    rest: Array  # (n,) [rad], the pose at the start and the end
+    origins: Array  # (segments, n) [rad]
+    amplitudes: Array  # (segments, n, harmonics) [rad]
+    frequencies: Array  # likewise [Hz]
+    phases: Array  # likewise [rad]
+    starts: Array  # (segments + 1,) [s], increasing: start of each segment's fade-in, and of the final fade-out
+    fade: float  # h [s], no longer than any segment
 
     def __post_init__(self) -> None:
         n, segments = len(self.joints), len(self.origins)

@@ -31,18 +31,12 @@ _POSES = 500
 
 @dataclass(frozen=True, eq=False)
 class LegExperiment:
-    """A leg on a held trunk and its sensors.
+    """A leg on a held trunk and its sensors."""
 
-    Attributes:
-        bounds: of the leg.
-        noise: (3,) [N·m], standard deviation of one torque sample, independent from sample to sample.
-        rate: sampling rate of the log [Hz].
-        friction: joint-side terms identified together with the rigid bodies.
-    """
-
-    bounds: LegBounds
-    noise: Array
-    rate: float = 1000.0
+    bounds: LegBounds  # of the leg
+    noise: Array  # (3,) [N·m], standard deviation of one torque sample, independent from sample to sample
+    rate: float = 1000.0  # sampling rate of the log [Hz]
+    # joint-side terms identified together with the rigid bodies
     friction: FrictionModel = field(default_factory=FrictionModel.full)
 
     def __post_init__(self) -> None:

@@ -88,19 +88,12 @@ _PENDING = 8  # informations kept before they are merged
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """Information of the training part on one leg.
+    """Information of the training part on one leg."""
 
-    Attributes:
-        by_joint: information of each joint's rows, in N·m, on the regressor's columns.
-        noise: by joint, standard deviation of the torque residual [N·m].
-        correlation: by joint, number of samples that count as one independent sample.
-        friction_only: the joint terms fitted with the rigid bodies at CAD.
-    """
-
-    by_joint: tuple[Information, ...]
-    noise: Mapping[str, float]
-    correlation: Mapping[str, float]
-    friction_only: Mapping[str, float]
+    by_joint: tuple[Information, ...]  # information of each joint's rows, in N·m, on the regressor's columns
+    noise: Mapping[str, float]  # by joint, standard deviation of the torque residual [N·m]
+    correlation: Mapping[str, float]  # by joint, number of samples that count as one independent sample
+    friction_only: Mapping[str, float]  # the joint terms fitted with the rigid bodies at CAD
 
     def whitened(self, fixed: Mapping[str, float]) -> Information:
         """All joints' rows in units of their noise, for the parameters that are not fixed (eq. 6), weighted by the

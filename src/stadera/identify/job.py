@@ -27,21 +27,13 @@ from stadera.types import Progress
 
 @dataclass(frozen=True, eq=False)
 class LegTask:
-    """One leg to identify.
+    """One leg to identify."""
 
-    Attributes:
-        leg: names of the leg, its links and joints.
-        regressor: of its torques, with all joint terms.
-        nominal: the model's values of all parameters.
-        fixed: parameters that are not identified, at the model's values.
-        prior: of the parameters that are identified.
-    """
-
-    leg: Leg
-    regressor: JointTorqueRegressor
-    nominal: Mapping[str, float]
-    fixed: Mapping[str, float]
-    prior: Prior
+    leg: Leg  # names of the leg, its links and joints
+    regressor: JointTorqueRegressor  # of its torques, with all joint terms
+    nominal: Mapping[str, float]  # the model's values of all parameters
+    fixed: Mapping[str, float]  # parameters that are not identified, at the model's values
+    prior: Prior  # of the parameters that are identified
 
     @classmethod
     def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:
@@ -63,37 +55,21 @@ class LegTask:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Settings and data determined before the passes over the logs.
+    """Settings and data determined before the passes over the logs."""
 
-    Attributes:
-        robot: the prior model.
-        tasks: one for each leg: the requested ones first, then others that inform on the drives.
-        wanted: number of requested legs.
-        settings: as requested.
-        preprocessing: of the signals; keeps samples at rest.
-        rows_cutoff: cut-off of the filter over the rows [Hz]; None for no filter.
-        drop_below: rows in which all joints of a leg are slower than this are skipped [rad/s].
-        vertical: of the held trunk.
-        torque_noise: by joint, white noise of the torque in the band of the rows [N·m].
-        torque_rms: by joint, root mean square of the torque [N·m].
-        notes: remarks, one sentence each.
-        doubts: reasons found in the logs why the result is doubtful at best.
-        progress: see `Progress`.
-    """
-
-    robot: Robot
-    tasks: tuple[LegTask, ...]
-    wanted: int
-    settings: IdentifySettings
-    preprocessing: Preprocessing
-    rows_cutoff: float | None
-    drop_below: float
-    vertical: TrunkUp
-    torque_noise: Mapping[str, float]
-    torque_rms: Mapping[str, float]
-    notes: tuple[str, ...]
-    doubts: tuple[str, ...]
-    progress: Progress
+    robot: Robot  # the prior model
+    tasks: tuple[LegTask, ...]  # one for each leg: the requested ones first, then others that inform on the drives
+    wanted: int  # number of requested legs
+    settings: IdentifySettings  # as requested
+    preprocessing: Preprocessing  # of the signals; keeps samples at rest
+    rows_cutoff: float | None  # cut-off of the filter over the rows [Hz]; None for no filter
+    drop_below: float  # rows in which all joints of a leg are slower than this are skipped [rad/s]
+    vertical: TrunkUp  # of the held trunk
+    torque_noise: Mapping[str, float]  # by joint, white noise of the torque in the band of the rows [N·m]
+    torque_rms: Mapping[str, float]  # by joint, root mean square of the torque [N·m]
+    notes: tuple[str, ...]  # remarks, one sentence each
+    doubts: tuple[str, ...]  # reasons found in the logs why the result is doubtful at best
+    progress: Progress  # see `Progress`
 
     @property
     def joints(self) -> tuple[str, ...]:

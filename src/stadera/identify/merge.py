@@ -46,19 +46,13 @@ _DAILY = "offset"
 
 @dataclass(frozen=True, eq=False)
 class MergedLegs:
-    """Legs of one robot, merged from all of its logs.
+    """Legs of one robot, merged from all of its logs."""
 
-    Attributes:
-        robot: the prior model.
-        logs: names, in order.
-        legs: one entry each; without offsets, residuals and traces, which belong to a single log.
-        trust: the misfit is Δ divided by its expectation, 1 if one robot explains all logs.
-    """
-
-    robot: Robot
-    logs: tuple[str, ...]
+    robot: Robot  # the prior model
+    logs: tuple[str, ...]  # names, in order
+    # one entry each; without offsets, residuals and traces, which belong to a single log
     legs: tuple[LegIdentification, ...]
-    trust: Trust
+    trust: Trust  # the misfit is Δ divided by its expectation, 1 if one robot explains all logs
 
     def identified_robot(self) -> Robot:
         """The robot with the merged parameters of links and joints."""

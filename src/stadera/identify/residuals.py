@@ -121,20 +121,13 @@ class LegModels:
 
 @dataclass
 class LegScore:
-    """Residuals of one leg's models on one part.
+    """Residuals of one leg's models on one part."""
 
-    Attributes:
-        joints: names.
-        samples: number of moving samples.
-        squares: by model, sums of squared errors of each joint [N²·m²].
-        saturated: by joint, samples at the torque limit.
-        kept: time, measured and predicted torques of the first minute, chunk by chunk, samples at rest included.
-    """
-
-    joints: tuple[str, ...]
-    samples: int = 0
-    squares: dict[str, Array] = field(default_factory=dict)
-    saturated: dict[str, int] = field(default_factory=dict)
+    joints: tuple[str, ...]  # names
+    samples: int = 0  # number of moving samples
+    squares: dict[str, Array] = field(default_factory=dict)  # by model, sums of squared errors of each joint [N²·m²]
+    saturated: dict[str, int] = field(default_factory=dict)  # by joint, samples at the torque limit
+    # time, measured and predicted torques of the first minute, chunk by chunk, samples at rest included
     kept: list[tuple[Array, Array, dict[str, Array]]] = field(default_factory=list)
 
     @property

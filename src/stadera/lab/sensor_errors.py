@@ -12,16 +12,12 @@ from stadera.errors import ModelError, require_known
 
 @dataclass(frozen=True)
 class Gaussian:
-    """A Gaussian error of every component, drawn once a run or for every sample.
+    """A Gaussian error of every component, drawn once a run or for every sample."""
 
-    Attributes:
-        mean, std: in the unit of the perturbed quantity.
-        drawn: "run" for a constant error, "sample" for a white one.
-    """
-
+    # mean, std: in the unit of the perturbed quantity
     mean: float = 0.0
     std: float = 0.0
-    drawn: Literal["run", "sample"] = "run"
+    drawn: Literal["run", "sample"] = "run"  # "run" for a constant error, "sample" for a white one
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std >= 0):
@@ -36,42 +32,28 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Sizes of the errors, one standard deviation unless stated otherwise. "Constant" ones are drawn once a run.
+    """Sizes of the errors, one standard deviation unless stated otherwise. "Constant" ones are drawn once a run."""
 
-    Attributes:
-        position: white [rad].
-        velocity: white [rad/s].
-        torque, torque_constant: white, constant; as a share of the joint's effort limit.
-        torque_delay: [s], of the measured torques.
-        gyro, gyro_constant: white, constant [rad/s].
-        accelerometer, accelerometer_constant: white, constant [m/s²].
-        orientation_constant: of each component of a rotation vector, in the IMU frame [rad].
-        imu_misalignment: exact angle of the IMU's misalignment, about a random axis [rad].
-        torque_offset: of every joint's torque [N·m] (Table IV).
-        foot_position: of every component of the feet's positions in the trunk frame [m] (Table IV).
-        friction: Coulomb friction in the plant's joints, as a share of the effort limit (exact).
-        friction_known: relative error of the friction in the estimator's model.
-        leg_mass: relative error of the leg links' masses in the estimator's model.
-        leg_com: error of each component of their centres of mass [m].
-    """
-
-    position: float = 0.0
-    velocity: float = 0.0
+    position: float = 0.0  # white [rad]
+    velocity: float = 0.0  # white [rad/s]
+    # torque, torque_constant: white, constant; as a share of the joint's effort limit
     torque: float = 0.0
     torque_constant: float = 0.0
-    torque_delay: float = 0.0
+    torque_delay: float = 0.0  # [s], of the measured torques
+    # gyro, gyro_constant: white, constant [rad/s]
     gyro: float = 0.0
     gyro_constant: float = 0.0
+    # accelerometer, accelerometer_constant: white, constant [m/s²]
     accelerometer: float = 0.0
     accelerometer_constant: float = 0.0
-    orientation_constant: float = 0.0
-    imu_misalignment: float = 0.0
-    torque_offset: Gaussian = Gaussian()
-    foot_position: Gaussian = Gaussian()
-    friction: float = 0.0
-    friction_known: float = 0.0
-    leg_mass: float = 0.0
-    leg_com: float = 0.0
+    orientation_constant: float = 0.0  # of each component of a rotation vector, in the IMU frame [rad]
+    imu_misalignment: float = 0.0  # exact angle of the IMU's misalignment, about a random axis [rad]
+    torque_offset: Gaussian = Gaussian()  # of every joint's torque [N·m] (Table IV)
+    foot_position: Gaussian = Gaussian()  # of every component of the feet's positions in the trunk frame [m] (Table IV)
+    friction: float = 0.0  # Coulomb friction in the plant's joints, as a share of the effort limit (exact)
+    friction_known: float = 0.0  # relative error of the friction in the estimator's model
+    leg_mass: float = 0.0  # relative error of the leg links' masses in the estimator's model
+    leg_com: float = 0.0  # error of each component of their centres of mass [m]
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -29,23 +29,19 @@ _BLOCK = 64  # samples
 
 @dataclass(frozen=True, eq=False)
 class SensorReading:
-    """Sensor values at one instant.
+    """Sensor values at one instant."""
 
-    Attributes:
-        time, joint_position, joint_velocity, effort: as in `Measurement`.
-        angular_velocity, specific_force: (3,) [rad/s], [m/s²], IMU frame.
-        orientation: (4,) quaternion xyzw of the IMU frame in the world.
-        foot_position: (4, 3) [m], centres of the feet in the trunk frame from the robot's own kinematics, if these have
-            a separate error (Table IV); None if they follow from forward kinematics of `joint_position`.
-    """
-
+    # time, joint_position, joint_velocity, effort: as in `Measurement`
     time: float
     joint_position: Array
     joint_velocity: Array
     effort: Array
+    # angular_velocity, specific_force: (3,) [rad/s], [m/s²], IMU frame
     angular_velocity: Array
     specific_force: Array
-    orientation: Array
+    orientation: Array  # (4,) quaternion xyzw of the IMU frame in the world
+    # (4, 3) [m], centres of the feet in the trunk frame from the robot's own kinematics, if these have a separate error
+    # (Table IV); None if they follow from forward kinematics of `joint_position`
     foot_position: Array | None = None
 
 

@@ -11,18 +11,13 @@ from stadera.identify.observability import Identifiability
 
 @dataclass(frozen=True)
 class Mark:
-    """Presentation of an observability verdict: a symbol and a word in addition to the colour.
+    """Presentation of an observability verdict: a symbol and a word in addition to the colour."""
 
-    Attributes:
-        symbol, word: of the verdict.
-        style: for rich, the colour of the paper's Table I.
-        meaning: half a sentence for a legend.
-    """
-
+    # symbol, word: of the verdict
     symbol: str
     word: str
-    style: str
-    meaning: str
+    style: str  # for rich, the colour of the paper's Table I
+    meaning: str  # half a sentence for a legend
 
 
 MARKS: dict[Identifiability, Mark] = {
@@ -38,23 +33,15 @@ MARKS: dict[Identifiability, Mark] = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell of a table.
-
-    Attributes:
-        text: the displayed text.
-        verdict: observability (Table I's colours); None for values that were not identified.
-        strong: whether it is emphasised.
-        good: True for good and False for bad news; None for neither.
-        muted: whether it is de-emphasised, such as a value that was not measured.
-        note: displayed after it, less prominently.
-    """
+    """One cell of a table."""
 
     text: str
+    # observability (Table I's colours); None for values that were not identified
     verdict: Identifiability | None = None
-    strong: bool = False
-    good: bool | None = None
-    muted: bool = False
-    note: str = ""
+    strong: bool = False  # whether it is emphasised
+    good: bool | None = None  # True for good and False for bad news; None for neither
+    muted: bool = False  # whether it is de-emphasised, such as a value that was not measured
+    note: str = ""  # displayed after it, less prominently
 
     @property
     def mark(self) -> Mark | None:
@@ -77,22 +64,17 @@ Row = Sequence[str | Cell]
 class TableData:
     """A table: a head, and rows grouped under headings.
 
-    Attributes:
-        title: of the table.
-        head: one text for each column; the first column contains the rows' names.
-        groups: heading (may be empty) and its rows, each as long as the head.
-        note: how to read it.
-        sides: for each column "l" (left), "r" (right) or "w" (left, wrapping text); empty for names to the left in the
-            first column and values to the right.
-
     Raises:
         StaderaError: a row or `sides` that does not fit the head.
     """
 
     title: str
-    head: tuple[str, ...]
+    head: tuple[str, ...]  # one text for each column; the first column contains the rows' names
+    # heading (may be empty) and its rows, each as long as the head
     groups: tuple[tuple[str, tuple[tuple[Cell, ...], ...]], ...]
-    note: str = ""
+    note: str = ""  # how to read it
+    # for each column "l" (left), "r" (right) or "w" (left, wrapping text); empty for names to the left in the first
+    # column and values to the right
     sides: str = ""
 
     @classmethod

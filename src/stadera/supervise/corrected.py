@@ -22,15 +22,10 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class CorrectedForces:
-    """Contact forces from torques whose constant offsets are known.
+    """Contact forces from torques whose constant offsets are known."""
 
-    Attributes:
-        forces: its noise has the offsets' remaining uncertainty as the constant part.
-        offsets: (12,) [N·m], leg by leg.
-    """
-
-    forces: ContactForceEstimator
-    offsets: Array
+    forces: ContactForceEstimator  # its noise has the offsets' remaining uncertainty as the constant part
+    offsets: Array  # (12,) [N·m], leg by leg
 
     @classmethod
     def of(cls, forces: ContactForceEstimator, offsets: Array, std: Array) -> CorrectedForces:

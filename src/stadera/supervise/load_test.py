@@ -44,22 +44,17 @@ from stadera.types import Array
 class LoadTestSettings:
     """Settings of the test.
 
-    Attributes:
-        false_alarms: accepted, per hour of walking.
-        interval: least time between checks [s].
-        unexplained: σ_u, as a share of the robot's mass.
-        prior: standard deviation of the prior mass, as a share of the robot's mass; a load present from the beginning
-            is detected if it is significantly larger.
-        drift: of a torque offset from one swing of its leg to the next, as a share of the offsets' usual size.
-
     Raises:
         StaderaError: a value is not positive, or there is more than one false alarm in two checks.
     """
 
-    false_alarms: float = 0.1
-    interval: float = 0.1
-    unexplained: float = 0.003
+    false_alarms: float = 0.1  # accepted, per hour of walking
+    interval: float = 0.1  # least time between checks [s]
+    unexplained: float = 0.003  # σ_u, as a share of the robot's mass
+    # standard deviation of the prior mass, as a share of the robot's mass; a load present from the beginning is
+    # detected if it is significantly larger
     prior: float = 0.005
+    # of a torque offset from one swing of its leg to the next, as a share of the offsets' usual size
     drift: float = 0.1
 
     def __post_init__(self) -> None:
@@ -80,20 +75,13 @@ class LoadTestSettings:
 
 @dataclass(frozen=True)
 class LoadCheck:
-    """One check of the mass.
+    """One check of the mass."""
 
-    Attributes:
-        time: [s], of the end of the moment.
-        mass: [kg], of trunk and load, from this moment; expected: from the estimate before.
-        std: [kg], √S of their difference if nothing has changed.
-        threshold: [kg], z √S.
-    """
-
-    time: float
-    mass: float
-    expected: float
-    std: float
-    threshold: float
+    time: float  # [s], of the end of the moment
+    mass: float  # [kg], of trunk and load, from this moment
+    expected: float  # from the estimate before
+    std: float  # [kg], √S of their difference if nothing has changed
+    threshold: float  # [kg], z √S
 
     @property
     def change(self) -> float:

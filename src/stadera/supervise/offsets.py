@@ -29,37 +29,23 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class OffsetSettings:
-    """Settings for measuring torque offsets on a swinging leg.
+    """Settings for measuring torque offsets on a swinging leg."""
 
-    Attributes:
-        left_out: time excluded at both ends of a swing, where the foot may touch the ground [s].
-        shortest: remaining time needed [s].
-        unmodelled: unmodelled part as a share of the offsets' usual size.
-        ends: samples over which velocities at the ends are averaged.
-        velocity: white noise of a joint's velocity [rad/s].
-    """
-
-    left_out: float = 0.05
-    shortest: float = 0.1
-    unmodelled: float = 0.25
-    ends: int = 3
-    velocity: float = 0.02
+    left_out: float = 0.05  # time excluded at both ends of a swing, where the foot may touch the ground [s]
+    shortest: float = 0.1  # remaining time needed [s]
+    unmodelled: float = 0.25  # unmodelled part as a share of the offsets' usual size
+    ends: int = 3  # samples over which velocities at the ends are averaged
+    velocity: float = 0.02  # white noise of a joint's velocity [rad/s]
 
 
 @dataclass(frozen=True, eq=False)
 class LegOffsets:
-    """A leg's torque offsets from one swing.
+    """A leg's torque offsets from one swing."""
 
-    Attributes:
-        leg: index of the leg.
-        time: [s], of the swing's end.
-        value: (3,) [N·m]. variance: (3,) [(N·m)²].
-    """
-
-    leg: int
-    time: float
-    value: Array
-    variance: Array
+    leg: int  # index of the leg
+    time: float  # [s], of the swing's end
+    value: Array  # (3,) [N·m]
+    variance: Array  # (3,) [(N·m)²]
 
 
 @dataclass

@@ -35,25 +35,15 @@ _TORQUES = 12
 
 @dataclass(frozen=True)
 class RestLimits:
-    """Limits for a moment near rest.
+    """Limits for a moment near rest."""
 
-    Attributes:
-        angular_velocity: of the trunk [rad/s].
-        joint_velocity: of any joint [rad/s].
-        specific_force: difference of its magnitude from gravity [m/s²].
-        smoothing: time constant of the low-pass on the motion [s].
-        shortest: of a window [s].
-        longest: of a window; longer rest is split [s].
-        accelerometer: white noise of one sample [m/s²].
-    """
-
-    angular_velocity: float = 0.25
-    joint_velocity: float = 0.8
-    specific_force: float = 0.6
-    smoothing: float = 0.02
-    shortest: float = 0.05
-    longest: float = 0.12
-    accelerometer: float = 0.05
+    angular_velocity: float = 0.25  # of the trunk [rad/s]
+    joint_velocity: float = 0.8  # of any joint [rad/s]
+    specific_force: float = 0.6  # difference of its magnitude from gravity [m/s²]
+    smoothing: float = 0.02  # time constant of the low-pass on the motion [s]
+    shortest: float = 0.05  # of a window [s]
+    longest: float = 0.12  # of a window; longer rest is split [s]
+    accelerometer: float = 0.05  # white noise of one sample [m/s²]
 
     def __post_init__(self) -> None:
         require_positive("rest limit", self, (field.name for field in fields(self)))
@@ -63,20 +53,14 @@ class RestLimits:
 
 @dataclass(frozen=True, eq=False)
 class RestMoment:
-    """The trunk's mass from a moment near rest.
+    """The trunk's mass from a moment near rest."""
 
-    Attributes:
-        begin, end: [s].
-        mass: [kg], of trunk and load.
-        variance: [kg²], without constant errors.
-        slope: (12,) [kg/(N·m)], s: derivative of the mass with respect to the torque offsets, leg by leg.
-    """
-
+    # begin, end: [s]
     begin: float
     end: float
-    mass: float
-    variance: float
-    slope: Array
+    mass: float  # [kg], of trunk and load
+    variance: float  # [kg²], without constant errors
+    slope: Array  # (12,) [kg/(N·m)], s: derivative of the mass with respect to the torque offsets, leg by leg
 
 
 class RestWatch:

@@ -30,37 +30,27 @@ class PosingSettings:
 class SuperviseSettings:
     """Settings for detecting and weighing changes of the load, and limits for giving up.
 
-    Attributes:
-        method: for the centre of mass, a name of `stadera.trunk.registry.METHODS`.
-        load_test, rest, offsets, posing: see these classes.
-        correct_torques: estimate the torques' constant offsets on legs in the air, and subtract them before weighing.
-        period: interval between measurements used [s].
-        stop_within: time after which a robot that has not stopped is set down [s].
-        mass_within, com_within: time allowed for the mass and for the centre of mass to converge [s].
-        restarts: number of times a weighing may restart because the load changes.
-        tilt: of the trunk above which it is set down [rad].
-        saturation: time at the torque limit of a joint after which the load counts as too heavy [s].
-        settling: time for controller and trunk to settle with a new model of the trunk [s].
-
     Raises:
         UnknownNameError: no such method.
         StaderaError: a limit is not positive.
     """
 
-    method: str = "contact"
+    method: str = "contact"  # for the centre of mass, a name of `stadera.trunk.registry.METHODS`
     load_test: LoadTestSettings = field(default_factory=LoadTestSettings)
     rest: RestLimits = field(default_factory=RestLimits)
     offsets: OffsetSettings = field(default_factory=OffsetSettings)
     posing: PosingSettings = field(default_factory=PosingSettings)
+    # estimate the torques' constant offsets on legs in the air, and subtract them before weighing
     correct_torques: bool = True
-    period: float = 0.004
-    stop_within: float = 5.0
+    period: float = 0.004  # interval between measurements used [s]
+    stop_within: float = 5.0  # time after which a robot that has not stopped is set down [s]
+    # mass_within, com_within: time allowed for the mass and for the centre of mass to converge [s]
     mass_within: float = 6.0
     com_within: float = 15.0
-    restarts: int = 3
-    tilt: float = float(np.deg2rad(30.0))
-    saturation: float = 0.5
-    settling: float = 0.5
+    restarts: int = 3  # number of times a weighing may restart because the load changes
+    tilt: float = float(np.deg2rad(30.0))  # of the trunk above which it is set down [rad]
+    saturation: float = 0.5  # time at the torque limit of a joint after which the load counts as too heavy [s]
+    settling: float = 0.5  # time for controller and trunk to settle with a new model of the trunk [s]
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

@@ -25,14 +25,10 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Effort:
-    """The most heavily loaded joint when the robot stands on three legs.
-
-    Attributes:
-        joint: its name.
-        torque, limit: [N·m], both positive.
-    """
+    """The most heavily loaded joint when the robot stands on three legs."""
 
     joint: str
+    # torque, limit: [N·m], both positive
     torque: float
     limit: float
 

@@ -82,18 +82,12 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Transition:
-    """One change of state.
+    """One change of state."""
 
-    Attributes:
-        time: [s].
-        before, after: the states.
-        reason: one sentence.
-    """
-
-    time: float
+    time: float  # [s]
     before: State
     after: State
-    reason: str
+    reason: str  # one sentence
 
     def to_dict(self) -> dict[str, float | str]:
         """Plain values for JSON."""

@@ -41,17 +41,11 @@ _ROWS = 6  # constraints for each foot: upper and lower limit, four sides of the
 
 @dataclass(frozen=True)
 class ContactLimits:
-    """Limits of the contact forces.
+    """Limits of the contact forces."""
 
-    Attributes:
-        friction: coefficient assumed by the controller.
-        least_normal: [N], of every foot in stance.
-        most_normal: [N].
-    """
-
-    friction: float = 0.6
-    least_normal: float = 0.0
-    most_normal: float = np.inf
+    friction: float = 0.6  # coefficient assumed by the controller
+    least_normal: float = 0.0  # [N], of every foot in stance
+    most_normal: float = np.inf  # [N]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.friction) and self.friction > 0):

@@ -19,19 +19,13 @@ ANGULAR, DAMPING = 16.0, 0.8
 
 @dataclass(frozen=True, eq=False)
 class TrunkGains:
-    """Springs and dampers of the trunk controller.
+    """Springs and dampers of the trunk controller."""
 
-    Attributes:
-        stiffness: [N/m], and
-        damping: [N·s/m], on the centre of mass, equal in all directions.
-        angular_stiffness: (3,) [N·m/rad], and
-        angular_damping: (3,) [N·m·s/rad], about the trunk's axes. Not multiplied by an inertia again: the paper writes
-            I K_p for the torsional stiffness (eq. 12), which is the product given here.
-    """
-
-    stiffness: float
-    damping: float
-    angular_stiffness: Array
+    stiffness: float  # [N/m]
+    damping: float  # [N·s/m], on the centre of mass, equal in all directions
+    angular_stiffness: Array  # (3,) [N·m/rad]
+    # (3,) [N·m·s/rad], about the trunk's axes. Not multiplied by an inertia again: the paper writes I K_p for the
+    # torsional stiffness (eq. 12), which is the product given here.
     angular_damping: Array
 
     @classmethod

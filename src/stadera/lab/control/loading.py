@@ -13,19 +13,14 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True)
 class Ramp:
-    """A limit of a foot's normal force that changes linearly.
+    """A limit of a foot's normal force that changes linearly."""
 
-    Attributes:
-        begin: [s]. duration: [s], positive.
-        start, goal: [N].
-        remains: whether the limit persists after the end; else it is removed.
-    """
-
-    begin: float
-    duration: float
+    begin: float  # [s]
+    duration: float  # [s], positive
+    # start, goal: [N]
     start: float
     goal: float
-    remains: bool
+    remains: bool  # whether the limit persists after the end; else it is removed
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):

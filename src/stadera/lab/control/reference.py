@@ -28,21 +28,13 @@ _NOT_MOVING = [0.0, 0.0, 0.0]
 
 @dataclass(frozen=True, eq=False)
 class TrunkPose:
-    """A pose of the trunk in the odometry frame, with its velocity and acceleration.
+    """A pose of the trunk in the odometry frame, with its velocity and acceleration."""
 
-    Attributes:
-        position: (3,) [m], of the trunk's origin.
-        rotation: (3, 3), of the trunk in the world.
-        velocity: (3,) [m/s].
-        angular_velocity: (3,) [rad/s], in the pose's axes.
-        acceleration: (3,) [m/s²].
-    """
-
-    position: Array
-    rotation: Array
-    velocity: Array = field(default_factory=lambda: np.zeros(3))
-    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
-    acceleration: Array = field(default_factory=lambda: np.zeros(3))
+    position: Array  # (3,) [m], of the trunk's origin
+    rotation: Array  # (3, 3), of the trunk in the world
+    velocity: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m/s]
+    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [rad/s], in the pose's axes
+    acceleration: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m/s²]
 
     @property
     def at_rest(self) -> bool:
@@ -71,16 +63,12 @@ class Move:
 
     Position and rotation vector relative to the start follow the quintic with these ends; between poses at rest this is
     a straight line and a fixed axis. After the end the goal's velocity continues.
-
-    Attributes:
-        start, goal: the poses.
-        begin: [s]. duration: [s], positive.
     """
 
     start: TrunkPose
     goal: TrunkPose
-    begin: float
-    duration: float
+    begin: float  # [s]
+    duration: float  # [s], positive
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
@@ -136,21 +124,13 @@ _OMEGA, _ONES = 2.0 * np.pi * _FREQUENCIES, np.ones(2)
 
 @dataclass(frozen=True, eq=False)
 class Shake:
-    """A motion around a pose; a `TrunkReference`.
+    """A motion around a pose; a `TrunkReference`."""
 
-    Attributes:
-        centre: the pose, at rest.
-        begin: [s].
-        angle: amplitudes of roll, pitch and yaw, (3,) [rad].
-        shift: amplitudes along x, y and z of the odometry frame, (3,) [m].
-        ease: time over which the motion grows [s].
-    """
-
-    centre: TrunkPose
-    begin: float
-    angle: Array
-    shift: Array
-    ease: float = 1.0
+    centre: TrunkPose  # the pose, at rest
+    begin: float  # [s]
+    angle: Array  # amplitudes of roll, pitch and yaw, (3,) [rad]
+    shift: Array  # amplitudes along x, y and z of the odometry frame, (3,) [m]
+    ease: float = 1.0  # time over which the motion grows [s]
 
     def __post_init__(self) -> None:
         amplitudes = np.concatenate([np.broadcast_to(self.angle, 3), np.broadcast_to(self.shift, 3)])

@@ -45,42 +45,27 @@ _GRAVITY = np.array([0.0, 0.0, -GRAVITY])
 
 @dataclass(frozen=True)
 class SwingLegSettings:
-    """Settings of the control of swinging legs.
+    """Settings of the control of swinging legs."""
 
-    Attributes:
-        frequency: ω of the spring between foot and trajectory [rad/s].
-        filter: T of the low-pass for touch-down [s].
-        touch: force along the ground's normal that counts as touch-down, as a share of the robot's weight.
-        singular: share of the largest singular value of J below which a direction is damped.
-    """
-
-    frequency: float = 60.0
-    filter: float = 0.005
-    touch: float = 0.06
-    singular: float = 0.02
+    frequency: float = 60.0  # ω of the spring between foot and trajectory [rad/s]
+    filter: float = 0.005  # T of the low-pass for touch-down [s]
+    touch: float = 0.06  # force along the ground's normal that counts as touch-down, as a share of the robot's weight
+    singular: float = 0.02  # share of the largest singular value of J below which a direction is damped
 
 
 @dataclass(frozen=True, eq=False)
 class SwingTrajectory:
-    """Trajectory of a foot's centre through the air, in the odometry frame.
+    """Trajectory of a foot's centre through the air, in the odometry frame."""
 
-    Attributes:
-        start, target: (3,) [m].
-        begin: [s]. duration: [s], positive.
-        clearance: [m], above the higher end; not negative.
-        normal: (3,) unit vector, up.
-        descent: [m/s], steady speed at which the foot searches for the ground after the end; 0 for none.
-        ease: [s], in which it reaches that speed.
-    """
-
+    # start, target: (3,) [m]
     start: Array
     target: Array
-    begin: float
-    duration: float
-    clearance: float
-    normal: Array = field(default_factory=_UP.copy)
-    descent: float = 0.2
-    ease: float = 0.05
+    begin: float  # [s]
+    duration: float  # [s], positive
+    clearance: float  # [m], above the higher end; not negative
+    normal: Array = field(default_factory=_UP.copy)  # (3,) unit vector, up
+    descent: float = 0.2  # [m/s], steady speed at which the foot searches for the ground after the end; 0 for none
+    ease: float = 0.05  # [s], in which it reaches that speed
 
     def __post_init__(self) -> None:
         if not (isfinite(self.duration) and self.duration > 0):
@@ -134,15 +119,10 @@ class SwingTrajectory:
 
 @dataclass(frozen=True, eq=False)
 class SwingTorques:
-    """Torques and reaction of swinging legs.
+    """Torques and reaction of swinging legs."""
 
-    Attributes:
-        torque: (4, 3) [N·m]; for legs that do not swing, the torque that would hold them in the air.
-        wrench: (6,) force [N] and moment [N·m] at the trunk's origin, trunk axes, required by their acceleration.
-    """
-
-    torque: Array
-    wrench: Array
+    torque: Array  # (4, 3) [N·m]; for legs that do not swing, the torque that would hold them in the air
+    wrench: Array  # (6,) force [N] and moment [N·m] at the trunk's origin, trunk axes, required by their acceleration
 
 
 class SwingLegs:

@@ -44,37 +44,21 @@ _NOTHING = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class TrotSettings:
-    """Settings of a trot.
+    """Settings of a trot."""
 
-    Attributes:
-        pendulum: T [s].
-        swing: duration of a swing [s].
-        overlap: [s], time on all four feet between two swings.
-        clearance: of the feet [m].
-        capture: k [s].
-        leash: [m], largest distance between the reference and the trunk.
-        acceleration: [m/s²], limit with which commands are followed.
-        reach: [m], largest distance of a foothold from below the hip.
-        late: share of the swing's time after which a foot counts as landed, even without touch-down.
-        frozen: share of the swing's time after which the target is fixed.
-        trusted: share of the swing's time after which touch-down is accepted.
-        slow: speed below which four feet can stop the trunk, as a share of √(g h).
-        drift_steps: time constant of the integral of the velocity error, in steps.
-    """
-
-    pendulum: float
-    swing: float
-    overlap: float
-    clearance: float
-    capture: float
-    leash: float
-    acceleration: float
-    reach: float
-    late: float = 1.4
-    frozen: float = 0.85
-    trusted: float = 0.5
-    slow: float = 0.08
-    drift_steps: float = 18.0
+    pendulum: float  # T [s]
+    swing: float  # duration of a swing [s]
+    overlap: float  # [s], time on all four feet between two swings
+    clearance: float  # of the feet [m]
+    capture: float  # k [s]
+    leash: float  # [m], largest distance between the reference and the trunk
+    acceleration: float  # [m/s²], limit with which commands are followed
+    reach: float  # [m], largest distance of a foothold from below the hip
+    late: float = 1.4  # share of the swing's time after which a foot counts as landed, even without touch-down
+    frozen: float = 0.85  # share of the swing's time after which the target is fixed
+    trusted: float = 0.5  # share of the swing's time after which touch-down is accepted
+    slow: float = 0.08  # speed below which four feet can stop the trunk, as a share of √(g h)
+    drift_steps: float = 18.0  # time constant of the integral of the velocity error, in steps
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -16,40 +16,25 @@ PERIODS = 40
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """k frames; world axes and metres, unless stated otherwise.
+    """k frames; world axes and metres, unless stated otherwise."""
 
-    Attributes:
-        time: (k,) [s].
-        trunk: (k, 7), position of the trunk's origin, and its orientation as a quaternion xyzw.
-        joints: (k, n) [rad], in the tree's order.
-        box: (k, 7), the same for the box; NaN while there is none.
-        feet: (k, 4, 3), centres of the feet. force: (k, 4, 3) [N], of the ground on them.
-        down: (k, 4) bool, feet of the support polygon.
-        limited: (k, n) bool, joints whose torque is at its limit.
-        com, model: (k, 3), the whole robot's centre of mass with its load: the true one, and that used by controller
-            and planner.
-        margin: (k,), of the true centre of mass inside the support polygon; NaN on fewer than three feet.
-        mass: (k, 3) [kg], of the trunk with its load: true, used by controller and planner, and estimated.
-        trunk_com: (k, 3, 2), the same of its centre of mass in x and y, trunk frame.
-        std: (k, 3), of the estimates of mass [kg], x and y. NaN for quantities without a present estimate.
-        state: (k,) state of the supervisor; without one, the crawl's phase.
-    """
-
-    time: Array
-    trunk: Array
-    joints: Array
-    box: Array
-    feet: Array
-    force: Array
-    down: Bools
-    limited: Bools
+    time: Array  # (k,) [s]
+    trunk: Array  # (k, 7), position of the trunk's origin, and its orientation as a quaternion xyzw
+    joints: Array  # (k, n) [rad], in the tree's order
+    box: Array  # (k, 7), the same for the box; NaN while there is none
+    feet: Array  # (k, 4, 3), centres of the feet
+    force: Array  # (k, 4, 3) [N], of the ground on them
+    down: Bools  # (k, 4) bool, feet of the support polygon
+    limited: Bools  # (k, n) bool, joints whose torque is at its limit
+    # com, model: (k, 3), the whole robot's centre of mass with its load: the true one, and that used by controller and
+    # planner
     com: Array
     model: Array
-    margin: Array
-    mass: Array
-    trunk_com: Array
-    std: Array
-    state: tuple[str, ...]
+    margin: Array  # (k,), of the true centre of mass inside the support polygon; NaN on fewer than three feet
+    mass: Array  # (k, 3) [kg], of the trunk with its load: true, used by controller and planner, and estimated
+    trunk_com: Array  # (k, 3, 2), the same of its centre of mass in x and y, trunk frame
+    std: Array  # (k, 3), of the estimates of mass [kg], x and y. NaN for quantities without a present estimate.
+    state: tuple[str, ...]  # (k,) state of the supervisor; without one, the crawl's phase
 
     def __len__(self) -> int:
         return len(self.time)

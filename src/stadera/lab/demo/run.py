@@ -39,33 +39,19 @@ _POLL = 0.1  # s
 
 @dataclass(frozen=True)
 class DemoSettings:
-    """Settings of the demo.
-
-    Attributes:
-        robot: its name.
-        mass: of the box [kg].
-        corner: of the back, onto which it is dropped.
-        size: of the box [m].
-        height: above the back, from which it is dropped [m].
-        load_at: time of the drop [s]; by default while the right-hind leg swings.
-        seconds: of each run; None for 10, or 14 if the robot stops to weigh.
-        after_fall: time for which a fallen robot is recorded, with its drives braking [s].
-        speed: [m/s].
-        seed: of the sensors' errors.
-        classic: stop and weigh at rest, as in the paper, instead of weighing while walking.
-    """
+    """Settings of the demo."""
 
     robot: str = "hyq"
-    mass: float = 30.0
-    corner: str = "LF"
-    size: tuple[float, float, float] = (0.14, 0.14, 0.2)
-    height: float = 0.02
-    load_at: float = 3.5
-    seconds: float | None = None
-    after_fall: float = 1.5
-    speed: float = 0.12
-    seed: int = 0
-    classic: bool = False
+    mass: float = 30.0  # of the box [kg]
+    corner: str = "LF"  # of the back, onto which it is dropped
+    size: tuple[float, float, float] = (0.14, 0.14, 0.2)  # of the box [m]
+    height: float = 0.02  # above the back, from which it is dropped [m]
+    load_at: float = 3.5  # time of the drop [s]; by default while the right-hind leg swings
+    seconds: float | None = None  # of each run; None for 10, or 14 if the robot stops to weigh
+    after_fall: float = 1.5  # time for which a fallen robot is recorded, with its drives braking [s]
+    speed: float = 0.12  # [m/s]
+    seed: int = 0  # of the sensors' errors
+    classic: bool = False  # stop and weigh at rest, as in the paper, instead of weighing while walking
 
     @property
     def supervisions(self) -> tuple[Supervision, Supervision]:

@@ -19,23 +19,15 @@ from stadera.types import Progress
 
 @dataclass(frozen=True)
 class ReproduceSettings:
-    """Settings common to all experiments.
+    """Settings common to all experiments."""
 
-    Attributes:
-        seed: of all random draws; the same seed gives the same values.
-        quick: run a short, coarse version; its values are not the published ones.
-        data: folder of real logs; None to search for it (see `experiments.legs.real_logs`).
-        keep: folder in which long studies store their runs, to resume from (see `experiments.grid`); None for none.
-        seeds: number of seeds for a study that repeats its whole grid for each; None for its default.
-        pool: where the runs of a grid are run.
-    """
-
-    seed: int = 0
-    quick: bool = False
-    data: Path | None = None
+    seed: int = 0  # of all random draws; the same seed gives the same values
+    quick: bool = False  # run a short, coarse version; its values are not the published ones
+    data: Path | None = None  # folder of real logs; None to search for it (see `experiments.legs.real_logs`)
+    # folder in which long studies store their runs, to resume from (see `experiments.grid`); None for none
     keep: Path | None = None
-    seeds: int | None = None
-    pool: Pool = field(default_factory=Pool)
+    seeds: int | None = None  # number of seeds for a study that repeats its whole grid for each; None for its default
+    pool: Pool = field(default_factory=Pool)  # where the runs of a grid are run
 
     def __post_init__(self) -> None:
         if self.seeds is not None and self.seeds < 1:
@@ -46,32 +38,20 @@ class ReproduceSettings:
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment of the registry.
-
-    Attributes:
-        name, title: of the experiment.
-        run: a pure function that neither prints nor writes.
-        study: True for hundreds of runs that take an hour: run on request only, not by `all`.
-        seeded: whether it repeats its grid for each of `ReproduceSettings.seeds`.
-    """
+    """An experiment of the registry."""
 
     name: str
     title: str
-    run: Callable[[ReproduceSettings, Progress], ExperimentResult]
-    study: bool = False
-    seeded: bool = False
+    run: Callable[[ReproduceSettings, Progress], ExperimentResult]  # a pure function that neither prints nor writes
+    study: bool = False  # True for hundreds of runs that take an hour: run on request only, not by `all`
+    seeded: bool = False  # whether it repeats its grid for each of `ReproduceSettings.seeds`
 
 
 @dataclass(frozen=True)
 class Paper:
-    """An experiment's entry in `experiments.toml`.
+    """An experiment's entry in `experiments.toml`."""
 
-    Attributes:
-        name, title, lead, differs, notes, study, seeded: see `ExperimentResult` and `Experiment`.
-        values: printed in the paper.
-        bounds: for records, by name.
-    """
-
+    # name, title, lead, differs, notes, study, seeded: see `ExperimentResult` and `Experiment`
     name: str
     title: str
     lead: str
@@ -79,8 +59,8 @@ class Paper:
     notes: tuple[str, ...] = ()
     study: bool = False
     seeded: bool = False
-    values: Mapping[str, Any] = field(default_factory=dict)
-    bounds: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, Any] = field(default_factory=dict)  # printed in the paper
+    bounds: Mapping[str, float] = field(default_factory=dict)  # for records, by name
 
     @classmethod
     def of(cls, name: str) -> Paper:

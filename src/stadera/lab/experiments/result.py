@@ -19,27 +19,16 @@ CaseValues = Mapping[str, str | float]
 
 @dataclass(frozen=True)
 class Record:
-    """A measured value, and what it is compared with.
-
-    Attributes:
-        experiment: its name.
-        case: settings of the run, by name.
-        metric: name of the quantity.
-        unit: of value, paper and bound; "1" for a plain number.
-        value: the measured value.
-        paper: the paper's value, None if it gives none that is comparable.
-        bound: limit of the value, None for none.
-        bound_is: whether the bound is an upper or a lower limit.
-    """
+    """A measured value, and what it is compared with."""
 
     experiment: str
-    case: CaseValues
-    metric: str
-    unit: str
+    case: CaseValues  # settings of the run, by name
+    metric: str  # name of the quantity
+    unit: str  # of value, paper and bound; "1" for a plain number
     value: float
-    paper: float | None = None
-    bound: float | None = None
-    bound_is: Literal["at most", "at least"] = "at most"
+    paper: float | None = None  # the paper's value, None if it gives none that is comparable
+    bound: float | None = None  # limit of the value, None for none
+    bound_is: Literal["at most", "at least"] = "at most"  # whether the bound is an upper or a lower limit
 
     def __post_init__(self) -> None:
         for number in (self.value, self.paper, self.bound):
@@ -96,28 +85,17 @@ def _error_cell(record: Record) -> Cell:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExperimentResult(Result):
-    """Result of one experiment.
-
-    Attributes:
-        name, title: of the experiment.
-        lead: summary of the experiment for readers.
-        records: values with unit, the paper's value and the bound.
-        tables: for terminal and page, the main one first.
-        figures: for the page.
-        notes: explanations for the reader.
-        facts: settings of the runs, by name.
-        differs: differences from the paper, and why; empty for our own studies.
-    """
+    """Result of one experiment."""
 
     name: str
     title: str
-    lead: str
-    records: tuple[Record, ...]
-    tables: tuple[TableData, ...] = ()
-    figures: tuple[Figure, ...] = ()
-    notes: tuple[str, ...] = ()
-    facts: Mapping[str, str] = field(default_factory=dict)
-    differs: tuple[str, ...] = ()
+    lead: str  # summary of the experiment for readers
+    records: tuple[Record, ...]  # values with unit, the paper's value and the bound
+    tables: tuple[TableData, ...] = ()  # for terminal and page, the main one first
+    figures: tuple[Figure, ...] = ()  # for the page
+    notes: tuple[str, ...] = ()  # explanations for the reader
+    facts: Mapping[str, str] = field(default_factory=dict)  # settings of the runs, by name
+    differs: tuple[str, ...] = ()  # differences from the paper, and why; empty for our own studies
 
     @property
     def missed(self) -> tuple[Record, ...]:

@@ -18,17 +18,12 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """Settings of the simulation of a leg.
+    """Settings of the simulation of a leg."""
 
-    Attributes:
-        bandwidth: natural frequency of the tracking loop with default gains [rad/s], well above an excitation's.
-        largest_step: of the integrator [s].
-        tolerance: of the dry-friction constraint; MuJoCo's default leaves errors of 3e-5 N·m in the torque.
-    """
-
+    # natural frequency of the tracking loop with default gains [rad/s], well above an excitation's
     bandwidth: float = 2 * np.pi * 8.0
-    largest_step: float = 1e-3
-    tolerance: float = 1e-15
+    largest_step: float = 1e-3  # of the integrator [s]
+    tolerance: float = 1e-15  # of the dry-friction constraint; MuJoCo's default leaves errors of 3e-5 N·m in the torque
 
 
 _TRACKING = TrackingSettings()
@@ -55,15 +50,10 @@ class Trajectory(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """Joint tracking gains: τ = stiffness (q_ref - q) + damping (q̇_ref - q̇) + feedforward.
+    """Joint tracking gains: τ = stiffness (q_ref - q) + damping (q̇_ref - q̇) + feedforward."""
 
-    Attributes:
-        stiffness: (3,) [N·m/rad].
-        damping: (3,) [N·m·s/rad].
-    """
-
-    stiffness: Array
-    damping: Array
+    stiffness: Array  # (3,) [N·m/rad]
+    damping: Array  # (3,) [N·m·s/rad]
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping"):

@@ -30,17 +30,12 @@ _DRY_FRICTION = (0.99, 0.99, 1e-3, 0.5, 2.0)  # with the fastest reference allow
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Options of the compiled model.
+    """Options of the compiled model."""
 
-    Attributes:
-        floating: whether the trunk is free (a free joint) instead of held level.
-        timestep: [s].
-        drive_state: whether each motor's torque is the time integral of its control, so that a torque can be prescribed
-            as a continuous function of time, instead of the control itself.
-    """
-
-    floating: bool = False
-    timestep: float = 1e-3
+    floating: bool = False  # whether the trunk is free (a free joint) instead of held level
+    timestep: float = 1e-3  # [s]
+    # whether each motor's torque is the time integral of its control, so that a torque can be prescribed as a
+    # continuous function of time, instead of the control itself
     drive_state: bool = False
 
     def __post_init__(self) -> None:

@@ -22,14 +22,10 @@ class VirtualForce:
     """The paper's virtual load (section V.A): a downward force in the world, at a point fixed to the trunk.
 
     It has weight but no inertia: its contribution is the equivalent point mass at rest, whose tensor has no effect.
-
-    Attributes:
-        force: [N], downwards.
-        position: [m], in the trunk frame.
     """
 
-    force: float
-    position: tuple[float, float, float]
+    force: float  # [N], downwards
+    position: tuple[float, float, float]  # [m], in the trunk frame
 
     def __post_init__(self) -> None:
         _require_finite("virtual force", self.force, *self.position)
@@ -43,13 +39,9 @@ class VirtualForce:
 
 @dataclass(frozen=True, eq=False)
 class RigidMass:
-    """A body fixed to the trunk.
+    """A body fixed to the trunk."""
 
-    Attributes:
-        parameters: its ten parameters in the trunk frame.
-    """
-
-    parameters: InertialParameters
+    parameters: InertialParameters  # its ten parameters in the trunk frame
 
     def __post_init__(self) -> None:
         if not self.parameters.is_physical():
@@ -70,21 +62,13 @@ class RigidMass:
 
 @dataclass(frozen=True)
 class DroppedBox:
-    """A homogeneous box dropped on the trunk's tray, held by friction only; it can slide and fall off.
+    """A homogeneous box dropped on the trunk's tray, held by friction only; it can slide and fall off."""
 
-    Attributes:
-        mass: [kg].
-        size: full edge lengths [m].
-        position: (x, y) of its centre in the trunk frame [m].
-        height: [m] of its underside above the tray when it is released.
-        friction: Coulomb friction coefficient of the box, on the tray and on the ground.
-    """
-
-    mass: float
-    size: tuple[float, float, float] = (0.2, 0.2, 0.1)
-    position: tuple[float, float] = (0.0, 0.0)
-    height: float = 0.02
-    friction: float = 0.8
+    mass: float  # [kg]
+    size: tuple[float, float, float] = (0.2, 0.2, 0.1)  # full edge lengths [m]
+    position: tuple[float, float] = (0.0, 0.0)  # (x, y) of its centre in the trunk frame [m]
+    height: float = 0.02  # [m] of its underside above the tray when it is released
+    friction: float = 0.8  # Coulomb friction coefficient of the box, on the tray and on the ground
 
     def __post_init__(self) -> None:
         _require_positive("dropped box", self.mass, *self.size, self.friction)
@@ -103,15 +87,10 @@ Payload = VirtualForce | RigidMass | DroppedBox
 
 @dataclass(frozen=True, eq=False)
 class Tray:
-    """The flat top of the trunk: a box that spans the hips, its upper face level with the trunk's largest box shape.
+    """The flat top of the trunk: a box that spans the hips, its upper face level with the trunk's largest box shape."""
 
-    Attributes:
-        centre: (3,) [m], in the trunk frame.
-        half_size: (3,) [m].
-    """
-
-    centre: Array
-    half_size: Array
+    centre: Array  # (3,) [m], in the trunk frame
+    half_size: Array  # (3,) [m]
 
     @property
     def top(self) -> float:
@@ -153,24 +132,16 @@ def _require_positive(what: str, *values: float) -> None:
 
 @dataclass(frozen=True)
 class OutsideForce:
-    """An external force on the trunk.
+    """An external force on the trunk."""
 
-    Attributes:
-        size: F [N], not negative.
-        direction: n, world axes; any nonzero length.
-        at: point of application [m], trunk frame.
-        begin, end: times [s].
-        stiffness: k [N/m], not negative.
-        ramp: time to rise and to fall [s].
-    """
-
-    size: float
-    direction: tuple[float, float, float]
-    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    size: float  # F [N], not negative
+    direction: tuple[float, float, float]  # n, world axes; any nonzero length
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)  # point of application [m], trunk frame
+    # begin, end: times [s]
     begin: float = 0.0
     end: float = float("inf")
-    stiffness: float = 0.0
-    ramp: float = 0.1
+    stiffness: float = 0.0  # k [N/m], not negative
+    ramp: float = 0.1  # time to rise and to fall [s]
 
     def __post_init__(self) -> None:
         numbers = (self.size, *self.direction, *self.at, self.begin, self.stiffness, self.ramp)

@@ -16,39 +16,24 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True, eq=False)
 class TrueState:
-    """The plant's state with the torque applied up to this instant; all values are simultaneous.
+    """The plant's state with the torque applied up to this instant; all values are simultaneous."""
 
-    Attributes:
-        time: [s].
-        position: (3,) [m], the trunk frame's origin in the world.
-        orientation: (4,) quaternion xyzw of the trunk in the world.
-        linear_velocity: (3,) [m/s], of the trunk frame's origin, world axes.
-        angular_velocity: (3,) [rad/s], trunk axes.
-        linear_acceleration: (3,) [m/s²], second derivative of `position`, world axes.
-        angular_acceleration: (3,) [rad/s²], trunk axes.
-        joint_position, joint_velocity, joint_acceleration: (n,) [rad, rad/s, rad/s²], in the tree's order.
-        effort: (n,) [N·m], torques of the actuators on the joints.
-        foot_position: (4, 3) [m], centres of the feet in the world, legs in the robot's order.
-        contact_point: (4, 3) [m], contact points, world; NaN for feet in the air.
-        foot_force: (4, 3) [N], forces of the ground on the feet, world axes.
-        foot_contact: (4,) bool, whether the foot touches the ground.
-    """
-
-    time: float
-    position: Array
-    orientation: Array
-    linear_velocity: Array
-    angular_velocity: Array
-    linear_acceleration: Array
-    angular_acceleration: Array
+    time: float  # [s]
+    position: Array  # (3,) [m], the trunk frame's origin in the world
+    orientation: Array  # (4,) quaternion xyzw of the trunk in the world
+    linear_velocity: Array  # (3,) [m/s], of the trunk frame's origin, world axes
+    angular_velocity: Array  # (3,) [rad/s], trunk axes
+    linear_acceleration: Array  # (3,) [m/s²], second derivative of `position`, world axes
+    angular_acceleration: Array  # (3,) [rad/s²], trunk axes
+    # joint_position, joint_velocity, joint_acceleration: (n,) [rad, rad/s, rad/s²], in the tree's order
     joint_position: Array
     joint_velocity: Array
     joint_acceleration: Array
-    effort: Array
-    foot_position: Array
-    contact_point: Array
-    foot_force: Array
-    foot_contact: Bools
+    effort: Array  # (n,) [N·m], torques of the actuators on the joints
+    foot_position: Array  # (4, 3) [m], centres of the feet in the world, legs in the robot's order
+    contact_point: Array  # (4, 3) [m], contact points, world; NaN for feet in the air
+    foot_force: Array  # (4, 3) [N], forces of the ground on the feet, world axes
+    foot_contact: Bools  # (4,) bool, whether the foot touches the ground
 
     @property
     def rotation(self) -> Array:

@@ -18,24 +18,16 @@ class Stones:
     """Stepping stones: adjacent square slabs, with tops parallel to the plane at uniformly drawn heights.
 
     In the plane's own axes they form a grid, with one stone centred at the origin.
-
-    Attributes:
-        seed: of the heights; the same seed gives the same stones.
-        height: [m], largest distance of the tops from the plane, up or down.
-        size: [m], edge of a stone.
-        length: [m], (behind, ahead) of the origin along the plane's x, covered by stones.
-        width: [m], across, half of it on either side.
-        level: [m], half edge of the square around the origin in which stones are in the plane.
-        missing: share of missing stones outside that square.
     """
 
-    seed: int = 0
-    height: float = 0.05
-    size: float = 0.3
+    seed: int = 0  # of the heights; the same seed gives the same stones
+    height: float = 0.05  # [m], largest distance of the tops from the plane, up or down
+    size: float = 0.3  # [m], edge of a stone
+    # [m], (behind, ahead) of the origin along the plane's x, covered by stones
     length: tuple[float, float] = (1.5, 6.0)
-    width: float = 3.0
-    level: float = 0.7
-    missing: float = 0.0
+    width: float = 3.0  # [m], across, half of it on either side
+    level: float = 0.7  # [m], half edge of the square around the origin in which stones are in the plane
+    missing: float = 0.0  # share of missing stones outside that square
 
     def __post_init__(self) -> None:
         sizes = (self.size, *self.length, self.width)
@@ -68,21 +60,13 @@ class Stones:
 
 @dataclass(frozen=True)
 class Terrain:
-    """A plane through the world's origin, or stones along it.
+    """A plane through the world's origin, or stones along it."""
 
-    Attributes:
-        slope: [rad], inclination; 0 for level ground.
-        heading: [rad], about the world's z from x: the direction in which it rises.
-        friction: Coulomb friction coefficient between the feet and it.
-        stones: on it; None for the bare plane. With stones there is no plane.
-        softness: time constant of its contacts [s]; 0 for the hardest that the simulation's timestep allows.
-    """
-
-    slope: float = 0.0
-    heading: float = 0.0
-    friction: float = 0.8
-    stones: Stones | None = None
-    softness: float = 0.0
+    slope: float = 0.0  # [rad], inclination; 0 for level ground
+    heading: float = 0.0  # [rad], about the world's z from x: the direction in which it rises
+    friction: float = 0.8  # Coulomb friction coefficient between the feet and it
+    stones: Stones | None = None  # on it; None for the bare plane. With stones there is no plane.
+    softness: float = 0.0  # time constant of its contacts [s]; 0 for the hardest that the simulation's timestep allows
 
     def __post_init__(self) -> None:
         if not abs(self.slope) <= _STEEPEST:

@@ -29,27 +29,17 @@ _FOOT_BIT, _BOX_BIT = 1, 2
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """Settings of contacts and of their solver.
+    """Settings of contacts and of their solver."""
 
-    Attributes:
-        timesteps: time constant of a hard contact, in timesteps: as stiff as is stable, so that feet penetrate by
-            micrometres.
-        impedance: MuJoCo's solimp.
-        friction_to_normal: ratio of the stiffnesses of friction and normal force (impratio); keeps standing feet from
-            creeping.
-        tolerance: of MuJoCo's solver.
-        least_radius: of a foot [m]; used if the model states none.
-        extent: drawn size of the ground [m]; the plane itself is infinite.
-        thickness: of stones [m].
-    """
-
+    # time constant of a hard contact, in timesteps: as stiff as is stable, so that feet penetrate by micrometres
     timesteps: float = 2.5
-    impedance: tuple[float, ...] = (0.95, 0.99, 1e-4, 0.5, 2.0)
+    impedance: tuple[float, ...] = (0.95, 0.99, 1e-4, 0.5, 2.0)  # MuJoCo's solimp
+    # ratio of the stiffnesses of friction and normal force (impratio); keeps standing feet from creeping
     friction_to_normal: float = 100.0
-    tolerance: float = 1e-12
-    least_radius: float = 1e-3
-    extent: float = 50.0
-    thickness: float = 0.2
+    tolerance: float = 1e-12  # of MuJoCo's solver
+    least_radius: float = 1e-3  # of a foot [m]; used if the model states none
+    extent: float = 50.0  # drawn size of the ground [m]; the plane itself is infinite
+    thickness: float = 0.2  # of stones [m]
 
 
 CONTACT = ContactSettings()

@@ -30,61 +30,40 @@ class RealSizes:
       (33.5 N·m), 0.007 to 0.014 for Go2, whose real calf was identified at the order of 0.01, and 0.045 for HyQ.
     - Viscous friction is 0.1 to 1 % of the effort limit at 1 rad/s.
     - A joint's encoder has 13 to 16 bits per turn, and its drive differences positions over 5 ms.
-
-    Attributes:
-        noise: factor on the noise of `standard`, uniform.
-        joint_gain, common_gain: of the measured torques, relative; of each joint, and of all together.
-        coulomb: of each kind of joint, as a share of its effort limit, log-uniform.
-        viscous: likewise, at 1 rad/s.
-        rotor: of each kind of joint, relative to its class of robots, uniform.
-        rotor_per_limit: rotor inertia of the class [kg·m² per N·m of the effort limit].
-        alike: relative difference in friction between joints of a kind; rotors are alike.
-        encoder_zero: [rad].
-        imu_rotation: [rad], of the whole rotation vector; imu_place: [m], of the whole displacement.
-        foot: [m], of the radius and of each component of the contact point.
-        link_mass: relative; link_com: [m], of each component. Of all links, the trunk's too.
-        delay: of the measured torques [s], uniform.
-        quantised: share of runs with quantised encoders and differenced velocities.
-        bits: of the encoder, over a turn of the joint.
-        differenced: [s], time over which positions are differenced.
-        rates: of the log [Hz].
-        soft, rough: shares of runs on soft and on rough ground; the others are on hard, even ground.
-        softness: time constant of soft ground [s], uniform. At 0.03 s feet sink by 1 mm standing, 2.5 mm trotting;
-            from 0.04 s on some robots fall in a trot.
-        roughness: ± heights of rough ground [m], uniform.
-        slope: [rad], the largest; its heading is random.
-        friction: coefficient of the ground, uniform; the controllers assume 0.6, so feet sometimes slip.
-        lost: share of samples lost, uniform.
-        spikes: outliers per second, uniform.
     """
 
-    noise: Range = (0.5, 3.0)
+    noise: Range = (0.5, 3.0)  # factor on the noise of `standard`, uniform
+    # joint_gain, common_gain: of the measured torques, relative; of each joint, and of all together
     joint_gain: float = 0.03
     common_gain: float = 0.03
-    coulomb: Range = (0.003, 0.03)
-    viscous: Range = (0.001, 0.01)
-    rotor: Range = (0.3, 1.5)
-    rotor_per_limit: float = 3e-4
-    alike: float = 0.2
-    encoder_zero: float = float(np.deg2rad(0.4))
-    imu_rotation: float = float(np.deg2rad(1.0))
-    imu_place: float = 0.015
-    foot: float = 0.005
-    link_mass: float = 0.05
-    link_com: float = 0.005
-    delay: Range = (0.0, 0.010)
-    quantised: float = 1.0 / 3.0
-    bits: tuple[int, ...] = (13, 14, 15, 16)
-    differenced: float = 0.005
-    rates: tuple[float, ...] = (200.0, 500.0, 1000.0)
+    coulomb: Range = (0.003, 0.03)  # of each kind of joint, as a share of its effort limit, log-uniform
+    viscous: Range = (0.001, 0.01)  # likewise, at 1 rad/s
+    rotor: Range = (0.3, 1.5)  # of each kind of joint, relative to its class of robots, uniform
+    rotor_per_limit: float = 3e-4  # rotor inertia of the class [kg·m² per N·m of the effort limit]
+    alike: float = 0.2  # relative difference in friction between joints of a kind; rotors are alike
+    encoder_zero: float = float(np.deg2rad(0.4))  # [rad]
+    imu_rotation: float = float(np.deg2rad(1.0))  # [rad], of the whole rotation vector
+    imu_place: float = 0.015  # [m], of the whole displacement
+    foot: float = 0.005  # [m], of the radius and of each component of the contact point
+    link_mass: float = 0.05  # relative
+    link_com: float = 0.005  # [m], of each component. Of all links, the trunk's too.
+    delay: Range = (0.0, 0.010)  # of the measured torques [s], uniform
+    quantised: float = 1.0 / 3.0  # share of runs with quantised encoders and differenced velocities
+    bits: tuple[int, ...] = (13, 14, 15, 16)  # of the encoder, over a turn of the joint
+    differenced: float = 0.005  # [s], time over which positions are differenced
+    rates: tuple[float, ...] = (200.0, 500.0, 1000.0)  # of the log [Hz]
+    # soft, rough: shares of runs on soft and on rough ground; the others are on hard, even ground
     soft: float = 1.0 / 3.0
     rough: float = 1.0 / 3.0
+    # time constant of soft ground [s], uniform. At 0.03 s feet sink by 1 mm standing, 2.5 mm trotting; from 0.04 s on
+    # some robots fall in a trot.
     softness: Range = (0.005, 0.03)
-    roughness: Range = (0.0, 0.01)
-    slope: float = float(np.deg2rad(5.0))
+    roughness: Range = (0.0, 0.01)  # ± heights of rough ground [m], uniform
+    slope: float = float(np.deg2rad(5.0))  # [rad], the largest; its heading is random
+    # coefficient of the ground, uniform; the controllers assume 0.6, so feet sometimes slip
     friction: Range = (0.45, 0.9)
-    lost: Range = (0.0, 0.005)
-    spikes: Range = (0.0, 0.5)
+    lost: Range = (0.0, 0.005)  # share of samples lost, uniform
+    spikes: Range = (0.0, 0.5)  # outliers per second, uniform
 
 
 REAL_SETS: Mapping[str, RealSizes] = MappingProxyType(
@@ -98,43 +77,27 @@ _KINDS = 3  # of joints in a leg
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """True values of one run. Joint values are in the tree's order, (n,).
+    """True values of one run. Joint values are in the tree's order, (n,)."""
 
-    Attributes:
-        robot: the plant, with true links, feet, friction and rotors.
-        noise: factor on the noise of `STANDARD`.
-        torque_gain: measured torque over the true one; torque_offset: [N·m], added to it.
-        common_gain: the mean of `torque_gain` over the joints.
-        encoder_zero: [rad], measured position minus the true one.
-        imu_rotation: (3,) rotation vector [rad] and imu_place: (3,) [m], of the IMU relative to its nominal pose, both
-            in the nominal IMU frame.
-        gyro_offset, accelerometer_offset, orientation_offset: (3,) constant errors [rad/s, m/s², rad].
-        delay: [s], of the measured torques.
-        quantum: [rad], of the encoders; None if positions are not quantised and velocities are measured.
-        differenced: [s], interval for differencing quantised positions.
-        rate: of the log [Hz].
-        terrain: the ground.
-        lost: share of samples. spikes: per second.
-    """
-
-    robot: Robot
-    noise: float
-    torque_gain: Array
-    torque_offset: Array
-    common_gain: float
-    encoder_zero: Array
-    imu_rotation: Array
-    imu_place: Array
+    robot: Robot  # the plant, with true links, feet, friction and rotors
+    noise: float  # factor on the noise of `STANDARD`
+    torque_gain: Array  # measured torque over the true one
+    torque_offset: Array  # [N·m], added to it
+    common_gain: float  # the mean of `torque_gain` over the joints
+    encoder_zero: Array  # [rad], measured position minus the true one
+    imu_rotation: Array  # (3,) rotation vector [rad]
+    imu_place: Array  # (3,) [m], of the IMU relative to its nominal pose, both in the nominal IMU frame
+    # gyro_offset, accelerometer_offset, orientation_offset: (3,) constant errors [rad/s, m/s², rad]
     gyro_offset: Array
     accelerometer_offset: Array
     orientation_offset: Array
-    delay: float
-    quantum: float | None
-    differenced: float
-    rate: float
-    terrain: Terrain
-    lost: float
-    spikes: float
+    delay: float  # [s], of the measured torques
+    quantum: float | None  # [rad], of the encoders; None if positions are not quantised and velocities are measured
+    differenced: float  # [s], interval for differencing quantised positions
+    rate: float  # of the log [Hz]
+    terrain: Terrain  # the ground
+    lost: float  # share of samples
+    spikes: float  # per second
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, SI units; joints by name, links with their true ten parameters."""

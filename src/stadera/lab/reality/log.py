@@ -37,26 +37,19 @@ _SPIKES = SpikeSizes()
 
 @dataclass(frozen=True, eq=False)
 class TrueMotion:
-    """True motion at every millisecond of a run, for n joints.
-
-    Attributes:
-        joints: names.
-        time: (samples,) [s].
-        position, velocity, effort: (samples, n) [rad, rad/s, N·m].
-        orientation: (samples, 4) quaternion xyzw of the trunk in the world.
-        angular_velocity, angular_acceleration: (samples, 3) [rad/s, rad/s²], trunk axes.
-        linear_acceleration: (samples, 3) [m/s²], of the trunk's origin, world axes.
-    """
+    """True motion at every millisecond of a run, for n joints."""
 
     joints: tuple[str, ...]
-    time: Array
+    time: Array  # (samples,) [s]
+    # position, velocity, effort: (samples, n) [rad, rad/s, N·m]
     position: Array
     velocity: Array
     effort: Array
-    orientation: Array
+    orientation: Array  # (samples, 4) quaternion xyzw of the trunk in the world
+    # angular_velocity, angular_acceleration: (samples, 3) [rad/s, rad/s²], trunk axes
     angular_velocity: Array
     angular_acceleration: Array
-    linear_acceleration: Array
+    linear_acceleration: Array  # (samples, 3) [m/s²], of the trunk's origin, world axes
 
     @classmethod
     def of(cls, states: Sequence[TrueState], robot: Robot) -> TrueMotion:

@@ -28,24 +28,17 @@ SWING = "swing"
 
 @dataclass(frozen=True)
 class ScenarioDefaults:
-    """Default settings of scenarios.
+    """Default settings of scenarios."""
 
-    Attributes:
-        load: default load as a share of the robot's mass.
-        load_after: time of the load as a share of the duration.
-        trot, crawl: speeds [m/s].
-        over_stones: clearance of a crawling foot above the difference between the highest and the lowest stone [m].
-        still: time of standing before a motion begins [s].
-        moving: share of the time for a pose used for moving to it.
-    """
-
-    load: float = 0.1
-    load_after: float = 0.4
+    load: float = 0.1  # default load as a share of the robot's mass
+    load_after: float = 0.4  # time of the load as a share of the duration
+    # trot, crawl: speeds [m/s]
     trot: float = 0.3
     crawl: float = 0.1
+    # clearance of a crawling foot above the difference between the highest and the lowest stone [m]
     over_stones: float = 0.02
-    still: float = 0.3
-    moving: float = 0.4
+    still: float = 0.3  # time of standing before a motion begins [s]
+    moving: float = 0.4  # share of the time for a pose used for moving to it
 
 
 _DEFAULTS = ScenarioDefaults()
@@ -53,15 +46,10 @@ _DEFAULTS = ScenarioDefaults()
 
 @dataclass(frozen=True, eq=False)
 class ScriptEvent:
-    """A single event.
+    """A single event."""
 
-    Attributes:
-        time: [s], from the start.
-        act: function applied to the test-bed at that time.
-    """
-
-    time: float
-    act: Callable[[TestBed], None]
+    time: float  # [s], from the start
+    act: Callable[[TestBed], None]  # function applied to the test-bed at that time
 
 
 Script = Callable[[Robot, SimulateSettings, float], Sequence[ScriptEvent]]
@@ -81,21 +69,13 @@ def _crawling(robot: Robot, trunk: TrunkModel) -> Controller:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario.
+    """A scenario."""
 
-    Attributes:
-        summary: one line.
-        duration: default duration [s].
-        script: its events.
-        slope: default slope [rad].
-        controller: of stance and gait.
-    """
-
-    summary: str
-    duration: float
-    script: Script
-    slope: float = 0.0
-    controller: ControllerOf = _standing
+    summary: str  # one line
+    duration: float  # default duration [s]
+    script: Script  # its events
+    slope: float = 0.0  # default slope [rad]
+    controller: ControllerOf = _standing  # of stance and gait
 
 
 def _stand(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:

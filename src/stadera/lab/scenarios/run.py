@@ -38,19 +38,12 @@ _PROGRESS_EVERY = 250  # periods
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Output of a run.
+    """Output of a run."""
 
-    Attributes:
-        recording: values of the sensors.
-        truth: of the trunk.
-        true_motion: true joint motion, accelerations, efforts and contact forces, at the log's times.
-        model: the robot model for estimators; with harsh and real errors it differs from the plant's.
-    """
-
-    recording: Recording
-    truth: Truth
-    true_motion: Recording
-    model: Robot
+    recording: Recording  # values of the sensors
+    truth: Truth  # of the trunk
+    true_motion: Recording  # true joint motion, accelerations, efforts and contact forces, at the log's times
+    model: Robot  # the robot model for estimators; with harsh and real errors it differs from the plant's
 
 
 class _KeptSensors(Sensors):

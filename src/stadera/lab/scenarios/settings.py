@@ -21,17 +21,13 @@ _BOX = (0.1, 0.1, 0.1)  # m, edges of a load given as a mass
 
 @dataclass(frozen=True)
 class Load:
-    """A load on the trunk.
+    """A load on the trunk."""
 
-    Attributes:
-        amount: positive.
-        unit: "kg" for a rigid cube of 10 cm fixed to the trunk; "N" for the paper's virtual force, without inertia.
-        at: [m], of its centre in the trunk frame; None for a quarter of the feet's rectangle behind and to the left of
-            the middle, at the height of the hips.
-    """
-
-    amount: float
+    amount: float  # positive
+    # "kg" for a rigid cube of 10 cm fixed to the trunk; "N" for the paper's virtual force, without inertia
     unit: Literal["kg", "N"] = "kg"
+    # [m], of its centre in the trunk frame; None for a quarter of the feet's rectangle behind and to the left of the
+    # middle, at the height of the hips
     at: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -50,38 +46,24 @@ class Load:
 
 @dataclass(frozen=True)
 class SimulateSettings:
-    """Settings of a run.
+    """Settings of a run."""
 
-    Attributes:
-        errors: ideal, standard or harsh, of the sensors; or real, real-unit-gain: of robot, sensors and ground.
-        load: None for the scenario's own.
-        slope: of the ground [rad]; None for the scenario's own, or with real errors the drawn one.
-        duration: [s]; None for the scenario's own.
-        rate: of the log [Hz]; the test-bed itself runs at 1 kHz, and the log keeps every n-th sample. None for 250 Hz,
-            or with real errors the drawn one.
-        seed: of all sensor errors.
-        load_time: [s], at which the load is added; None for the scenario's own.
-        speed: of a walk, forwards [m/s]; None for the scenario's own.
-        turn: of a walk, to the left [rad/s].
-        amplitude: of a shake, times 3° and 3 % of the robot's height.
-        stones: [m], largest deviation of the stepping stones' heights; 0 for a plane.
-        hold: periods of the test-bed for which the controller's torques are held, see `TestBed`.
-        outside: an external force other than a load; None for none.
-    """
-
+    # ideal, standard or harsh, of the sensors; or real, real-unit-gain: of robot, sensors and ground
     errors: str = "standard"
-    load: Load | None = None
-    slope: float | None = None
-    duration: float | None = None
+    load: Load | None = None  # None for the scenario's own
+    slope: float | None = None  # of the ground [rad]; None for the scenario's own, or with real errors the drawn one
+    duration: float | None = None  # [s]; None for the scenario's own
+    # of the log [Hz]; the test-bed itself runs at 1 kHz, and the log keeps every n-th sample. None for 250 Hz, or with
+    # real errors the drawn one.
     rate: float | None = None
-    seed: int = 0
-    load_time: float | None = None
-    speed: float | None = None
-    turn: float = 0.0
-    amplitude: float = 1.0
-    stones: float = 0.0
-    hold: int = 1
-    outside: OutsideForce | None = None
+    seed: int = 0  # of all sensor errors
+    load_time: float | None = None  # [s], at which the load is added; None for the scenario's own
+    speed: float | None = None  # of a walk, forwards [m/s]; None for the scenario's own
+    turn: float = 0.0  # of a walk, to the left [rad/s]
+    amplitude: float = 1.0  # of a shake, times 3° and 3 % of the robot's height
+    stones: float = 0.0  # [m], largest deviation of the stepping stones' heights; 0 for a plane
+    hold: int = 1  # periods of the test-bed for which the controller's torques are held, see `TestBed`
+    outside: OutsideForce | None = None  # an external force other than a load; None for none
 
     def __post_init__(self) -> None:
         if self.errors.lower() not in (*ERROR_SETS, *REAL_SETS):

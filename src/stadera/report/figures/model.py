@@ -26,37 +26,28 @@ Marker = Literal["", "dot", "ring", "diamond", "plus", "cross"]
 class Series:
     """A curve, markers, or an area.
 
-    Attributes:
-        x, y: (k,); NaN breaks a line.
-        name: in the legend; empty for none. Series of the same name share one entry and are toggled together.
-        colour: of `COLOURS`.
-        width: of the line [px]; 0 for none.
-        dashed: whether the line is dashed.
-        stairs: "hold" if y is constant until the next x, "bins" for bins around x; "" for straight lines.
-        fill: "self" fills the outline, "zero" the area down to the axis.
-        marker, size: of the points; one size [px], or one for each point.
-        labels: a text at each point; empty for none.
-        x_range, y_range: ((k,), (k,)), lower and upper end of error bars; None for none.
-        hidden: True to draw it only on request.
-
     Raises:
         StaderaError: x and y of different length, or an unknown colour.
     """
 
+    # x, y: (k,); NaN breaks a line
     x: Array
     y: Array
-    name: str = ""
-    colour: str = "blue"
-    width: float = 1.6
-    dashed: bool = False
+    name: str = ""  # in the legend; empty for none. Series of the same name share one entry and are toggled together.
+    colour: str = "blue"  # of `COLOURS`
+    width: float = 1.6  # of the line [px]; 0 for none
+    dashed: bool = False  # whether the line is dashed
+    # "hold" if y is constant until the next x, "bins" for bins around x; "" for straight lines
     stairs: Literal["", "hold", "bins"] = ""
-    fill: Literal["", "self", "zero"] = ""
+    fill: Literal["", "self", "zero"] = ""  # "self" fills the outline, "zero" the area down to the axis
+    # marker, size: of the points; one size [px], or one for each point
     marker: Marker = ""
     size: float | Array = 7.0
-    labels: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()  # a text at each point; empty for none
+    # x_range, y_range: ((k,), (k,)), lower and upper end of error bars; None for none
     x_range: tuple[Array, Array] | None = None
     y_range: tuple[Array, Array] | None = None
-    hidden: bool = False
+    hidden: bool = False  # True to draw it only on request
 
     def __post_init__(self) -> None:
         if np.shape(self.x) != np.shape(self.y):
@@ -89,20 +80,14 @@ class Bars:
 
 @dataclass(frozen=True)
 class Guide:
-    """A line across the panel at `begin`, or with `end` a shaded range.
+    """A line across the panel at `begin`, or with `end` a shaded range."""
 
-    Attributes:
-        begin, end: on the axis; end None for a line.
-        of: the axis to which they refer.
-        colour: of `COLOURS`.
-        name: in the legend; empty for none.
-    """
-
+    # begin, end: on the axis; end None for a line
     begin: float
     end: float | None = None
-    of: Literal["x", "y"] = "x"
-    colour: str = "orange"
-    name: str = ""
+    of: Literal["x", "y"] = "x"  # the axis to which they refer
+    colour: str = "orange"  # of `COLOURS`
+    name: str = ""  # in the legend; empty for none
 
     def __post_init__(self) -> None:
         _check_colour(self.colour)
@@ -110,43 +95,27 @@ class Guide:
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a panel.
+    """One axis of a panel."""
 
-    Attributes:
-        title: with its unit in square brackets.
-        log: whether the axis is logarithmic.
-        labels: categories at 0, 1, 2, ...; empty for a quantity.
-        limits: range shown; None for the range of the data.
-        zero: whether the range includes zero.
-    """
-
-    title: str = ""
-    log: bool = False
-    labels: tuple[str, ...] = ()
-    limits: tuple[float, float] | None = None
-    zero: bool = False
+    title: str = ""  # with its unit in square brackets
+    log: bool = False  # whether the axis is logarithmic
+    labels: tuple[str, ...] = ()  # categories at 0, 1, 2, ...; empty for a quantity
+    limits: tuple[float, float] | None = None  # range shown; None for the range of the data
+    zero: bool = False  # whether the range includes zero
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One pair of axes.
+    """One pair of axes."""
 
-    Attributes:
-        x, y: its axes; y points downwards if it has categories.
-        marks: from the back to the front.
-        guides: behind the marks.
-        title: above it.
-        equal: whether x and y have the same scale.
-        share: of the width, next to other panels.
-    """
-
+    # x, y: its axes; y points downwards if it has categories
     x: Axis
     y: Axis
-    marks: tuple[Series | Bars, ...]
-    guides: tuple[Guide, ...] = ()
-    title: str = ""
-    equal: bool = False
-    share: float = 1.0
+    marks: tuple[Series | Bars, ...]  # from the back to the front
+    guides: tuple[Guide, ...] = ()  # behind the marks
+    title: str = ""  # above it
+    equal: bool = False  # whether x and y have the same scale
+    share: float = 1.0  # of the width, next to other panels
 
     @property
     def is_empty(self) -> bool:
@@ -156,22 +125,14 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """Panels in rows.
+    """Panels in rows."""
 
-    Attributes:
-        title: above it, and its label for screen readers.
-        rows: panels next to each other, row by row.
-        note: how to read it.
-        row_height: of a panel [px].
-        moves: whether it is interactive on pages; else it is static.
-        shared: whether all panels of a column share one x axis, with its title below the last.
-    """
-
-    title: str
-    rows: tuple[tuple[Panel, ...], ...]
-    note: str = ""
-    row_height: float = 260.0
-    moves: bool = False
+    title: str  # above it, and its label for screen readers
+    rows: tuple[tuple[Panel, ...], ...]  # panels next to each other, row by row
+    note: str = ""  # how to read it
+    row_height: float = 260.0  # of a panel [px]
+    moves: bool = False  # whether it is interactive on pages; else it is static
+    # whether all panels of a column share one x axis, with its title below the last
     shared: bool = field(default=False, kw_only=True)
 
     @property

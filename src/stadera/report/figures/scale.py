@@ -18,20 +18,14 @@ _ROOM = 0.05  # of the span, around the data
 
 @dataclass(frozen=True)
 class Scale:
-    """Maps a range of values to a length.
+    """Maps a range of values to a length."""
 
-    Attributes:
-        low, high: of the values; positive where `log`.
-        length: [px].
-        log: whether the scale is logarithmic.
-        flipped: whether values increase against the pixels, as for y.
-    """
-
+    # low, high: of the values; positive where `log`
     low: float
     high: float
-    length: float
-    log: bool = False
-    flipped: bool = False
+    length: float  # [px]
+    log: bool = False  # whether the scale is logarithmic
+    flipped: bool = False  # whether values increase against the pixels, as for y
 
     def __call__(self, values: Array | float) -> Array:
         """Pixels from the beginning of the scale, NaN for NaN."""

@@ -17,20 +17,15 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True)
 class FallLimits:
-    """Criteria for a fall, and for a supporting foot.
+    """Criteria for a fall, and for a supporting foot."""
 
-    Attributes:
-        tilt: of the trunk above which the robot has toppled [rad].
-        lowest: share of the trunk's initial height above the ground below which the robot has fallen; it also has if
-            its trunk or a hip touches the ground.
-        kneeling: tilt up to which knees may touch the ground, for a robot that sits [rad].
-        carries: least share of the weight on a foot of the support polygon.
-    """
-
-    tilt: float = float(np.deg2rad(45.0))
+    tilt: float = float(np.deg2rad(45.0))  # of the trunk above which the robot has toppled [rad]
+    # share of the trunk's initial height above the ground below which the robot has fallen; it also has if its trunk or
+    # a hip touches the ground
     lowest: float = 0.3
+    # tilt up to which knees may touch the ground, for a robot that sits [rad]
     kneeling: float = float(np.deg2rad(20.0))
-    carries: float = 0.01
+    carries: float = 0.01  # least share of the weight on a foot of the support polygon
 
 
 @dataclass(frozen=True)

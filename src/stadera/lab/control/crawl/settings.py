@@ -23,15 +23,10 @@ class CrawlError(StaderaError):
 
 @dataclass(frozen=True)
 class CrawlCommand:
-    """Desired motion.
+    """Desired motion."""
 
-    Attributes:
-        speed: [m/s], ahead, negative for backwards; along the ground's horizontal projection.
-        turn: [rad/s], to the left.
-    """
-
-    speed: float = 0.1
-    turn: float = 0.0
+    speed: float = 0.1  # [m/s], ahead, negative for backwards; along the ground's horizontal projection
+    turn: float = 0.0  # [rad/s], to the left
 
     def __post_init__(self) -> None:
         if not np.isfinite([self.speed, self.turn]).all():
@@ -40,80 +35,48 @@ class CrawlCommand:
 
 @dataclass(frozen=True)
 class CrawlTuning:
-    """Dimensionless settings of a crawl, the same for all robots; chosen on the four robots of the tests.
+    """Dimensionless settings of a crawl, the same for all robots; chosen on the four robots of the tests."""
 
-    Attributes:
-        swing_share: largest share of a step for the leg's swing.
-        transfer_share: largest share of the rest for unloading the foot.
-        restless: exponent with which rest of the body is weighted less if there is little time.
-        shortest: share of its time to which a swing may be shortened.
-        planned: number of steps planned ahead.
-        least_body: share of its time that a body motion keeps after a late landing.
-        earliest: share of a swing after which a touch is accepted.
-        longest_airborne: time for which a plan keeps the body over three feet [s], for a leg that may stay in the air.
-        moved: change of the modelled centre of mass since the plan, as a share of the margin, that causes a new plan.
-        delays: delays of a step for a new model, as shares of the lead, in increasing order.
-        sitting: height of a sitting trunk, as a share of the standing one.
-        sit_time: time for sitting down, as a share of the lead.
-        follows: share of a change of the ground's inclination followed in one step.
-        looks: number of evaluations of a plan while a leg is off the ground.
-        stretched: share of |det J| in the nominal stance below which a leg counts as extended.
-    """
-
-    swing_share: float = 0.6
-    transfer_share: float = 0.35
-    restless: int = 4
-    shortest: float = 0.5
-    planned: int = 4
-    least_body: float = 0.7
-    earliest: float = 0.5
+    swing_share: float = 0.6  # largest share of a step for the leg's swing
+    transfer_share: float = 0.35  # largest share of the rest for unloading the foot
+    restless: int = 4  # exponent with which rest of the body is weighted less if there is little time
+    shortest: float = 0.5  # share of its time to which a swing may be shortened
+    planned: int = 4  # number of steps planned ahead
+    least_body: float = 0.7  # share of its time that a body motion keeps after a late landing
+    earliest: float = 0.5  # share of a swing after which a touch is accepted
+    # time for which a plan keeps the body over three feet [s], for a leg that may stay in the air
     longest_airborne: float = 5.0
+    # change of the modelled centre of mass since the plan, as a share of the margin, that causes a new plan
     moved: float = 0.2
+    # delays of a step for a new model, as shares of the lead, in increasing order
     delays: tuple[float, ...] = (0.0, 0.25, 0.5, 1.0)
-    sitting: float = 0.45
-    sit_time: float = 3.0
-    follows: float = 0.5
-    looks: int = 8
-    stretched: float = 0.35
+    sitting: float = 0.45  # height of a sitting trunk, as a share of the standing one
+    sit_time: float = 3.0  # time for sitting down, as a share of the lead
+    follows: float = 0.5  # share of a change of the ground's inclination followed in one step
+    looks: int = 8  # number of evaluations of a plan while a leg is off the ground
+    stretched: float = 0.35  # share of |det J| in the nominal stance below which a leg counts as extended
 
 
 @dataclass(frozen=True)
 class CrawlSettings:
-    """Sizes and times of a crawl.
+    """Sizes and times of a crawl."""
 
-    Attributes:
-        sequence: the four legs in the order in which they swing.
-        cycle: [s], of four steps, at low speed; the stride follows from the speed,
-        longest_stride: [m], up to this length: faster walks have shorter cycles.
-        swing: [s], of a leg's swing; less in short cycles.
-        transfer: [s], for unloading a foot, and for loading it.
-        clearance: [m], of a swinging foot above the higher of its two footholds.
-        press: [m], below the expected ground at which a swing ends, so that the foot is moving at touch-down.
-        search: [m], distance below the expected height over which a foot searches for the ground, at
-        search_speed: [m/s].
-        margin: [m], of centre of mass and zero-moment point to the support polygon's edges.
-        least_margin: [m], of the modelled centre of mass in the coming triangle, below which no foot is lifted.
-        unhurried: [s], of body motion before a step above which the body rests while a leg swings; with less time it
-            rests less, which reduces accelerations.
-        patience: [s], time limit for that before the crawl stops.
-        lead: [s], for the body before the first step from a stand.
-        tuning: see `CrawlTuning`.
-    """
-
-    cycle: float
-    longest_stride: float
-    swing: float
-    transfer: float
-    clearance: float
-    press: float
-    search: float
-    search_speed: float
-    margin: float
-    least_margin: float
-    lead: float
+    cycle: float  # [s], of four steps, at low speed; the stride follows from the speed,
+    longest_stride: float  # [m], up to this length: faster walks have shorter cycles
+    swing: float  # [s], of a leg's swing; less in short cycles
+    transfer: float  # [s], for unloading a foot, and for loading it
+    clearance: float  # [m], of a swinging foot above the higher of its two footholds
+    press: float  # [m], below the expected ground at which a swing ends, so that the foot is moving at touch-down
+    search: float  # [m], distance below the expected height over which a foot searches for the ground, at
+    search_speed: float  # [m/s]
+    margin: float  # [m], of centre of mass and zero-moment point to the support polygon's edges
+    least_margin: float  # [m], of the modelled centre of mass in the coming triangle, below which no foot is lifted
+    lead: float  # [s], for the body before the first step from a stand
+    # [s], of body motion before a step above which the body rests while a leg swings; with less time it rests less,
+    # which reduces accelerations
     unhurried: float
-    patience: float = 3.0
-    sequence: tuple[str, ...] = LATERAL_SEQUENCE
+    patience: float = 3.0  # [s], time limit for that before the crawl stops
+    sequence: tuple[str, ...] = LATERAL_SEQUENCE  # the four legs in the order in which they swing
     tuning: CrawlTuning = field(default_factory=CrawlTuning)
 
     def __post_init__(self) -> None:
@@ -165,19 +128,13 @@ class CrawlSettings:
 
 @dataclass(frozen=True)
 class StepTiming:
-    """Times of a step, averaged over a cycle.
+    """Times of a step, averaged over a cycle."""
 
-    Attributes:
-        step: [s], total. swing: [s], of the leg. transfer: [s], for unloading before the swing, and for loading after
-            it.
-        rest: weight of the body's rest during swings, up to 1. least: [s], of a phase of the plan.
-    """
-
-    step: float
-    swing: float
-    transfer: float
-    rest: float = 1.0
-    least: float = 0.02
+    step: float  # [s], total
+    swing: float  # [s], of the leg
+    transfer: float  # [s], for unloading before the swing, and for loading after it
+    rest: float = 1.0  # weight of the body's rest during swings, up to 1
+    least: float = 0.02  # [s], of a phase of the plan
 
     @property
     def body(self) -> float:

@@ -31,23 +31,18 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class PlanWeights:
-    """Weights of the programme, and settings of its solution.
+    """Weights of the programme, and settings of its solution."""
 
-    Attributes:
-        longest: longest piece of constant jerk [s].
-        jerk, near, rest: β, γ, the largest δ.
-        lacking_zmp, lacking_com: cost of a missing margin, linear [m] and quadratic.
-        infinite: value that the solver treats as no bound.
-        attempts: successive accuracies [SI units] and iterations; a coarse plan is better than none.
-    """
-
-    longest: float = 0.08
-    infinite: float = 1e20
+    longest: float = 0.08  # longest piece of constant jerk [s]
+    infinite: float = 1e20  # value that the solver treats as no bound
+    # jerk, near, rest: β, γ, the largest δ
     jerk: float = 1e-3
     near: float = 0.5
     rest: float = 20.0
+    # lacking_zmp, lacking_com: cost of a missing margin, linear [m] and quadratic
     lacking_zmp: tuple[float, float] = (20.0, 2e3)
     lacking_com: tuple[float, float] = (2.0, 2e2)
+    # successive accuracies [SI units] and iterations; a coarse plan is better than none
     attempts: tuple[tuple[float, int], ...] = ((1e-6, 500), (1e-4, 5000))
 
 
@@ -56,19 +51,12 @@ _WEIGHTS = PlanWeights()
 
 @dataclass(frozen=True, eq=False)
 class SupportPhase:
-    """A period with the same feet in stance.
+    """A period with the same feet in stance."""
 
-    Attributes:
-        duration: [s], positive.
-        support: polygon for the zero-moment point.
-        goal: (2,) [m], preferred position of the centre of mass.
-        rests: whether the body should preferably rest: a leg swings.
-    """
-
-    duration: float
-    support: SupportPolygon
-    goal: Array
-    rests: bool
+    duration: float  # [s], positive
+    support: SupportPolygon  # polygon for the zero-moment point
+    goal: Array  # (2,) [m], preferred position of the centre of mass
+    rests: bool  # whether the body should preferably rest: a leg swings
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
@@ -77,19 +65,12 @@ class SupportPhase:
 
 @dataclass(frozen=True, eq=False)
 class ComPlan:
-    """Horizontal motion of the centre of mass, with piecewise constant jerk; at rest after its end.
+    """Horizontal motion of the centre of mass, with piecewise constant jerk; at rest after its end."""
 
-    Attributes:
-        times: (k + 1,) [s], ends of the pieces.
-        states: (k + 1, 3, 2), position [m], velocity [m/s] and acceleration [m/s²] at these times.
-        jerks: (k, 2) [m/s³].
-        lacking: [m], largest missing margin of the zero-moment point.
-    """
-
-    times: Array
-    states: Array
-    jerks: Array
-    lacking: float = 0.0
+    times: Array  # (k + 1,) [s], ends of the pieces
+    states: Array  # (k + 1, 3, 2), position [m], velocity [m/s] and acceleration [m/s²] at these times
+    jerks: Array  # (k, 2) [m/s³]
+    lacking: float = 0.0  # [m], largest missing margin of the zero-moment point
 
     @classmethod
     def standing(cls, time: float, position: Array) -> ComPlan:

@@ -26,17 +26,11 @@ class PlanError(StaderaError):
 
 @dataclass(frozen=True, eq=False)
 class SupportPolygon:
-    """The convex hull of contacts, projected along gravity.
+    """The convex hull of contacts, projected along gravity."""
 
-    Attributes:
-        corners: (k, 2) [m], counter-clockwise.
-        normals: (k, 2), unit outward normals of the edges; edge i goes from corner i to the next.
-        distances: (k,) [m], of the edges from the origin along their normals.
-    """
-
-    corners: Array
-    normals: Array
-    distances: Array
+    corners: Array  # (k, 2) [m], counter-clockwise
+    normals: Array  # (k, 2), unit outward normals of the edges; edge i goes from corner i to the next
+    distances: Array  # (k,) [m], of the edges from the origin along their normals
 
     @classmethod
     def of(cls, points: ArrayLike) -> SupportPolygon:
@@ -136,13 +130,9 @@ class PathPose:
 
 @dataclass(frozen=True, eq=False)
 class Footholds:
-    """Nominal positions of the feet relative to the path's pose.
+    """Nominal positions of the feet relative to the path's pose."""
 
-    Attributes:
-        offsets: (4, 2) [m], ahead and to the left of the path's pose.
-    """
-
-    offsets: Array
+    offsets: Array  # (4, 2) [m], ahead and to the left of the path's pose
 
     @classmethod
     def of(cls, feet: Array, heading: float) -> tuple[Footholds, PathPose]:
@@ -160,14 +150,10 @@ class Footholds:
 
 @dataclass(frozen=True, eq=False)
 class GroundPlane:
-    """The plane z = height + slope · (x, y), as fitted to feet.
+    """The plane z = height + slope · (x, y), as fitted to feet."""
 
-    Attributes:
-        height: [m]. slope: (2,).
-    """
-
-    height: float
-    slope: Array
+    height: float  # [m]
+    slope: Array  # (2,)
 
     @classmethod
     def of(cls, feet: Array) -> GroundPlane:

@@ -16,15 +16,10 @@ _ALIKE = "a vertical force at one place is what a weight at that place does to a
 
 @dataclass(frozen=True)
 class Force:
-    """An external force.
+    """An external force."""
 
-    Attributes:
-        make: makes the force for a robot and a start time [s].
-        hidden: why a log cannot distinguish it from a load, if so; empty otherwise.
-    """
-
-    make: Callable[[Robot, float], OutsideForce]
-    hidden: str = ""
+    make: Callable[[Robot, float], OutsideForce]  # makes the force for a robot and a start time [s]
+    hidden: str = ""  # why a log cannot distinguish it from a load, if so; empty otherwise
 
 
 def _acting(

@@ -40,23 +40,14 @@ _TOLD = 200  # characters of a message that are stored
 
 @dataclass(frozen=True)
 class LogCase:
-    """A log.
-
-    Attributes:
-        robot: its name.
-        scenario: trot, crawl, shake or stand.
-        seed: of everything that is drawn.
-        share: of a load in the robot's mass, added in the middle; 0 for none.
-        force: external force from the middle on, a name of `FORCES`; empty for none.
-        duration: [s].
-    """
+    """A log."""
 
     robot: str
-    scenario: str
-    seed: int
-    share: float = 0.0
-    force: str = ""
-    duration: float = 5.0
+    scenario: str  # trot, crawl, shake or stand
+    seed: int  # of everything that is drawn
+    share: float = 0.0  # of a load in the robot's mass, added in the middle; 0 for none
+    force: str = ""  # external force from the middle on, a name of `FORCES`; empty for none
+    duration: float = 5.0  # [s]
 
     @property
     def middle(self) -> float:
@@ -71,15 +62,10 @@ class LogCase:
 
 @dataclass(frozen=True)
 class FaultCase:
-    """A weighing.
+    """A weighing."""
 
-    Attributes:
-        log: the log to weigh.
-        fault: a name of `SIGNAL_FAULTS`, `CLEAN`, or the log's force.
-    """
-
-    log: LogCase
-    fault: str = CLEAN
+    log: LogCase  # the log to weigh
+    fault: str = CLEAN  # a name of `SIGNAL_FAULTS`, `CLEAN`, or the log's force
 
 
 def hidden(case: FaultCase) -> str:

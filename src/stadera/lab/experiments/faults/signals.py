@@ -20,19 +20,12 @@ Spoil = Callable[[Recording, Robot, Rng], Recording]
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault.
+    """A fault."""
 
-    Attributes:
-        group: effort, encoder, velocity, imu, time, or force for external forces.
-        spoil: applies the fault to a log.
-        hidden: why it cannot show in a log, if so; empty otherwise.
-        motions: in which it cannot show; empty for all.
-    """
-
-    group: str
-    spoil: Spoil
-    hidden: str = ""
-    motions: tuple[str, ...] = ()
+    group: str  # effort, encoder, velocity, imu, time, or force for external forces
+    spoil: Spoil  # applies the fault to a log
+    hidden: str = ""  # why it cannot show in a log, if so; empty otherwise
+    motions: tuple[str, ...] = ()  # in which it cannot show; empty for all
 
 
 # -- joints -----------------------------------------------------------------------------------------------------------

@@ -44,16 +44,11 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """An identified leg compared with the simulated one.
-
-    Attributes:
-        leg: the result.
-        truth: the simulated robot.
-        structure: combinations of link parameters that motion on a held trunk can identify at best.
-    """
+    """An identified leg compared with the simulated one."""
 
     leg: LegIdentification
-    truth: Robot
+    truth: Robot  # the simulated robot
+    # combinations of link parameters that motion on a held trunk can identify at best
     structure: tuple[Combination, ...]
 
     @classmethod

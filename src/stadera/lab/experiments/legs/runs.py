@@ -42,15 +42,10 @@ PAPER, QUICK = Size(180.0, 1000.0), Size(20.0, 250.0)
 
 @dataclass(frozen=True, eq=False)
 class LegRuns:
-    """Random draws for one seed: two motions and two truths. Estimators only get the recordings and `cad`.
+    """Random draws for one seed: two motions and two truths. Estimators only get the recordings and `cad`."""
 
-    Attributes:
-        seed: of the draws.
-        size: of every log.
-    """
-
-    seed: int
-    size: Size
+    seed: int  # of the draws
+    size: Size  # of every log
 
     @classmethod
     def of(cls, settings: ReproduceSettings) -> LegRuns:

@@ -26,21 +26,13 @@ _SEARCH = FourierSearch(starts=2, iterations=40)
 
 @dataclass(frozen=True)
 class Worth:
-    """Information that a log of one motion would contain on the links' 30 parameters.
+    """Information that a log of one motion would contain on the links' 30 parameters."""
 
-    Attributes:
-        motion: description.
-        rank: without noise.
-        noisy_rank: with the usual torque noise, relative to the prior.
-        observable: number of parameters that the data alone determine, with that noise.
-        gain: information [nat].
-    """
-
-    motion: str
-    rank: int
-    noisy_rank: int
-    observable: int
-    gain: float
+    motion: str  # description
+    rank: int  # without noise
+    noisy_rank: int  # with the usual torque noise, relative to the prior
+    observable: int  # number of parameters that the data alone determine, with that noise
+    gain: float  # information [nat]
 
 
 def motion_worth(runs: LegRuns, quick: bool) -> tuple[Worth, Worth]:

@@ -42,21 +42,13 @@ PAPER = Paper.of("inertial_share")
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """One cycle of a crawl.
+    """One cycle of a crawl."""
 
-    Attributes:
-        speed: commanded, and
-        reached: [m/s].
-        time: (k,) [s], evenly spaced.
-        torque: (k,) [N·m], norm of the joint torques, and
-        inertial: (k,) [N·m], norm of the part due to motion.
-    """
-
-    speed: float
-    reached: float
-    time: Array
-    torque: Array
-    inertial: Array
+    speed: float  # commanded
+    reached: float  # [m/s]
+    time: Array  # (k,) [s], evenly spaced
+    torque: Array  # (k,) [N·m], norm of the joint torques
+    inertial: Array  # (k,) [N·m], norm of the part due to motion
 
     @property
     def share(self) -> float:

@@ -63,33 +63,19 @@ class Supervision(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class LoadedWalkCase:
-    """Settings of one walk.
-
-    Attributes:
-        robot: its name.
-        payload: the load added; None for none.
-        load_at: time at which it is added [s].
-        unload_at: time at which all loads are removed [s]; never by default.
-        supervision: without it, controller and planner keep the model file's trunk.
-        seconds: of the run, standing included.
-        speed: [m/s], ahead.
-        errors: of the sensors.
-        seed: of all draws.
-        terrain: None for the plane.
-        settings: of the supervisor that stops; None for the defaults.
-    """
+    """Settings of one walk."""
 
     robot: str = "hyq"
-    payload: Payload | None = None
-    load_at: float = 5.0
-    unload_at: float = np.inf
-    supervision: Supervision = Supervision.STOPPING
-    seconds: float = 20.0
-    speed: float = 0.1
-    errors: SensorErrors = STANDARD
-    seed: int = 0
-    terrain: Terrain | None = None
-    settings: SuperviseSettings | None = None
+    payload: Payload | None = None  # the load added; None for none
+    load_at: float = 5.0  # time at which it is added [s]
+    unload_at: float = np.inf  # time at which all loads are removed [s]; never by default
+    supervision: Supervision = Supervision.STOPPING  # without it, controller and planner keep the model file's trunk
+    seconds: float = 20.0  # of the run, standing included
+    speed: float = 0.1  # [m/s], ahead
+    errors: SensorErrors = STANDARD  # of the sensors
+    seed: int = 0  # of all draws
+    terrain: Terrain | None = None  # None for the plane
+    settings: SuperviseSettings | None = None  # of the supervisor that stops; None for the defaults
 
     @property
     def load(self) -> InertialParameters:
@@ -99,35 +85,27 @@ class LoadedWalkCase:
 
 @dataclass(frozen=True, eq=False)
 class LoadedWalkOutcome:
-    """Outcome of one walk.
-
-    Attributes:
-        case: the settings.
-        trace: true states, and the command.
-        margin: (k,) [m], of the true centre of mass in the support polygon at the trace's times: negative outside, NaN
-            on fewer than three feet.
-        evaluated_from: first time with four feet in stance at least one step's time after the load [s], since no
-            supervisor can affect the previous step; NaN if there is none.
-        transitions, checks, state: of the supervisor; empty, and WALKING, without one. A supervisor that does not stop
-            makes no checks.
-        noticed: times of detection of changes of the load [s].
-        model: trunk model of controller and planner at the end.
-        truth, bare: the trunk with its load at the end, and without.
-        payload: as estimated by the supervisor; None without an estimate.
-    """
+    """Outcome of one walk."""
 
     case: LoadedWalkCase
-    trace: WalkTrace
+    trace: WalkTrace  # true states, and the command
+    # (k,) [m], of the true centre of mass in the support polygon at the trace's times: negative outside, NaN on fewer
+    # than three feet
     margin: Array
+    # first time with four feet in stance at least one step's time after the load [s], since no supervisor can affect
+    # the previous step; NaN if there is none
     evaluated_from: float
+    # transitions, checks, state: of the supervisor; empty, and WALKING, without one. A supervisor that does not stop
+    # makes no checks.
     transitions: tuple[Transition, ...]
     checks: tuple[LoadCheck, ...]
     state: State
-    noticed: tuple[float, ...]
-    model: TrunkModel
+    noticed: tuple[float, ...]  # times of detection of changes of the load [s]
+    model: TrunkModel  # trunk model of controller and planner at the end
+    # truth, bare: the trunk with its load at the end, and without
     truth: InertialParameters
     bare: InertialParameters
-    payload: FoundPayload | None
+    payload: FoundPayload | None  # as estimated by the supervisor; None without an estimate
 
     @cached_property
     def verdict(self) -> Verdict:

@@ -27,17 +27,11 @@ Gait = Literal["crawl", "trot", "shake"]
 
 @dataclass(frozen=True)
 class MotionSettings:
-    """Settings of the estimators in the studies.
+    """Settings of the estimators in the studies."""
 
-    Attributes:
-        light: the prior's mass, as a share of the true one.
-        off: the prior's error of the centre of mass, as a share of the hips' half spacing.
-        trot: highest speed of a trot, as a share of √(g h).
-    """
-
-    light: float = 0.9
-    off: float = 0.15
-    trot: float = 0.26
+    light: float = 0.9  # the prior's mass, as a share of the true one
+    off: float = 0.15  # the prior's error of the centre of mass, as a share of the hips' half spacing
+    trot: float = 0.26  # highest speed of a trot, as a share of √(g h)
 
 
 _GIVEN = MotionSettings()

@@ -33,21 +33,17 @@ class WalkOutcome(StrEnum):
 
 @dataclass(frozen=True)
 class OutcomeLimits:
-    """Limits for being stuck; those for a fall are `FallLimits`.
+    """Limits for being stuck; those for a fall are `FallLimits`."""
 
-    Attributes:
-        share: of the commanded distance and steps over the last cycle below which the robot is stuck. Half: a loaded
-            robot may be slower, while one that only steps in place has stopped.
-        sag: decrease of the trunk's height above ground, as a share. 0.15: three times the deflection of the virtual
-            springs under 40 % of the robot's mass (m g / k = 0.05 h), and more than a swing's ground clearance.
-        sagging: [s], time for which it must be that low. A step's time, since a landing load may push it down briefly.
-        overload: [s], time for which a joint may be at its torque limit, since drives heat up. The controllers' own
-            limit.
-    """
-
+    # of the commanded distance and steps over the last cycle below which the robot is stuck. Half: a loaded robot may
+    # be slower, while one that only steps in place has stopped.
     share: float = 0.5
+    # decrease of the trunk's height above ground, as a share. 0.15: three times the deflection of the virtual springs
+    # under 40 % of the robot's mass (m g / k = 0.05 h), and more than a swing's ground clearance.
     sag: float = 0.15
+    # [s], time for which it must be that low. A step's time, since a landing load may push it down briefly.
     sagging: float = 0.8
+    # [s], time for which a joint may be at its torque limit, since drives heat up. The controllers' own limit.
     overload: float = 0.5
 
     def __post_init__(self) -> None:
@@ -56,30 +52,19 @@ class OutcomeLimits:
 
 @dataclass(frozen=True, eq=False)
 class WalkTrace:
-    """True states of a walk, evenly sampled, and the command.
+    """True states of a walk, evenly sampled, and the command."""
 
-    Attributes:
-        time: (k,) [s]. position: (k, 3) [m], of the trunk's origin, world; the walk leads along x.
-        height: (k,) [m], of the trunk's origin above the ground.
-        limited: (k, n) bool, joints whose torque is at its limit. joints: their n names.
-        steps: when legs were lifted [s].
-        speed: commanded [m/s]. step_time: of one step, as commanded [s].
-        loaded_at: time of the load [s]; NaN if there is none.
-        fall: None if it did not fall.
-        fault: why the controller failed; empty otherwise.
-    """
-
-    time: Array
-    position: Array
-    height: Array
-    limited: Bools
-    joints: tuple[str, ...]
-    steps: tuple[float, ...]
-    speed: float
-    step_time: float
-    loaded_at: float
-    fall: Fall | None
-    fault: str = ""
+    time: Array  # (k,) [s]
+    position: Array  # (k, 3) [m], of the trunk's origin, world; the walk leads along x
+    height: Array  # (k,) [m], of the trunk's origin above the ground
+    limited: Bools  # (k, n) bool, joints whose torque is at its limit
+    joints: tuple[str, ...]  # their n names
+    steps: tuple[float, ...]  # when legs were lifted [s]
+    speed: float  # commanded [m/s]
+    step_time: float  # of one step, as commanded [s]
+    loaded_at: float  # time of the load [s]; NaN if there is none
+    fall: Fall | None  # None if it did not fall
+    fault: str = ""  # why the controller failed; empty otherwise
 
     @property
     def since(self) -> int:

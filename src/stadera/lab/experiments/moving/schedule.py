@@ -27,25 +27,18 @@ DOING: tuple[Doing, ...] = ("standing", "start", "steady", "turning", "stop", "s
 
 @dataclass(frozen=True)
 class ScheduleSettings:
-    """Settings of the robot's motion in the study.
+    """Settings of the robot's motion in the study."""
 
-    Attributes:
-        start, stop: time for each [s].
-        slower: factor on all times for a crawl.
-        trot_turn: the fastest [rad/s].
-        crawl_speed, crawl_turn: the fastest [m/s], [rad/s].
-        looks: interval for evaluating the robot's activity [s].
-        hold: periods for which torques are held; sensors and estimator run at 1 kHz all the same.
-    """
-
+    # start, stop: time for each [s]
     start: float = 1.0
     stop: float = 1.5
-    slower: float = 2.0
-    trot_turn: float = 0.4
+    slower: float = 2.0  # factor on all times for a crawl
+    trot_turn: float = 0.4  # the fastest [rad/s]
+    # crawl_speed, crawl_turn: the fastest [m/s], [rad/s]
     crawl_speed: float = 0.1
     crawl_turn: float = 0.1
-    looks: float = 0.02
-    hold: int = 2
+    looks: float = 0.02  # interval for evaluating the robot's activity [s]
+    hold: int = 2  # periods for which torques are held; sensors and estimator run at 1 kHz all the same
 
 
 _HOW = ScheduleSettings()
@@ -53,40 +46,24 @@ _HOW = ScheduleSettings()
 
 @dataclass(frozen=True)
 class AlarmCase:
-    """Settings of one run.
-
-    Attributes:
-        robot: its name.
-        gait: crawl, trot or shake.
-        errors: of the sensors, a named set.
-        seed: of sensors and commands.
-        seconds: simulated time; a shorter run is the beginning of a longer one.
-    """
+    """Settings of one run."""
 
     robot: str
-    gait: Gait
-    errors: str
-    seed: int
-    seconds: float = 60.0
+    gait: Gait  # crawl, trot or shake
+    errors: str  # of the sensors, a named set
+    seed: int  # of sensors and commands
+    seconds: float = 60.0  # simulated time; a shorter run is the beginning of a longer one
 
 
 @dataclass(frozen=True)
 class Activity:
-    """One part of a schedule.
+    """One part of a schedule."""
 
-    Attributes:
-        doing: kind of activity.
-        seconds: duration.
-        ahead: share of the fastest speed, 0 to 1.
-        turn: share of the fastest turn, -1 to 1, to the left.
-        amplitude: of a shake.
-    """
-
-    doing: Doing
-    seconds: float
-    ahead: float = 0.0
-    turn: float = 0.0
-    amplitude: float = 0.0
+    doing: Doing  # kind of activity
+    seconds: float  # duration
+    ahead: float = 0.0  # share of the fastest speed, 0 to 1
+    turn: float = 0.0  # share of the fastest turn, -1 to 1, to the left
+    amplitude: float = 0.0  # of a shake
 
 
 def schedule(gait: Gait, rng: np.random.Generator) -> Iterator[Activity]:

@@ -39,34 +39,28 @@ WALKED, FELL = str(WalkOutcome.WALKED), str(WalkOutcome.FELL)
 
 @dataclass(frozen=True)
 class SurvivalSettings:
-    """Walks of the study.
+    """Walks of the study."""
 
-    Attributes:
-        loads, corners, seeds: of the grid, loads in [N].
-        paper, paper_corner, paper_seeds: the paper's load, over many seeds.
-        small, small_seeds: the least change that must be detected [N].
-        quiet_walks: number of walks without a load.
-        load_at: [s], and up to a cycle later. seconds: of a walk [s], with identification and without: at least a cycle
-            of walking under load.
-        on, off, noticing: times at which small changes are made and undone, and duration of these walks [s].
-        quiet: duration of walks without a load [s], of which all but the stand is walking.
-    """
-
+    # loads, corners, seeds: of the grid, loads in [N]
     loads: tuple[float, ...] = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0)
     corners: tuple[str, ...] = tuple(CORNERS)
     seeds: int = 2
+    # paper, paper_corner, paper_seeds: the paper's load, over many seeds
     paper: float = 100.0
     paper_corner: str = "LH"
     paper_seeds: int = 20
+    # small, small_seeds: the least change that must be detected [N]
     small: float = 3.0 * GRAVITY
     small_seeds: int = 12
-    quiet_walks: int = 20
-    load_at: float = 4.5
+    quiet_walks: int = 20  # number of walks without a load
+    load_at: float = 4.5  # [s], and up to a cycle later
+    # of a walk [s], with identification and without: at least a cycle of walking under load
     seconds: Mapping[bool, float] = field(default_factory=lambda: {True: 18.5, False: 13.0})
+    # on, off, noticing: times at which small changes are made and undone, and duration of these walks [s]
     on: float = 4.5
     off: float = 15.0
     noticing: float = 19.5
-    quiet: float = 31.0
+    quiet: float = 31.0  # duration of walks without a load [s], of which all but the stand is walking
 
 
 FULL = SurvivalSettings()
@@ -77,23 +71,16 @@ _QUICK = SurvivalSettings((100.0, 300.0), ("LH", "RF"), 1, paper_seeds=1, small_
 
 @dataclass(frozen=True)
 class SurvivalCase:
-    """Settings of one walk.
+    """Settings of one walk."""
 
-    Attributes:
-        load: [N], 0 for none. corner: of the back.
-        identify: whether identification is used.
-        seed: of the sensors' errors.
-        load_at, unload_at: [s]; 0 for never.
-        seconds: of the walk.
-    """
-
-    load: float
-    corner: str
-    identify: bool
-    seed: int
+    load: float  # [N], 0 for none
+    corner: str  # of the back
+    identify: bool  # whether identification is used
+    seed: int  # of the sensors' errors
+    # load_at, unload_at: [s]; 0 for never
     load_at: float
     unload_at: float
-    seconds: float
+    seconds: float  # of the walk
 
 
 def survive(case: SurvivalCase) -> Outcome:

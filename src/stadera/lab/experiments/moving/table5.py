@@ -27,18 +27,13 @@ _SEEDS = 5
 
 @dataclass(frozen=True)
 class Table5Times:
-    """Times of a run [s].
+    """Times of a run [s]."""
 
-    Attributes:
-        load, ask: time of the load, and time at which a weighing is requested without a load.
-        longest: of a run.
-        every: control periods between two measurements used for weighing.
-    """
-
+    # load, ask: time of the load, and time at which a weighing is requested without a load
     load: float = 5.5
     ask: float = 6.0
-    longest: float = 45.0
-    every: int = 4
+    longest: float = 45.0  # of a run
+    every: int = 4  # control periods between two measurements used for weighing
 
 
 @dataclass(frozen=True)

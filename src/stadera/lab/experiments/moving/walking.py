@@ -37,27 +37,18 @@ _BOUNDED = ("crawl", "trot")
 
 @dataclass(frozen=True)
 class Metric:
-    """A quantity of the study.
-
-    Attributes:
-        title, unit: as displayed.
-        key: of a method's values.
-        scale: factor to the unit.
-        of_robot: whether it is divided by the robot's mass.
-        median, high: bounds of median and 95th percentile under `standard`; None for none.
-        least_share: of the load, for it to count.
-        harsher: factor on the bounds under `harsh`.
-    """
+    """A quantity of the study."""
 
     title: str
     unit: str
-    key: str
-    scale: float
+    key: str  # of a method's values
+    scale: float  # factor to the unit
+    # median, high: bounds of median and 95th percentile under `standard`; None for none
     median: float | None = None
     high: float | None = None
-    of_robot: bool = False
-    least_share: float = 0.0
-    harsher: float = 3.0
+    of_robot: bool = False  # whether it is divided by the robot's mass
+    least_share: float = 0.0  # of the load, for it to count
+    harsher: float = 3.0  # factor on the bounds under `harsh`
 
     def values(self, pairs: _Pairs, method: str) -> list[float]:
         """Sizes of a method's errors, over the runs that have one and did not fall before."""

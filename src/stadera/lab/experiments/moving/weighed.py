@@ -37,24 +37,17 @@ _TOWARDS = dict(zip(PLACES, ((0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)), strict
 
 @dataclass(frozen=True)
 class WalkSettings:
-    """Settings of a run.
+    """Settings of a run."""
 
-    Attributes:
-        still: time before it moves [s].
-        before: by gait, time in motion before the load [s].
-        soon, late: times after the load at which results are evaluated [s].
-        slower: periods between two samples of the other methods: 100 Hz.
-        out: position of a load towards a corner, as a share of the tray's half size [1].
-        edge: of a box of 1 kg [m]; proportional to the cube root of the mass.
-    """
-
-    still: float = 0.3
+    still: float = 0.3  # time before it moves [s]
+    # by gait, time in motion before the load [s]
     before: Mapping[Gait, float] = field(default_factory=lambda: {"crawl": 6.0, "trot": 3.0, "shake": 3.0})
+    # soon, late: times after the load at which results are evaluated [s]
     soon: float = 1.0
     late: float = 3.0
-    slower: int = 10
-    out: float = 0.75
-    edge: float = 0.04
+    slower: int = 10  # periods between two samples of the other methods: 100 Hz
+    out: float = 0.75  # position of a load towards a corner, as a share of the tray's half size [1]
+    edge: float = 0.04  # of a box of 1 kg [m]; proportional to the cube root of the mass
 
 
 _HOW = WalkSettings()
@@ -62,25 +55,15 @@ _HOW = WalkSettings()
 
 @dataclass(frozen=True)
 class WalkingCase:
-    """Settings of one run.
-
-    Attributes:
-        robot: its name.
-        gait: crawl, trot or shake.
-        share: of the load in the robot's mass; 0 for none.
-        place: one of `PLACES`.
-        errors: of the sensors, a named set.
-        seed: of sensors and commands.
-        others: additional methods, by their registry's names, on the same measurements.
-    """
+    """Settings of one run."""
 
     robot: str
-    gait: Gait
-    share: float
-    place: str
-    errors: str
-    seed: int
-    others: tuple[str, ...] = ()
+    gait: Gait  # crawl, trot or shake
+    share: float  # of the load in the robot's mass; 0 for none
+    place: str  # one of `PLACES`
+    errors: str  # of the sensors, a named set
+    seed: int  # of sensors and commands
+    others: tuple[str, ...] = ()  # additional methods, by their registry's names, on the same measurements
 
 
 def weigh_in_motion(case: WalkingCase) -> dict[str, Any]:

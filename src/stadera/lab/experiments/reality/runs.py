@@ -54,20 +54,13 @@ _HOLD = 2  # periods of the test-bed for which the controller's torques are held
 
 @dataclass(frozen=True)
 class RealityCase:
-    """Settings of one run.
-
-    Attributes:
-        robot: its name.
-        scenario: trot, crawl, shake or stand.
-        share: of the load in the robot's mass; 0 for none.
-        errors: real or real-unit-gain.
-        seed: of the draw, combined with the other fields: no two cases draw the same robot, except for the common gain.
-    """
+    """Settings of one run."""
 
     robot: str
-    scenario: str
-    share: float
-    errors: str
+    scenario: str  # trot, crawl, shake or stand
+    share: float  # of the load in the robot's mass; 0 for none
+    errors: str  # real or real-unit-gain
+    # of the draw, combined with the other fields: no two cases draw the same robot, except for the common gain
     seed: int
 
 

@@ -47,23 +47,16 @@ _Pairs = Sequence[tuple[RealityCase, Outcome]]
 
 @dataclass(frozen=True)
 class ErrorSize:
-    """A quantity of the study: the size of an error.
-
-    Attributes:
-        title, unit: as displayed.
-        names: of `FIGURES`; for several, the length of the vector.
-        relative: in percent of the robot's mass; else in mm.
-        median, high: bounds of median and 95th percentile for robots in motion, their mean gain one; None for none.
-        least_share: least load as a share of the robot's mass.
-    """
+    """A quantity of the study: the size of an error."""
 
     title: str
     unit: str
-    names: tuple[str, ...]
-    relative: bool = False
+    names: tuple[str, ...]  # of `FIGURES`; for several, the length of the vector
+    relative: bool = False  # in percent of the robot's mass; else in mm
+    # median, high: bounds of median and 95th percentile for robots in motion, their mean gain one; None for none
     median: float | None = None
     high: float | None = None
-    least_share: float = 0.0
+    least_share: float = 0.0  # least load as a share of the robot's mass
 
     def values(self, pairs: _Pairs, method: str) -> list[float]:
         """Sizes of a method's errors over the runs in which every component was estimated."""

@@ -29,91 +29,65 @@ _PAPER_ROBOT, _PAPER_POINT = "hyq", (-0.75, 0.4, 0.0)  # m, trunk frame
 
 @dataclass(frozen=True)
 class StandingTimes:
-    """Times of a run [s].
+    """Times of a run [s]."""
 
-    Attributes:
-        settle: before anything is estimated.
-        mass, mass_at_most: for the mass to converge.
-        plane, height: for a recursive law in the plane and along the height, 12 and 8 of its time constants.
-        move, hold: to move between static poses, and to hold each.
-        trace, trace_poses: between points of the trace; longer if every evaluation solves for all poses again.
-    """
-
-    settle: float = 0.5
+    settle: float = 0.5  # before anything is estimated
+    # mass, mass_at_most: for the mass to converge
     mass: float = 1.0
     mass_at_most: float = 5.0
+    # plane, height: for a recursive law in the plane and along the height, 12 and 8 of its time constants
     plane: float = 6.0
     height: float = 4.0
+    # move, hold: to move between static poses, and to hold each
     move: float = 0.8
     hold: float = 1.2
+    # trace, trace_poses: between points of the trace; longer if every evaluation solves for all poses again
     trace: float = 0.01
     trace_poses: float = 0.2
 
 
 @dataclass(frozen=True)
 class StandingCase:
-    """Settings of one run.
-
-    Attributes:
-        robot: its name.
-        method: of `stadera.trunk.registry.METHODS`.
-        load: [N], pressing down at the paper's point; 0 for none.
-        slope: of the ground, rising forwards [deg].
-        errors: of the sensors.
-        misled: the controller also gets the sensors' foot positions; else it uses the encoders.
-        drive_offset: of every joint [N·m], drawn once a run: the drives regulate a torque measured with this error, so
-            that the actual torque is lower by it. Zero for exact drives.
-        seed: of all draws.
-        start: the prior's error: shares of the hips' half spacing in x, of that in y, and of that in x for z.
-        every: periods between two measurements for the estimator.
-        height: whether to continue with a tilted trunk for the height, if the method has a separate phase for it.
-        tilt: of the trunk, for the height [rad].
-        times: see `StandingTimes`.
-    """
+    """Settings of one run."""
 
     robot: str
-    method: str
-    load: float = 0.0
-    slope: float = 0.0
-    errors: SensorErrors = IDEAL
-    misled: bool = False
+    method: str  # of `stadera.trunk.registry.METHODS`
+    load: float = 0.0  # [N], pressing down at the paper's point; 0 for none
+    slope: float = 0.0  # of the ground, rising forwards [deg]
+    errors: SensorErrors = IDEAL  # of the sensors
+    misled: bool = False  # the controller also gets the sensors' foot positions; else it uses the encoders
+    # of every joint [N·m], drawn once a run: the drives regulate a torque measured with this error, so that the actual
+    # torque is lower by it. Zero for exact drives.
     drive_offset: Gaussian = field(default_factory=Gaussian)
-    seed: int = 0
+    seed: int = 0  # of all draws
+    # the prior's error: shares of the hips' half spacing in x, of that in y, and of that in x for z
     start: tuple[float, float, float] = (0.3, -0.3, 0.3)
-    every: int = 5
+    every: int = 5  # periods between two measurements for the estimator
+    # whether to continue with a tilted trunk for the height, if the method has a separate phase for it
     height: bool = True
-    tilt: float = float(np.deg2rad(10.0))
+    tilt: float = float(np.deg2rad(10.0))  # of the trunk, for the height [rad]
     times: StandingTimes = field(default_factory=StandingTimes)
 
 
 @dataclass(frozen=True, eq=False)
 class StandingOutcome:
-    """Outcome of one run, and the truth; trunk frame.
-
-    Attributes:
-        case: the settings.
-        mass, true_mass: of trunk and load [kg].
-        com, true_com, start: centres of mass: estimated, true, prior, (3,) [m].
-        std: (3,) [m], stated by the estimator; NaN where not observed.
-        one_pose_com: (3,) [m], estimate before the trunk was tilted for the height; `com` if it was not.
-        rotation: (3, 3), of the trunk in the world at that time.
-        status, reason: of the estimate at the end.
-        seconds: simulated [s].
-        trace_time, trace_com: (k,) [s], (k, 3) [m], the estimate over time.
-    """
+    """Outcome of one run, and the truth; trunk frame."""
 
     case: StandingCase
+    # mass, true_mass: of trunk and load [kg]
     mass: float
     true_mass: float
+    # com, true_com, start: centres of mass: estimated, true, prior, (3,) [m]
     com: Array
     true_com: Array
     start: Array
-    std: Array
-    one_pose_com: Array
-    rotation: Array
+    std: Array  # (3,) [m], stated by the estimator; NaN where not observed
+    one_pose_com: Array  # (3,) [m], estimate before the trunk was tilted for the height; `com` if it was not
+    rotation: Array  # (3, 3), of the trunk in the world at that time
     status: Status
     reason: str
-    seconds: float
+    seconds: float  # simulated [s]
+    # trace_time, trace_com: (k,) [s], (k, 3) [m], the estimate over time
     trace_time: Array
     trace_com: Array
 

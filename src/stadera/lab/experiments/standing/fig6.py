@@ -26,19 +26,14 @@ PAPER = Paper.of("fig6")
 
 @dataclass(frozen=True)
 class Fig6Settings:
-    """The run.
+    """The run."""
 
-    Attributes:
-        load: [N]. before, after: times around the load [s].
-        accuracy: error below which the load counts as found [m].
-        fast: the shorter of the two settling times [s]; the other is the paper's.
-    """
-
-    load: float = 100.0
+    load: float = 100.0  # [N]
+    # before, after: times around the load [s]
     before: float = 1.0
     after: float = 5.0
-    accuracy: float = 0.002
-    fast: float = 0.6
+    accuracy: float = 0.002  # error below which the load counts as found [m]
+    fast: float = 0.6  # the shorter of the two settling times [s]; the other is the paper's
 
 
 _HOW = Fig6Settings()
