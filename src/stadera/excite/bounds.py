@@ -137,9 +137,7 @@ class LegBounds:
         return ClearanceMap.of(self.clearance, self.lower, self.upper)
 
     def excess(self, motion: JointMotion) -> float:
-        """Largest violation of the bounds, ≤ 0 within; as a share of the range, of the velocity bound or of the effort
-        bound.
-        """
+        """Largest violation of the bounds, ≤ 0 within, as a share of the range, the velocity or the effort bound."""
         q = motion.position
         span = np.maximum(self.upper - self.lower, 1e-9)
         over = max(float(((q - self.upper) / span).max()), float(((self.lower - q) / span).max()))

@@ -121,9 +121,7 @@ class Clearance:
 
 @dataclass(frozen=True, eq=False)
 class _Measure:
-    """Computes distances of pairs of shapes, for poses of the moving ones in the trunk frame (see
-    `Clearance._poses`).
-    """
+    """Distances of pairs of shapes, for poses of the moving ones in the trunk frame (see `Clearance._poses`)."""
 
     shapes: Clearance
     rotations: Array
@@ -173,9 +171,7 @@ class ClearanceMap:
         return cls(lower, step, clearance.slack(poses).reshape((points,) * 3))
 
     def slack(self, position: Array) -> Array:
-        """`Clearance.slack` for poses (samples, 3) [rad], (samples,) [m]; outside the box that of the nearest pose in
-        it.
-        """
+        """`Clearance.slack` for poses (samples, 3) [rad], (samples,) [m]; outside the box that of its nearest pose."""
         at = ((position - self.lower) / self.step).T
         return np.asarray(map_coordinates(self.values, at, order=1, mode="nearest"))
 

@@ -175,9 +175,7 @@ class _Problem:
         return float(cost[0]), (cost[1:] - cost[0]) / self.search.step
 
     def _values(self, x: Array) -> tuple[Array, Array]:
-        """For each row of x (batch, unknowns): gain [nat], and the sum over samples of squared relative bound
-        violations.
-        """
+        """For each row of x (batch, unknowns): gain [nat], and the sum of squared relative bound violations."""
         bounds, batch = self.experiment.bounds, len(x)
         coefficients = self.series.coefficients(x)
         q, dq, ddq = (basis @ coefficients for basis in self._basis)

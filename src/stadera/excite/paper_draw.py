@@ -90,9 +90,7 @@ def paper_draw(
 
 
 def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int, settings: DrawSettings | None = None) -> Array:
-    """Poses with the most different gravity torques, (count, 3) [rad], at least `room` (3,) inside the position
-    bounds.
-    """
+    """Poses with the most different gravity torques, (count, 3) [rad], `room` (3,) inside the position bounds."""
     settings = settings or DrawSettings()
     ends = zip(bounds.lower + room, bounds.upper - room, strict=True)
     axes = [np.linspace(low, high, settings.candidates) for low, high in ends]
@@ -122,11 +120,8 @@ def _most_clear(poses: Array, room: Array, bounds: LegBounds, least: int) -> Boo
 
 
 def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rate: float = 100.0) -> float:
-    """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds; 1 if it does.
-
-    Args:
-        step: factor between two trials.
-        rate: sampling rate for checking the bounds [Hz].
+    """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds, 1 if it does: the first
+    power of `step` that fits at samples of `rate` [Hz].
 
     Raises:
         IdentificationError: the rest pose itself violates the bounds.

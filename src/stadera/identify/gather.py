@@ -96,9 +96,7 @@ class Gathered:
     friction_only: Mapping[str, float]  # the joint terms fitted with the rigid bodies at CAD
 
     def whitened(self, fixed: Mapping[str, float]) -> Information:
-        """All joints' rows in units of their noise, for the parameters that are not fixed (eq. 6), weighted by the
-        correlation of the samples.
-        """
+        """All joints' rows in units of their noise (eq. 6) and correlation, for the parameters that are not fixed."""
         total = Information.empty(self.by_joint[0].unknowns)
         for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True):
             total = total.merge(information.scaled_noise(std).forget(1.0 / self.correlation[joint]))

@@ -47,13 +47,8 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
 
 
 def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int = 4000) -> dict[str, float]:
-    """Mean upward force on each foot as a share of the robot's weight.
-
-    Args:
-        recording: positions and efforts of the legs' joints; legs that are not recorded are skipped.
-        robot: the model.
-        up: (3,), the vertical in trunk axes, of any length.
-        samples: number to which a longer log is thinned out.
+    """Mean upward force on each foot of a recorded leg as a share of the robot's weight; `up` (3,) is the vertical in
+    trunk axes. A log of more than `samples` is thinned out.
     """
     model, joints = LegModel.of(robot), robot.tree.joints
     thin = slice(None, None, -(-len(recording) // samples))

@@ -43,13 +43,8 @@ def estimate_lag(
     trunk_up: Array,
     settings: LagSettings | None = None,
 ) -> TorqueLag:
-    """Estimates the lag of the efforts in stretches that were preprocessed without lag compensation.
-
-    Args:
-        processed: stretches without gaps, including samples at rest.
-        regressors: one for each leg, over joints that the stretches have.
-        trunk_up: the vertical in trunk axes, (3,).
-        settings: of the search.
+    """Estimates the lag of the efforts in stretches without gaps, preprocessed without lag compensation, samples at
+    rest included. One regressor for each leg; `trunk_up` (3,) is the vertical in trunk axes.
     """
     search = settings or LagSettings()
     lags = np.arange(search.earliest, search.latest + search.step / 2, search.step)

@@ -111,11 +111,7 @@ class Observability:
         return max(1.0, 1e-13 * len(self.columns) * float(self.singular_values.max(initial=0.0)))
 
     def std(self, gradients: Array | None = None, prior: float = 1.0) -> Array:
-        """Standard deviations of the parameters under a prior `prior` times as wide as stated.
-
-        Args:
-            gradients: (k, n), of other quantities with respect to the parameters, to be evaluated instead.
-        """
+        """Standard deviations of the parameters, or of gradients (k, n), under a prior `prior` times as wide."""
         g = self._in_widths(gradients) @ self.directions.T
         s = np.where(self.singular_values > 1e-6 * self._floor, self.singular_values, 0.0)
         return np.asarray(np.sqrt(np.sum(g**2 / (s**2 + prior**-2), axis=1)))
@@ -154,21 +150,14 @@ class Observability:
 
 
 def observability(information: Information, prior: Prior, limits: VerdictLimits | None = None) -> Observability:
-    """Compares the rows' information with the prior.
-
-    Args:
-        information: rows in units of their true noise, on the prior's columns.
-        limits: of the verdicts.
-    """
+    """Compares the information of rows, in units of their true noise, with the prior on its columns."""
     data = information if information.names == prior.columns else information.marginal(prior.columns)
     U, s, Vt = np.linalg.svd(data.R * prior.scales)
     return Observability(prior.columns, prior.scales, s, Vt, U, limits or VerdictLimits())
 
 
 def _echelon(rows: Array, preference: Array) -> tuple[Array, list[int]]:
-    """Gauss-Jordan elimination with full pivoting on entries times `preference` (n,): the reduced rows, and each one's
-    pivot column.
-    """
+    """Gauss-Jordan elimination with full pivoting on entries times `preference` (n,): reduced rows, pivot columns."""
     work = rows.copy()
     pivots: list[int] = []
     for k in range(len(work)):

@@ -35,12 +35,7 @@ _LIKELIEST = (
 def trust_in(
     job: Job, gathered: Sequence[Gathered], estimates: Sequence[Estimate], remarks: Sequence[str] = ()
 ) -> Trust:
-    """Fit quality of the requested legs.
-
-    Args:
-        gathered, estimates: by leg, in the job's order.
-        remarks: further reasons against trusting the result, one sentence each.
-    """
+    """Fit quality of the requested legs, in the job's order; `remarks` are further reasons against trust."""
     settings = job.settings.trust
     wanted = list(zip(job.tasks, gathered, estimates, strict=True))[: job.wanted]
     fits = [_LegFit(task, data, estimate, _stated(job, task, estimate)) for task, data, estimate in wanted]

@@ -46,13 +46,7 @@ class SensorReading:
 
 
 class Sensors:
-    """Reads a plant with errors; constant ones are drawn on construction. The same seed gives the same errors.
-
-    Args:
-        errors: their sizes.
-        seed: of all draws.
-        robot: provides limits and nominal kinematics.
-    """
+    """Reads a plant with errors; constant ones are drawn on construction. The same seed gives the same errors."""
 
     def __init__(self, errors: SensorErrors, seed: int, robot: Robot) -> None:
         self.errors, self.robot = errors, robot
@@ -81,7 +75,7 @@ class Sensors:
         self._late: deque[tuple[float, Array]] = deque()
 
     def read(self, plant: Plant) -> SensorReading:
-        """Reads one sample at the plant's present instant; must be called every step, since delayed torques are stored
+        """Reads one sample at the plant's present instant; must be called every step, since delayed torques are kept
         here.
         """
         n, time = self._joint_count, plant.time
@@ -187,14 +181,11 @@ def plant_model(robot: Robot, errors: SensorErrors) -> Robot:
 
 
 def estimator_model(robot: Robot, errors: SensorErrors, seed: int) -> Robot:
-    """The estimator's model: the plant's robot, with wrong legs and approximate friction.
+    """The estimator's model: the plant's robot, from `plant_model`, with wrong legs and approximate friction.
 
     A leg link's ten parameters are scaled by 1 + N(0, leg_mass²), and its mass distribution is displaced by N(0,
     leg_com²) in each component. Each joint's Coulomb friction is scaled by 1 + N(0, friction_known²). The trunk is the
     plant's.
-
-    Args:
-        robot: the plant's, from `plant_model`.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
     inertias = dict(robot.inertias)

@@ -6,9 +6,7 @@ from math import floor, isfinite, log10
 
 
 def number(value: float, digits: int = 4, without: str = "none") -> str:
-    """Formats a number with that many significant digits and without exponents; `without` replaces values that are not
-    finite.
-    """
+    """Formats a number with significant digits, without exponents; `without` replaces values that are not finite."""
     if not isfinite(value):
         return without
     if value == 0.0:

@@ -22,13 +22,7 @@ from stadera.report.table import MARKS
 
 
 def render(template: str, package: str = "stadera.report", **values: Any) -> str:
-    """Renders a page from a template; all text in `values` is escaped.
-
-    Args:
-        template: the file's name in the package's folder `templates`.
-        package: searched for templates before this package.
-        values: variables of the template.
-    """
+    """Renders a page from a template in the folder `templates` of a package, or of this one; text is escaped."""
     return _environment(package).get_template(template).render(values)
 
 

@@ -62,12 +62,7 @@ class PayloadSettings:
 
 
 class PayloadScale:
-    """Stores poses at rest without and with the payload.
-
-    Args:
-        forces: of the robot's legs.
-        tare: the trunk without the payload; used if no such pose was held at rest.
-    """
+    """Stores poses at rest without and with the payload; `tare` is used if no pose without it was held at rest."""
 
     def __init__(
         self, forces: ContactForceEstimator, tare: TrunkModel, settings: PayloadSettings | None = None

@@ -95,12 +95,8 @@ class LoadCheck:
 
 
 class LoadTest:
-    """Estimates mass and torque offsets, and tests each moment against them.
-
-    Args:
-        robot_mass: [kg], reference of the shares.
-        trunk_mass: [kg], prior.
-        noise: of the torques.
+    """Estimates mass and torque offsets, and tests each moment; shares are of `robot_mass` [kg]; prior `trunk_mass`
+    [kg].
     """
 
     def __init__(
@@ -131,9 +127,7 @@ class LoadTest:
         return self._x[1:].copy()
 
     def check(self, moment: RestMoment) -> LoadCheck | None:
-        """Tests a moment, and updates the estimate unless the load has changed. None if too soon after the last
-        check.
-        """
+        """Tests a moment, and updates the estimate unless the load has changed. None if too soon after the last."""
         if moment.end - self._checked < self.settings.interval:
             return None
         self._checked = moment.end

@@ -21,20 +21,10 @@ from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 
 class NonstopSupervisor(Supervised):
-    """Processes every measurement, and passes the trunk's estimate to a walker.
+    """Processes every measurement, and passes the trunk's estimate to a walker that is walking.
 
     The first sufficiently accurate estimate is the tare, which is refined with the trunk until a load is added.
-    STANDING is final: the walker cannot continue, or the load is too heavy.
-
-    Args:
-        robot: the model that estimators use.
-        walker: assumed to be walking.
-        trunk: initial model of controller and planner; None for the robot's own.
-        settings: of the estimator; None for the defaults.
-        limits: accuracy that the controller needs; None for `TrustLimits.of(robot)`.
-
-    Attributes:
-        estimator: of the trunk.
+    STANDING is final: the walker cannot continue, or the load is too heavy. `limits`: the accuracy needed.
     """
 
     def __init__(

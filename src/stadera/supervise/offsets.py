@@ -57,12 +57,7 @@ class _Swing:
 
 
 class SwingOffsets:
-    """Collects swings, sample by sample, from measurements that state which legs are in stance.
-
-    Args:
-        legs: of the robot.
-        noise: of the torques.
-    """
+    """Collects swings, sample by sample, from measurements that state which legs are in stance."""
 
     def __init__(self, legs: MeasuredLegs, noise: ForceNoise, settings: OffsetSettings | None = None) -> None:
         self.legs, self._noise, self._settings = legs, noise, settings or OffsetSettings()

@@ -64,11 +64,7 @@ class RestMoment:
 
 
 class RestWatch:
-    """Finds moments near rest, sample by sample.
-
-    Args:
-        forces: estimator of contact forces, with their noise.
-    """
+    """Finds moments near rest, sample by sample."""
 
     def __init__(self, forces: ContactForceEstimator, limits: RestLimits | None = None) -> None:
         self.forces, self.limits = forces, limits or RestLimits()

@@ -16,11 +16,10 @@ from stadera.trunk.registry import METHODS
 
 @dataclass(frozen=True)
 class PosingSettings:
-    """Settings for leading a standing robot through poses: number for each method, and times [s] to move to a pose, to
-    hold it, and at the end to return.
-    """
+    """Settings for leading a standing robot through poses."""
 
-    poses: Mapping[str, int] = field(default_factory=lambda: {"poses": 5, "combined": 11})
+    poses: Mapping[str, int] = field(default_factory=lambda: {"poses": 5, "combined": 11})  # number for each method
+    # move, hold, back: times to move to a pose, to hold it, and at the end to return [s]
     move: float = 0.8
     hold: float = 1.2
     back: float = 0.5

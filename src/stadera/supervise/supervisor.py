@@ -32,16 +32,8 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 
 
 class Supervisor(Supervised):
-    """Processes every measurement, and commands a walker to stop, to use a new trunk, and to continue.
-
-    Args:
-        robot: the model used by estimators.
-        walker: assumed to be walking.
-        trunk: initial model of controller and planner; None for the robot's own.
-        forces: estimator of contact forces; None for a new one.
-
-    Attributes:
-        load_test: the estimate of the mass, and its test.
+    """Processes every measurement, and commands a walker, which is walking, to stop, to use a new trunk, and to
+    continue.
 
     Raises:
         StaderaError: the walker cannot be weighed by the chosen method.

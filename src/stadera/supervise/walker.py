@@ -57,9 +57,7 @@ class PosingWalker(Walker, Protocol):
         ...
 
     def lean(self, pose: PoseOffset, duration: float) -> None:
-        """Moves the trunk of the standing robot to a pose, relative to the pose in which it stopped, within a duration
-        [s].
-        """
+        """Moves the standing robot's trunk to a pose, relative to that in which it stopped, within a duration [s]."""
         ...
 
 
@@ -95,17 +93,7 @@ class Transition:
 
 
 class Supervised:
-    """A walker under supervision: its state, and the trunk used by its controller and planner.
-
-    Args:
-        robot: the model used by estimators.
-        walker: assumed to be walking.
-        trunk: initial model of controller and planner; None for the robot's own.
-
-    Attributes:
-        state: of the robot.
-        trunk: used by controller and planner.
-    """
+    """A walker under supervision: its state, and the trunk used by its controller and planner."""
 
     def __init__(self, robot: Robot, walker: Walker, trunk: TrunkModel | None) -> None:
         self.robot, self.walker, self.state = robot, walker, State.WALKING

@@ -32,18 +32,10 @@ class Stage(StrEnum):
 
 
 class StandingWeighing:
-    """Weighs mass, then centre of mass, of a robot that stands.
+    """Weighs mass, then centre of mass, of a robot that stands, from corrected contact forces.
 
-    Args:
-        corrected: corrected contact forces.
-        trunk: used by the controller meanwhile.
-        walker: commanded to lean, by methods that need poses, and queried for its posture by the method "orientation".
-        begin: present time [s].
-
-    Attributes:
-        stage: present stage.
-        reason: of a failure, one sentence; else empty.
-        estimate: the latest; None before the first.
+    The walker leans, for methods that need poses, and states its posture for the method "orientation". `trunk` is the
+    controller's meanwhile, `begin` the present time [s], `reason` that of a failure, `estimate` None before the first.
 
     Raises:
         StaderaError: the method needs poses or the posture, and the walker provides neither.

@@ -25,13 +25,10 @@ PROCESS_NOISE: Array = np.diag([5e-3, 5e-4, 5e-4])
 
 
 class KalmanTrunk(SignalBaseline):
-    """The published Kalman filter, as an `Estimator` without an estimate of the centre of mass' height.
-
-    Args:
-        robot, start, mount: as for `SignalBaseline`.
-        step: averaging time of the signals, to which the published process noise refers [s].
-        settled: time after which the initial state has no influence with that noise [s].
-        first: initial standard deviation, in units of the robot's mass and leg's length; not published [1].
+    """The published Kalman filter, as an `Estimator` without an estimate of the centre of mass' height. `step`:
+    averaging time of the signals, to which the published process noise refers [s]; `settled`: time after which the
+    initial state has no influence [s]; `first`: initial standard deviation in units of the robot's mass and leg's
+    length, not published.
     """
 
     def __init__(

@@ -25,15 +25,9 @@ from stadera.types import Array
 
 
 class LeastSquaresTrunk(SignalBaseline):
-    """Plain least squares over a sliding window; an `Estimator`.
-
-    Args:
-        robot, start, mount: as for `SignalBaseline`.
-        window: length of the window [s].
-        block: over which rows are averaged [s].
-        hint: weight of the prior, as a share of the information [1]; affects only directions without information in the
-            rows.
-        least_blocks: number of blocks of six rows needed to estimate ten parameters.
+    """Plain least squares over a sliding window [s]; an `Estimator`. Rows are averaged over `block` [s]; `hint` is the
+    prior's weight as a share of the information, which affects only directions without any; `least_blocks` of six rows
+    are needed.
     """
 
     def __init__(

@@ -21,13 +21,8 @@ from stadera.types import Array
 
 
 class RlsTrunk(SignalBaseline):
-    """Recursive least squares; an `Estimator`.
-
-    Args:
-        robot, start, mount: as for `SignalBaseline`.
-        memory: time constant of forgetting [s]: λ = exp(-block / memory).
-        block: [s].
-        first: initial P, in units of the robot's mass and leg's length [1].
+    """Recursive least squares; an `Estimator`. λ = exp(-block / memory), both in [s]; `first` is the initial P in units
+    of the robot's mass and leg's length.
     """
 
     def __init__(

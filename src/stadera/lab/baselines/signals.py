@@ -29,15 +29,9 @@ from stadera.types import Array
 
 
 class SignalBaseline:
-    """An `Estimator` that computes rows from averaged signals; subclasses solve them.
-
-    Args:
-        robot: the model.
-        start: initial trunk; None for the model's.
-        block: over which signals are averaged [s].
-        settled: time of data after which it counts as converged [s].
-        mount: of the IMU; None for the model's.
-        least_residual: least standard deviation of the residuals, as a share of the robot's weight [1].
+    """An `Estimator` that computes rows from signals averaged over `block` [s]; subclasses solve them. It counts as
+    converged after `settled` [s]; `least_residual` is the least standard deviation of the residuals, as a share of the
+    robot's weight.
     """
 
     def __init__(
@@ -86,16 +80,10 @@ class SignalBaseline:
 
     @abstractmethod
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
-        """Processes six rows (6, 10), (6,) of a block; returns mass and centre of mass (4,), and their covariance (4,
-        4).
-        """
+        """Processes a block's rows (6, 10), (6,); returns mass and centre of mass (4,), and their covariance (4, 4)."""
 
     def _centre(self, theta: Array, covariance: Array) -> tuple[Array, Array]:
-        """Mass and centre of mass (4,) of ten parameters, and their covariance (4, 4), NaN where not observed.
-
-        Args:
-            theta: (10,). covariance: (4, 4), of mass and first moment.
-        """
+        """Mass, centre of mass (4,) and covariance (4, 4), NaN where not observed, from mass and first moment."""
         if not theta[0] > 0:
             return np.array([theta[0], 0.0, 0.0, 0.0]), np.zeros((4, 4))
         slope = centre_slope(theta[:4])

@@ -55,17 +55,9 @@ class ContactLimits:
 
 
 class ForceDistribution:
-    """The quadratic programme of four feet.
-
-    Args:
-        limits: of the contacts.
-        length: L [m].
-        small: ε, and
-        smooth: β, both relative to the weight of a force error.
-
-    Attributes:
-        forces: (4, 3) [N], latest solution.
-        solved: whether the solver succeeded; if not, `forces` are the previous ones.
+    """The quadratic programme of four feet, with length L [m], `small` ε and `smooth` β, both relative to the weight of
+    a force error. `forces` (4, 3) [N] is the latest solution; `solved` is False if the solver failed and they are
+    older.
     """
 
     def __init__(self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4) -> None:

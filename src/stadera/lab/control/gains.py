@@ -30,11 +30,9 @@ class TrunkGains:
 
     @classmethod
     def of(cls, robot: Robot, linear: float = 12.0, angular: float = ANGULAR, damping: float = DAMPING) -> TrunkGains:
-        """K = m ω², D = 2 ζ ω m, and the same with the moments of inertia, of the whole robot in its nominal stance.
-
-        Args:
-            linear, angular: natural frequencies ω of the centre of mass, and of roll, pitch and yaw [rad/s].
-            damping: damping ratio ζ.
+        """K = m ω², D = 2 ζ ω m, and the same with the moments of inertia, of the whole robot in its nominal stance;
+        natural frequencies ω of the centre of mass (linear), and of roll, pitch and yaw (angular) [rad/s], and damping
+        ratio ζ.
         """
         for value in (linear, angular, damping):
             if not (np.isfinite(value) and value > 0):

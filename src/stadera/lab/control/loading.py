@@ -71,20 +71,15 @@ class FootLoads:
 
 
 class OverloadWatch:
-    """Measures for how long each joint has been at its limit continuously.
-
-    Args:
-        joints: their names, in the order of the values.
-        longest: time at its limit after which a joint is overloaded [s].
-    """
+    """Measures for how long each joint has been at its limit continuously; after `longest` [s] it is overloaded."""
 
     def __init__(self, joints: Sequence[str], longest: float = 0.5) -> None:
         self._longest = longest
         self._joints, self._for, self._last = tuple(joints), np.zeros(len(joints)), np.nan
 
     def update(self, time: float, saturated: Bools) -> str:
-        """Updates with joints at their limit, (n,) bool at a time [s]; returns a sentence on an overloaded joint, else
-        empty.
+        """Updates with joints at their limit, (n,) bool at a time [s]; returns a sentence on an overloaded joint, or
+        ''.
         """
         elapsed, self._last = 0.0 if np.isnan(self._last) else time - self._last, time
         self._for = np.where(saturated, self._for + elapsed, 0.0)

@@ -30,15 +30,13 @@ _NOBODY = np.zeros(4, dtype=bool)
 class LegOdometry:
     """Dead reckoning with the feet in stance.
 
-    Args:
-        velocity_time: T [s]; 0 for the legs alone.
-        slip: deviation of one foot from the others above which it counts as slipped [m].
+    `velocity_time` is T [s], 0 for the legs alone; a foot that deviates from the others by more than `slip` [m] has
+    slipped.
 
     Attributes:
         position: (3,) [m], of the trunk's origin in the odometry frame.
         anchors: (4, 3) [m], positions of the feet in stance, and last positions of those in the air.
-        anchored: (4,) bool, feet that have been in stance at least once.
-        slipped: (4,) bool, feet found to have slipped at the last update, and anchored again.
+        anchored, slipped: (4,) bool, feet that have been in stance, and feet that slipped at the last update.
     """
 
     def __init__(self, velocity_time: float = 0.0, slip: float = 0.02) -> None:
@@ -76,12 +74,8 @@ class LegOdometry:
             self.anchors[self.slipped] -= left[self.slipped]
 
     def velocity(self, arms: Array, joint_part: Array, angular_velocity: Array) -> Array:
-        """Velocity (3,) [m/s] of a point of the trunk, TRUNK axes, by the feet in stance at the last `locate`.
-
-        Args:
-            arms: (4, 3) [m], r_i - c, and
-            joint_part: (4, 3) [m/s], J_i q̇_i, both in trunk axes.
-            angular_velocity: (3,) [rad/s], trunk axes.
+        """Velocity (3,) [m/s] of a point of the trunk by the feet in stance at the last `locate`, from arms r_i - c (4,
+        3) [m], J_i q̇_i (4, 3) [m/s] and angular velocity [rad/s], all in TRUNK axes.
         """
         x, y, z = self._weights.dot(arms).tolist()
         u, v, w = self._weights.dot(joint_part).tolist()
@@ -89,12 +83,8 @@ class LegOdometry:
         return np.array([wz * y - wy * z - u, wx * z - wz * x - v, wy * x - wx * y - w])
 
     def fused(self, by_legs: Array, acceleration: Array, dt: float) -> Array:
-        """Velocity (3,) [m/s] of the trunk's origin by legs and IMU, world axes.
-
-        Args:
-            by_legs: (3,) [m/s], from `velocity`, world axes; ignored if no foot is in stance.
-            acceleration: (3,) [m/s²], R a + g.
-            dt: [s], since the last call.
+        """Velocity (3,) [m/s] of the trunk's origin by legs (ignored if no foot is in stance) and IMU, world axes, from
+        the acceleration R a + g (3,) [m/s²] and the time since the last call [s].
         """
         if self._velocity_time == 0.0:
             return by_legs

@@ -43,9 +43,7 @@ class TrunkPose:
         return all(rate.tolist() == _NOT_MOVING for rate in rates)
 
     def moved(self, shift: Array, turn: Array) -> TrunkPose:
-        """The pose at rest, shifted by (3,) [m] in the odometry frame and rotated by the rotation vector (3,) [rad] in
-        its own axes.
-        """
+        """The pose at rest, shifted by (3,) [m] in the odometry frame and rotated by (3,) [rad] in its axes."""
         return TrunkPose(self.position + shift, self.rotation @ pin.exp3(turn))
 
 

@@ -19,16 +19,10 @@ from stadera.trunk.model import TrunkBounds, TrunkModel
 
 
 class SmoothTrunk:
-    """A `TrunkModel` that is checked and low-pass filtered.
-
-    Args:
-        start: initial model.
-        bounds: of plausible models.
-        time_constant: T [s].
+    """A `TrunkModel` that is checked and low-pass filtered with T [s].
 
     Attributes:
-        mass: [kg], and
-        moment: (3,) [kg·m], in use now.
+        mass, moment: [kg], (3,) [kg·m], in use now.
         target_mass, target_moment: those of the last accepted model, without filtering: for planning ahead.
         rejected: why the last model was rejected, one sentence; empty if it was accepted.
     """

@@ -17,11 +17,7 @@ from stadera.types import Array, Bools
 
 
 class Gait:
-    """The part of a `Controller` that a gait delegates to its trunk controller; `update` is implemented by the gait.
-
-    Args:
-        controller: the trunk controller.
-    """
+    """The part of a `Controller` that a gait delegates to its trunk controller; `update` is implemented by the gait."""
 
     def __init__(self, controller: TrunkController) -> None:
         self.controller = controller
@@ -67,21 +63,14 @@ Watcher = Callable[["TestBed"], None]
 
 
 class TestBed:
-    """A plant under its controller, with an estimator.
-
-    Controller and estimator receive measurements only. With `feed_back` the controller uses the estimator's trunk,
-    unless the estimator refused the measurement.
+    """A plant under its controller, with an estimator; both receive measurements only.
 
     Args:
         plant, sensors, controller: for the same robot; the plant has been reset.
         estimator: receives measurements before the controller; None for none.
-        feed_back: pass its estimates to the controller.
+        feed_back: pass its estimates to the controller, unless it refused the measurement.
         every: periods between two measurements for the estimator.
-        hold: periods between two updates of the controller, whose torques are held in between; two nearly halve the
-            computing time of a walk.
-
-    Attributes:
-        measurement: the last one.
+        hold: periods for which the controller's torques are held; two nearly halve the computing time of a walk.
     """
 
     __test__ = False  # not a test case, although its name begins with Test

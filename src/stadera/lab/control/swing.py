@@ -126,11 +126,7 @@ class SwingTorques:
 
 
 class SwingLegs:
-    """The legs that swing now, with their trajectories.
-
-    Args:
-        robot: the model of the legs.
-        columns: (4, 3) int, index of each leg's joints in the tree's order.
+    """The legs that swing now; `columns` (4, 3) are the indices of each leg's joints in the tree's order.
 
     Attributes:
         trajectories: of each leg; None for one that does not swing.
@@ -187,11 +183,9 @@ class SwingLegs:
         normal: Array,
         dt: float,
     ) -> SwingTorques:
-        """Computes torques and contact forces of the swinging legs.
+        """Torques and contact forces of the swinging legs.
 
         Args:
-            measurement: of this instant, with orientation.
-            state, motion: of the legs at it.
             trunk: position [m], velocity [m/s] and rotation of the trunk's origin in the odometry frame.
             normal: (3,) of the ground, world axes.
             dt: [s], since the last update.

@@ -90,15 +90,7 @@ class TrotSettings:
 
 
 class Trot(Gait):
-    """Trots with a trunk controller; stands before the first `walk` and after `stop`.
-
-    Args:
-        controller: as made by `Trot.of`.
-        settings: None for those scaled from the robot.
-
-    Attributes:
-        stepping: whether it trots.
-    """
+    """Trots with a trunk controller as made by `Trot.of`; stands before the first `walk` and after `stop`."""
 
     def __init__(self, controller: TrunkController, settings: TrotSettings | None = None) -> None:
         super().__init__(controller)
@@ -116,23 +108,13 @@ class Trot(Gait):
 
     @classmethod
     def of(cls, robot: Robot, trunk: TrunkModel | None = None) -> Trot:
-        """Makes a trot with a suitable trunk controller: velocity from legs and IMU, moments weighted over forces.
-
-        Args:
-            robot: the model of legs and trunk.
-            trunk: initial model; None for the robot's own.
-        """
+        """Makes a trot with a suitable trunk controller: velocity from legs and IMU, moments weighted over forces."""
         pendulum = TrotSettings.of(robot).pendulum
         length = 0.15 * pendulum**2 * GRAVITY
         return cls(TrunkController(robot, trunk=trunk, velocity_time=0.12 * pendulum, moment_length=length))
 
     def walk(self, velocity: ArrayLike, turn: float = 0.0) -> None:
-        """Starts trotting; with zeros, on the spot.
-
-        Args:
-            velocity: (2,) [m/s], forwards and to the left.
-            turn: [rad/s], to the left.
-        """
+        """Starts trotting ahead and to the left, (2,) [m/s], turning to the left [rad/s]; with zeros, on the spot."""
         wanted = np.array(velocity, dtype=float)
         if wanted.shape != (2,) or not np.isfinite([*wanted, turn]).all():
             raise ModelError(f"a trot's velocity needs two finite numbers and a finite turn, got {velocity!r}, {turn}")

@@ -151,9 +151,7 @@ class TrunkController:
 
     # -- asked for ------------------------------------------------------------------------------------------------
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Sets a new model of the trunk, adopted smoothly; returns False and keeps the old one if it is not
-        plausible.
-        """
+        """Sets a new model of the trunk, adopted smoothly; False, and the old one is kept, if it is not plausible."""
         return self.trunk.accept(trunk)
 
     @property
@@ -200,9 +198,7 @@ class TrunkController:
         return self.swinging.touched
 
     def land(self, leg: int, duration: float) -> None:
-        """Puts a leg into stance at its present position; its load limit grows to the robot's weight within a duration
-        [s].
-        """
+        """Puts a leg into stance where it is; its load limit grows to the robot's weight within a duration [s]."""
         weight = self._sharing.normal_force()
         self.swinging.end(leg)
         self._loads.put(leg, Ramp(self.time, duration, self._first_load * weight, weight, remains=False))
@@ -210,10 +206,7 @@ class TrunkController:
 
     # -- each period ----------------------------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> Array:
-        """Joint torques (n,) [N·m] for one measurement.
-
-        The first update uses the trunk's pose as reference.
-        """
+        """Joint torques (n,) [N·m] for one measurement; the first update uses the trunk's pose as reference."""
         m, rotation = measurement, measurement.rotation
         if rotation is None:
             raise ControlError("the trunk controller needs the trunk's orientation")
@@ -257,11 +250,8 @@ class TrunkController:
         return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
 
     def _advance(self, m: Measurement, levers: Array, rotation: Array, state: LegState) -> float:
-        """Updates time, model, pose and ground; levers (4, 3) [m] are the feet relative to the trunk's origin in world
-        axes.
-
-        Returns:
-            Time since the last update [s].
+        """Updates time, model, pose and ground, from the feet R p_i (4, 3) [m]; returns the time since the last update
+        [s].
         """
         time, dt = m.time, m.time - self.time
         if self._started and not dt > 0:
@@ -287,9 +277,7 @@ class TrunkController:
         return dt
 
     def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:
-        """Displacements θ x ρ n (4, 3) [m] of rolling feet since the last update, world axes; θ rotates the last
-        links.
-        """
+        """Displacements θ x ρ n (4, 3) [m] of rolling feet since the last update, world axes; θ of the last links."""
         r = rotation.dot(self.rotation.T).tolist()  # small rotation of the trunk
         trunk = np.array([0.5 * (r[2][1] - r[1][2]), 0.5 * (r[0][2] - r[2][0]), 0.5 * (r[1][0] - r[0][1])])
         joints = (joint_position - self._position)[self.legs.columns]

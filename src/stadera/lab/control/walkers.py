@@ -15,11 +15,7 @@ from stadera.trunk.standing.static_poses import PoseOffset
 
 
 class CrawlWalker:
-    """Implements `Walker` with a `Crawl`, whose planner and trunk controller share one trunk model.
-
-    Args:
-        crawl: the crawl.
-    """
+    """Implements `Walker` with a `Crawl`, whose planner and trunk controller share one trunk model."""
 
     def __init__(self, crawl: Crawl) -> None:
         self.crawl = crawl
@@ -63,11 +59,7 @@ _SIT, _SITTING_HEIGHT = 1.5, 0.5  # s; share of the standing height
 class StandingWalker:
     """Implements `PosingWalker` with a trunk controller that holds all four feet on the ground.
 
-    Args:
-        controller: the trunk controller. Poses are relative to its reference at the first request to lean.
-
-    Attributes:
-        resumed: number of requests to walk.
+    Poses are relative to the reference at the first request to lean; `resumed` counts requests to walk.
     """
 
     def __init__(self, controller: TrunkController) -> None:

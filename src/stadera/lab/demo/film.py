@@ -90,9 +90,8 @@ class Camera:
 
 
 def _weighed(supervisor: Supervisor | NonstopSupervisor | None) -> tuple[Array, Array]:
-    """Present estimate of the trunk's mass, x and y, and standard deviations; NaN where there is none.
-
-    A supervisor that stops estimates the mass continuously, and the centre of mass at rest.
+    """Present estimate of the trunk's mass, x and y, and standard deviations (NaN for none); at rest x and y only
+    later.
     """
     value, std = np.full(3, np.nan), np.full(3, np.nan)
     if isinstance(supervisor, NonstopSupervisor):

@@ -92,9 +92,7 @@ def _or_none(value: float) -> float | None:
 
 
 def known_after(run: DemoRun) -> float | None:
-    """Time from the drop until the trunk was known to `KNOWN` while walking, and stayed so [s]; None if it never
-    was.
-    """
+    """Time from the drop until the trunk was known to `KNOWN`, and stayed so [s]; None if it never was."""
     loaded_at, film = run.outcome.trace.loaded_at, run.film
     share, length = KNOWN
     limits = np.array([share * load_robot(run.outcome.case.robot).mass, length, length])

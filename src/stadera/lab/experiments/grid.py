@@ -44,7 +44,6 @@ def run_grid(
     Args:
         study: name of the study, for progress and file.
         run: a module-level, deterministic function from a case to its outcome.
-        cases: frozen dataclasses of plain values.
         keep: folder of stored outcomes; None to store none.
         pool: where cases are run; None for one process per core. A single case is run in this process.
     """

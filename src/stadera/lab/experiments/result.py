@@ -54,9 +54,7 @@ Naming = Callable[[Record], str]
 def crossed(
     title: str, records: Iterable[Record], group: Naming, row: Naming, column: Naming, corner: str, note: str = ""
 ) -> TableData:
-    """A table of records by group, row and column: each cell a value, the paper's in brackets, coloured by its
-    bound.
-    """
+    """A table of records by group, row and column: values, the paper's in brackets, coloured by their bounds."""
     groups: dict[str, dict[str, dict[str, Cell]]] = {}
     for record in records:
         groups.setdefault(group(record), {}).setdefault(row(record), {})[column(record)] = _error_cell(record)
@@ -112,9 +110,7 @@ class ExperimentResult(Result):
         return {"name": self.name, "title": self.title, "facts": dict(self.facts), "records": records}
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame, one row per record, with the case in words. Raises MissingExtraError if pandas is not
-        installed.
-        """
+        """A pandas DataFrame, one row per record, with the case in words. MissingExtraError without pandas."""
         rows = [record.to_dict() for record in self.records]
         for row in rows:
             row["case"] = ", ".join(f"{name}: {value}" for name, value in row["case"].items())

@@ -83,25 +83,18 @@ def simulate_leg(
     gains: Gains | None = None,
     feedforward: Array | None = None,
 ) -> Recording:
-    """Simulates one leg tracking a reference, the trunk held level and the other legs at rest.
+    """Simulates one leg tracking a reference, on which it starts, the trunk held level and the other legs at rest.
 
     The motor's torque is continuous in time (the reference is interpolated linearly between its samples), saturated at
     the joint's effort limit, and integrated by a fourth-order Runge-Kutta method. Joint limits are not end stops here.
-    The recorded values are exact and simultaneous: position, velocity, acceleration and effort of a sample satisfy
+    The recorded values at the reference's instants are exact and simultaneous: position, velocity, acceleration and
+    effort of a sample satisfy
 
         effort = M(q) q̈ + h(q, q̇) + armature q̈ + viscous q̇ + friction + offset
 
     where friction is coulomb sign(q̇) while a joint slides, and the static friction (below coulomb) while it sticks.
-
-    Args:
-        robot: the true robot, physically possible or not (see `stadera.lab.plant.model`).
-        leg: LF, RF, LH or RH.
-        trajectory: the reference, on which the leg starts.
-        gains: of the tracking loop; None for `Gains.scaled` of this robot.
-        feedforward: (samples, 3) [N·m], added to the tracking torque.
-
-    Returns:
-        Time, position, velocity, acceleration and effort of the leg's three joints at the reference's instants.
+    The robot may be physically impossible (see `stadera.lab.plant.model`); `gains` are `Gains.scaled` by default;
+    `feedforward` (samples, 3) [N·m] is added to the tracking torque.
     """
     tree = robot.leg_tree(leg)
     gains = gains or Gains.scaled(robot, leg)

@@ -49,13 +49,7 @@ class RigidMass:
 
     @classmethod
     def box(cls, mass: float, size: tuple[float, float, float], position: tuple[float, float, float]) -> RigidMass:
-        """A homogeneous box, its edges along the trunk's axes.
-
-        Args:
-            mass: [kg].
-            size: full edge lengths [m].
-            position: of its centre in the trunk frame [m].
-        """
+        """A homogeneous box: mass [kg], full edges [m] along the trunk's axes, centre in the trunk frame [m]."""
         _require_positive("rigid payload", mass, *size)
         return cls(InertialParameters.from_com(mass, position, box_inertia(mass, size)))
 
@@ -99,10 +93,7 @@ class Tray:
 
     @classmethod
     def of(cls, robot: Robot, thickness: float = 0.02) -> Tray:
-        """The tray of a robot; if its trunk has no box shape, the upper face is at the hips' height.
-
-        `thickness` [m].
-        """
+        """The tray of a robot, `thickness` [m]; without a box shape of its trunk its face is at the hips' height."""
         hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
         low, high = hips.min(axis=0), hips.max(axis=0)
         boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
@@ -150,12 +141,7 @@ class OutsideForce:
             raise ModelError(f"an outside force needs finite sizes, a direction and a time, got {self}")
 
     def force(self, time: float, moved: Array) -> Array:
-        """Force (3,) [N], world axes.
-
-        Args:
-            time: [s].
-            moved: (3,) p - p_0 [m], world axes.
-        """
+        """Force (3,) [N] at a time [s], its point having moved by p - p_0 (3,) [m]; world axes."""
         share = max(0.0, min((time - self.begin) / self.ramp, (self.end - time) / self.ramp, 1.0))
         n = np.asarray(self.direction) / np.linalg.norm(self.direction)
         return np.asarray(n * share * max(0.0, self.size - self.stiffness * float(n @ moved)))

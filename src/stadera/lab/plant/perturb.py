@@ -34,15 +34,12 @@ def perturbed(
 ) -> Perturbed:
     """The paper's perturbation (section IV.A): white noise on the leg links' centres of mass and inertia tensors.
 
-    Masses are unchanged. Each component of a centre of mass is perturbed by an independent N(0, com_std²), and each of
-    the six entries of the tensor about the LINK ORIGIN, in link axes (the paper's footnote 5), by N(0, inertia_std²).
-    The two draws are independent: the tensor does not follow the shifted centre. At the paper's sizes the links are
-    usually not physically possible (Table I has negative moments). The joint-space mass matrix is a sum over links, and
-    the whole set is drawn again until its least eigenvalue over the leg's workspace is at least `margin` times that of
-    the given robot, which keeps the leg simulable.
-
-    Args:
-        com_std: [m]. inertia_std: [kg·m²]. margin: dimensionless, above 0. draws: at most.
+    Masses are unchanged. Each component of a centre of mass is perturbed by an independent N(0, com_std²) [m], and each
+    of the six entries of the tensor about the LINK ORIGIN, in link axes (the paper's footnote 5), by N(0, inertia_std²)
+    [kg·m²]: the tensor does not follow the shifted centre. At the paper's sizes the links are usually not physically
+    possible (Table I has negative moments). The whole set is drawn again, up to `draws` times, until the least
+    eigenvalue of the joint-space mass matrix over the leg's workspace is at least `margin` times that of the given
+    robot, which keeps the leg simulable.
     """
     if not margin > 0:
         raise ModelError(f"the margin on the mass matrix's least eigenvalue must be positive, got {margin}")
@@ -64,13 +61,10 @@ def perturbed_physical(
 ) -> Perturbed:
     """A perturbation of the same size for which every link is physically possible, without redraws.
 
-    The link's mass distribution is displaced by N(0, com_std²) in each component, then deformed about its centre of
-    mass by the linear map exp(E), with the nine entries of E independent N(0, stretch_std²). The result is again a mass
-    distribution: the pseudo-inertia is transformed by congruence, so it remains positive definite. To first order the
-    second moments change by a share of 2 stretch_std. Masses are unchanged.
-
-    Args:
-        com_std: [m]. stretch_std: dimensionless.
+    The link's mass distribution is displaced by N(0, com_std²) [m] in each component, then deformed about its centre of
+    mass by the linear map exp(E), with the nine entries of E independent N(0, stretch_std²). The pseudo-inertia is
+    transformed by congruence, so it remains positive definite; to first order the second moments change by a share of 2
+    stretch_std. Masses are unchanged.
     """
     changed = {}
     for link in robot.leg(leg).links:

@@ -40,12 +40,8 @@ class SimulationError(StaderaError):
 
 
 class Plant:
-    """A simulated quadruped with the true parameters of an experiment. Deterministic.
-
-    Args:
-        robot: the truth: provides inertias, joint dynamics and limits.
-        terrain: the ground.
-        timestep: [s], of simulation and control.
+    """A simulated quadruped with an experiment's true parameters. Deterministic; `timestep` [s] is the control's as
+    well.
     """
 
     def __init__(self, robot: Robot, terrain: Terrain | None = None, timestep: float = 1e-3) -> None:
@@ -64,10 +60,8 @@ class Plant:
     def reset(self, joint_position: ArrayLike, orientation: ArrayLike | None = None) -> None:
         """Places the robot on the ground at rest at time zero, above the world's origin, without payload.
 
-        Args:
-            joint_position: (n,) [rad], in the tree's order.
-            orientation: (4,) quaternion xyzw of the trunk; None for parallel to the plane. The lowest foot touches the
-                ground.
+        Joint positions (n,) [rad] are in the tree's order; the trunk's orientation is a quaternion xyzw, None for
+        parallel to the plane. The lowest foot touches the ground.
         """
         q = self._checked(joint_position, "joint positions")
         self._payloads, self._outside, self._steps = (), None, 0

@@ -42,12 +42,7 @@ class TrueState:
 
 
 class Contacts:
-    """Contacts between bodies in one compiled world.
-
-    Args:
-        model: the world, as `build_world` makes it.
-        robot: the robot in it.
-    """
+    """Contacts between bodies in a world compiled by `build_world`."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
         self._model = model
@@ -77,9 +72,7 @@ class Contacts:
         return any({int(a), int(b)} == pair for a, b in data.contact.geom)
 
     def of_feet(self, data: mujoco.MjData) -> tuple[Array, Array, Bools]:
-        """Contact points of the feet (4, 3) [m] and forces on them (4, 3) [N], both in the world, and contact states
-        (4,).
-
+        """Contact points of the feet (4, 3) [m], forces on them (4, 3) [N], both in the world, and contact states (4,).
         A foot on several stones gets the sum of their forces, at the mean of their points weighted by normal force; the
         point of a foot in the air is NaN.
         """

@@ -125,11 +125,7 @@ class Drawn:
 
 
 def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
-    """Draws the robot of a seed. The same seed gives the same robot, sensors and ground in every scenario.
-
-    Args:
-        robot: that of the model file.
-    """
+    """Draws the true robot, sensors and ground of a seed from the model file's robot; the same in every scenario."""
     body, sensors, ground = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     n, limit = len(robot.tree.joints), effort_limits(robot)
     noise = float(sensors.uniform(*sizes.noise))

@@ -74,17 +74,12 @@ class TrueMotion:
 def measured_log(
     motion: TrueMotion, robot: Robot, draw: Drawn, seed: int, rate: float | None = None, source: str = ""
 ) -> Recording:
-    """Makes the log of a true motion.
+    """Makes the log of a true motion, known at every millisecond.
 
     Torques are delayed, then scaled and offset; the IMU is misaligned and displaced; positions get their zero errors.
-    All channels are sampled at `rate`, get white noise, and are quantised if the draw includes this; then single
-    outliers are added, and samples removed.
-
-    Args:
-        motion: at every millisecond.
-        robot: that of the model file, whose limits and nominal IMU pose are used.
-        seed: of noise, spikes and losses.
-        rate: [Hz], 1000 over an integer; None for the drawn one.
+    All channels are sampled at `rate` (1000 Hz over an integer; None for the drawn one), get white noise, and are
+    quantised if the draw includes this; then single outliers are added, and samples removed. `robot` is that of the
+    model file, whose limits and nominal IMU pose are used.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])
     time, columns = motion.time, [robot.tree.joints.index(joint) for joint in motion.joints]

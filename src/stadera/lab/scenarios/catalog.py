@@ -135,9 +135,7 @@ def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
 
 
 def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = False) -> Sequence[ScriptEvent]:
-    """The settings' load at the settings' time, else at this time [s]; without one the scenario's own, if it has
-    one.
-    """
+    """The settings' load at the settings' time, else at this time [s]; without one the scenario's `own`, if any."""
     if settings.load is None and not own:
         return []
     payload = (settings.load or Load(round(_DEFAULTS.load * robot.mass, 2))).payload(robot)

@@ -68,12 +68,9 @@ def simulate(
 ) -> Run:
     """Runs a scenario. The same arguments give the same run.
 
-    The trunk controller keeps the model file's trunk, so a load tilts the trunk, according to eq. 12.
-
-    Args:
-        robot: the true robot, before friction and wrong legs of harsh errors are added.
-        name: of the scenario.
-        progress: called with the number of periods done.
+    The trunk controller keeps the model file's trunk, so a load tilts the trunk, according to eq. 12. `robot` is the
+    true one, before friction and wrong legs of harsh errors are added; `progress` is called with the number of periods
+    done.
     """
     settings, scenario = settings or SimulateSettings(), scenario_named(name)
     duration = settings.duration or scenario.duration
@@ -140,8 +137,8 @@ def _sized(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
 
 
 def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
-    """With real errors the estimator has the model file's robot, the controller usual drives in addition; requested
-    settings override drawn ones.
+    """With real errors the estimator has the model file's robot, the controller usual drives too; settings override
+    draws.
     """
     assert settings.real_sizes is not None
     draw = drawn(robot, settings.real_sizes, settings.seed)

@@ -81,9 +81,7 @@ class SimulateSettings:
 
     @property
     def sensor_errors(self) -> SensorErrors:
-        """Errors of the controller's sensors; with real errors the controller has separate sensors of `standard`
-        quality.
-        """
+        """Errors of the controller's sensors; with real errors it has separate sensors of `standard` quality."""
         return sensor_errors("standard" if self.real_sizes else self.errors)
 
     @property

@@ -41,11 +41,8 @@ def swing(
 ) -> Run:
     """Swings one leg, or all at once. The same seed draws the same robot as for a run on the ground.
 
-    Args:
-        robot: that of the model file.
-        leg: LF, RF, LH, RH or all.
-        settings: errors, duration, rate and seed are used; None for the defaults.
-        progress: called with the step's name, legs done and total.
+    `robot` is that of the model file; of the settings errors, duration, rate and seed are used; `progress` is called
+    with the legs done and their total.
     """
     settings = settings or SimulateSettings()
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None

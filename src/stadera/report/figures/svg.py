@@ -28,11 +28,8 @@ _SHAPES: dict[Marker, str] = {
 
 
 def svg(figure: Figure, width: float = WIDE) -> Markup:
-    """Draws a figure as an SVG element, which scales with its container; the legend is separate (`Figure.entries`).
-
-    Args:
-        figure: the figure.
-        width: for the layout [px]; narrow figures have their panels below each other.
+    """Draws a figure as an SVG element that scales with its container, without legend; narrow [px]: panels in one
+    column.
     """
     rows = figure.rows if width > 2 * NARROW else tuple((panel,) for panel in figure.panels)
     drawn, top = [], 0.0
@@ -49,9 +46,7 @@ def svg(figure: Figure, width: float = WIDE) -> Markup:
 
 
 def _label_width(row: Sequence[Panel], rows: Sequence[Sequence[Panel]], width: float) -> float:
-    """Space to the left of the axes, the same for all rows of one panel [px]; 0 if category names are above their
-    bars.
-    """
+    """Space to the left of the axes, for all rows of a panel [px]; 0 if category names are above their bars."""
     panels = [p for r in rows for p in r] if len(row) == 1 else row
     texts = [text for panel in panels for text in panel.y.labels]
     if not texts:

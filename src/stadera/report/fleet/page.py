@@ -28,11 +28,8 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 8, 8, 20
 
 
 def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) -> Markup:
-    """Values over the logs in order, with bars of two standard deviations, levels, and departures in another colour.
-
-    Args:
-        found: departures in this series.
-        named: whether each point has a tooltip with its log.
+    """Values over the logs in order, with bars of two standard deviations, levels, and departures in another colour; if
+    `named`, each point has a tooltip with its log.
     """
     count = len(series.value)
     low, high = _range(series)
@@ -154,11 +151,7 @@ class RobotPanels:
 
 
 def fleet_html(table: FleetTable, chance: float = 0.01) -> str:
-    """The complete, self-contained page.
-
-    Args:
-        chance: probability of reporting any departure from an unchanged fleet.
-    """
+    """The complete, self-contained page; `chance`: probability of reporting any departure from an unchanged fleet."""
     fleet = list(series_of(table))
     found = departures(fleet, chance)
     failed = [row for row in table.rows if row["status"] == "failed"]

@@ -36,12 +36,7 @@ def evaluated_part(result: Identification) -> str:
 
 
 def overall_rmse(result: Identification, part: str, legs: tuple[str, ...] | None = None) -> dict[str, float]:
-    """By model, the root of the mean over joints of the squared torque RMSE [N·m].
-
-    Args:
-        part: "training" or "validation".
-        legs: the legs to include; None for all.
-    """
+    """By model, root of the mean over joints of the squared torque RMSE [N·m] on a part; None for all legs."""
     chosen = [leg for leg in result.legs if legs is None or leg.leg.name in legs]
     overall = {}
     for model in MODELS:
@@ -121,9 +116,7 @@ def is_alarming(result: Identification) -> bool:
 
 
 def _is_no_better(leg: LegIdentification, part: str) -> bool:
-    """True if the leg's link parameters bring nothing: no direction measured, or larger errors than CAD with
-    friction.
-    """
+    """True if the leg's link parameters bring nothing: no direction measured, or no better than CAD with friction."""
     found, cad = (
         sum(e**2 for e in leg.rmse.get(part, {}).get(m, {}).values()) for m in ("identified", "prior_friction")
     )

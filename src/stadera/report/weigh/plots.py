@@ -33,10 +33,7 @@ def figures(result: Weighing, truth: Truth | None = None) -> dict[str, Figure]:
 
 
 def balance_figure(result: Weighing, balance: Balance, truth: Truth | None = None) -> Figure:
-    """Support polygon from above: feet with their forces, centre of pressure, estimated and true centres of mass.
-
-    The right half enlarges the central part.
-    """
+    """Support polygon from above, with forces, centre of pressure and centres of mass; the right half is enlarged."""
     stance, centres = tuple(_stance(result, balance)), tuple(_centres(result, balance, truth))
     places = np.concatenate([np.column_stack([mark.x, mark.y]) for mark in centres])
     middle = 0.5 * (np.nanmax(places, axis=0) + np.nanmin(places, axis=0))
@@ -126,9 +123,7 @@ def mass_figure(result: Weighing, truth: Truth | None = None) -> Figure:
 
 
 def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
-    """Centre of mass over time as estimated then, with two standard deviations, and the truth; None if never
-    observed.
-    """
+    """Centre of mass over time as estimated then, with two standard deviations, and the truth; None if not observed."""
     time, com, std = result.timeline.time, result.timeline.com, result.timeline.com_std
     panels = []
     for k in range(3):

@@ -29,14 +29,8 @@ from stadera.types import Array
 
 
 class BodyReference:
-    """A `TrunkReference` for the trunk controller, with the plan behind it.
-
-    Args:
-        controller: after its first update.
-
-    Attributes:
-        plan: of the centre of mass.
-        normal: (3,), of the ground, to which the trunk is held parallel.
+    """A `TrunkReference` for the trunk controller after its first update. `plan`: of the centre of mass; `normal`: of
+    the ground (3,), to which the trunk is held parallel.
     """
 
     def __init__(self, controller: TrunkController, tuning: CrawlTuning) -> None:
@@ -94,9 +88,7 @@ class BodyReference:
         return float(controller.feet[controller.stance, 2].mean())
 
     def least_margin(self, support: SupportPolygon, begin: float, end: float) -> float:
-        """Least margin of the planned centre of mass and zero-moment point in a polygon, over a range of time [s];
-        [m].
-        """
+        """Least margin [m] of the planned centre of mass and zero-moment point in a polygon, over a time range [s]."""
         tau2 = (float(self.com[2]) - self._ground) / GRAVITY
         states = np.array([self.plan.at(time) for time in np.linspace(begin, end, self._tuning.looks)])
         points = np.concatenate([states[:, 0], states[:, 0] - tau2 * states[:, 2]])
@@ -116,12 +108,7 @@ class BodyReference:
         )
 
     def replan(self, time: float, phases: Sequence[SupportPhase], margin: float, rest: float) -> None:
-        """Plans the centre of mass again, with the present trunk model and from the present reference.
-
-        Args:
-            margin: [m], and
-            rest: as for `plan_com`.
-        """
+        """Plans the centre of mass again, with the present trunk model from the present reference; see `plan_com`."""
         now = self.at(time)
         trunk = self._controller.trunk
         self._mass, self._moment = trunk.target_mass, trunk.target_moment

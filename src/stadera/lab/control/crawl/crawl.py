@@ -44,18 +44,8 @@ from stadera.types import Array
 class Crawl(Gait):
     """Walks with a trunk controller. Uses measurements only; one `update` per control period.
 
-    It starts standing; `resume` starts walking, and `request_stop` stops after the current step.
-
-    Args:
-        controller: a new one, or one that stands.
-        settings: None for those scaled from the robot.
-        command: desired motion; may be changed at any time, see `command`.
-
-    Attributes:
-        phase: present phase.
-        reason: why it stands, sits or retreats.
-        failed: whether it stopped because it could not continue.
-        events: every transition so far.
+    It starts standing; `resume` starts walking, and `request_stop` stops after the current step. `reason` says why it
+    stands, sits or retreats, `failed` whether it stopped because it could not continue; `events` has every transition.
     """
 
     def __init__(
@@ -160,9 +150,7 @@ class Crawl(Gait):
                     self._stand(time, self._stop)
 
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
-        """Starts the body's motion such that the next leg can swing after `body` [s]; `landed` is the leg that landed
-        last.
-        """
+        """Starts the body's motion so that the next leg can swing after `body` [s]; `landed`: the last leg to land."""
         timing, feet, target = self._timing, self.controller.feet, self._steps.target
         self._put_off = 0.0
         self._target = np.array([*target, GroundPlane.of(feet).at(target)])
@@ -280,9 +268,7 @@ class Crawl(Gait):
         return self._body
 
     def _replan(self, time: float, airborne: Airborne | None, body: float | None) -> None:
-        """Plans the body's motion again: the airborne leg lands, then the next steps follow, the first after `body`
-        [s]; None for no steps, a stand.
-        """
+        """Plans the body's motion again, with coming steps, the first after `body` [s]; None for a stand."""
         timing, settings, feet = self._timing, self.settings, self.controller.feet
         steps = [] if body is None or self._stop else self._steps.ahead(body)
         phases = support_phases(feet, steps, timing, settings.margin, settings.lead, airborne)

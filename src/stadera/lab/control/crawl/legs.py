@@ -16,16 +16,7 @@ from stadera.types import Array
 
 
 class StepSequence:
-    """The steps of a crawl along its path.
-
-    Args:
-        robot: defines the nominal positions of the feet.
-        settings: sequence, sizes and times.
-        command: desired motion.
-
-    Attributes:
-        timing: of the command.
-    """
+    """The steps of a crawl along its path; `timing` is that of the command."""
 
     def __init__(self, robot: Robot, settings: CrawlSettings, command: CrawlCommand) -> None:
         self._settings, self._height = settings, standing_height(robot)
@@ -95,16 +86,8 @@ class StepSequence:
 
 
 class LegSwing:
-    """Moves one leg at a time with the trunk controller.
-
-    Args:
-        controller: after its first update.
-        settings: sizes of the swing.
-
-    Attributes:
-        leg: index of the leg.
-        target: (3,) [m], foothold.
-        late: True if the caller has registered that it is overdue; set by the caller.
+    """Moves one leg at a time with the trunk controller to its foothold `target` (3,) [m]. `late` is set by the caller
+    when it has registered that the leg is overdue.
     """
 
     def __init__(self, controller: TrunkController, settings: CrawlSettings) -> None:

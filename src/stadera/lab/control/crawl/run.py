@@ -37,15 +37,7 @@ class Fall:
 
 
 class WalkMonitor:
-    """Evaluates a walk from the plant's truth, at intervals.
-
-    Args:
-        plant: reset, on its feet.
-        every: periods between two evaluations.
-
-    Attributes:
-        fall: None while it has not fallen.
-    """
+    """Evaluates a walk from the truth of a plant on its feet; `fall` is None while it has not fallen."""
 
     def __init__(self, plant: Plant, every: int = 10, limits: FallLimits | None = None) -> None:
         self.plant, self.every, self.limits = plant, every, limits or FallLimits()
@@ -128,9 +120,7 @@ class WalkMonitor:
         return np.asarray(self.plant.state.foot_force @ self.plant.terrain.normal > least)
 
     def margin(self) -> float:
-        """Margin of the true centre of mass in the polygon of the loaded feet [m]; NaN with fewer than three of
-        them.
-        """
+        """Margin of the true centre of mass in the polygon of the loaded feet [m]; NaN with fewer than three."""
         state = self.plant.state
         carry = self.carrying()
         if carry.sum() < 3:
@@ -142,10 +132,7 @@ class WalkMonitor:
 
 
 def walk(bed: TestBed, seconds: float, monitor: WalkMonitor) -> Fall | None:
-    """Steps the test-bed for a duration [s] or until the robot falls; returns the fall, if any.
-
-    An exception in the controller or the simulation counts as a fall.
-    """
+    """Steps the test-bed for a duration [s] or until the robot falls, which includes an exception; returns the fall."""
     for _ in range(round(seconds / bed.plant.timestep)):
         try:
             bed.step()

@@ -92,9 +92,7 @@ class CrawlSettings:
 
     @classmethod
     def of(cls, robot: Robot) -> CrawlSettings:
-        """Settings scaled from the height h of the hips above the feet and the time √(h / g) in which a body of that
-        height topples.
-        """
+        """Settings scaled from the hips' height h above the feet and √(h / g), in which such a body topples."""
         height = standing_height(robot)
         time = float(np.sqrt(height / GRAVITY))
         return cls(

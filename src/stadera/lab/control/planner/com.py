@@ -97,12 +97,9 @@ class ComPlan:
 def plan_com(
     time: float, start: Array, phases: Sequence[SupportPhase], height: float, margin: float, rest: float = 1.0
 ) -> ComPlan:
-    """The best motion through the phases.
+    """The best motion through the phases, from a state (3, 2) of position, velocity and acceleration at a time [s].
 
     Args:
-        time: [s], of the first phase's beginning.
-        start: (3, 2), position, velocity and acceleration then.
-        phases: in their order.
         height: [m], of the centre of mass over the contacts.
         margin: [m], of zero-moment point and centre of mass to the polygons' edges.
         rest: weight of the body's rest while a leg swings, from 1 to 0 for none.
@@ -193,9 +190,7 @@ class _Programme:
         return hessian, gradient
 
     def _supports(self) -> tuple[Array, Array]:
-        """Rows and bounds that keep both points in their supports at the pieces' ends, and at the beginnings of pieces
-        where a leg has just left the ground.
-        """
+        """Rows and bounds that keep both points in their supports at pieces' ends and at the beginning of a swing."""
         m = len(self._phases)
         position, _, push = self._maps
         rows, bounds = [], []
@@ -219,9 +214,7 @@ class _Programme:
 
 
 def _response(steps: Array, start: Array) -> tuple[list[Array], list[Array]]:
-    """Position, velocity and acceleration at the pieces' ends: maps (n, n) from one axis' jerks, and the parts without
-    jerk (n, 2).
-    """
+    """States at the pieces' ends: maps (n, n) from an axis' jerks; parts without jerk (n, 2)."""
     n = len(steps)
     maps, free = np.zeros((3, n, n)), np.zeros((3, n, 2))
     one, state = np.zeros((3, n)), start

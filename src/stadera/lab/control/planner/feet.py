@@ -59,10 +59,7 @@ class SupportPolygon:
         return np.asarray(((a + b) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
 
     def goal(self, wish: ArrayLike, margin: float, bisections: int = 40) -> Array:
-        """The point (2,) [m] nearest to `wish` among those with this margin [m] to every edge.
-
-        If the polygon is too small for that margin, the largest possible one is used (to 1e-9).
-        """
+        """The point (2,) [m] nearest to `wish` with this margin [m] to every edge, or the largest one (to 1e-9)."""
         target = np.asarray(wish, dtype=float)[:2]
         if (best := self._nearest(target, margin)) is not None:
             return best
@@ -142,9 +139,7 @@ class Footholds:
         return cls((feet[:, :2] - middle) @ np.array([[c, -s], [s, c]])), PathPose(middle, heading)
 
     def next(self, leg: int, path: PathPose, speed: float, turn: float, step: float, ahead: float = 1.5) -> Array:
-        """Foothold, (2,) [m], if the path has this pose at landing and steps take `step` [s];
-        `ahead` is how many steps later the middle of the stance that follows is.
-        """
+        """Foothold (2,) [m] for the path's pose at landing; `ahead` steps [s] later its stance is half over."""
         return path.ahead(speed, turn, ahead * step).place(self.offsets[leg])
 
 

@@ -24,9 +24,7 @@ class PlannedStep:
 
 @dataclass(frozen=True, eq=False)
 class Airborne:
-    """A leg that swings or has just landed: its index, its foothold (2,) [m], and the remaining time on three feet
-    [s].
-    """
+    """A leg that swings or has just landed: its index, its foothold (2,) [m], and its remaining time [s]."""
 
     leg: int
     target: Array
@@ -41,15 +39,10 @@ def support_phases(
     stand: float,
     airborne: Airborne | None = None,
 ) -> list[SupportPhase]:
-    """The phases from now on, ending with a stand on four feet.
+    """The phases from now on, ending with a stand of `stand` [s] on four feet.
 
-    While a foot is being unloaded or loaded, only the other three count as support.
-
-    Args:
-        feet: (4, 2) [m], positions of the feet; that of an airborne one is ignored.
-        steps: the coming steps, in order.
-        margin: [m], of the goals within the triangles.
-        stand: [s], of the stand at the end.
+    While a foot is being unloaded or loaded, only the other three count as support. `feet`: (4, 2) [m]; that of an
+    airborne one is ignored. `margin` [m]: of the goals within the triangles.
     """
     feet, phases = np.array(feet[:, :2]), []
     landed = 0.0
@@ -75,14 +68,8 @@ def body_times(
 
     Two cycles straight ahead are planned with equal times, and the distances between swings are evaluated: distances d
     in times T with equal peak accelerations have T ∝ √d. The mean of the times is the timing's; none is shorter than
-    the transfers of load.
-
-    Args:
-        offsets: (4, 2) [m], nominal positions of the feet.
-        sequence: the legs (indices) in the order in which they swing.
-        stride: [m], of a cycle.
-        height: [m], of the centre of mass over the feet.
-        margin: [m].
+    the transfers of load. Nominal positions of the feet (4, 2), stride of a cycle, height of the centre of mass over
+    the feet and margin in [m].
     """
     least = min(2.0 * timing.transfer + timing.least, timing.body)
     feet, steps = np.array(offsets), []
@@ -101,9 +88,7 @@ def body_times(
 
 
 def _on_three(feet: Array, leg: int, target: Array, duration: float, margin: float) -> SupportPhase:
-    """The phase on the other three feet; the goal is the point in their triangle nearest to the middle of all four
-    feet.
-    """
+    """The phase on the other three feet; the goal is the point in their triangle nearest to the middle of all four."""
     triangle = SupportPolygon.of(np.delete(feet, leg, axis=0))
     middle = feet.mean(axis=0) + 0.125 * (target - feet[leg])  # half-way through the swing
     return SupportPhase(duration, triangle, triangle.goal(middle, margin), rests=True)

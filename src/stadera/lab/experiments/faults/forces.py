@@ -31,13 +31,8 @@ def _acting(
     robot: Robot,
     begin: float,
 ) -> OutsideForce:
-    """A force of this share of the weight.
-
-    Args:
-        place: on the back, x and y in half sizes of the tray.
-        lasts: [s].
-        gives: distance over which it drops to zero, or doubles, as a share of the tray's half length; 0 for a constant
-            one.
+    """A force of this share of the weight for `lasts` [s] at a place on the back, in half sizes of the tray. Over a
+    distance `gives`, in half lengths of the tray, it drops to zero or doubles; 0 for a constant one.
     """
     tray, size = Tray.of(robot), share * robot.mass * GRAVITY
     x, y = tray.centre[:2] + tray.half_size[:2] * place

@@ -86,15 +86,12 @@ def make_log(case: LogCase, folder: Path) -> dict[str, Any]:
 
 
 def weigh_faulty(case: FaultCase, folder: Path) -> dict[str, Any]:
-    """Outcome of a weighing.
+    """Outcome of a weighing, the log stored in a folder, see `make_log`.
 
     `status`: "right", verdict good and all values within 3 σ; "silent", verdict good and a value beyond; "named",
     verdict doubtful; "refused", no values; "crashed", an exception other than a StaderaError. `said`: the reason.
     `mass`: of the robot [kg]. `errors`: [error, standard deviation] by quantity, in kg and m, for observed ones.
     `left_out`: whether parts of the log were excluded because of a fault.
-
-    Args:
-        folder: of the logs, see `make_log`.
     """
     robot = load_robot(case.log.robot)
     log, truth = _kept(case.log, robot, folder)

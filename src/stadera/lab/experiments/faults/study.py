@@ -33,9 +33,7 @@ _Pairs = Sequence[tuple[FaultCase, Outcome]]
 
 
 def cases(settings: ReproduceSettings) -> list[FaultCase]:
-    """All combinations of faults, robots, motions and seeds, and logs without a fault; in a quick study two robots and
-    every other fault.
-    """
+    """All combinations of faults, robots, motions and seeds, and logs without a fault; few in a quick study."""
     signals = tuple(SIGNAL_FAULTS)[:: 2 if settings.quick else 1]
     seeds = settings.seeds or (1 if settings.quick else SEEDS)
     found = []
@@ -58,12 +56,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
 def run_cases(
     grid: Sequence[FaultCase], settings: ReproduceSettings, progress: Progress, folder: Path
 ) -> ExperimentResult:
-    """Runs any part of the grid.
-
-    Args:
-        grid: its cases. settings: storage of outcomes, and processes. progress: of both steps.
-        folder: of the logs.
-    """
+    """Runs any part of the grid, with the logs in a folder."""
     logs = list(dict.fromkeys(case.log for case in grid))
     made = run_grid(
         f"{PAPER.name}-logs", partial(make_log, folder=folder), logs, progress, settings.keep, settings.pool
@@ -76,12 +69,7 @@ def run_cases(
 
 
 def summary(grid: Sequence[FaultCase], runs: Sequence[Outcome], fell: int = 0) -> ExperimentResult:
-    """Summarises any part of the grid.
-
-    Args:
-        grid: the cases that were weighed. runs: their outcomes.
-        fell: number of logs that were not weighed because the robot fell.
-    """
+    """Summarises any part of the grid; `fell` logs were not weighed because the robot fell."""
     pairs = list(zip(grid, runs, strict=True))
     shown = [pair for pair in pairs if pair[0].fault != CLEAN and not hidden(pair[0])]
     clean = [pair for pair in pairs if pair[0].fault == CLEAN]

@@ -90,9 +90,7 @@ class LegRuns:
         return measured(recording, self.cad, STANDARD, self.seed)
 
     def identified_exact(self, log: Recording, method: str, validation: Recording | None = None) -> Identification:
-        """Identifies from an exact log: no filter, no lag, links only (the URDF's viscous friction is taken as
-        known).
-        """
+        """Identifies from an exact log: no filter, no lag, links only (viscous friction as in the URDF)."""
         settings = IdentifySettings(
             legs=(LEG,),
             method=method,

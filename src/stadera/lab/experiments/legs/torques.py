@@ -19,11 +19,7 @@ PART = "validation"
 
 
 def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[str, ...]) -> Figure:
-    """Three panels of torques, then the errors of the first joint, as the paper's Figs. 4 and 5.
-
-    Args:
-        models: the models drawn, later ones over earlier ones.
-    """
+    """Three panels of torques, then the errors of the first joint, as in Figs. 4 and 5; later models are on top."""
     trace = validation_trace(leg)
     panels = []
     for k, joint in enumerate(leg.leg.joints):

@@ -1,6 +1,4 @@
-"""False alarms of the walking estimator: changes of the load reported for unloaded robots that stand, walk, turn and
-sway.
-"""
+"""False alarms of the walking estimator: changes of the load reported for unloaded robots in motion."""
 
 from __future__ import annotations
 

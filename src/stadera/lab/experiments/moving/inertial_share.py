@@ -57,11 +57,7 @@ class Cycle:
 
 
 class InertialTorques:
-    """Splits a plant's joint torques; see the module.
-
-    Args:
-        robot: the plant's; its joints' viscous friction, the only friction, belongs to neither part.
-    """
+    """Splits the plant's joint torques; viscous friction, the only friction, belongs to neither part."""
 
     def __init__(self, robot: Robot) -> None:
         self._legs = LegDynamics(robot)
@@ -91,11 +87,8 @@ class InertialTorques:
 
 
 def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longest: float = 20.0) -> Cycle:
-    """Lets a robot crawl and keeps one cycle, after the first `skip`.
-
-    Args:
-        every: periods between two samples.
-        longest: time limit for that cycle [s].
+    """Lets a robot crawl, and keeps a cycle after the first `skip`, every so many periods, or fails after `longest`
+    [s].
     """
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))

@@ -177,15 +177,8 @@ Watch = Callable[["LoadedWalk"], None]
 
 
 class LoadedWalk:
-    """A walk in progress.
-
-    Args:
-        case: the settings.
-
-    Attributes:
-        bed, crawl, monitor, supervisor: its parts; no supervisor without identification.
-        fault: why the controller failed, so that the drives only brake; empty otherwise.
-        loaded_at, evaluated_from: as in the outcome; NaN before.
+    """A walk in progress; no supervisor without identification. `fault`: why the controller failed, so that the drives
+    only brake; `loaded_at`, `evaluated_from`: as in the outcome, NaN before.
     """
 
     def __init__(self, case: LoadedWalkCase) -> None:

@@ -38,21 +38,13 @@ _GIVEN = MotionSettings()
 
 
 class RobotInMotion:
-    """A robot that stands, ready to move.
-
-    Args:
-        robot: the true robot, except for the effect of the errors.
-        gait: its motion.
-        errors: of the sensors, a named set; their sizes are known to the estimator.
-        draw: seed of all random draws.
-        hold: see `TestBed`.
+    """A robot that stands, ready to move; the sizes of the sensors' errors, a named set, are known to the estimator.
 
     Attributes:
         model: the robot model of controller and estimator.
         start: the estimator's prior of the trunk.
         inner: the walking estimator.
         trusted: the estimates used by the controller.
-        controller, bed: as made.
     """
 
     def __init__(self, robot: Robot, gait: Gait, errors: str, draw: int, hold: int = 1) -> None:

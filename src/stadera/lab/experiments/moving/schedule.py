@@ -1,6 +1,4 @@
-"""An unloaded robot that stands, sets out, walks, turns, stops and sways at random. Each change of load that the
-walking estimator reports is a false alarm.
-"""
+"""An unloaded robot that stands, sets out, walks, turns, stops and sways at random; reported loads are false alarms."""
 
 from __future__ import annotations
 
@@ -67,10 +65,7 @@ class Activity:
 
 
 def schedule(gait: Gait, rng: np.random.Generator) -> Iterator[Activity]:
-    """Yields random activities without end: stand, set out, continue in some way, stop, and again.
-
-    Stands of a trot are sometimes used for a shake; a crawl takes longer.
-    """
+    """Yields random activities without end; a trot sometimes shakes when it stands, a crawl takes longer."""
     slower = _HOW.slower if gait == "crawl" else 1.0
     yield Activity("standing", rng.uniform(0.3, 2.0))
     while True:

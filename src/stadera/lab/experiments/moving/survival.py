@@ -203,9 +203,7 @@ _Found = Mapping[SurvivalCase, Outcome]
 
 
 def _paper_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
-    """Counts for both kinds of walks; the bounds are the paper's: the robot walks with identification and fails
-    without.
-    """
+    """Counts for both kinds of walks, with the paper's bounds: it walks with identification and fails without."""
     for identify in (True, False):
         yield from _way_records(study, identify, [found[c] for c in cases if c.identify is identify])
 

@@ -189,10 +189,8 @@ def payload_of(case: WalkingCase, robot: Robot) -> RigidMass:
 def compared(
     tare: InertialParameters, now: InertialParameters, bare: InertialParameters, loaded: InertialParameters, when: str
 ) -> dict[str, Any]:
-    """Errors of a payload and of the shift of the trunk's centre of mass, [kg] and [m]; the truth is the last argument.
-
-    Mass of the payload, shift in x-y and height of the trunk's centre of mass, position of the payload in x-y and
-    height.
+    """Errors [kg], [m] of mass and position of a payload, and of shift (x-y) and height of the trunk's centre of mass;
+    the truth is `bare` and `loaded`.
     """
     figures: dict[str, Any] = {f"{when}.payload_mass": float((now.mass - tare.mass) - (loaded.mass - bare.mass))}
     shift = (now.com - tare.com) - (loaded.com - bare.com)

@@ -65,15 +65,12 @@ class RealityCase:
 
 
 def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
-    """Results of a run.
+    """Results of a run, its logs stored in a folder for reuse; None to store none.
 
     `fell`: None, or a description. `robot_mass`: [kg]. `methods`: by method (of the registry, and `LEGS`) a mapping
     with every quantity of `FIGURES` that it gives, as [error, standard deviation]; `verdict_before`, `verdict`: of the
     fit, at the tare and at the end, None for methods without one; `noticed`: [s] from the load to its detection;
     `false_changes`; `share_of_time`.
-
-    Args:
-        logs: folder in which logs are stored for reuse; None to store none.
     """
     robot = load_robot(case.robot)
     try:
@@ -172,9 +169,7 @@ def _payload(estimator: Any) -> tuple[Array, Array]:
 
 
 def _difference(before: Any, after: Any) -> tuple[Array, Array]:
-    """The same from two estimates of the trunk with independent errors; without standard deviations for the
-    position.
-    """
+    """The same from two estimates of the trunk with independent errors; no standard deviations for the position."""
     mass = after.trunk.mass - before.trunk.mass
     moment = after.trunk.mass * after.trunk.com_trunk - before.trunk.mass * before.trunk.com_trunk
     seen = np.isfinite(before.std) & np.isfinite(after.std)

@@ -27,9 +27,7 @@ _OTHERS, _SHARES = ("go2", "anymal_c", "b1"), (0.0, 0.06, 0.12)
 
 @dataclass(frozen=True)
 class _Cases:
-    """The runs: on HyQ with every method, and on other robots with the last, whose loads are shares of their
-    weights.
-    """
+    """The runs: on HyQ with every method, and on other robots with the last, loads as shares of their weights."""
 
     hyq: Sequence[StandingCase]
     others: Sequence[tuple[StandingCase, float]]

@@ -181,9 +181,7 @@ def _table(kind: Kind, records: Sequence[Record]) -> TableData:
 
 
 def _reach(kind: Kind) -> str:
-    """One sentence on the error of the centre of mass that constant errors of the table's sizes leave for any
-    estimator.
-    """
+    """One sentence on the error that constant errors of the table's sizes leave for any estimator."""
     error, robot, poses = _ERRORS[kind], load_robot("hyq"), poses_of("hyq", 11)
     reached = []
     for mean, std in error.columns:
