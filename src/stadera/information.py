@@ -19,15 +19,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
-from threadpoolctl import ThreadpoolController
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.legs.rows import Rows
+from stadera.threads import one_thread
 from stadera.types import Array
 
 Places = NDArray[np.intp]
@@ -152,7 +152,7 @@ class Information:
         """
         layout = _layout(unknowns)
         stream = _Stream(layout)
-        with _blas().limit(limits=1, user_api="blas"):  # the factors are small: two threads would wait for each other
+        with one_thread():
             for r in rows:
                 stream.add(r)
             return _triangular(layout, stream.stacked(), count=float(stream.count))
@@ -406,11 +406,6 @@ def _triangle(matrix: Array) -> Array:
 @lru_cache(maxsize=64)
 def _upper(rows: int, columns: int) -> Array:
     return np.triu(np.ones((rows, columns)))
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    return ThreadpoolController()
 
 
 class _Stream:

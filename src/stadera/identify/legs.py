@@ -32,11 +32,13 @@ from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
+from stadera.threads import one_thread
 from stadera.types import Progress
 
 __all__ = ["IdentifySettings", "identify"]
 
 
+@one_thread()
 def identify(
     robot: Robot | str | PathLike[str],
     logs: Log | Iterable[Log],

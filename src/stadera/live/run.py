@@ -14,6 +14,7 @@ from stadera.live.session import LiveSession
 from stadera.live.state import LiveState
 from stadera.live.worker import Worker
 from stadera.logs.topics import LogFile, Topics
+from stadera.threads import one_thread
 
 _POLL = 0.05  # s, after which a failure of the worker ends the session
 
@@ -34,6 +35,7 @@ class LiveSource:
     rate: float = 1.0
 
 
+@one_thread()
 def run(
     session: LiveSession,
     source: LiveSource,

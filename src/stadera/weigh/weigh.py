@@ -10,6 +10,7 @@ from stadera.logs.reader import Log, as_log
 from stadera.logs.topics import OpenedLog
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
+from stadera.threads import one_thread
 from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.extra_joints import with_extra_joints
@@ -19,6 +20,7 @@ from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice
 
 
+@one_thread()
 def weigh(
     robot: Robot | str | PathLike[str],
     log: Log,
