@@ -79,6 +79,12 @@ def reordered(function: _Function) -> _Function:
 
 def lane(function: _Function) -> _Function:
     """Decorator for a `part` without loops that is compiled into its callers, so that a loop over it uses the
-    processor's vectors.
+    processor's vectors. A product and the sum that follows may be one operation, rounded once.
     """
-    return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(function)
+    options: dict[str, Any] = {
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+        "forceinline": True,
+        "fastmath": {"contract"},
+    }
+    return compiled(cache=False, **options)(function)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import ModuleType
 
 import numpy as np
 
@@ -84,22 +85,6 @@ class RowSums:
         """Updates p̂ (ERRORS,) in place, and returns the new Σ, given one with `Covariance.shown` of the prior."""
         if not self.blocks:
             return known
-        compiled = kernel("stadera.trunk.kernels.errors")
-        if compiled is not None:
-            shown, joints, variance = np.empty(known.shown.shape), known.joints.copy(), known.variance.copy()
-            compiled.update(
-                mean,
-                joints,
-                known.sticking,
-                variance,
-                shown,
-                self.remainder,
-                self.blocks,
-                self.repeated,
-                _QUIETEST,
-                PLACES["stiction"].start,
-            )
-            return Covariance(joints, known.sticking, variance, shown)
         along = self.remainder[1:, 0] - self.remainder[1:, 1:][:, JOINTS] @ mean[JOINTS]
         square = float(self.remainder[0, 0] - (self.remainder[1:, 0] + along) @ mean)
         loud = self.repeated * max(square / (6.0 * self.blocks), _QUIETEST)
@@ -130,9 +115,9 @@ class Covariance:
     @classmethod
     def of(cls, model: ErrorModel, scale: float, joints: Array) -> Covariance:
         """Before any loaded row: the prior with its standard deviations times `scale`, and `joints`."""
-        variance, shown = model.scaled(scale), np.zeros((SHOWN.stop, ERRORS))
+        (sticking, variance), shown = model.scaled(scale), np.zeros((SHOWN.stop, ERRORS))
         variance[JOINTS], shown[:, JOINTS] = np.diagonal(joints), joints[SHOWN]
-        return cls(joints, scale**2 * model.covariance[STICKING, STICKING], variance, shown)
+        return cls(joints, sticking, variance, shown)
 
     @cached_property
     def dense(self) -> Array:
@@ -154,6 +139,22 @@ class Covariance:
         out[:, offsets] += rows[:, offsets] @ self.joints[offsets, offsets]
         out[:, STICKING] += rows[:, STICKING] @ self.sticking
         return out
+
+    def explained(self, products: Array) -> tuple[Array, float]:
+        """The diagonal (ERRORS,) of D Σ, and tr (D Σ)², with D but for its first row and column the products
+        (1 + ERRORS, 1 + ERRORS) of target and errors. Columns of Σ that belong to sampling errors count as zero.
+        """
+        sampling, compiled = PLACES["sampling"].start, kernel("stadera.trunk.kernels.errors")
+        if compiled is None:
+            moved = self.applied(products[1:, 1:])
+            moved[:, sampling] = 0.0
+            return moved.diagonal(), float(np.einsum("ij,ji->", moved, moved))
+        wide, diagonal = np.empty((SHOWN.stop, 1 + ERRORS)), np.empty(ERRORS)
+        wide[:, 0], wide[:, 1:] = 0.0, self.shown
+        wide[:, 1 : 1 + SHOWN.stop] *= 0.5
+        known, places = (self.variance, self.joints, self.sticking), (PLACES["offset"].start, STICKING.start, sampling)
+        square: float = compiled.energies(products, wide, wide @ products, *known, *places, diagonal)
+        return diagonal, square
 
     def replaced(self, shown: Array) -> Covariance:
         """With new rows `shown`."""
@@ -194,16 +195,30 @@ class Errors:
         joints, learned = swing.posterior(scale)
         self.mean = np.zeros(ERRORS)
         self.mean[JOINTS] = joints
+        compiled = kernel("stadera.trunk.kernels.errors")
+        if compiled is not None and rows is not None and rows.blocks:
+            dry = np.full(12, -1.0) if swing.rows else model.variance[PLACES["coulomb"]]
+            self._update(compiled, (learned.copy(), *model.scaled(scale)), dry, rows)
+            return
         known = Covariance.of(model, scale, learned)
         if rows is not None:
             known = rows.update(self.mean, known)
         coulomb = PLACES["coulomb"]
         # rows under load tell friction as far as the direction of sliding is known, and noise at rest mimics that
-        square = np.diagonal(model.covariance)[coulomb]
+        square = model.variance[coulomb]
         if swing.rows:
             square = self.mean[coulomb] ** 2 + known.variance[coulomb]
         self.known = known.held(HELD * np.sqrt(square))
         self.std: Array = np.sqrt(self.known.variance)
+
+    def _update(self, compiled: ModuleType, prior: tuple[Array, Array, Array], dry: Array, rows: RowSums) -> None:
+        """The same by `stadera.trunk.kernels.errors`: of joints, static friction and all variances, updated."""
+        joints, sticking, variance = prior
+        shown, self.std = np.empty((SHOWN.stop, ERRORS)), np.empty(ERRORS)
+        self.known = Covariance(joints, sticking, variance, shown)
+        numbers = np.array([rows.blocks, rows.repeated, _QUIETEST, HELD])
+        places = PLACES["coulomb"].start, STICKING.start
+        compiled.update(self.mean, joints, sticking, variance, shown, self.std, rows.remainder, dry, numbers, *places)
 
     @property
     def covariance(self) -> Array:

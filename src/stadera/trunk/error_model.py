@@ -110,11 +110,14 @@ class ErrorModel:
                 kind = start + joint + 3 * np.arange(4)
                 correlation[np.ix_(kind, kind)] = shared + (1.0 - shared) * np.eye(4)
         self.covariance: Array = correlation * np.outer(std, std)
-
-    def scaled(self, scale: float) -> Array:
-        """Variances (ERRORS,) with all standard deviations but the invisible ones multiplied by `scale`."""
-        prior = np.diagonal(self.covariance)
-        out: Array = scale**2 * prior
+        self.variance, self._sticking = np.diag(self.covariance).copy(), self.covariance[STICKING, STICKING].copy()
+        self._invisible = np.zeros(ERRORS)
         for name in INVISIBLE:
-            out[PLACES[name]] = prior[PLACES[name]]
-        return out
+            self._invisible[PLACES[name]] = self.variance[PLACES[name]]
+        self._visible = self.variance - self._invisible
+
+    def scaled(self, scale: float) -> tuple[Array, Array]:
+        """Covariance of static friction (12, 12) and variances (ERRORS,) with all standard deviations but the invisible
+        ones multiplied by `scale`.
+        """
+        return scale**2 * self._sticking, scale**2 * self._visible + self._invisible

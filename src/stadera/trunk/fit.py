@@ -86,11 +86,9 @@ class Fit:
         more = 0.5 * max(float(products[sampling, sampling]) - white, 0.0)  # none to all of it
         unsure = (_NOISE_KNOWN * white) ** 2 + more**2 / 3.0
         residual, noise = max(square, 0.0), white + more
-        moved = errors.known.applied(products)  # D Σ0
-        moved[:, sampling] = 0.0  # in the noise
-        stated = float(np.trace(moved))
-        doubled = 2.0 * float(np.einsum("ij,ji->", moved, moved))
-        square = _scale_square(max(residual, white), (noise, unsure), (stated, doubled), settings.scale_spread)
+        diagonal, doubled = errors.known.explained(sums)  # sampling is in the noise
+        stated = float(diagonal.sum())
+        square = _scale_square(max(residual, white), (noise, unsure), (stated, 2.0 * doubled), settings.scale_spread)
         return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), sums, p, noise)
 
     @cached_property

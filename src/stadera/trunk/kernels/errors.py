@@ -1,70 +1,100 @@
-"""Mean and covariance of the model errors, compiled: `RowSums.update` and `SwingJoints.posterior`."""
+"""Mean and covariance of the model errors, compiled: `Errors`, `Covariance.explained` and `SwingJoints.posterior`.
 
-from __future__ import annotations
+Loops go over whole rows, also where a triangle would do: these are done several columns at once.
+"""
 
 from math import sqrt
 
 import numpy as np
 
-from stadera.compiled import compiled, part
+from stadera.compiled import compiled, part, reordered
 from stadera.types import Array
 
+_SINGULAR = 1e-13  # of a variance: what remains of it is rounding
+
 
 @part
-def cholesky(A: Array) -> None:
-    """Lower triangular factor of a positive definite matrix, in its place, with zeros above."""
+def product(A: Array, B: Array, out: Array) -> None:
+    """A B, by BLAS."""
+    np.dot(A, B, out)
+
+
+@part
+def product_of_rows(A: Array, B: Array, out: Array) -> None:
+    """A Bᵀ, by BLAS."""
+    np.dot(A, B.T, out)
+
+
+@part
+def columns_of(A: Array, begin: int, width: int) -> Array:
+    """A copy of some columns."""
+    out = np.empty((len(A), width))
+    for i in range(len(A)):
+        for c in range(width):
+            out[i, c] = A[i, begin + c]
+    return out
+
+
+@reordered
+def dot(a: Array, b: Array) -> float:
+    """Σ a b of two rows."""
+    total = 0.0
+    for c in range(len(a)):
+        total += a[c] * b[c]
+    return total
+
+
+@reordered
+def eliminate(A: Array, least: float) -> None:
+    """Upper triangular factor U of a positive semidefinite matrix Uᵀ U, in its place, with zeros below. Pivots up to
+    `least` are taken for zero.
+    """
     n = len(A)
-    for i in range(n):
-        row = A[i]
-        for j in range(i):
-            other, total = A[j], row[j]
-            for k in range(j):
-                total -= row[k] * other[k]
-            row[j] = total / other[j]
-        total = row[i]
-        for k in range(i):
-            total -= row[k] * row[k]
-        row[i] = sqrt(total)
-        row[i + 1 :] = 0.0
-
-
-@part
-def solved(L: Array, right: Array, out: Array) -> None:
-    """x of L Lᵀ x = right."""
-    n = len(L)
-    for i in range(n):
-        total = right[i]
-        for k in range(i):
-            total -= L[i, k] * out[k]
-        out[i] = total / L[i, i]
-    for i in range(n - 1, -1, -1):
-        out[i] /= L[i, i]
-        for k in range(i):
-            out[k] -= L[i, k] * out[i]
-
-
-@part
-def inverse_of(L: Array, out: Array) -> None:
-    """Inverse of L Lᵀ."""
-    n = len(L)
-    X = np.zeros((n, n))  # L⁻¹, by rows
-    for i in range(n):
-        row = X[i]
-        row[i] = 1.0
-        for k in range(i):
-            other, factor = X[k], L[i, k]
-            for c in range(n):
-                row[c] -= factor * other[c]
-        pivot = 1.0 / L[i, i]
+    for k in range(n):
+        top = A[k]
+        before = top[k]
+        pivot = 1.0 / sqrt(before) if before > least else 0.0
         for c in range(n):
-            row[c] *= pivot
-    out[:] = 0.0
-    for i in range(n):
-        row = X[i]
-        for a in range(i + 1):
-            target, factor = out[a], row[a]
+            top[c] *= pivot
+        for i in range(k + 1, n):
+            row, factor = A[i], top[i]
             for c in range(n):
-                target[c] += factor * row[c]
+                row[c] -= factor * top[c]
+            row[k] = 0.0
+
+
+@reordered
+def solved(U: Array, right: Array, work: Array, out: Array) -> None:
+    """x of Uᵀ U x = right."""
+    n = len(U)
+    work[:], out[:] = right, 0.0
+    for k in range(n):
+        row, value = U[k], work[k] / U[k, k]
+        for c in range(n):
+            work[c] -= value * row[c]
+        work[k] = value
+    for i in range(n - 1, -1, -1):
+        out[i] = (work[i] - dot(U[i], out)) / U[i, i]
+
+
+@reordered
+def divide(U: Array, out: Array) -> None:
+    """U⁻ᵀ times a matrix (n, m), in its place."""
+    n, width = out.shape
+    for k in range(n):
+        row, pivot = out[k], 1.0 / U[k, k]
+        for c in range(width):
+            row[c] *= pivot
+        for i in range(k + 1, n):
+            other, factor = out[i], U[k, i]
+            for c in range(width):
+                other[c] -= factor * row[c]
+
+
+@part
+def square_of(A: Array, out: Array) -> None:
+    """Aᵀ A (n, n)."""
+    np.dot(A.T, A, out)
 
 
 @compiled(
@@ -91,29 +121,122 @@ def posterior(
         repeated: rows with the same error. quietest: least variance.
     """
     n, loud = len(right), repeated
-    information, scaled = np.empty((n, n)), np.empty(n)
+    information, scaled, work = np.empty((n, n)), np.empty(n), np.empty(n)
     for _ in range(2):  # the second pass uses the first one's residual
+        quiet, sharp = 1.0 / loud, 1.0 / (scale * scale)
         for i in range(n):
             for j in range(n):
-                information[i, j] = normal[i, j] / loud + prior[i, j] / (scale * scale)
-            scaled[i] = right[i] / loud
-        cholesky(information)
-        solved(information, scaled, mean)
+                information[i, j] = normal[i, j] * quiet + prior[i, j] * sharp
+            scaled[i] = right[i] * quiet
+        eliminate(information, 0.0)
+        solved(information, scaled, work, mean)
         if rows > n:
             left = square
             for i in range(n):
-                total = 2.0 * right[i]
-                for j in range(n):
-                    total -= normal[i, j] * mean[j]
-                left -= mean[i] * total
+                left -= mean[i] * (2.0 * right[i] - dot(normal[i], mean))
             loud = repeated * max(left / rows, quietest)
-    inverse_of(information, covariance)
+    turned = np.eye(n)
+    divide(information, turned)
+    square_of(turned, covariance)
     return loud
 
 
+@part
+def residual_variance(mean: Array, remainder: Array, known: int, blocks: float, along: Array) -> float:
+    """Mean square of the rows' residual. Writes the products (known,) of the residual and the first errors."""
+    square = remainder[0, 0]
+    for i in range(known):
+        along[i] = remainder[0, 1 + i]
+    for e in range(known):
+        for i in range(known):
+            along[i] -= remainder[1 + e, 1 + i] * mean[e]
+    for i in range(known):
+        square -= (remainder[0, 1 + i] + along[i]) * mean[i]
+    return float(square / (6.0 * blocks))
+
+
+@part
+def combined(joints: Array, normal: Array, out: Array) -> None:
+    """(P⁻¹ + N)⁻¹ of the first rows and columns of two matrices; P may be singular.
+
+    With P = Uᵀ U it is Uᵀ (1 + U N Uᵀ)⁻¹ U.
+    """
+    k = len(out)
+    size, U, N, turned, system = np.empty(k), np.empty((k, k)), np.empty((k, k)), np.empty((k, k)), np.empty((k, k))
+    for i in range(k):
+        size[i] = sqrt(joints[i, i])
+    for i in range(k):
+        for j in range(k):
+            unit = size[i] * size[j]
+            U[i, j], N[i, j] = joints[i, j] / unit if unit > 0.0 else 0.0, normal[i, j] * unit
+    eliminate(U, _SINGULAR)
+    product(U, N, turned)
+    product_of_rows(turned, U, system)
+    for i in range(k):
+        system[i, i] += 1.0
+    eliminate(system, 0.0)
+    divide(system, U)
+    square_of(U, out)
+    for i in range(k):
+        for j in range(k):
+            out[i, j] *= size[i] * size[j]
+
+
+@part
+def hold(variance: Array, shown: Array, sticking: Array, std: Array, begin: int) -> None:
+    """`Covariance.held`, in place, of static friction from place `begin` on."""
+    held = len(std)
+    for j in range(held):
+        std[j] /= max(sqrt(variance[begin + j]), 1e-300)
+        variance[begin + j] *= std[j] ** 2
+        for i in range(len(shown)):
+            shown[i, begin + j] *= std[j]
+    for i in range(held):
+        for j in range(held):
+            sticking[i, j] *= std[i] * std[j]
+
+
+@part
+def learn(S: Array, normal: Array, joints: Array, sticking: Array, variance: Array, begin: int, shown: Array) -> None:
+    """Σ' = F Σ Fᵀ + S N S, F = 1 - S N, of `RowSums`: writes the rows `shown`, and updates joints and variance."""
+    (k, n), known, held = shown.shape, len(joints), len(sticking)
+    spread, moved, together = np.empty((k, n)), np.empty((k, n)), np.empty((k, k))  # N Σ, S N Σ, N Σ Nᵀ + N
+    by_joints, by_sticking = np.empty((k, known)), np.empty((k, held))
+    product(columns_of(normal, 0, known), joints, by_joints)
+    product(columns_of(normal, begin, held), sticking, by_sticking)
+    for i in range(k):
+        for e in range(known, n):
+            spread[i, e] = normal[i, e] * variance[e]
+        for e in range(known):
+            spread[i, e] = by_joints[i, e]
+        for e in range(held):
+            spread[i, begin + e] = by_sticking[i, e]
+    product(S, spread, moved)
+    product_of_rows(spread, normal, together)
+    for i in range(k):
+        for j in range(k):
+            together[i, j] += normal[i, j]
+        for e in range(n):
+            shown[i, e] = -moved[i, e]
+        for e in range(known):
+            shown[i, e] += joints[i, e]
+    half, own = np.empty((k, k)), np.empty((k, k))
+    product(S, together, half)
+    product(half, S, own)
+    for i in range(k):
+        for j in range(k):
+            own[i, j] += joints[i, j] - moved[i, j] - moved[j, i]
+    for i in range(k):
+        for j in range(k):
+            shown[i, j] = 0.5 * (own[i, j] + own[j, i])
+        for e in range(known):
+            joints[i, e] = joints[e, i] = shown[i, e]
+        variance[i] = shown[i, i]
+
+
 @compiled(
-    "void(float64[::1], float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], int64, float64, "
-    "float64, int64)"
+    "void(float64[::1], float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[::1], float64[:,::1], "
+    "float64[::1], float64[::1], int64, int64)"
 )
 def update(
     mean: Array,
@@ -121,65 +244,123 @@ def update(
     sticking: Array,
     variance: Array,
     shown: Array,
+    std: Array,
     remainder: Array,
-    blocks: int,
-    repeated: float,
-    quietest: float,
+    dry: Array,
+    numbers: Array,
+    coulomb: int,
     begin: int,
 ) -> None:
-    """Updates mean (n,) and covariance of the errors, line by line as `RowSums.update`.
+    """Mean (n,) and covariance of the errors, as `Errors`.
 
     Args:
-        joints, sticking, variance: see `Covariance`; the first and the last are updated. shown: see there, written.
-        remainder: (1 + n, 1 + n), of so many blocks. repeated, quietest: see `RowSums`.
-        begin: first place of static friction.
+        mean, joints, sticking, variance: of p and Σ before any loaded row, but for the variance of those in `joints`;
+            updated.
+        shown: see `Covariance`, std: (n,), both written.
+        remainder: (1 + n, 1 + n), of the rows.
+        dry: (12,), squared size of Coulomb friction; negative for that of the mean and its variance.
+        numbers: of blocks; `RowSums.repeated`; the least variance of the residual; the share of `HELD`.
+        coulomb, begin: first places of Coulomb and of static friction.
     """
-    n, k, known, held = len(mean), len(shown), len(joints), len(sticking)
-    along, squared = remainder[0, 1:].copy(), remainder[0, 0]
+    (k, n), known = shown.shape, len(joints)
     for e in range(known):
-        for i in range(n):
-            along[i] -= remainder[1 + e, 1 + i] * mean[e]
-    for i in range(known):
-        squared -= (remainder[0, 1 + i] + along[i]) * mean[i]
-    loud = repeated * max(squared / (6.0 * blocks), quietest)
-    normal, spread = np.empty((k, n)), np.empty((k, n))  # N, and N Σ
-    N, P, size = np.empty((k, k)), np.empty((k, k)), np.empty(k)
+        variance[e] = joints[e, e]
+    along, normal, S = np.empty(known), np.empty((k, n)), np.empty((k, k))
+    loud = numbers[1] * max(residual_variance(mean, remainder, known, numbers[0], along), numbers[2])
     for i in range(k):
         for e in range(n):
             normal[i, e] = remainder[1 + i, 1 + e] / loud
-            spread[i, e] = normal[i, e] * variance[e]
-        size[i] = sqrt(joints[i, i])
-    scaled = np.empty((k, k))
-    for i in range(k):
-        for j in range(k):
-            unit = size[i] * size[j]
-            scaled[i, j] = joints[i, j] / unit if unit > 0.0 else 0.0
-            N[i, j] = normal[i, j]
-            P[i, j] = normal[i, j] * unit
-    system = np.dot(scaled, P)
-    for i in range(k):
-        system[i, i] += 1.0
-    found = np.linalg.solve(system, scaled)
-    S = np.empty((k, k))
-    for i in range(k):
-        for j in range(k):
-            S[i, j] = 0.5 * (found[i, j] + found[j, i]) * size[i] * size[j]
-    spread[:, :known] = np.dot(normal[:, :known].copy(), joints)
-    spread[:, begin : begin + held] = np.dot(normal[:, begin : begin + held].copy(), sticking)
+    combined(joints, normal, S)
     for i in range(k):
         for j in range(k):
             mean[i] += S[i, j] * along[j] / loud
-    moved = np.dot(S, spread)
+    learn(S, normal, joints, sticking, variance, begin, shown)
+    size = np.empty(len(dry))
+    for j in range(len(dry)):
+        square = dry[j] if dry[j] >= 0.0 else mean[coulomb + j] ** 2 + variance[coulomb + j]
+        size[j] = numbers[3] * sqrt(square)
+    hold(variance, shown, sticking, size, begin)
+    for e in range(n):
+        std[e] = sqrt(variance[e])
+
+
+@reordered
+def by_blocks(row: Array, out: Array, diagonal: Array, offsets: Array, sticking: Array, at: int, begin: int) -> None:
+    """Product of a row (1 + n,), whose first entry does not count, with Λ, into `out`: see `energies`."""
+    for e in range(len(row)):
+        out[e] = row[e] * diagonal[e]
+    for i in range(12):
+        one, two = row[1 + at + i], row[1 + begin + i]
+        for j in range(12):
+            out[1 + at + j] += one * offsets[i, j]
+            out[1 + begin + j] += two * sticking[i, j]
+
+
+@compiled(
+    "float64(float64[:,::1], float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], int64, "
+    "int64, int64, float64[::1])"
+)
+def energies(
+    D: Array,
+    wide: Array,
+    through: Array,
+    variance: Array,
+    joints: Array,
+    sticking: Array,
+    at: int,
+    begin: int,
+    sampling: int,
+    out: Array,
+) -> float:
+    """tr (D Σ)², as `Covariance.explained`.
+
+    Σ = Λ + E W + Wᵀ Eᵀ, with Λ zero but for variances and the blocks of offsets and static friction, W the rows of
+    `shown` with half their first block, and E the first columns of a unit matrix. So with B = W D
+
+        tr (D Σ)² = tr (D Λ)² + 4 tr B Λ D E + 2 tr (B E)² + 2 tr B Wᵀ Eᵀ D E
+
+    but for sampling, in whose columns Σ is zero, and in whose rows it is not.
+
+    Args:
+        D: (1 + n, 1 + n), of which the first row and column do not count. wide: (k, 1 + n), W. through: (k, 1 + n), B.
+        variance, joints, sticking: see `Covariance`.
+        at, begin, sampling: first places of offsets, static friction and sampling.
+        out: (n,), the diagonal of D Σ.
+    """
+    k, n, skipped = len(wide), len(variance), 1 + sampling
+    diagonal, offsets, weighted = np.zeros(1 + n), np.empty((12, 12)), np.empty((1 + n, 1 + n))
+    for e in range(k, n):
+        if e >= at + 12 and not begin <= e < begin + 12:
+            diagonal[1 + e] = variance[e]
+    diagonal[skipped] = 0.0
+    for i in range(12):
+        for j in range(12):
+            offsets[i, j] = joints[at + i, at + j]
+    for e in range(1 + n):
+        by_blocks(D[e], weighted[e], diagonal, offsets, sticking, at, begin)
+    squares = 0.0
+    for e in range(1, 1 + n):
+        out[e - 1] = weighted[e, e]
+        squares += diagonal[e] * dot(D[e], weighted[e])
+    for i in range(12):
+        for j in range(12):
+            squares += offsets[i, j] * dot(D[1 + at + i], weighted[1 + at + j])
+            squares += sticking[i, j] * dot(D[1 + begin + i], weighted[1 + begin + j])
+    less, edge, inner = np.empty((k, 1 + n)), np.empty(k), np.empty((k, k))
+    product_of_rows(wide, through, inner)
     for i in range(k):
+        edge[i] = wide[i, skipped]
+        for e in range(1 + n):
+            less[i, e] = through[i, e] - edge[i] * D[skipped, e]
+        out[i] += through[i, 1 + i]
         for e in range(n):
-            shown[i, e] = (joints[i, e] if e < known else 0.0) - moved[i, e]
-    own = np.dot(np.dot(S, N) - np.dot(shown, normal.T), S)
+            out[e] += wide[i, 1 + e] * D[1 + i, 1 + e]
+        squares += 2.0 * (dot(less[i], weighted[1 + i]) + dot(through[i], weighted[1 + i]))
     for i in range(k):
-        for j in range(k):
-            own[i, j] += shown[i, j]
-    for i in range(k):
-        for j in range(k):
-            shown[i, j] = 0.5 * (own[i, j] + own[j, i])
-        for e in range(known):
-            joints[i, e] = joints[e, i] = shown[i, e]
-        variance[i] = shown[i, i]
+        for j in range(i + 1):
+            both = 2.0 * inner[i, j] - edge[i] * through[j, skipped] - edge[j] * through[i, skipped]
+            both *= D[1 + i, 1 + j]
+            both += less[i, 1 + j] * less[j, 1 + i] + through[i, 1 + j] * through[j, 1 + i]
+            squares += both if i == j else 2.0 * both
+    out[sampling] = 0.0
+    return squares
