@@ -52,7 +52,7 @@ PROBLEMS = {"hyq": ("hyq", "RH"), "go2_legs_in_air": ("go2", "RF")}
 def true_hyq() -> Robot:
     """Whose leg is not the model's."""
     model = load_robot("hyq")
-    leg = perturbed_physical(model, "RH", np.random.default_rng(3), com_std=0.01, stretch_std=0.1).robot
+    leg = perturbed_physical(model, "RH", np.random.default_rng(3), com_std=0.01, stretch_std=0.1)
     return leg.with_dynamics(dict.fromkeys(model.tree.joints, DRIVE))
 
 

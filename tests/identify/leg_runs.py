@@ -27,7 +27,7 @@ def hyq() -> Robot:
 @cache
 def other_hyq(seed: int = 3) -> Robot:
     """A HyQ whose RH leg is not the model's, and could exist."""
-    return perturbed_physical(hyq(), "RH", np.random.default_rng(seed), com_std=0.01, stretch_std=0.1).robot
+    return perturbed_physical(hyq(), "RH", np.random.default_rng(seed), com_std=0.01, stretch_std=0.1)
 
 
 def parameters_of(robot: Robot, columns: tuple[str, ...]) -> dict[str, float]:

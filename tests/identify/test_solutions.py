@@ -367,7 +367,7 @@ def test_information_on_more_than_is_asked_for(solve) -> None:
 @pytest.mark.parametrize("noise", [0.0, 1e-2])
 def test_data_that_contradict_consistency_have_an_answer(seed: int, noise: float) -> None:
     """Near noiseless torques of a leg that cannot exist, and of a drive that helps: physical, and closer than CAD."""
-    robot = perturbed(hyq(), "RH", np.random.default_rng(seed)).robot
+    robot = perturbed(hyq(), "RH", np.random.default_rng(seed))
     regressor = leg_regressor(hyq(), friction=True)
     truth = parameters_of(robot, regressor.columns) | {"rh_hfe_joint.armature": -0.3}
     information = told(truth, regressor, noise=noise, motion=rich_motion(200, seed))

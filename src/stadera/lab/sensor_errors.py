@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -61,6 +61,11 @@ class SensorErrors:
             if isinstance(value, float | int) and not (np.isfinite(value) and value >= 0):
                 raise ModelError(f"sensor error {field.name!r} must be finite and not negative, got {value}")
 
+    def times(self, factor: float) -> SensorErrors:
+        """All sizes multiplied by a factor, except for those of a Gaussian."""
+        sizes: dict[str, Any] = {name: factor * size for name, size in vars(self).items() if isinstance(size, float)}
+        return replace(self, **sizes)
+
 
 IDEAL = SensorErrors()
 """No errors at all."""
@@ -78,16 +83,8 @@ STANDARD = SensorErrors(
 )
 """Encoders, torque sensors and an IMU of good robots."""
 
-HARSH = SensorErrors(
-    position=4e-4,
-    velocity=0.04,
-    torque=0.0066,
-    torque_constant=0.0066,
-    gyro=0.006,
-    gyro_constant=0.004,
-    accelerometer=0.1,
-    accelerometer_constant=0.06,
-    orientation_constant=np.deg2rad(0.4),
+HARSH = replace(
+    STANDARD.times(2.0),
     torque_delay=0.003,
     imu_misalignment=np.deg2rad(0.5),
     friction=0.006,

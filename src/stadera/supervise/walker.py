@@ -19,33 +19,26 @@ class Walker(Protocol):
     @property
     def phase(self) -> str:
         """Present activity, in a word or two."""
-        ...
 
     @property
     def stopped(self) -> bool:
         """True if it stands on four feet and is not about to move."""
-        ...
 
     @property
     def fault(self) -> str:
         """Reason why it cannot continue walking, one sentence; empty if it can."""
-        ...
 
     def request_stop(self) -> None:
         """Stops as soon as it is safe, on four feet."""
-        ...
 
     def resume(self) -> None:
         """Continues walking."""
-        ...
 
     def sit(self) -> None:
         """Lowers the trunk and stays there; requires that the robot has stopped."""
-        ...
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
         """Passes a model of the trunk to controller and planner, both or neither; False for neither."""
-        ...
 
 
 @runtime_checkable
@@ -54,11 +47,9 @@ class PosingWalker(Walker, Protocol):
 
     def posture(self) -> PostureLaw:
         """The control law that holds the trunk while it stands."""
-        ...
 
     def lean(self, pose: PoseOffset, duration: float) -> None:
         """Moves the standing robot's trunk to a pose, relative to that in which it stopped, within a duration [s]."""
-        ...
 
 
 class State(StrEnum):

@@ -53,7 +53,7 @@ def test_effort_is_pinocchios_inverse_dynamics(hyq: Robot) -> None:
 
 
 def test_effort_of_a_leg_with_negative_moments(hyq: Robot) -> None:
-    truth = perturbed(hyq, "RH", np.random.default_rng(7)).robot
+    truth = perturbed(hyq, "RH", np.random.default_rng(7))
     assert not all(truth.inertias[link].is_physical() for link in truth.leg("RH").links)
     truth = with_dynamics(truth, JointDynamics())
     recording = simulate_leg(truth, "RH", sinusoids(1.0))

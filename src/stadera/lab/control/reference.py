@@ -52,7 +52,6 @@ class TrunkReference(Protocol):
 
     def at(self, time: float) -> TrunkPose:
         """Reference at a time [s]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,6 @@ class Move:
         object.__setattr__(self, "_ends", (way, first, last * self.duration))
 
     def at(self, time: float) -> TrunkPose:
-        """Reference at a time [s]."""
         x = (time - self.begin) / self.duration
         if x >= 1.0:
             return self._after(time - self.begin - self.duration)
@@ -145,7 +143,6 @@ class Shake:
         return cls(centre, begin, np.full(3, amplitude * _ANGLE), np.full(3, amplitude * shift * height))
 
     def at(self, time: float) -> TrunkPose:
-        """Reference at a time [s]."""
         late = max(time - self.begin, 0.0)
         weights = self._weights  # type: ignore[attr-defined]
         phase = _OMEGA * late

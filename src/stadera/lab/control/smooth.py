@@ -39,7 +39,6 @@ class SmoothTrunk:
 
     @property
     def model(self) -> TrunkModel:
-        """The model in use."""
         return TrunkModel(self.mass, self.moment / self.mass)
 
     def accept(self, model: TrunkModel) -> bool:

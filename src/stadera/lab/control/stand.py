@@ -24,16 +24,13 @@ class Gait:
 
     @property
     def robot(self) -> Robot:
-        """The model of the robot."""
         return self.controller.robot
 
     @property
     def stance(self) -> Bools:
-        """Legs meant to be in stance, (4,) bool."""
         return self.controller.stance
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Sets a new model of the trunk for controller and planner; False if it is not plausible."""
         return self.controller.update_trunk(trunk)
 
 
@@ -43,20 +40,16 @@ class Controller(Protocol):
     @property
     def robot(self) -> Robot:
         """The model of the robot."""
-        ...
 
     @property
     def stance(self) -> Bools:
         """Legs meant to be in stance, (4,) bool."""
-        ...
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
         """Sets a new model of the trunk; False if it is not plausible."""
-        ...
 
     def update(self, measurement: Measurement) -> Array:
         """Joint torques (n,) [N·m]."""
-        ...
 
 
 Watcher = Callable[["TestBed"], None]

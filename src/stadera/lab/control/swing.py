@@ -151,7 +151,6 @@ class SwingLegs:
 
     @property
     def any(self) -> bool:
-        """True if any leg swings."""
         return bool(self._legs)
 
     def begin(self, leg: int, trajectory: SwingTrajectory) -> None:

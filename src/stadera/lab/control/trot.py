@@ -125,7 +125,6 @@ class Trot(Gait):
         self._asked, self._asked_turn, self._wanted = _NOTHING, 0.0, False
 
     def update(self, measurement: Measurement) -> Array:
-        """Joint torques (n,) [N·m] for one measurement; raises as the trunk controller."""
         c = self.controller
         if not np.isnan(c.time):
             self._plan(measurement.time - c.time)
@@ -135,7 +134,6 @@ class Trot(Gait):
         return torque
 
     def at(self, time: float) -> TrunkPose:
-        """Reference of the trunk for the present period."""
         return self._pose
 
     # -- inside ---------------------------------------------------------------------------------------------------

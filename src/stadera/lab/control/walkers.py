@@ -22,34 +22,27 @@ class CrawlWalker:
 
     @property
     def phase(self) -> str:
-        """The crawl's phase, and its leg."""
         leg = self.crawl.leg
         return str(self.crawl.phase) if leg is None else f"{self.crawl.phase} of {leg}"
 
     @property
     def stopped(self) -> bool:
-        """Whether it stands on four feet, at rest."""
         return self.crawl.stopped and self.crawl.phase is CrawlPhase.STAND
 
     @property
     def fault(self) -> str:
-        """Why it stopped unasked; empty if it did not."""
         return self.crawl.reason if self.crawl.failed and self.crawl.phase is CrawlPhase.STAND else ""
 
     def request_stop(self) -> None:
-        """Stops after the current step."""
         self.crawl.request_stop("asked by the supervisor")
 
     def resume(self) -> None:
-        """Continues walking with the leg whose turn it is."""
         self.crawl.resume()
 
     def sit(self) -> None:
-        """Sits down from a stand."""
         self.crawl.sit("asked by the supervisor")
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Sets the model used by controller and planner."""
         return self.crawl.update_trunk(trunk)
 
 
@@ -69,28 +62,23 @@ class StandingWalker:
 
     @property
     def phase(self) -> str:
-        """Standing or sitting."""
         return self._phase
 
     @property
     def stopped(self) -> bool:
-        """It never walks."""
         return self._phase == "standing"
 
     @property
     def fault(self) -> str:
-        """Never a fault."""
         return ""
 
     def posture(self) -> PostureLaw:
-        """The controller's springs around its reference."""
         return PostureLaw(self.controller.gains.angular_stiffness, self._at_home().rotation, ANGULAR, DAMPING)
 
     def request_stop(self) -> None:
         """Does nothing, since it always stands."""
 
     def resume(self) -> None:
-        """Counts the request."""
         self.resumed += 1
 
     def sit(self) -> None:
@@ -103,11 +91,9 @@ class StandingWalker:
             self.controller.move(home.moved(np.array([0.0, 0.0, -_SITTING_HEIGHT * height]), np.zeros(3)), _SIT)
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Sets the controller's model; there is no planner."""
         return self.controller.update_trunk(trunk)
 
     def lean(self, pose: PoseOffset, duration: float) -> None:
-        """Moves the controller's reference."""
         home = self._at_home()
         self.controller.move(home.moved(home.rotation @ pose.shift, pose.turn), duration)
 

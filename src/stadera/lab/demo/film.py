@@ -55,7 +55,6 @@ class Camera:
             self._take(walk)
 
     def film(self) -> Film:
-        """All frames so far."""
         arrays = {name: np.array(frames) for name, frames in self._frames.items() if name != "state"}
         arrays |= {name: arrays[name].astype(bool) for name in ("down", "limited")}
         return Film(**arrays, state=tuple(self._states))  # type: ignore[arg-type]

@@ -81,7 +81,6 @@ class DemoRun:
 
     @property
     def name(self) -> str:
-        """How the load is treated."""
         return str(self.outcome.case.supervision)
 
 
@@ -95,7 +94,6 @@ class DemoResult:
 
     @property
     def runs(self) -> tuple[DemoRun, DemoRun]:
-        """Both runs."""
         return self.without, self.identified
 
     def to_dict(self) -> dict[str, Any]:

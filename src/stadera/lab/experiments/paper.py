@@ -64,14 +64,12 @@ class Paper:
 
     @classmethod
     def of(cls, name: str) -> Paper:
-        """The entry with that name."""
         text = (resources.files(__package__) / "experiments.toml").read_text(encoding="utf-8")
         entry = tomllib.loads(text)[name]
         values, (differs, notes) = entry.pop("paper", {}), (tuple(entry.pop(key, ())) for key in ("differs", "notes"))
         return cls(name, values=values, differs=differs, notes=notes, **entry)
 
     def experiment(self, run: Callable[[ReproduceSettings, Progress], ExperimentResult]) -> Experiment:
-        """The experiment with its function."""
         return Experiment(self.name, self.title, run, self.study, self.seeded)
 
     def record(
@@ -83,7 +81,6 @@ class Paper:
         paper: float | None = None,
         bound: float | None = None,
     ) -> Record:
-        """A record of this experiment."""
         return Record(self.name, case, metric, unit, value, paper, bound)
 
     def result(
@@ -106,13 +103,11 @@ class Steps:
         self._name, self._progress, self._at = name, progress, ""
 
     def __call__(self, what: str) -> None:
-        """Starts the next step."""
         self.finished()
         self._at = f"{self._name}: {what}"
         self._progress(self._at, 0, 0)
 
     def finished(self) -> None:
-        """Ends the last step."""
         if self._at:
             self._progress(self._at, 1, 1)
             self._at = ""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import mujoco
 import numpy as np
 
 from stadera.constants import SAME
 from stadera.errors import ModelError
+from stadera.excite.sinusoids import Reference
 from stadera.lab.plant.model import ModelOptions, build_model, joint_offsets, mass_matrix, workspace
 from stadera.logs import Recording
 from stadera.robot.model import Robot, Tree
@@ -27,25 +27,6 @@ class TrackingSettings:
 
 
 _TRACKING = TrackingSettings()
-
-
-class Trajectory(Protocol):
-    """A reference for the three joints of a leg, evenly sampled."""
-
-    @property
-    def time(self) -> Array:
-        """(samples,) [s]."""
-        ...
-
-    @property
-    def position(self) -> Array:
-        """(samples, 3) [rad]."""
-        ...
-
-    @property
-    def velocity(self) -> Array:
-        """(samples, 3) [rad/s]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +59,7 @@ class Gains:
 def simulate_leg(
     robot: Robot,
     leg: str,
-    trajectory: Trajectory,
+    trajectory: Reference,
     *,
     gains: Gains | None = None,
     feedforward: Array | None = None,
@@ -124,7 +105,7 @@ def simulate_leg(
     )
 
 
-def _check(trajectory: Trajectory, feedforward: Array | None) -> float:
+def _check(trajectory: Reference, feedforward: Array | None) -> float:
     """Checks a reference; returns its sampling interval [s]."""
     time = np.asarray(trajectory.time, dtype=float)
     if time.ndim != 1 or len(time) < 2:

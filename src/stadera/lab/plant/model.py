@@ -60,9 +60,8 @@ def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec
         trunk.add_freejoint(name="floating_base")
     bodies = [trunk]
     for i, joint in enumerate(tree.joints):
-        quat = np.zeros(4)
-        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(tree.rotations[i]).ravel())
-        body = bodies[tree.parents[i]].add_body(name=tree.links[i + 1], pos=tree.translations[i], quat=quat)
+        place = {"pos": tree.translations[i], "quat": quaternion_wxyz(tree.rotations[i])}
+        body = bodies[tree.parents[i]].add_body(name=tree.links[i + 1], **place)
         placeholder_inertia(body)
         dynamics = robot.dynamics[joint]
         body.add_joint(
@@ -122,12 +121,17 @@ def set_body_inertia(model: mujoco.MjModel, body: int, parameters: InertialParam
     values, axes = np.linalg.eigh(parameters.inertia_com)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1.0
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, axes.ravel())
     model.body_mass[body] = parameters.mass
     model.body_ipos[body] = parameters.com if parameters.mass else 0.0
-    model.body_iquat[body] = quat
+    model.body_iquat[body] = quaternion_wxyz(axes)
     model.body_inertia[body] = values
+
+
+def quaternion_wxyz(rotation: Array) -> Array:
+    """MuJoCo's quaternion (4,), scalar first, of a rotation matrix (3, 3)."""
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rotation, dtype=float).ravel())
+    return quat
 
 
 def workspace(robot: Robot, tree: Tree, samples: int = 200, seed: int = 20170924) -> Array:

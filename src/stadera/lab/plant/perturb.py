@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import expm
@@ -12,14 +12,6 @@ from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.model import least_leg_eigenvalue
 from stadera.robot.model import Robot
-
-
-@dataclass(frozen=True, eq=False)
-class Perturbed:
-    """A perturbed robot, and the number of rejected draws before it."""
-
-    robot: Robot
-    redraws: int
 
 
 def perturbed(
@@ -31,7 +23,7 @@ def perturbed(
     inertia_std: float = 0.02,
     margin: float = 0.1,
     draws: int = 200,
-) -> Perturbed:
+) -> Robot:
     """The paper's perturbation (section IV.A): white noise on the leg links' centres of mass and inertia tensors.
 
     Masses are unchanged. Each component of a centre of mass is perturbed by an independent N(0, com_std²) [m], and each
@@ -44,12 +36,12 @@ def perturbed(
     if not margin > 0:
         raise ModelError(f"the margin on the mass matrix's least eigenvalue must be positive, got {margin}")
     least = margin * least_leg_eigenvalue(robot, leg)
-    for redraws in range(draws):
+    for _ in range(draws):
         candidate = _with_inertias(
             robot, {link: _noisy(robot.inertias[link], rng, com_std, inertia_std) for link in robot.leg(leg).links}
         )
         if least_leg_eigenvalue(candidate, leg) >= least:
-            return Perturbed(candidate, redraws)
+            return candidate
     raise ModelError(
         f"robot {robot.name}, leg {leg}: none of {draws} perturbations (com {com_std} m, inertia {inertia_std} "
         "kg·m²) leaves the mass matrix positive definite; ask for smaller ones"
@@ -58,7 +50,7 @@ def perturbed(
 
 def perturbed_physical(
     robot: Robot, leg: str, rng: np.random.Generator, *, com_std: float = 0.02, stretch_std: float = 0.3
-) -> Perturbed:
+) -> Robot:
     """A perturbation of the same size for which every link is physically possible, without redraws.
 
     The link's mass distribution is displaced by N(0, com_std²) [m] in each component, then deformed about its centre of
@@ -76,7 +68,7 @@ def perturbed_physical(
         deformation = expm(rng.normal(0.0, stretch_std, (3, 3)))
         # r' = c + s + D (r - c)
         changed[link] = body.transformed(deformation, com + shift - deformation @ com)
-    return Perturbed(_with_inertias(robot, changed), 0)
+    return _with_inertias(robot, changed)
 
 
 def _noisy(

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.model import joint_offsets, set_body_inertia
+from stadera.lab.plant.model import joint_offsets, quaternion_wxyz, set_body_inertia
 from stadera.lab.plant.payload import DroppedBox, OutsideForce, Payload, RigidMass, Tray, VirtualForce
 from stadera.lab.plant.state import Contacts, TrueState
 from stadera.lab.plant.terrain import Terrain
@@ -66,10 +66,8 @@ class Plant:
         q = self._checked(joint_position, "joint positions")
         self._payloads, self._outside, self._steps = (), None, 0
         self._build()
-        quat = np.zeros(4)
-        if orientation is None:
-            mujoco.mju_mat2Quat(quat, np.ascontiguousarray(self.terrain.rotation).ravel())
-        else:
+        quat = quaternion_wxyz(self.terrain.rotation)
+        if orientation is not None:
             quat[:] = np.asarray(orientation, dtype=float)[_WXYZ]
             mujoco.mju_normalize4(quat)
         self._data.qpos[3:7], self._data.qpos[self._q] = quat, q

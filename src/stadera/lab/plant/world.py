@@ -11,7 +11,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from stadera.lab.plant.model import ModelOptions, build_spec, compile_model, placeholder_inertia, set_body_inertia
+from stadera.lab.plant.model import (
+    ModelOptions,
+    build_spec,
+    compile_model,
+    placeholder_inertia,
+    quaternion_wxyz,
+    set_body_inertia,
+)
 from stadera.lab.plant.payload import DroppedBox, Tray
 from stadera.lab.plant.terrain import Terrain
 from stadera.robot.imu import ImuMount
@@ -94,9 +101,7 @@ def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=tray.centre,
         size=tray.half_size,
-        contype=_BOX_BIT,
-        conaffinity=_FOOT_BIT,
-        **_contact(timestep, 0.8),
+        **_contact(timestep, 0.8, bits=(_BOX_BIT, _FOOT_BIT)),
     )
     for index, box in enumerate(boxes):
         _add_box(spec, box_body(index), box, timestep)
@@ -118,8 +123,12 @@ def _set_solver(spec: mujoco.MjSpec) -> None:
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
-def _contact(timestep: float, friction: float, softness: float = 0.0) -> dict[str, object]:
+def _contact(
+    timestep: float, friction: float, softness: float = 0.0, bits: tuple[int, int] = (0, _FOOT_BIT)
+) -> dict[str, object]:
     return {
+        "contype": bits[0],
+        "conaffinity": bits[1],
         "friction": (friction, 0.0, 0.0),
         "condim": 3,
         "solref": (max(softness, CONTACT.timesteps * timestep), 1.0),
@@ -128,10 +137,8 @@ def _contact(timestep: float, friction: float, softness: float = 0.0) -> dict[st
 
 
 def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(terrain.rotation).ravel())
-    common = {"quat": quat, "contype": _FOOT_BIT, "conaffinity": 0}
-    common |= _contact(spec.option.timestep, terrain.friction, terrain.softness)
+    common = _contact(spec.option.timestep, terrain.friction, terrain.softness, bits=(_FOOT_BIT, 0))
+    common["quat"] = quaternion_wxyz(terrain.rotation)
     if terrain.stones is None:
         kind, size = mujoco.mjtGeom.mjGEOM_PLANE, (CONTACT.extent, CONTACT.extent, 0.1)
         spec.worldbody.add_geom(name=GROUND, type=kind, size=size, **common)
@@ -157,16 +164,12 @@ def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
             _add_sphere(spec, link, f"{FRAME} {leg.name} {part}", (0.0, 0.0, 0.0), foot_radius(leg), terrain)
     boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
     for index, box in enumerate(boxes):
-        quat = np.zeros(4)
-        mujoco.mju_mat2Quat(quat, np.ascontiguousarray(box.rotation).ravel())
         spec.body(robot.trunk).add_geom(
             name=f"{FRAME} trunk {index}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=box.translation,
-            quat=quat,
+            quat=quaternion_wxyz(box.rotation),
             size=0.5 * np.asarray(box.size),
-            contype=0,
-            conaffinity=_FOOT_BIT,
             **_contact(spec.option.timestep, terrain.friction, terrain.softness),
         )
 
@@ -179,8 +182,6 @@ def _add_sphere(
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         pos=centre,
         size=(radius, 0.0, 0.0),
-        contype=0,
-        conaffinity=_FOOT_BIT,
         **_contact(spec.option.timestep, terrain.friction, terrain.softness),
     )
 
@@ -193,16 +194,12 @@ def _add_box(spec: mujoco.MjSpec, name: str, box: DroppedBox, timestep: float) -
         name=name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=0.5 * np.asarray(box.size),
-        contype=0,
-        conaffinity=_FOOT_BIT | _BOX_BIT,
         priority=1,  # its friction is used for any contact
-        **_contact(timestep, box.friction),
+        **_contact(timestep, box.friction, bits=(0, _FOOT_BIT | _BOX_BIT)),
     )
 
 
 def _add_imu(spec: mujoco.MjSpec, trunk: mujoco.MjsBody, mount: ImuMount) -> None:
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(mount.rotation, dtype=float).ravel())
-    trunk.add_site(name=IMU, pos=mount.translation, quat=quat)
+    trunk.add_site(name=IMU, pos=mount.translation, quat=quaternion_wxyz(mount.rotation))
     for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
         spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU, name=kind.name)

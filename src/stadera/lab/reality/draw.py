@@ -12,7 +12,7 @@ import numpy as np
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.lab.plant.world import CONTACT, foot_radius
-from stadera.lab.sensor_errors import STANDARD, SensorErrors
+from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
 from stadera.robot.model import JointDynamics, Leg, Robot
 from stadera.types import Array
@@ -134,7 +134,7 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
     gain *= common / gain.mean()
     quantised = bool(sensors.uniform() < sizes.quantised)
     quantum = 2.0 * np.pi / 2.0 ** int(sensors.choice(sizes.bits))
-    scaled = noise_of(noise)
+    scaled = STANDARD.times(noise)
     return Drawn(
         robot=_true_robot(robot, sizes, limit, body),
         noise=noise,
@@ -173,13 +173,6 @@ def with_usual_drives(robot: Robot, sizes: RealSizes) -> Robot:
             viscous=given.viscous + float(np.sqrt(sizes.viscous[0] * sizes.viscous[1])) * most,
         )
     return replace(robot, dynamics=middle)
-
-
-def noise_of(factor: float) -> SensorErrors:
-    """The errors of `STANDARD`, times a factor."""
-    sizes = {f.name: getattr(STANDARD, f.name) for f in fields(STANDARD)}
-    scaled: dict[str, Any] = {name: factor * size for name, size in sizes.items() if isinstance(size, float)}
-    return SensorErrors(**scaled)
 
 
 def _true_robot(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Generator) -> Robot:

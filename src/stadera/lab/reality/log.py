@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.lab.plant.state import TrueState
-from stadera.lab.reality.draw import Drawn, noise_of
+from stadera.lab.reality.draw import Drawn
+from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
 from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
@@ -85,7 +86,7 @@ def measured_log(
     time, columns = motion.time, [robot.tree.joints.index(joint) for joint in motion.joints]
     period = (time[-1] - time[0]) / (len(time) - 1)
     kept = slice(None, None, round(1.0 / (rate or draw.rate) / period))
-    noise, limit = noise_of(draw.noise), effort_limits(robot)[columns]
+    noise, limit = STANDARD.times(draw.noise), effort_limits(robot)[columns]
     encoder = motion.position + draw.encoder_zero[columns]
     shape = encoder[kept].shape
     position = encoder[kept] + noise.position * rng.standard_normal(shape)

@@ -71,7 +71,6 @@ def _stance(result: Weighing, balance: Balance) -> Iterator[Series]:
 
 
 def _centres(result: Weighing, balance: Balance, truth: Truth | None) -> Iterator[Series]:
-    """Centres of pressure and of mass."""
     if np.isfinite(result.com[:2]).all():
         yield from _with_uncertainty(result, balance)
     yield from _point(balance.robot_com, "whole robot's centre of mass, found", "plus", "orange")

@@ -95,7 +95,6 @@ class BodyReference:
         return float(np.min(support.distances - points @ support.normals.T))
 
     def at(self, time: float) -> TrunkPose:
-        """Reference at a time [s]."""
         (position, velocity, acceleration), pose = self.plan.at(time), self._pose.at(time)
         lever = self._lever()
         arm, turning = pose.rotation @ lever, pose.rotation @ np.cross(pose.angular_velocity, lever)

@@ -46,7 +46,6 @@ class StepSequence:
 
     @property
     def leg(self) -> int:
-        """The next leg."""
         return self._order[self._turn % 4]
 
     @property

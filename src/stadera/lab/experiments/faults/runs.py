@@ -56,7 +56,6 @@ class LogCase:
 
     @property
     def name(self) -> str:
-        """Name of its file."""
         return "-".join(str(value).replace(" ", "_") for value in vars(self).values() if value != "")
 
 
@@ -137,7 +136,6 @@ def worst(errors: Mapping[str, list[float]]) -> float:
 
 
 def _kept(case: LogCase, robot: Robot, folder: Path) -> tuple[Recording, Truth]:
-    """The log and its truth, stored earlier or simulated now."""
     return stored(folder / f"{case.name}.parquet", lambda: simulate(robot, case.scenario, _settings(case, robot)))
 
 

@@ -63,13 +63,12 @@ class LegRuns:
     @cached_property
     def paper_truth(self) -> Robot:
         """Centres of mass and tensors perturbed as in the paper; the links may be physically impossible."""
-        draw = perturbed(self.cad, LEG, self._generator(0), com_std=COM_STD, inertia_std=INERTIA_STD)
-        return draw.robot
+        return perturbed(self.cad, LEG, self._generator(0), com_std=COM_STD, inertia_std=INERTIA_STD)
 
     @cached_property
     def physical_truth(self) -> Robot:
         """A perturbation of the same size for which every link is physically possible."""
-        return perturbed_physical(self.cad, LEG, self._generator(1), com_std=COM_STD).robot
+        return perturbed_physical(self.cad, LEG, self._generator(1), com_std=COM_STD)
 
     @cached_property
     def motion(self) -> Sinusoids:

@@ -72,7 +72,6 @@ def minutes(pairs: _Pairs) -> float:
 
 
 def _count(pairs: _Pairs, what: str) -> int:
-    """Number of alarms or halts."""
     return sum(len(r[what]) for _, r in pairs)
 
 
@@ -133,7 +132,6 @@ def _by_doing(by_errors: Mapping[str, _Pairs]) -> TableData:
 
 
 def _each(pairs: _Pairs) -> TableData:
-    """All false alarms."""
     rows = [
         (
             f"{c.robot}, {c.gait}, {c.errors}, seed {c.seed}",

@@ -127,7 +127,6 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
 
 
 def _paper(cycle: Cycle) -> float:
-    """The paper's share [%]."""
     return float(PAPER.values[f"{cycle.speed:g}"])
 
 

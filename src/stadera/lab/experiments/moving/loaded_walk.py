@@ -109,7 +109,6 @@ class LoadedWalkOutcome:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The outcome with its reasons."""
         return verdict(self.trace)
 
     @property
@@ -254,7 +253,6 @@ class LoadedWalk:
         self.bed.plant.remove_payload()
 
     def outcome(self) -> LoadedWalkOutcome:
-        """The outcome so far."""
         monitor, supervisor, plant = self.monitor, self.supervisor, self.bed.plant
         return LoadedWalkOutcome(
             case=self.case,
@@ -289,5 +287,4 @@ class LoadedWalk:
 
 
 def loaded_walk(case: LoadedWalkCase) -> LoadedWalkOutcome:
-    """Runs one case."""
     return LoadedWalk(case).run()

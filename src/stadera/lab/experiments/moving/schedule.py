@@ -127,7 +127,6 @@ class _ScheduledRun:
         self._schedule = schedule(case.gait, np.random.default_rng(draw))
 
     def go(self) -> None:
-        """Runs until the end or a fall."""
         controller, plant = self.motion.controller, self.motion.bed.plant
         for activity in self._schedule:
             if self._did:  # a controller accepts commands after its first update

@@ -255,7 +255,6 @@ def _alarm_records(quiet: Sequence[Outcome]) -> Iterator[Record]:
 
 
 def _table(cases: Sequence[SurvivalCase], found: _Found) -> TableData:
-    """Outcomes by load and corner, with and without identification."""
     corners = tuple(dict.fromkeys(c.corner for c in cases))
     groups: dict[str, list[Row]] = {}
     for way, heading in ((False, "without identification"), (True, "with identification")):

@@ -177,7 +177,6 @@ def _first(by_load: Mapping[float, list[Outcome]], seed: int) -> TableData:
 
 
 def _all(by_load: Mapping[float, list[Outcome]], count: int) -> TableData:
-    """All seeds."""
     rows: list[Row] = []
     for name, title in (("contact", "(c)"), ("contact_as_measured", "(c), torques as measured"), ("poses", "(a)")):
         errors = [distances(outcomes, name, "truth") for outcomes in by_load.values()]

@@ -178,7 +178,6 @@ class _Remembering:
 
 
 def payload_of(case: WalkingCase, robot: Robot) -> RigidMass:
-    """A cube on the tray."""
     tray, mass = Tray.of(robot), case.share * robot.mass
     edge = _HOW.edge * mass ** (1.0 / 3.0)
     aside = _HOW.out * np.asarray(_TOWARDS[case.place]) * tray.half_size[:2]

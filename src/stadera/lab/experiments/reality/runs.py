@@ -118,7 +118,6 @@ def _name(case: RealityCase) -> str:
 
 
 def _draw(case: RealityCase) -> int:
-    """Seed of the robot."""
     return zlib.crc32(repr(replace(case, errors="")).encode())
 
 
@@ -133,7 +132,6 @@ def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
 
 
 def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
-    """A method's results on the log."""
     estimator: Any = make_estimator(name, Setup(robot), ALL_METHODS)
     begun = time.process_time()
     estimator.add(samples[samples.time < LOADED_AT])
@@ -155,7 +153,6 @@ def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[st
 
 
 def _errors(names: tuple[str, ...], errors: Array, stds: Array) -> dict[str, list[float]]:
-    """The observed ones."""
     pairs = zip(names, errors.tolist(), stds.tolist(), strict=True)
     return {name: [error, std] for name, error, std in pairs if np.isfinite(error) and np.isfinite(std)}
 

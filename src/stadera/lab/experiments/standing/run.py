@@ -32,7 +32,6 @@ _POSES = {"poses": 5, "combined": 11}
 
 
 def stand(case: StandingCase) -> StandingOutcome:
-    """Runs one case."""
     run = _StandingRun(case)
     run.weigh()
     run.locate()
@@ -86,7 +85,6 @@ class _StandingRun:
         self.weighed = self.estimator.estimate().trunk
 
     def locate(self) -> None:
-        """Estimates the centre of mass."""
         self.estimator = self._made()
         estimator = self.estimator
         if self.case.method in _POSES:
@@ -108,7 +106,6 @@ class _StandingRun:
             self._watched(estimator, self.times.height)
 
     def outcome(self) -> StandingOutcome:
-        """Estimated values and the truth."""
         found, plant = self.estimator.estimate(), self.bed.plant
         truth = plant.truth()
         one_pose_com, rotation = self._one_pose or (found.trunk.com_trunk, plant.state.rotation)

@@ -58,7 +58,6 @@ def _ended(outcome: LoadedWalkOutcome) -> str:
 
 
 def comparison_table(result: DemoResult) -> TableData:
-    """Comparison of both runs."""
     head = ("since the box was let go", *NAMES)
     return TableData.of("The same walk twice", head, _comparison(result))
 
