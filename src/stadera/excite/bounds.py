@@ -43,9 +43,8 @@ class LegBounds:
     robot: Robot
     leg: str
     rest: Array  # (3,) [rad], the pose at the start and the end
-    # lower, upper: (3,) [rad]; always include the rest pose
-    lower: Array
-    upper: Array
+    lower: Array  # (3,) [rad]; the rest pose is within
+    upper: Array  # (3,) [rad]
     velocity: Array  # (3,) [rad/s], infinite if the model states none
     effort: Array  # (3,) [N·m], infinite if the model states none
     clearance: Clearance  # from trunk, other legs, the leg itself and the ground

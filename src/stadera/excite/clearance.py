@@ -157,9 +157,8 @@ class _Measure:
 class ClearanceMap:
     """Clearance tabulated over a box of poses and interpolated linearly: fast but approximate."""
 
-    # lower, step: (3,) [rad], of the grid
-    lower: Array
-    step: Array
+    lower: Array  # (3,) [rad], of the grid
+    step: Array  # (3,) [rad]
     values: Array  # (points, points, points) [m]
 
     @classmethod

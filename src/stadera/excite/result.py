@@ -193,9 +193,8 @@ def _finite(value: float) -> float | None:
 class Peaks:
     """Extremes of a motion, (3,) each."""
 
-    # lower, upper: position [rad]
-    lower: Array
-    upper: Array
+    lower: Array  # least position [rad]
+    upper: Array  # largest position [rad]
     velocity: Array  # magnitude [rad/s]
     acceleration: Array  # magnitude [rad/s²]
     torque: Array  # magnitude, predicted by the prior model [N·m]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import chain
 
 import numpy as np
@@ -97,10 +98,11 @@ class Gathered:
 
     def whitened(self, fixed: Mapping[str, float]) -> Information:
         """All joints' rows in units of their noise (eq. 6) and correlation, for the parameters that are not fixed."""
-        total = Information.empty(self.by_joint[0].unknowns)
-        for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True):
-            total = total.merge(information.scaled_noise(std).forget(1.0 / self.correlation[joint]))
-        return total.fix(fixed)
+        weighted = (
+            information.scaled_noise(std).forget(1.0 / self.correlation[joint])
+            for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True)
+        )
+        return reduce(Information.merge, weighted, Information.empty(self.by_joint[0].unknowns)).fix(fixed)
 
 
 def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
@@ -162,7 +164,4 @@ def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, fl
 
 
 def _merged(parts: Sequence[Information]) -> Information:
-    total = parts[0]
-    for other in parts[1:]:
-        total = total.merge(other)
-    return total
+    return reduce(Information.merge, parts)

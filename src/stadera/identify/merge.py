@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from os import PathLike
 from typing import Any
 
@@ -138,9 +139,7 @@ class _Fit:
     def of(cls, robot: Robot, task: LegTask, logs: Sequence[Information]) -> _Fit:
         columns = tuple(name for name in task.prior.columns if name.rpartition(".")[2] != _DAILY)
         alone = [log.marginal(columns) for log in logs]
-        total = Information.empty(columns)
-        for log in alone:
-            total = total.merge(log)
+        total = reduce(Information.merge, alone, Information.empty(columns))
         added = _least_cost(total) - sum(map(_least_cost, alone))
         freedom = sum(log.rank() for log in alone) - total.rank()
         return cls(total, added / freedom if freedom > 0 else 1.0)

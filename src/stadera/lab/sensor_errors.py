@@ -14,9 +14,8 @@ from stadera.errors import ModelError, require_known
 class Gaussian:
     """A Gaussian error of every component, drawn once a run or for every sample."""
 
-    # mean, std: in the unit of the perturbed quantity
-    mean: float = 0.0
-    std: float = 0.0
+    mean: float = 0.0  # in the unit of the perturbed quantity
+    std: float = 0.0  # likewise
     drawn: Literal["run", "sample"] = "run"  # "run" for a constant error, "sample" for a white one
 
     def __post_init__(self) -> None:
@@ -36,16 +35,13 @@ class SensorErrors:
 
     position: float = 0.0  # white [rad]
     velocity: float = 0.0  # white [rad/s]
-    # torque, torque_constant: white, constant; as a share of the joint's effort limit
-    torque: float = 0.0
-    torque_constant: float = 0.0
+    torque: float = 0.0  # white, as a share of the joint's effort limit
+    torque_constant: float = 0.0  # constant, likewise
     torque_delay: float = 0.0  # [s], of the measured torques
-    # gyro, gyro_constant: white, constant [rad/s]
-    gyro: float = 0.0
-    gyro_constant: float = 0.0
-    # accelerometer, accelerometer_constant: white, constant [m/s²]
-    accelerometer: float = 0.0
-    accelerometer_constant: float = 0.0
+    gyro: float = 0.0  # white [rad/s]
+    gyro_constant: float = 0.0  # constant [rad/s]
+    accelerometer: float = 0.0  # white [m/s²]
+    accelerometer_constant: float = 0.0  # constant [m/s²]
     orientation_constant: float = 0.0  # of each component of a rotation vector, in the IMU frame [rad]
     imu_misalignment: float = 0.0  # exact angle of the IMU's misalignment, about a random axis [rad]
     torque_offset: Gaussian = Gaussian()  # of every joint's torque [N·m] (Table IV)

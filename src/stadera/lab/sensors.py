@@ -36,9 +36,8 @@ class SensorReading:
     joint_position: Array
     joint_velocity: Array
     effort: Array
-    # angular_velocity, specific_force: (3,) [rad/s], [m/s²], IMU frame
-    angular_velocity: Array
-    specific_force: Array
+    angular_velocity: Array  # (3,) [rad/s], IMU frame
+    specific_force: Array  # (3,) [m/s²], IMU frame
     orientation: Array  # (4,) quaternion xyzw of the IMU frame in the world
     # (4, 3) [m], centres of the feet in the trunk frame from the robot's own kinematics, if these have a separate error
     # (Table IV); None if they follow from forward kinematics of `joint_position`

@@ -13,9 +13,8 @@ from stadera.identify.observability import Identifiability
 class Mark:
     """Presentation of an observability verdict: a symbol and a word in addition to the colour."""
 
-    # symbol, word: of the verdict
-    symbol: str
-    word: str
+    symbol: str  # of the verdict
+    word: str  # of the verdict
     style: str  # for rich, the colour of the paper's Table I
     meaning: str  # half a sentence for a legend
 

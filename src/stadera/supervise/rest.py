@@ -55,9 +55,8 @@ class RestLimits:
 class RestMoment:
     """The trunk's mass from a moment near rest."""
 
-    # begin, end: [s]
-    begin: float
-    end: float
+    begin: float  # [s]
+    end: float  # [s]
     mass: float  # [kg], of trunk and load
     variance: float  # [kg²], without constant errors
     slope: Array  # (12,) [kg/(N·m)], s: derivative of the mass with respect to the torque offsets, leg by leg

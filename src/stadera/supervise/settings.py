@@ -19,10 +19,9 @@ class PosingSettings:
     """Settings for leading a standing robot through poses."""
 
     poses: Mapping[str, int] = field(default_factory=lambda: {"poses": 5, "combined": 11})  # number for each method
-    # move, hold, back: times to move to a pose, to hold it, and at the end to return [s]
-    move: float = 0.8
-    hold: float = 1.2
-    back: float = 0.5
+    move: float = 0.8  # time to move to a pose [s]
+    hold: float = 1.2  # time to hold it [s]
+    back: float = 0.5  # time to return at the end [s]
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,8 @@ class SuperviseSettings:
     correct_torques: bool = True
     period: float = 0.004  # interval between measurements used [s]
     stop_within: float = 5.0  # time after which a robot that has not stopped is set down [s]
-    # mass_within, com_within: time allowed for the mass and for the centre of mass to converge [s]
-    mass_within: float = 6.0
-    com_within: float = 15.0
+    mass_within: float = 6.0  # time allowed for the mass to converge [s]
+    com_within: float = 15.0  # the same for the centre of mass [s]
     restarts: int = 3  # number of times a weighing may restart because the load changes
     tilt: float = float(np.deg2rad(30.0))  # of the trunk above which it is set down [rad]
     saturation: float = 0.5  # time at the torque limit of a joint after which the load counts as too heavy [s]

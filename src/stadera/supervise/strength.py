@@ -28,9 +28,8 @@ class Effort:
     """The most heavily loaded joint when the robot stands on three legs."""
 
     joint: str
-    # torque, limit: [N·m], both positive
-    torque: float
-    limit: float
+    torque: float  # [N·m], positive
+    limit: float  # [N·m], positive
 
     @property
     def share(self) -> float:

@@ -73,7 +73,7 @@ class ForceDistribution:
         self._before, self._target = np.zeros(12), np.zeros(6)
         self._carrying = np.ones(12)
         self.set_ground(np.array([0.0, 0.0, 1.0]))
-        self.set_load(np.ones(4))
+        self.set_most(np.full(4, np.inf))
 
     def set_ground(self, normal: Array) -> None:
         """Sets the ground's unit normal (3,)."""
@@ -84,17 +84,6 @@ class ForceDistribution:
         second = np.cross(normal, first)
         sides = [sign * t - slope * normal for t in (first, second) for sign in (1.0, -1.0)]
         self._sides = np.kron(np.eye(4), np.array([normal, -normal, *sides]))
-
-    def set_load(self, share: ArrayLike) -> None:
-        """Sets the share of its normal force that each foot may carry, (4,) from 1 to 0 (in the air).
-
-        Less than one caps the force at that share of `most_normal`, or of four times the last solution's mean.
-        """
-        load = np.clip(np.asarray(share, dtype=float), 0.0, 1.0)
-        cap = self.limits.most_normal
-        if not np.isfinite(cap):
-            cap = max(4.0 * self.normal_force(), 1.0)
-        self.set_most(np.where(load < 1.0, load * cap, np.inf))
 
     def set_most(self, most: ArrayLike) -> None:
         """Sets the largest normal force of each foot, (4,) [N]; zero for a foot in the air."""

@@ -17,9 +17,8 @@ class Ramp:
 
     begin: float  # [s]
     duration: float  # [s], positive
-    # start, goal: [N]
-    start: float
-    goal: float
+    start: float  # [N]
+    goal: float  # [N]
     remains: bool  # whether the limit persists after the end; else it is removed
 
     def __post_init__(self) -> None:

@@ -57,9 +57,8 @@ class SwingLegSettings:
 class SwingTrajectory:
     """Trajectory of a foot's centre through the air, in the odometry frame."""
 
-    # start, target: (3,) [m]
-    start: Array
-    target: Array
+    start: Array  # (3,) [m]
+    target: Array  # (3,) [m]
     begin: float  # [s]
     duration: float  # [s], positive
     clearance: float  # [m], above the higher end; not negative

@@ -74,13 +74,9 @@ class TrunkController:
     """Holds the trunk on its legs. Uses measurements only; one `update` per control period.
 
     Args:
-        robot: the model of legs and trunk.
-        gains: None for those scaled from the robot.
         trunk: initial model; None for the robot's own.
-        limits: of the contacts; None for friction 0.6 and `least_load` on every foot.
         least_load: least share of the robot's weight on every foot in stance [1].
         first_load: share of the weight that a foot may carry immediately after landing [1].
-        legs: shared with estimators that use the same measurements; None for a new one.
         trunk_time: time constant [s] with which a new model of the trunk is adopted.
         jacobian: for the torques, at the "feet" as measured or by the "encoders"; the two differ only if the
             measurement contains foot positions.
@@ -108,10 +104,7 @@ class TrunkController:
         self,
         robot: Robot,
         *,
-        gains: TrunkGains | None = None,
         trunk: TrunkModel | None = None,
-        limits: ContactLimits | None = None,
-        legs: MeasuredLegs | None = None,
         trunk_time: float = 0.05,
         jacobian: JacobianOf = "feet",
         velocity_time: float = 0.0,
@@ -122,8 +115,8 @@ class TrunkController:
         if jacobian not in ("feet", "encoders"):
             raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
         self._by_encoders, self._first_load = jacobian == "encoders", first_load
-        self.robot, self.legs = robot, legs or MeasuredLegs(robot)
-        self.gains = gains or TrunkGains.of(robot)
+        self.robot, self.legs = robot, MeasuredLegs(robot)
+        self.gains = TrunkGains.of(robot)
         self.trunk = SmoothTrunk(trunk or TrunkModel.prior(robot), TrunkBounds.of(robot), trunk_time)
         self.odometry = LegOdometry(velocity_time)
         self.stance: Bools = np.ones(4, dtype=bool)
@@ -133,18 +126,15 @@ class TrunkController:
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
         feet = foot_positions(robot, standing_configuration(robot)[None])[0]
-        limits = limits or ContactLimits(least_normal=least_load * robot.mass * GRAVITY)
+        limits = ContactLimits(least_normal=least_load * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
         self._tree_order = np.argsort(self.legs.columns.ravel())
-        self._sharing, self._loads = (
-            ForceDistribution(limits, moment_length or 0.5 * float(np.linalg.norm(feet[0] - feet[3]))),
-            FootLoads(),
-        )
-        self._reference: TrunkReference = Move(
-            TrunkPose(np.zeros(3), np.eye(3)), TrunkPose(np.zeros(3), np.eye(3)), 0.0, 1.0
-        )
+        length = moment_length or 0.5 * float(np.linalg.norm(feet[0] - feet[3]))
+        self._sharing, self._loads = ForceDistribution(limits, length), FootLoads()
+        here = TrunkPose(np.zeros(3), np.eye(3))
+        self._reference: TrunkReference = Move(here, here, 0.0, 1.0)
         self._below, self._ground_stance = np.zeros((4, 3)), np.zeros(4, dtype=bool)
         self._across = skew(_UP)
         self._position, self._started = np.zeros(len(robot.tree.joints)), False

@@ -26,10 +26,8 @@ class Film:
     force: Array  # (k, 4, 3) [N], of the ground on them
     down: Bools  # (k, 4) bool, feet of the support polygon
     limited: Bools  # (k, n) bool, joints whose torque is at its limit
-    # com, model: (k, 3), the whole robot's centre of mass with its load: the true one, and that used by controller and
-    # planner
-    com: Array
-    model: Array
+    com: Array  # (k, 3), true centre of mass of the whole robot with its load
+    model: Array  # (k, 3), that used by controller and planner
     margin: Array  # (k,), of the true centre of mass inside the support polygon; NaN on fewer than three feet
     mass: Array  # (k, 3) [kg], of the trunk with its load: true, used by controller and planner, and estimated
     trunk_com: Array  # (k, 3, 2), the same of its centre of mass in x and y, trunk frame

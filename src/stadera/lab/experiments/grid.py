@@ -52,16 +52,19 @@ def run_grid(
     done = {} if file is None else {str(entry["case"]): entry["outcome"] for entry in read_journal(file)}
     waiting = {key: case for key, case in zip(keys, cases, strict=True) if key not in done}
     progress(study, len(cases) - len(waiting), len(cases))
-    writing: AbstractContextManager[Append | None] = nullcontext() if file is None else journal(file)
-    with writing as append:
+    with _stored_in(file) as store:
         for key, outcome in run_tasks(run, waiting, (pool or Pool()).for_tasks(len(waiting))):
             if isinstance(outcome, Failure):
                 raise StaderaError(f"{study}, {key}: {outcome.reason}")
             done[key] = outcome
-            if append is not None:
-                append({"case": key, "outcome": outcome})
+            store({"case": key, "outcome": outcome})
             progress(study, len(done), len(cases))
     return [done[key] for key in keys]
+
+
+def _stored_in(file: Path | None) -> AbstractContextManager[Append]:
+    """Appends entries to a file; None to store nothing."""
+    return nullcontext(lambda _: None) if file is None else journal(file)
 
 
 def grouped(pairs: Sequence[tuple[Case, Found]], key: Callable[[Case], Key]) -> dict[Key, list[tuple[Case, Found]]]:

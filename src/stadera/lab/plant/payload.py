@@ -128,9 +128,8 @@ class OutsideForce:
     size: float  # F [N], not negative
     direction: tuple[float, float, float]  # n, world axes; any nonzero length
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)  # point of application [m], trunk frame
-    # begin, end: times [s]
-    begin: float = 0.0
-    end: float = float("inf")
+    begin: float = 0.0  # [s]
+    end: float = float("inf")  # [s]
     stiffness: float = 0.0  # k [N/m], not negative
     ramp: float = 0.1  # time to rise and to fall [s]
 

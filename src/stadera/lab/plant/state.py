@@ -25,10 +25,9 @@ class TrueState:
     angular_velocity: Array  # (3,) [rad/s], trunk axes
     linear_acceleration: Array  # (3,) [m/s²], second derivative of `position`, world axes
     angular_acceleration: Array  # (3,) [rad/s²], trunk axes
-    # joint_position, joint_velocity, joint_acceleration: (n,) [rad, rad/s, rad/s²], in the tree's order
-    joint_position: Array
-    joint_velocity: Array
-    joint_acceleration: Array
+    joint_position: Array  # (n,) [rad], in the tree's order
+    joint_velocity: Array  # (n,) [rad/s]
+    joint_acceleration: Array  # (n,) [rad/s²]
     effort: Array  # (n,) [N·m], torques of the actuators on the joints
     foot_position: Array  # (4, 3) [m], centres of the feet in the world, legs in the robot's order
     contact_point: Array  # (4, 3) [m], contact points, world; NaN for feet in the air

@@ -33,9 +33,8 @@ class RealSizes:
     """
 
     noise: Range = (0.5, 3.0)  # factor on the noise of `standard`, uniform
-    # joint_gain, common_gain: of the measured torques, relative; of each joint, and of all together
-    joint_gain: float = 0.03
-    common_gain: float = 0.03
+    joint_gain: float = 0.03  # of each joint's measured torques, relative
+    common_gain: float = 0.03  # of all together
     coulomb: Range = (0.003, 0.03)  # of each kind of joint, as a share of its effort limit, log-uniform
     viscous: Range = (0.001, 0.01)  # likewise, at 1 rad/s
     rotor: Range = (0.3, 1.5)  # of each kind of joint, relative to its class of robots, uniform
@@ -52,9 +51,8 @@ class RealSizes:
     bits: tuple[int, ...] = (13, 14, 15, 16)  # of the encoder, over a turn of the joint
     differenced: float = 0.005  # [s], time over which positions are differenced
     rates: tuple[float, ...] = (200.0, 500.0, 1000.0)  # of the log [Hz]
-    # soft, rough: shares of runs on soft and on rough ground; the others are on hard, even ground
-    soft: float = 1.0 / 3.0
-    rough: float = 1.0 / 3.0
+    soft: float = 1.0 / 3.0  # share of runs on soft ground; the others are on hard, even ground
+    rough: float = 1.0 / 3.0  # share of runs on rough ground
     # time constant of soft ground [s], uniform. At 0.03 s feet sink by 1 mm standing, 2.5 mm trotting; from 0.04 s on
     # some robots fall in a trot.
     softness: Range = (0.005, 0.03)
@@ -87,10 +85,9 @@ class Drawn:
     encoder_zero: Array  # [rad], measured position minus the true one
     imu_rotation: Array  # (3,) rotation vector [rad]
     imu_place: Array  # (3,) [m], of the IMU relative to its nominal pose, both in the nominal IMU frame
-    # gyro_offset, accelerometer_offset, orientation_offset: (3,) constant errors [rad/s, m/s², rad]
-    gyro_offset: Array
-    accelerometer_offset: Array
-    orientation_offset: Array
+    gyro_offset: Array  # (3,) constant error [rad/s]
+    accelerometer_offset: Array  # (3,) [m/s²]
+    orientation_offset: Array  # (3,) rotation vector [rad]
     delay: float  # [s], of the measured torques
     quantum: float | None  # [rad], of the encoders; None if positions are not quantised and velocities are measured
     differenced: float  # [s], interval for differencing quantised positions

@@ -42,14 +42,12 @@ class TrueMotion:
 
     joints: tuple[str, ...]
     time: Array  # (samples,) [s]
-    # position, velocity, effort: (samples, n) [rad, rad/s, N·m]
-    position: Array
-    velocity: Array
-    effort: Array
+    position: Array  # (samples, n) [rad]
+    velocity: Array  # (samples, n) [rad/s]
+    effort: Array  # (samples, n) [N·m]
     orientation: Array  # (samples, 4) quaternion xyzw of the trunk in the world
-    # angular_velocity, angular_acceleration: (samples, 3) [rad/s, rad/s²], trunk axes
-    angular_velocity: Array
-    angular_acceleration: Array
+    angular_velocity: Array  # (samples, 3) [rad/s], trunk axes
+    angular_acceleration: Array  # (samples, 3) [rad/s²], trunk axes
     linear_acceleration: Array  # (samples, 3) [m/s²], of the trunk's origin, world axes
 
     @classmethod

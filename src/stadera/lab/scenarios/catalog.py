@@ -32,9 +32,8 @@ class ScenarioDefaults:
 
     load: float = 0.1  # default load as a share of the robot's mass
     load_after: float = 0.4  # time of the load as a share of the duration
-    # trot, crawl: speeds [m/s]
-    trot: float = 0.3
-    crawl: float = 0.1
+    trot: float = 0.3  # speed [m/s]
+    crawl: float = 0.1  # speed [m/s]
     # clearance of a crawling foot above the difference between the highest and the lowest stone [m]
     over_stones: float = 0.02
     still: float = 0.3  # time of standing before a motion begins [s]

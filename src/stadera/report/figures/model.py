@@ -30,9 +30,8 @@ class Series:
         StaderaError: x and y of different length, or an unknown colour.
     """
 
-    # x, y: (k,); NaN breaks a line
-    x: Array
-    y: Array
+    x: Array  # (k,); NaN breaks a line
+    y: Array  # (k,)
     name: str = ""  # in the legend; empty for none. Series of the same name share one entry and are toggled together.
     colour: str = "blue"  # of `COLOURS`
     width: float = 1.6  # of the line [px]; 0 for none
@@ -40,13 +39,11 @@ class Series:
     # "hold" if y is constant until the next x, "bins" for bins around x; "" for straight lines
     stairs: Literal["", "hold", "bins"] = ""
     fill: Literal["", "self", "zero"] = ""  # "self" fills the outline, "zero" the area down to the axis
-    # marker, size: of the points; one size [px], or one for each point
-    marker: Marker = ""
-    size: float | Array = 7.0
+    marker: Marker = ""  # of the points
+    size: float | Array = 7.0  # one size [px], or one for each point
     labels: tuple[str, ...] = ()  # a text at each point; empty for none
-    # x_range, y_range: ((k,), (k,)), lower and upper end of error bars; None for none
-    x_range: tuple[Array, Array] | None = None
-    y_range: tuple[Array, Array] | None = None
+    x_range: tuple[Array, Array] | None = None  # ((k,), (k,)), lower and upper end of error bars
+    y_range: tuple[Array, Array] | None = None  # likewise
     hidden: bool = False  # True to draw it only on request
 
     def __post_init__(self) -> None:
@@ -82,9 +79,8 @@ class Bars:
 class Guide:
     """A line across the panel at `begin`, or with `end` a shaded range."""
 
-    # begin, end: on the axis; end None for a line
-    begin: float
-    end: float | None = None
+    begin: float  # on the axis
+    end: float | None = None  # None for a line
     of: Literal["x", "y"] = "x"  # the axis to which they refer
     colour: str = "orange"  # of `COLOURS`
     name: str = ""  # in the legend; empty for none
@@ -108,9 +104,8 @@ class Axis:
 class Panel:
     """One pair of axes."""
 
-    # x, y: its axes; y points downwards if it has categories
     x: Axis
-    y: Axis
+    y: Axis  # points downwards if it has categories
     marks: tuple[Series | Bars, ...]  # from the back to the front
     guides: tuple[Guide, ...] = ()  # behind the marks
     title: str = ""  # above it

@@ -20,9 +20,8 @@ _ROOM = 0.05  # of the span, around the data
 class Scale:
     """Maps a range of values to a length."""
 
-    # low, high: of the values; positive where `log`
-    low: float
-    high: float
+    low: float  # of the values; positive where `log`
+    high: float  # likewise
     length: float  # [px]
     log: bool = False  # whether the scale is logarithmic
     flipped: bool = False  # whether values increase against the pixels, as for y

@@ -35,13 +35,11 @@ class PlanWeights:
 
     longest: float = 0.08  # longest piece of constant jerk [s]
     infinite: float = 1e20  # value that the solver treats as no bound
-    # jerk, near, rest: β, γ, the largest δ
-    jerk: float = 1e-3
-    near: float = 0.5
-    rest: float = 20.0
-    # lacking_zmp, lacking_com: cost of a missing margin, linear [m] and quadratic
-    lacking_zmp: tuple[float, float] = (20.0, 2e3)
-    lacking_com: tuple[float, float] = (2.0, 2e2)
+    jerk: float = 1e-3  # β
+    near: float = 0.5  # γ
+    rest: float = 20.0  # the largest δ
+    lacking_zmp: tuple[float, float] = (20.0, 2e3)  # cost of a missing margin, linear [m] and quadratic
+    lacking_com: tuple[float, float] = (2.0, 2e2)  # likewise
     # successive accuracies [SI units] and iterations; a coarse plan is better than none
     attempts: tuple[tuple[float, int], ...] = ((1e-6, 500), (1e-4, 5000))
 

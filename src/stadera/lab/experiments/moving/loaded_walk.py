@@ -102,9 +102,8 @@ class LoadedWalkOutcome:
     state: State
     noticed: tuple[float, ...]  # times of detection of changes of the load [s]
     model: TrunkModel  # trunk model of controller and planner at the end
-    # truth, bare: the trunk with its load at the end, and without
-    truth: InertialParameters
-    bare: InertialParameters
+    truth: InertialParameters  # the trunk with its load at the end
+    bare: InertialParameters  # the trunk without it
     payload: FoundPayload | None  # as estimated by the supervisor; None without an estimate
 
     @cached_property

@@ -27,14 +27,12 @@ DOING: tuple[Doing, ...] = ("standing", "start", "steady", "turning", "stop", "s
 class ScheduleSettings:
     """Settings of the robot's motion in the study."""
 
-    # start, stop: time for each [s]
-    start: float = 1.0
-    stop: float = 1.5
+    start: float = 1.0  # time for it [s]
+    stop: float = 1.5  # time for it [s]
     slower: float = 2.0  # factor on all times for a crawl
     trot_turn: float = 0.4  # the fastest [rad/s]
-    # crawl_speed, crawl_turn: the fastest [m/s], [rad/s]
-    crawl_speed: float = 0.1
-    crawl_turn: float = 0.1
+    crawl_speed: float = 0.1  # the fastest [m/s]
+    crawl_turn: float = 0.1  # the fastest [rad/s]
     looks: float = 0.02  # interval for evaluating the robot's activity [s]
     hold: int = 2  # periods for which torques are held; sensors and estimator run at 1 kHz all the same
 

@@ -41,25 +41,21 @@ WALKED, FELL = str(WalkOutcome.WALKED), str(WalkOutcome.FELL)
 class SurvivalSettings:
     """Walks of the study."""
 
-    # loads, corners, seeds: of the grid, loads in [N]
-    loads: tuple[float, ...] = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0)
-    corners: tuple[str, ...] = tuple(CORNERS)
-    seeds: int = 2
-    # paper, paper_corner, paper_seeds: the paper's load, over many seeds
-    paper: float = 100.0
-    paper_corner: str = "LH"
-    paper_seeds: int = 20
-    # small, small_seeds: the least change that must be detected [N]
-    small: float = 3.0 * GRAVITY
+    loads: tuple[float, ...] = (50.0, 100.0, 150.0, 200.0, 250.0, 300.0)  # of the grid [N]
+    corners: tuple[str, ...] = tuple(CORNERS)  # of the grid
+    seeds: int = 2  # of the grid
+    paper: float = 100.0  # the paper's load [N]
+    paper_corner: str = "LH"  # its place
+    paper_seeds: int = 20  # over many seeds
+    small: float = 3.0 * GRAVITY  # the least change that must be detected [N]
     small_seeds: int = 12
     quiet_walks: int = 20  # number of walks without a load
     load_at: float = 4.5  # [s], and up to a cycle later
     # of a walk [s], with identification and without: at least a cycle of walking under load
     seconds: Mapping[bool, float] = field(default_factory=lambda: {True: 18.5, False: 13.0})
-    # on, off, noticing: times at which small changes are made and undone, and duration of these walks [s]
-    on: float = 4.5
-    off: float = 15.0
-    noticing: float = 19.5
+    on: float = 4.5  # time at which a small change is made [s]
+    off: float = 15.0  # time at which it is undone [s]
+    noticing: float = 19.5  # duration of such a walk [s]
     quiet: float = 31.0  # duration of walks without a load [s], of which all but the stand is walking
 
 
@@ -77,9 +73,8 @@ class SurvivalCase:
     corner: str  # of the back
     identify: bool  # whether identification is used
     seed: int  # of the sensors' errors
-    # load_at, unload_at: [s]; 0 for never
-    load_at: float
-    unload_at: float
+    load_at: float  # [s]; 0 for never
+    unload_at: float  # [s]; 0 for never
     seconds: float  # of the walk
 
 

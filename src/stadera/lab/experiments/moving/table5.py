@@ -29,9 +29,8 @@ _SEEDS = 5
 class Table5Times:
     """Times of a run [s]."""
 
-    # load, ask: time of the load, and time at which a weighing is requested without a load
-    load: float = 5.5
-    ask: float = 6.0
+    load: float = 5.5  # time of the load
+    ask: float = 6.0  # time at which a weighing is requested without a load
     longest: float = 45.0  # of a run
     every: int = 4  # control periods between two measurements used for weighing
 

@@ -42,9 +42,8 @@ class WalkSettings:
     still: float = 0.3  # time before it moves [s]
     # by gait, time in motion before the load [s]
     before: Mapping[Gait, float] = field(default_factory=lambda: {"crawl": 6.0, "trot": 3.0, "shake": 3.0})
-    # soon, late: times after the load at which results are evaluated [s]
-    soon: float = 1.0
-    late: float = 3.0
+    soon: float = 1.0  # time after the load at which results are evaluated [s]
+    late: float = 3.0  # likewise
     slower: int = 10  # periods between two samples of the other methods: 100 Hz
     out: float = 0.75  # position of a load towards a corner, as a share of the tray's half size [1]
     edge: float = 0.04  # of a box of 1 kg [m]; proportional to the cube root of the mass

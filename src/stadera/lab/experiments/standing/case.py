@@ -32,18 +32,14 @@ class StandingTimes:
     """Times of a run [s]."""
 
     settle: float = 0.5  # before anything is estimated
-    # mass, mass_at_most: for the mass to converge
-    mass: float = 1.0
-    mass_at_most: float = 5.0
-    # plane, height: for a recursive law in the plane and along the height, 12 and 8 of its time constants
-    plane: float = 6.0
-    height: float = 4.0
-    # move, hold: to move between static poses, and to hold each
-    move: float = 0.8
-    hold: float = 1.2
-    # trace, trace_poses: between points of the trace; longer if every evaluation solves for all poses again
-    trace: float = 0.01
-    trace_poses: float = 0.2
+    mass: float = 1.0  # for the mass to converge
+    mass_at_most: float = 5.0  # at most
+    plane: float = 6.0  # for a recursive law in the plane: 12 of its time constants
+    height: float = 4.0  # along the height: 8 of them
+    move: float = 0.8  # to move between static poses
+    hold: float = 1.2  # to hold each
+    trace: float = 0.01  # between points of the trace
+    trace_poses: float = 0.2  # the same if every evaluation solves for all poses again
 
 
 @dataclass(frozen=True)
@@ -74,22 +70,19 @@ class StandingOutcome:
     """Outcome of one run, and the truth; trunk frame."""
 
     case: StandingCase
-    # mass, true_mass: of trunk and load [kg]
-    mass: float
-    true_mass: float
-    # com, true_com, start: centres of mass: estimated, true, prior, (3,) [m]
-    com: Array
-    true_com: Array
-    start: Array
+    mass: float  # of trunk and load [kg]
+    true_mass: float  # [kg]
+    com: Array  # (3,) [m], estimated centre of mass
+    true_com: Array  # (3,) [m], the true one
+    start: Array  # (3,) [m], the prior's
     std: Array  # (3,) [m], stated by the estimator; NaN where not observed
     one_pose_com: Array  # (3,) [m], estimate before the trunk was tilted for the height; `com` if it was not
     rotation: Array  # (3, 3), of the trunk in the world at that time
     status: Status
     reason: str
     seconds: float  # simulated [s]
-    # trace_time, trace_com: (k,) [s], (k, 3) [m], the estimate over time
-    trace_time: Array
-    trace_com: Array
+    trace_time: Array  # (k,) [s]
+    trace_com: Array  # (k, 3) [m], the estimate over time
 
     @property
     def in_plane(self) -> float:

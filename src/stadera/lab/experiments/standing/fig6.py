@@ -29,9 +29,8 @@ class Fig6Settings:
     """The run."""
 
     load: float = 100.0  # [N]
-    # before, after: times around the load [s]
-    before: float = 1.0
-    after: float = 5.0
+    before: float = 1.0  # time before the load [s]
+    after: float = 5.0  # time after it [s]
     accuracy: float = 0.002  # error below which the load counts as found [m]
     fast: float = 0.6  # the shorter of the two settling times [s]; the other is the paper's
 
