@@ -42,12 +42,7 @@ class StandingWeighing:
     """
 
     def __init__(
-        self,
-        corrected: CorrectedForces,
-        trunk: TrunkModel,
-        walker: Walker,
-        settings: SuperviseSettings,
-        begin: float,
+        self, corrected: CorrectedForces, trunk: TrunkModel, walker: Walker, settings: SuperviseSettings, begin: float
     ) -> None:
         self.corrected, self.forces, self.settings = corrected, corrected.forces, settings
         self.stage, self.reason = Stage.MASS, ""

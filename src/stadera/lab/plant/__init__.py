@@ -6,14 +6,7 @@ from stadera.lab.plant.perturb import perturbed, perturbed_physical
 from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.lab.plant.state import TrueState
 from stadera.lab.plant.terrain import Stones, Terrain
-from stadera.lab.sensor_errors import (
-    HARSH,
-    IDEAL,
-    STANDARD,
-    Gaussian,
-    SensorErrors,
-    sensor_errors,
-)
+from stadera.lab.sensor_errors import HARSH, IDEAL, STANDARD, Gaussian, SensorErrors, sensor_errors
 from stadera.lab.sensors import SensorReading, Sensors, estimator_model, measured, plant_model, recording_of, truth_of
 
 __all__ = [

@@ -57,12 +57,7 @@ class Gains:
 
 
 def simulate_leg(
-    robot: Robot,
-    leg: str,
-    trajectory: Reference,
-    *,
-    gains: Gains | None = None,
-    feedforward: Array | None = None,
+    robot: Robot, leg: str, trajectory: Reference, *, gains: Gains | None = None, feedforward: Array | None = None
 ) -> Recording:
     """Simulates one leg tracking a reference, on which it starts, the trunk held level and the other legs at rest.
 

@@ -34,10 +34,7 @@ _DRAWS = 10  # attempts to find a clear one
 
 
 def swing(
-    robot: Robot,
-    leg: str = ALL,
-    settings: SimulateSettings | None = None,
-    progress: Progress | None = None,
+    robot: Robot, leg: str = ALL, settings: SimulateSettings | None = None, progress: Progress | None = None
 ) -> Run:
     """Swings one leg, or all at once. The same seed draws the same robot as for a run on the ground.
 

@@ -42,10 +42,7 @@ def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) 
     for departure in found:
         out[departure.first : departure.last + 1] = departure.kind != "since"
     doubtful = np.array([row["trust"] == "doubtful" for row in series.rows])
-    parts = [
-        _axis(series, low, high),
-        Markup('<path class="bar" d="{}"/>').format(_bars(x, bar)),
-    ]
+    parts = [_axis(series, low, high), Markup('<path class="bar" d="{}"/>').format(_bars(x, bar))]
     if named and count <= SHOWN.named:
         parts += [_point(series, k, x[k], y[k], out[k], doubtful[k]) for k in range(count)]
     else:

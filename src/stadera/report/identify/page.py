@@ -127,13 +127,7 @@ def leg_table(result: Identification) -> TableData:
                 "yes" if physical else Cell("NO", good=False),
             )
         )
-    columns = (
-        "directions determined",
-        "torque RMSE [N·m]",
-        "against CAD + friction",
-        "misfit",
-        "physically possible",
-    )
+    columns = ("directions determined", "torque RMSE [N·m]", "against CAD + friction", "misfit", "physically possible")
     return TableData.of("Legs at a glance", ("leg", *columns), rows)
 
 

@@ -49,10 +49,7 @@ class Crawl(Gait):
     """
 
     def __init__(
-        self,
-        controller: TrunkController,
-        settings: CrawlSettings | None = None,
-        command: CrawlCommand | None = None,
+        self, controller: TrunkController, settings: CrawlSettings | None = None, command: CrawlCommand | None = None
     ) -> None:
         super().__init__(controller)
         self.settings = settings or CrawlSettings.of(controller.robot)

@@ -99,11 +99,7 @@ def _window(result: DemoResult) -> tuple[float, float] | None:
 
 
 def _over_time(
-    title: str,
-    panels: list[Panel],
-    result: DemoResult,
-    note: str,
-    window: tuple[float, float] | None = None,
+    title: str, panels: list[Panel], result: DemoResult, note: str, window: tuple[float, float] | None = None
 ) -> Figure:
     """Plots over time, all of it or an initial window [s], with the load and the supervisor's states."""
     outcome = result.identified.outcome
