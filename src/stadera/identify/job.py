@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -80,10 +80,6 @@ class Job:
     def trunk(self) -> TrunkMotion:
         """The held trunk."""
         return TrunkMotion.held(self.vertical.up)
-
-    def with_samples_at_rest(self) -> Job:
-        """A copy that keeps rows without motion, for a log that has no others."""
-        return replace(self, drop_below=0.0)
 
     def step(self, name: str) -> Callable[[int, int], None]:
         """Progress callback of one step."""

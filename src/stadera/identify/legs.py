@@ -87,7 +87,7 @@ def _identified(
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
     at_rest = not training.moves(job.drop_below)
     if at_rest:
-        job = job.with_samples_at_rest()
+        job = replace(job, drop_below=0.0)
     gathered = gather(job, training)
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     estimates = _solve(job, gathered)

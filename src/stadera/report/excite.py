@@ -88,7 +88,7 @@ def figures(result: Excitation) -> dict[str, Figure]:
 
 def std_figure(result: Excitation) -> Figure:
     """Standard deviation of each identifiable combination as a share of the prior's, for the motion and the draws."""
-    names = tuple(_cut(str(combination)) for combination in result.combinations)
+    names = tuple(n if len(n) <= _LONGEST else n[: _LONGEST - 1] + "…" for n in map(str, result.combinations))
     at, marks = np.arange(float(len(names))), []
     if result.draws:
         spread = 100.0 * np.array([draw.std for draw in result.draws])
@@ -126,10 +126,6 @@ def motion_figure(result: Excitation) -> Figure:
             )
         rows.append(tuple(panels))
     return Figure("The motion of the three joints", tuple(rows), row_height=210.0)
-
-
-def _cut(name: str) -> str:
-    return name if len(name) <= _LONGEST else name[: _LONGEST - 1] + "…"
 
 
 def excitation_tables(result: Excitation) -> Iterator[RenderableType]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 
-from stadera.report.table import Cell, TableData
+from stadera.report.table import TableData
 
 _SIDES = {"l": "l", "r": "r", "w": "p{0.5\\linewidth}"}
 _SUPERSCRIPT = str.maketrans("⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹", "-+0123456789")
@@ -64,15 +64,9 @@ def _float(table: TableData) -> str:
     for k, (heading, rows) in enumerate(table.groups):
         lines += ["\\addlinespace"] if k else []
         lines += [f"\\multicolumn{{{len(table.head)}}}{{l}}{{\\emph{{{escaped(heading)}}}}} \\\\"] if heading else []
-        lines += [_row(_texts(row)) for row in rows]
+        lines += [_row(f"{cell.marked} {cell.note}".rstrip() for cell in row) for row in rows]
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", "\\end{table}", ""])
 
 
 def _row(texts: Iterable[str]) -> str:
     return " & ".join(map(escaped, texts)) + " \\\\"
-
-
-def _texts(row: Sequence[Cell]) -> Iterator[str]:
-    for cell in row:
-        symbol = f"{cell.mark.symbol} " if cell.mark else ""
-        yield f"{symbol}{cell.text}{f' {cell.note}' if cell.note else ''}"

@@ -6,7 +6,7 @@ their templates in a folder `templates`.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from typing import Any
 
@@ -45,8 +45,9 @@ def _environment(package: str) -> Environment:
         "version": stadera.__version__,
         "marks": MARKS,
         "style_variables": lambda: Markup(style_variables()),
-        "asset": lambda name, package=package: _asset(package, name),
-        "plot_library": _plot_library,
+        "asset": partial(_text, package, "templates"),
+        # draws figures, included only in pages with figures; see `vendor/README.md`
+        "plot_library": partial(_text, "stadera.report", "vendor", "plotly-basic.min.js"),
         "svg": svg,
         "narrow": NARROW,
         "plotly": plotly,
@@ -55,14 +56,9 @@ def _environment(package: str) -> Environment:
     return environment
 
 
-def _asset(package: str, name: str) -> Markup:
-    """A style or script from a folder `templates`, unescaped."""
-    return Markup((resources.files(package) / "templates" / name).read_text(encoding="utf-8"))
-
-
-def _plot_library() -> Markup:
-    """The script that draws figures, included only in pages with figures; see `vendor/README.md`."""
-    return Markup((resources.files("stadera.report") / "vendor" / "plotly-basic.min.js").read_text(encoding="utf-8"))
+def _text(package: str, folder: str, name: str) -> Markup:
+    """A style or script, unescaped."""
+    return Markup((resources.files(package) / folder / name).read_text(encoding="utf-8"))
 
 
 def commands(sentence: str) -> Markup:

@@ -48,6 +48,11 @@ class Cell:
         return None if self.verdict is None else MARKS[self.verdict]
 
     @property
+    def marked(self) -> str:
+        """Its text after the symbol of its verdict."""
+        return f"{self.mark.symbol} {self.text}" if self.mark else self.text
+
+    @property
     def classes(self) -> str:
         """CSS classes."""
         mark, named = self.mark, {"value": self.strong, "held": self.muted, "good": self.good is True}

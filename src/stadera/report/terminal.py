@@ -42,7 +42,7 @@ def notes(sentences: Iterable[str]) -> Iterator[Text]:
 
 
 def _cell(cell: Cell) -> Text:
-    text = Text(f"{cell.mark.symbol} {cell.text}" if cell.mark else cell.text, style=_style(cell))
+    text = Text(cell.marked, style=_style(cell))
     return text.append(f" {cell.note}", style="dim") if cell.note else text
 
 

@@ -107,6 +107,6 @@ class NonstopSupervisor(Supervised):
 def _sentence(change: LoadChange) -> str:
     if change.kind == "shifted":
         return "the load has shifted"
-    what = "put on" if change.kind == "on" else "taken off"
+    what = "added" if change.kind == "on" else "removed"
     ago = change.noticed - change.time
     return f"{abs(change.mass):.1f} ± {change.mass_std:.1f} kg were {what}, {ago:.2f} s ago by the rows since"

@@ -270,7 +270,7 @@ class Supervisor(Supervised):
 
 
 def _sentence(check: LoadCheck) -> str:
-    what = "put on" if check.change > 0 else "taken off"
+    what = "added" if check.change > 0 else "removed"
     return (
         f"{abs(check.change):.2f} kg were {what}: {check.mass:.2f} kg where {check.expected:.2f} ± {check.std:.2f} kg "
         f"were expected, more than {check.threshold:.2f} kg off"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -80,8 +81,7 @@ def test_a_fall_is_counted_and_weighs_nothing() -> None:
 
 
 def test_a_run_is_weighed_from_its_log_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "LOADED_AT", 1.5)
-    monkeypatch.setattr(runs, "DURATION", 3.0)
+    monkeypatch.setattr(runs, "HOW", replace(runs.HOW, loaded_at=1.5, duration=3.0))
     first = weigh_real(RealityCase("go2", "shake", 0.10, "real-unit-gain", 0), tmp_path)
     assert first["fell"] is None
     assert set(first["methods"]) == {OURS, LEGS, "ls", "rls", "kalman"}

@@ -28,7 +28,7 @@ _NOBODY = np.zeros(4, dtype=bool)
 
 
 class LegOdometry:
-    """Dead reckoning with the feet in stance.
+    """Position and velocity of the trunk from the feet in stance.
 
     `velocity_time` is T [s], 0 for the legs alone; a foot that deviates from the others by more than `slip` [m] has
     slipped.

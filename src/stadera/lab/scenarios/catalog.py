@@ -38,9 +38,12 @@ class ScenarioDefaults:
     over_stones: float = 0.02
     still: float = 0.3  # time of standing before a motion begins [s]
     moving: float = 0.4  # share of the time for a pose used for moving to it
+    swing: float = 40.0  # duration of legs' swinging in the air [s]
+    faster: float = 2.5  # factor on the paper's 0.3 to 0.9 Hz for it
+    draws: int = 10  # attempts to find a clear one
 
 
-_DEFAULTS = ScenarioDefaults()
+DEFAULTS = ScenarioDefaults()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ def _stand(robot: Robot, settings: SimulateSettings, duration: float) -> Sequenc
 
 
 def _stand_load(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-    return _loading(robot, settings, _DEFAULTS.load_after * duration, own=True)
+    return _loading(robot, settings, DEFAULTS.load_after * duration, own=True)
 
 
 def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
@@ -91,16 +94,13 @@ def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequenc
     each = duration / len(poses)
     nominal: list[TrunkPose] = []
 
-    def remember(bed: TestBed) -> None:
-        nominal.append(trunk_controller_of(bed).reference)
-
     def move(bed: TestBed, shift: np.ndarray, turn: np.ndarray) -> None:
         start = nominal[0]
-        trunk_controller_of(bed).move(start.moved(start.rotation @ shift, turn), _DEFAULTS.moving * each)
+        trunk_controller_of(bed).move(start.moved(start.rotation @ shift, turn), DEFAULTS.moving * each)
 
     return [
         *_stand(robot, settings, duration),
-        ScriptEvent(0.5 * each, remember),
+        ScriptEvent(0.5 * each, lambda bed: nominal.append(trunk_controller_of(bed).reference)),
         *(ScriptEvent(k * each, partial(move, shift=p.shift, turn=p.turn)) for k, p in enumerate(poses) if k),
     ]
 
@@ -109,14 +109,14 @@ def _motion(start: Callable[[TestBed, SimulateSettings], None], own: bool = Fals
     """A motion that starts after a short stand, and a load: that of the settings, or the scenario's `own`."""
 
     def script(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-        begin = ScriptEvent(_DEFAULTS.still, lambda bed: start(bed, settings))
-        return [begin, *_loading(robot, settings, _DEFAULTS.load_after * duration, own)]
+        begin = ScriptEvent(DEFAULTS.still, lambda bed: start(bed, settings))
+        return [begin, *_loading(robot, settings, DEFAULTS.load_after * duration, own)]
 
     return script
 
 
 def _trot(bed: TestBed, settings: SimulateSettings) -> None:
-    speed = _DEFAULTS.trot if settings.speed is None else settings.speed
+    speed = DEFAULTS.trot if settings.speed is None else settings.speed
     _gait(bed, Trot).walk((speed, 0.0), settings.turn)
 
 
@@ -127,9 +127,9 @@ def _shake(bed: TestBed, settings: SimulateSettings) -> None:
 
 def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
     crawl = _gait(bed, Crawl)
-    over = 2.0 * settings.stones + _DEFAULTS.over_stones if settings.stones else 0.0
+    over = 2.0 * settings.stones + DEFAULTS.over_stones if settings.stones else 0.0
     crawl.settings = replace(crawl.settings, clearance=max(crawl.settings.clearance, over))
-    crawl.command = CrawlCommand(_DEFAULTS.crawl if settings.speed is None else settings.speed, settings.turn)
+    crawl.command = CrawlCommand(DEFAULTS.crawl if settings.speed is None else settings.speed, settings.turn)
     crawl.resume()
 
 
@@ -137,7 +137,7 @@ def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = 
     """The settings' load at the settings' time, else at this time [s]; without one the scenario's `own`, if any."""
     if settings.load is None and not own:
         return []
-    payload = (settings.load or Load(round(_DEFAULTS.load * robot.mass, 2))).payload(robot)
+    payload = (settings.load or Load(round(DEFAULTS.load * robot.mass, 2))).payload(robot)
     when = time if settings.load_time is None else settings.load_time
     return [ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload))]
 
@@ -162,7 +162,7 @@ def _gait(bed: TestBed, kind: type[_Gait]) -> _Gait:
     return bed.controller
 
 
-_LATER, _OWN = "with --load after 40 % of the time", "a load (10 % of its mass) is put on after 40 % of the time"
+_LATER, _OWN = "with --load after 40 % of the time", "a load (10 % of its mass) is added after 40 % of the time"
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
     {

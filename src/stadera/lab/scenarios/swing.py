@@ -17,7 +17,7 @@ from stadera.excite.paper_draw import fitting_factor, paper_draw
 from stadera.excite.sinusoids import Sinusoids
 from stadera.lab.plant import Gains, measured, plant_model, simulate_leg
 from stadera.lab.reality import TrueMotion, drawn, measured_log
-from stadera.lab.scenarios.catalog import SWING
+from stadera.lab.scenarios.catalog import DEFAULTS, SWING
 from stadera.lab.scenarios.run import PERIOD, Run
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
@@ -26,11 +26,6 @@ from stadera.types import Progress
 from stadera.weigh.truth import Truth, TruthAt
 
 ALL = "all"
-DURATION = 40.0
-"""Default duration [s]."""
-
-_FASTER = 2.5  # factor on the paper's 0.3 to 0.9 Hz
-_DRAWS = 10  # attempts to find a clear one
 
 
 def swing(
@@ -71,7 +66,7 @@ def _swings(robot: Robot, real: Robot, leg: str, settings: SimulateSettings, pro
     for k, name in enumerate(names):
         progress("swinging", k, len(names))
         rng = np.random.default_rng((settings.seed, every.index(name)))
-        motion = _brisk(robot, name, rng, settings.duration or DURATION).sample(1.0 / PERIOD)
+        motion = _brisk(robot, name, rng, settings.duration or DEFAULTS.swing).sample(1.0 / PERIOD)
         swings.append(simulate_leg(real, name, motion, gains=Gains.scaled(robot, name)))
     return swings
 
@@ -81,10 +76,10 @@ def _brisk(robot: Robot, leg: str, rng: np.random.Generator, duration: float) ->
 
     If the path to the rest pose is not clear (a draw on the far side of the trunk), another one is drawn.
     """
-    for left in reversed(range(_DRAWS)):
+    for left in reversed(range(DEFAULTS.draws)):
         try:
             draw = paper_draw(robot, leg, rng, duration)
-            faster = replace(draw, frequencies=_FASTER * draw.frequencies)
+            faster = replace(draw, frequencies=DEFAULTS.faster * draw.frequencies)
             return faster.drawn_in(fitting_factor(faster, LegBounds.of(robot, leg)))
         except IdentificationError:
             if not left:

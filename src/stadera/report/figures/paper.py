@@ -234,8 +234,7 @@ def _table(table: TableData) -> Drawn:
 
 
 def _text(cell: Cell) -> str:
-    symbol = f"{cell.mark.symbol} " if cell.mark else ""
-    return f"{symbol}{cell.text}{f'  {cell.note}' if cell.note else ''}"
+    return f"{cell.marked}  {cell.note}" if cell.note else cell.marked
 
 
 def _tint(cell: Cell) -> str:

@@ -96,14 +96,18 @@ def headline(result: Identification) -> str:
 
 def remarks(result: Identification) -> tuple[Remark, ...]:
     """All remarks, the most serious first. Sentences that apply to several legs are merged."""
-    found = [*_on_trust(result), *_on_validation(result), *_on_masses(result)]
-    found += [Remark("warning", text) for text in result.warnings]
+    found = [Remark(LEVELS[result.trust.verdict], reason) for reason in result.trust.reasons]
+    if evaluated_part(result) == "training":
+        untested = "nothing was held out: the errors shown are on the training data and say little of the model"
+        found.append(Remark("bad", untested))
+    found += [*_on_masses(result), *(Remark("warning", text) for text in result.warnings)]
+    parts = tuple(name for leg in result.legs for name in (*leg.leg.joints, *leg.leg.links))
     legs: dict[str, list[str]] = {}
     for leg in result.legs:
         for sentence in leg.warnings:
             legs.setdefault(sentence, []).append(leg.leg.name)
     for sentence, names in legs.items():
-        named = sentence if _names_its_joint(result, sentence) else f"{', '.join(names)}: {sentence}"
+        named = sentence if sentence.startswith(parts) else f"{', '.join(names)}: {sentence}"
         found.append(Remark("warning", named))
     return tuple(sorted(dict.fromkeys(found), key=lambda remark: _LEVELS.index(remark.level)))
 
@@ -121,21 +125,6 @@ def _is_no_better(leg: LegIdentification, part: str) -> bool:
         sum(e**2 for e in leg.rmse.get(part, {}).get(m, {}).values()) for m in ("identified", "prior_friction")
     )
     return leg.estimate.observability.rank == 0 or found > cad > 0
-
-
-def _names_its_joint(result: Identification, sentence: str) -> bool:
-    return sentence.startswith(tuple(name for leg in result.legs for name in (*leg.leg.joints, *leg.leg.links)))
-
-
-def _on_trust(result: Identification) -> Iterator[Remark]:
-    yield from (Remark(LEVELS[result.trust.verdict], reason) for reason in result.trust.reasons)
-
-
-def _on_validation(result: Identification) -> Iterator[Remark]:
-    if evaluated_part(result) == "training":
-        yield Remark(
-            "bad", "nothing was held out: the errors shown are on the training data and say little of the model"
-        )
 
 
 def _on_masses(result: Identification) -> Iterator[Remark]:

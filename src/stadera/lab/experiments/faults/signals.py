@@ -175,10 +175,6 @@ def _stretched(factor: float, log: Recording, _: Robot, __: Rng) -> Recording:
     return replace(log, time=log.time[0] + factor * (log.time - log.time[0]))
 
 
-def _lost(share: float, log: Recording, _: Robot, rng: Rng) -> Recording:
-    return take(log, rng.random(len(log)) > share)
-
-
 _SIDES = (("LF", "RF"), ("LH", "RH"))
 _ENDS = (("LF", "LH"), ("RF", "RH"))
 _MIRROR = "sides swapped on a robot that stands symmetrically are the mirror image of its load, and nothing moves"
@@ -243,7 +239,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "accelerometer stuck": Fault("imu", partial(_imu, "force", _held)),
         "IMU 80 ms late": Fault("imu", partial(_imu_late, 0.08)),
         "clock 10 % slow": Fault("time", partial(_stretched, 1.1)),
-        "a fifth of the samples lost": Fault("time", partial(_lost, 0.2)),
+        "a fifth of the samples lost": Fault("time", lambda log, _, rng: take(log, rng.random(len(log)) > 0.2)),
     }
 )
 """By name."""

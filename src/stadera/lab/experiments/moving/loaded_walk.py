@@ -193,7 +193,7 @@ class LoadedWalk:
         self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
         effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._brake = np.where(np.isfinite(effort), effort / _BRAKED, 0.0)
-        events = [(STAND, self._begin), (case.load_at, self._load), (case.unload_at, self._unload)]
+        events = [(STAND, self._begin), (case.load_at, self._load), (case.unload_at, plant.remove_payload)]
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: Supervisor | NonstopSupervisor | None = None
         if case.supervision is Supervision.STOPPING:
@@ -247,9 +247,6 @@ class LoadedWalk:
         if self.case.payload is not None:
             self.bed.plant.apply_payload(self.case.payload)
             self.loaded_at = self.bed.plant.time
-
-    def _unload(self) -> None:
-        self.bed.plant.remove_payload()
 
     def outcome(self) -> LoadedWalkOutcome:
         monitor, supervisor, plant = self.monitor, self.supervisor, self.bed.plant

@@ -40,16 +40,28 @@ OURS = "walking"
 LEGS = "walking, legs identified"
 """The same with legs identified from a log of the robot's legs in the air."""
 
-LOADED_AT, DURATION = 5.0, 10.0  # s
 _TRUNK = ("trunk mass", "trunk com x", "trunk com y", "trunk com z")
 _PAYLOAD, _CHANGE = ("payload mass", "payload x", "payload y", "payload z"), "change mass"
 FIGURES = (*_TRUNK, *_PAYLOAD, _CHANGE)
 """Estimated quantities, each with error and standard deviation [kg, m]."""
 
-_OUT = 0.6  # of the tray's half size, within which loads are placed
-_HALF_CUBE = 0.05  # m, of a load
-_TOPPLED = np.deg2rad(45.0)
-_HOLD = 2  # periods of the test-bed for which the controller's torques are held
+
+@dataclass(frozen=True)
+class RealitySettings:
+    """Settings common to all runs of the study, and to their evaluation."""
+
+    duration: float = 10.0  # [s]
+    loaded_at: float = 5.0  # [s]
+    out: float = 0.6  # of the tray's half size, within which loads are placed [1]
+    half_cube: float = 0.05  # of a load [m]
+    toppled: float = float(np.deg2rad(45.0))  # tilt of a trunk that has fallen [rad]
+    hold: int = 2  # periods of the test-bed for which the controller's torques are held
+    heavy: float = 0.10  # least load whose position is evaluated, as a share of the robot's mass
+    noticeable: float = 0.05  # least load that should be detected, likewise
+    soon: float = 0.5  # time after the load for that [s]
+
+
+HOW = RealitySettings()
 
 
 @dataclass(frozen=True)
@@ -80,7 +92,7 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
     if log.imu is None or log.imu.orientation is None:
         raise RecordingError(f"{log.source}: a simulated log has an IMU with its orientation")
     up = Rotation.from_quat(log.imu.orientation) * Rotation.from_matrix(ImuMount.of(robot).rotation).inv()
-    if (up.as_matrix()[:, 2, 2] < np.cos(_TOPPLED)).any():
+    if (up.as_matrix()[:, 2, 2] < np.cos(HOW.toppled)).any():
         return {"fell": "tilted by more than 45°", "robot_mass": robot.mass, "methods": {}}
     samples = Samples.of_recording(log, robot)
     methods = {name: _weighed(name, robot, samples, truth) for name in (OURS, "ls", "rls", "kalman")}
@@ -94,7 +106,9 @@ def _log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording,
     """The run's log and truth, stored earlier or simulated now."""
     draw = _draw(case)
     load = _load(case, robot, draw)
-    settings = SimulateSettings(case.errors, load, duration=DURATION, seed=draw, load_time=LOADED_AT, hold=_HOLD)
+    settings = SimulateSettings(
+        case.errors, load, duration=HOW.duration, seed=draw, load_time=HOW.loaded_at, hold=HOW.hold
+    )
     path = None if logs is None else logs / f"{_name(case)}.parquet"
     return stored(path, lambda: simulate(robot, case.scenario, settings))
 
@@ -126,19 +140,19 @@ def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
     if not case.share:
         return None
     tray = Tray.of(robot)
-    aside = _OUT * np.random.default_rng(draw).uniform(-1.0, 1.0, 2) * tray.half_size[:2]
+    aside = HOW.out * np.random.default_rng(draw).uniform(-1.0, 1.0, 2) * tray.half_size[:2]
     x, y = (tray.centre[:2] + aside).tolist()
-    return Load(case.share * robot.mass, "kg", (x, y, tray.top + _HALF_CUBE))
+    return Load(case.share * robot.mass, "kg", (x, y, tray.top + HOW.half_cube))
 
 
 def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
     estimator: Any = make_estimator(name, Setup(robot), ALL_METHODS)
     begun = time.process_time()
-    estimator.add(samples[samples.time < LOADED_AT])
+    estimator.add(samples[samples.time < HOW.loaded_at])
     before, verdict_before = estimator.estimate(), _verdict(estimator)
     if name == OURS:
         estimator.tare()
-    estimator.add(samples[samples.time >= LOADED_AT])
+    estimator.add(samples[samples.time >= HOW.loaded_at])
     spent = time.process_time() - begun
     bare, load = truth.moments[0], truth.moments[-1]
     figures: dict[str, Any] = {"share_of_time": spent / float(samples.time[-1] - samples.time[0])}
@@ -183,10 +197,10 @@ def _verdict(estimator: Any) -> str | None:
 
 def _changes(changes: tuple[Any, ...], mass: float) -> dict[str, Any]:
     """The first change detected after the load is assigned to the load; all others are false."""
-    after = [change for change in changes if change.noticed > LOADED_AT]
+    after = [change for change in changes if change.noticed > HOW.loaded_at]
     found = after[0] if after and mass > 0 else None
     false = len(changes) - (found is not None)
     if found is None:
         return {"noticed": None, "false_changes": false}
     change = [found.mass - mass, found.mass_std]
-    return {"noticed": found.noticed - LOADED_AT, "false_changes": false, _CHANGE: change}
+    return {"noticed": found.noticed - HOW.loaded_at, "false_changes": false, _CHANGE: change}

@@ -11,7 +11,7 @@ import numpy as np
 
 from stadera.lab.experiments.grid import Outcome, grouped, run_grid
 from stadera.lab.experiments.paper import Paper, ReproduceSettings
-from stadera.lab.experiments.reality.runs import DURATION, FIGURES, LEGS, OURS, RealityCase, weigh_real
+from stadera.lab.experiments.reality.runs import FIGURES, HOW, LEGS, OURS, RealityCase, weigh_real
 from stadera.lab.experiments.result import ExperimentResult, Record, spread
 from stadera.report.table import Row, TableData
 from stadera.types import Progress
@@ -36,9 +36,6 @@ _OWN = (OURS, LEGS)
 _PROMISED = {OURS: 1.0, LEGS: 0.5}
 """Factors on the bounds: identified legs halve them."""
 _MOVING = ("trot", "crawl", "shake")
-_HEAVY = 0.10  # share above which a payload's position is evaluated
-_NOTICEABLE = 0.05  # share above which a load should be detected
-_SOON = 0.5  # s
 _TITLES = {_UNIT: "mean torque gain one", "real": "mean torque gain drawn"}
 
 
@@ -78,7 +75,7 @@ class ErrorSize:
 
 ERROR_SIZES = (
     ErrorSize("payload mass", "%", ("payload mass",), True, 0.2, 0.8),
-    ErrorSize("payload x-y", "mm", ("payload x", "payload y"), False, 8.0, None, _HEAVY),
+    ErrorSize("payload x-y", "mm", ("payload x", "payload y"), False, 8.0, None, HOW.heavy),
     ErrorSize("trunk mass", "%", ("trunk mass",), True, 1.0, 3.0),
     ErrorSize("trunk CoM x-y", "mm", ("trunk com x", "trunk com y"), False, 4.0, None),
     ErrorSize("trunk CoM z", "mm", ("trunk com z",), False, 15.0, None),
@@ -208,7 +205,7 @@ def _bars(errors: str, pairs: _Pairs, method: str) -> Iterator[Record]:
     if verdicts:
         yield least("verdict good", verdicts.count("good") / len(verdicts), 0.8)
     if noticed:
-        yield least(f"load noticed within {_SOON} s", float(np.mean(noticed)), 0.95)
+        yield least(f"load noticed within {HOW.soon} s", float(np.mean(noticed)), 0.95)
     yield PAPER.record(case, "false changes in 10 minutes", "1", _false_rate(pairs, method), bound=1.0)
 
 
@@ -219,14 +216,14 @@ def _verdicts(pairs: _Pairs, method: str) -> list[str]:
 
 def _noticed(pairs: _Pairs, method: str) -> list[bool]:
     """For each load that should be detected, whether it was detected soon."""
-    stood = [r["methods"][method]["noticed"] for c, r in pairs if method in r["methods"] and c.share >= _NOTICEABLE]
-    return [late is not None and late <= _SOON for late in stood]
+    stood = [r["methods"][method]["noticed"] for c, r in pairs if method in r["methods"] and c.share >= HOW.noticeable]
+    return [late is not None and late <= HOW.soon for late in stood]
 
 
 def _false_rate(pairs: _Pairs, method: str) -> float:
     """Number of false changes in ten minutes."""
     counts = [r["methods"][method]["false_changes"] for _, r in pairs if method in r["methods"]]
-    return 600.0 * sum(counts) / (DURATION * len(counts)) if counts else 0.0
+    return 600.0 * sum(counts) / (HOW.duration * len(counts)) if counts else 0.0
 
 
 def _bars_table(sets: Mapping[str, _Pairs]) -> TableData:
@@ -242,7 +239,7 @@ def _bars_table(sets: Mapping[str, _Pairs]) -> TableData:
 
 
 def _behaviour(sets: Mapping[str, _Pairs]) -> TableData:
-    head = ("", "runs", "falls", "good / doubtful / bad", f"noticed within {_SOON} s", "false in 10 min", "time")
+    head = ("", "runs", "falls", "good / doubtful / bad", f"noticed within {HOW.soon} s", "false in 10 min", "time")
     body: dict[str, list[Row]] = {}
     for errors, pairs in sets.items():
         for scenario, own in grouped(pairs, lambda case: case.scenario).items():
