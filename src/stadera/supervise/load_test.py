@@ -9,20 +9,16 @@ Gaussian x = (m, n) ~ N(x̂, P). Moment k gives
 
     ν_k = m_k - h_k x̂ ~ N(0, S_k),     S_k = h_k P h_kᵀ + σ_k² + σ_u²
 
-The offsets bias the mass by an amount that depends on the pose and is the same in every cycle of a run. If they were
-only part of the variance, one unlucky draw of them would be tested repeatedly. Since m and n are estimated from all
-moments (Kalman filter, constant state), the innovations ν_k are independent of one another, and
+Since m and n are estimated from all moments (Kalman filter, constant state), the innovations ν_k are independent of one
+another, although offsets bias the mass alike in every cycle of a run, and
 
     |ν_k| > z √S_k,     z = Φ⁻¹(1 - α / 2)
 
-raises a false alarm with probability α in each check, in any run. α follows from the specified rate of false alarms: at
-most one check is made in each interval, so α = rate x interval. A change δ is missed by one check with probability Φ(z
-- |δ| / √S_k): `LoadTest.detectable` is the δ for a given probability.
-
-After a change the mass is unknown again and the offsets are kept: P_mm is set to a large value, P_mn to zero.
-
-A leg in the air measures its own offsets (`stadera.supervise.offsets`), three of x's components. Offsets may drift, so
-their variance is increased slightly before every such measurement.
+raises a false alarm with probability α in each check, in any run: α = rate x interval, with at most one check in each
+interval. A change δ is missed by one check with probability Φ(z - |δ| / √S_k); `LoadTest.detectable` is the δ for a
+given probability. After a change the mass is unknown again and the offsets are kept: P_mm is set to a large value, P_mn
+to zero. A leg in the air measures its own offsets (`stadera.supervise.offsets`), three of x's components, whose
+variance is increased slightly before, since offsets may drift.
 """
 
 from __future__ import annotations

@@ -4,10 +4,8 @@
     s.t.   least ≤ n·f_i ≤ most_i,     |t1·f_i| ≤ μ/√2 n·f_i,     |t2·f_i| ≤ μ/√2 n·f_i
 
 r_i: contacts relative to the reference point of Γ; n, t1, t2: the ground's normal and two tangents; L: a length that
-    makes moments comparable with forces. ε and β are small: they choose among the forces with the required wrench,
-    towards small ones and towards the previous ones. The wrench deviates by no more than about their relative size,
-    unless constraints are active. The pyramid lies inside the friction cone. All vectors are in the axes of one frame,
-    which is arbitrary.
+makes moments comparable with forces; all vectors in the axes of one frame. ε and β are small: they choose among the
+forces with the required wrench, which deviates by about their relative size unless constraints are active.
 
 With W f the wrench, β' = β / (ε + β) and t the required wrench, the minimiser x_0 of the objective alone is
 

@@ -8,31 +8,11 @@ demanded wrench is
     Γ = R [K_a log(Rᵀ R_d) + D_a (angular velocity error)]           about the modelled centre of mass
 
 so the spring acts on the modelled centre of mass, and a change of the model does not cause motion. F and Γ are
-distributed over the feet (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f.
+distributed over the feet (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f. With a wrong
+model the springs give way until they balance the true weight (eq. 12): see `stadera.trunk.standing.orientation`.
 
-Effect of a wrong model (the paper's eq. 12). At rest τ = h - Jᵀ f produces the demanded contact forces, so they carry
-the true weight, Σ f = m g e_z, and their moment about the TRUE centre of mass c vanishes. Their moment about the
-modelled one, ĉ, is Γ, hence with δ = c - ĉ (trunk axes, whole robot)
-
-    Γ = (R δ) x m g e_z,       i.e.      K_a log(Rᵀ R_d) = δ x m g Rᵀ e_z
-
-exactly. For an upright reference, small roll φ and pitch θ: log(Rᵀ R_d) = (-φ, -θ, ·), so K_x φ = -m g δ_y and
-K_y θ = m g δ_x::
-
-    c_x - ĉ_x =  K_y θ / (m g),      c_y - ĉ_y = -K_x φ / (m g)
-
-A true centre of mass ahead of the modelled one lowers the nose (θ > 0 turns z towards x). With e_o = (-φ, -θ) this is
-the paper's M = [[0, -1], [1, 0]] K / (m g); the corresponding update moves ĉ_x by +α θ and ĉ_y by -α φ. For the trunk
-alone, δ_trunk = δ (m / m_trunk).
-
-Walking. A gait unloads a leg, lets it swing along a trajectory, and lands it at touch-down::
-
-    controller.relieve(leg, 0.1)                  # its load goes to the others; `relieved[leg]` tells when
-    controller.swing(leg, SwingTrajectory(controller.feet[leg], target, controller.time, 0.4, clearance=0.08))
-    if controller.touched[leg]: controller.land(leg, 0.1)
-
-Swinging legs follow inverse dynamics (`stadera.lab.control.swing`), and F, Γ include the reaction of their
-acceleration.
+A gait relieves a leg of its load, lets it swing along a trajectory, and lands it at touch-down. Swinging legs follow
+inverse dynamics (`stadera.lab.control.swing`), and F, Γ include the reaction of their acceleration.
 """
 
 from __future__ import annotations
