@@ -36,37 +36,22 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class FourierSearch:
-    """Settings of the parametrisation and the search.
+    """Settings of the parametrisation and the search."""
 
-    Attributes:
-        harmonics: K.
-        top_frequency: K f [Hz].
-        samples: evaluated in one period.
-        starts: number of local searches.
-        iterations: largest number of steps in each.
-        poses: number tried for each start.
-        penalties: successive weights, for one sample that exceeds a bound by its whole size [nat].
-        spare: share of each bound left unused [1].
-        clearance_unit: missing clearance that counts as one whole bound [m].
-        clearance_rate: sampling rate of exact distances along the motion [Hz].
-        clearance_spare: margin for the motion between two samples [m].
-        tightenings: largest number of corrections of the clearance map.
-        step: of the finite differences, in the unknowns' own scale [1].
-    """
-
-    harmonics: int = 6
-    top_frequency: float = FREQUENCIES[1]
-    samples: int = 72
-    starts: int = 4
-    iterations: int = 80
-    poses: int = 50
+    harmonics: int = 6  # K
+    top_frequency: float = FREQUENCIES[1]  # K f [Hz]
+    samples: int = 72  # evaluated in one period
+    starts: int = 4  # number of local searches
+    iterations: int = 80  # largest number of steps in each
+    poses: int = 50  # number tried for each start
+    # successive weights, for one sample that exceeds a bound by its whole size [nat]
     penalties: tuple[float, ...] = (50.0, 2000.0)
-    spare: float = 0.01
-    clearance_unit: float = 0.1
-    clearance_rate: float = 50.0
-    clearance_spare: float = 0.002
-    tightenings: int = 8
-    step: float = 1e-6
+    spare: float = 0.01  # share of each bound left unused [1]
+    clearance_unit: float = 0.1  # missing clearance that counts as one whole bound [m]
+    clearance_rate: float = 50.0  # sampling rate of exact distances along the motion [Hz]
+    clearance_spare: float = 0.002  # margin for the motion between two samples [m]
+    tightenings: int = 8  # largest number of corrections of the clearance map
+    step: float = 1e-6  # of the finite differences, in the unknowns' own scale [1]
 
     def __post_init__(self) -> None:
         if min(self.harmonics, self.starts, self.iterations) < 1:

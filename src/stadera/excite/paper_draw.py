@@ -30,23 +30,14 @@ _AMPLITUDE_SHARES = np.array([0.25, 0.20, 0.40]) / np.deg2rad([95.0, 120.0, 120.
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """Settings of the random draw that the paper does not state.
+    """Settings of the random draw that the paper does not state."""
 
-    Attributes:
-        origins: largest number of positions of the origin.
-        segment: least time at one origin [s], a few periods of the slowest sinusoid.
-        fade: longest time from one origin to the next [s].
-        amplitude: largest amplitude, as a share of the reach [1], which leaves room to shift origins.
-        candidates: origins tried along each joint.
-        choice: least number of candidates for each origin, if few are clear.
-    """
-
-    origins: int = 6
-    segment: float = 10.0
-    fade: float = 2.0
-    amplitude: float = 0.25
-    candidates: int = 9
-    choice: int = 8
+    origins: int = 6  # largest number of positions of the origin
+    segment: float = 10.0  # least time at one origin [s], a few periods of the slowest sinusoid
+    fade: float = 2.0  # longest time from one origin to the next [s]
+    amplitude: float = 0.25  # largest amplitude, as a share of the reach [1], which leaves room to shift origins
+    candidates: int = 9  # origins tried along each joint
+    choice: int = 8  # least number of candidates for each origin, if few are clear
 
     def __post_init__(self) -> None:
         require_positive("setting of a draw", self, self.__dataclass_fields__)

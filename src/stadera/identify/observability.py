@@ -28,17 +28,11 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class VerdictLimits:
-    """Limits for the observability of a parameter, all dimensionless.
+    """Limits for the observability of a parameter, all dimensionless."""
 
-    Attributes:
-        flat: prior widths that stand for "no prior".
-        firm: largest standard deviation without prior, in prior widths, of an observable parameter.
-        silent: change of the data by the parameter's whole prior width, in units of their noise, up to which it is
-            unobservable.
-    """
-
-    flat: float = 1e4
-    firm: float = 0.1
+    flat: float = 1e4  # prior widths that stand for "no prior"
+    firm: float = 0.1  # largest standard deviation without prior, in prior widths, of an observable parameter
+    # change of the data by the parameter's whole prior width, in units of their noise, up to which it is unobservable
     silent: float = 1.0
 
     def __post_init__(self) -> None:
@@ -83,23 +77,14 @@ def gradients_of(combinations: Sequence[Combination], columns: Sequence[str]) ->
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """What the data determine about the parameters `columns`.
+    """What the data determine about the parameters `columns`."""
 
-    Attributes:
-        columns: names of the n parameters.
-        widths: (n,), the prior's standard deviations, in the parameters' units.
-        singular_values: (n,) of W, descending, dimensionless.
-        directions: (n, n), the rows v_k.
-        left: (n, n), the columns u_k.
-        limits: of the verdicts.
-    """
-
-    columns: tuple[str, ...]
-    widths: Array
-    singular_values: Array
-    directions: Array
-    left: Array
-    limits: VerdictLimits = field(default_factory=VerdictLimits)
+    columns: tuple[str, ...]  # names of the n parameters
+    widths: Array  # (n,), the prior's standard deviations, in the parameters' units
+    singular_values: Array  # (n,) of W, descending, dimensionless
+    directions: Array  # (n, n), the rows v_k
+    left: Array  # (n, n), the columns u_k
+    limits: VerdictLimits = field(default_factory=VerdictLimits)  # of the verdicts
 
     @property
     def rank(self) -> int:

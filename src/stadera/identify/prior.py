@@ -35,20 +35,14 @@ _FROM_PSEUDO = np.linalg.pinv(PSEUDO_BASIS.reshape(10, 16).T)  # (10, 16): param
 
 @dataclass(frozen=True)
 class PriorWidth:
-    """Relative standard deviations of the true parameters from the model's.
+    """Relative standard deviations of the true parameters from the model's."""
 
-    Attributes:
-        shape: of a link's pseudo-inertia in the invariant metric, for each coordinate of D except the mass's.
-        mass: of a link's mass.
-        torque: of friction and offset torques (viscous: at 1 rad/s), relative to a quarter of the robot's weight times
-            the leg's length.
-        armature: of rotor inertias, relative to the leg's mass at half its length.
-    """
-
-    shape: float = 0.5
-    mass: float = 0.1
+    shape: float = 0.5  # of a link's pseudo-inertia in the invariant metric, for each coordinate of D except the mass's
+    mass: float = 0.1  # of a link's mass
+    # of friction and offset torques (viscous: at 1 rad/s), relative to a quarter of the robot's weight times the leg's
+    # length
     torque: float = 0.2
-    armature: float = 1.0
+    armature: float = 1.0  # of rotor inertias, relative to the leg's mass at half its length
 
     def __post_init__(self) -> None:
         for name in ("shape", "mass", "torque", "armature"):
@@ -58,20 +52,13 @@ class PriorWidth:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The prior on the parameters `columns`: θ = values + root @ x with x ~ N(0, 1).
+    """The prior on the parameters `columns`: θ = values + root @ x with x ~ N(0, 1)."""
 
-    Attributes:
-        columns: names of the n parameters.
-        values: (n,), in the parameters' own units.
-        root: (n, n), block diagonal by link and joint; invertible.
-        links: the links whose ten parameters are all among the columns.
-        coordinates: for each such link (10, 4, 4): the matrices B_k with D = Σ_k x_k B_k over the link's ten x.
-    """
-
-    columns: tuple[str, ...]
-    values: Array
-    root: Array
-    links: tuple[str, ...]
+    columns: tuple[str, ...]  # names of the n parameters
+    values: Array  # (n,), in the parameters' own units
+    root: Array  # (n, n), block diagonal by link and joint; invertible
+    links: tuple[str, ...]  # the links whose ten parameters are all among the columns
+    # for each such link (10, 4, 4): the matrices B_k with D = Σ_k x_k B_k over the link's ten x
     coordinates: Mapping[str, Array]
 
     @cached_property

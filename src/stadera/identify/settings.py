@@ -19,35 +19,28 @@ METHODS: tuple[str, ...] = ("consistent", "null-space")
 
 @dataclass(frozen=True)
 class TrustSettings:
-    """Size of the residuals of a good fit, and limits beyond which a fit is doubtful or bad.
+    """Size of the residuals of a good fit, and limits beyond which a fit is doubtful or bad."""
 
-    Attributes:
-        friction: a, share of Coulomb friction that the friction law does not explain, since a drive's friction depends
-            on load, position and temperature. On 24 joints of a real Go2 and Aliengo in the air the whole residual is
-            0.09 to 0.42 of it.
-        torque: b, share of the torque's root mean square: ripple and nonlinearity of torques computed from currents.
-            Assumed; it matters where there is no friction.
-        doubtful, bad: misfit of a joint above which the fit is doubtful or bad [1]: residuals 1.7 and 5.5 times the
-            stated size.
-        outlier: error of a sample above which it is an outlier, in RMSE of its joint [1].
-        outliers: share of outliers above which a warning is given [1]; of Gaussian errors, 2e-9 exceed six times their
-            size.
-        turning: root mean square of the IMU's angular velocity above which the trunk is not held [rad/s].
-        fewest: number of moving samples below which a warning is given.
-        far: probability, under the prior, of values as far from the model's, below which the result is doubtful.
-        reversed_gain: factor by which the cost must fall with a torque's sign reversed for the sign to count as wrong.
-    """
-
+    # a, share of Coulomb friction that the friction law does not explain, since a drive's friction depends on load,
+    # position and temperature. On 24 joints of a real Go2 and Aliengo in the air the whole residual is 0.09 to 0.42 of
+    # it.
     friction: float = 0.3
+    # b, share of the torque's root mean square: ripple and nonlinearity of torques computed from currents. Assumed; it
+    # matters where there is no friction.
     torque: float = 0.05
+    # doubtful, bad: misfit of a joint above which the fit is doubtful or bad [1]: residuals 1.7 and 5.5 times the
+    # stated size
     doubtful: float = 3.0
     bad: float = 30.0
+    # probability, under the prior, of values as far from the model's, below which the result is doubtful
     far: float = 1e-6
+    # factor by which the cost must fall with a torque's sign reversed for the sign to count as wrong
     reversed_gain: float = 2.0
-    outlier: float = 6.0
+    outlier: float = 6.0  # error of a sample above which it is an outlier, in RMSE of its joint [1]
+    # share of outliers above which a warning is given [1]; of Gaussian errors, 2e-9 exceed six times their size
     outliers: float = 2e-3
-    turning: float = 0.1
-    fewest: int = 200
+    turning: float = 0.1  # root mean square of the IMU's angular velocity above which the trunk is not held [rad/s]
+    fewest: int = 200  # number of moving samples below which a warning is given
 
     def __post_init__(self) -> None:
         require_positive("trust setting", self, self.__dataclass_fields__)
@@ -55,22 +48,15 @@ class TrustSettings:
 
 @dataclass(frozen=True)
 class LagSettings:
-    """Settings for estimating the torques' lag, see `stadera.identify.lag`.
+    """Settings for estimating the torques' lag, see `stadera.identify.lag`."""
 
-    Attributes:
-        earliest, latest: ends of the search [s]. Real Go2 and Aliengo: 10 to 15 ms.
-        step: of the search [s]; a parabola interpolates the lag between steps.
-        noticeable: relative decrease of the residual's variance below which a lag is not significant [1].
-        resolution: smaller lags are ignored [s], since deviations of friction from its model can cause them.
-        sliding: velocity above which a joint slides [rad/s].
-    """
-
+    # earliest, latest: ends of the search [s]. Real Go2 and Aliengo: 10 to 15 ms.
     earliest: float = -0.010
     latest: float = 0.040
-    step: float = 0.0025
-    noticeable: float = 0.01
-    resolution: float = 5e-4
-    sliding: float = 0.1
+    step: float = 0.0025  # of the search [s]; a parabola interpolates the lag between steps
+    noticeable: float = 0.01  # relative decrease of the residual's variance below which a lag is not significant [1]
+    resolution: float = 5e-4  # smaller lags are ignored [s], since deviations of friction from its model can cause them
+    sliding: float = 0.1  # velocity above which a joint slides [rad/s]
 
     def __post_init__(self) -> None:
         require_positive("lag setting", self, ("latest", "step", "noticeable", "resolution", "sliding"))
@@ -80,24 +66,17 @@ class LagSettings:
 
 @dataclass(frozen=True)
 class SignalSettings:
-    """Settings for filtering signals and selecting samples.
+    """Settings for filtering signals and selecting samples."""
 
-    Attributes:
-        lowest_cutoff: lowest cut-off chosen for signals [Hz]; a lower one would smear the steps of Coulomb friction
-            into other effects.
-        lag_cutoff: cut-off for estimating the torque lag [Hz], which shows best in fast changes.
-        any_part: cut-off of a part as a share of the log's highest one; sampling rates vary where samples are lost.
-        drop_below: the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction.
-        lag: estimation of the torque lag.
-        spikes: detection of outliers, which are replaced.
-    """
-
+    # lowest cut-off chosen for signals [Hz]; a lower one would smear the steps of Coulomb friction into other effects
     lowest_cutoff: float = 15.0
-    lag_cutoff: float = 25.0
+    lag_cutoff: float = 25.0  # cut-off for estimating the torque lag [Hz], which shows best in fast changes
+    # cut-off of a part as a share of the log's highest one; sampling rates vary where samples are lost
     any_part: float = 0.98
+    # the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction
     drop_below: float = 0.01
-    lag: LagSettings = field(default_factory=LagSettings)
-    spikes: SpikeSettings = field(default_factory=SpikeSettings)
+    lag: LagSettings = field(default_factory=LagSettings)  # estimation of the torque lag
+    spikes: SpikeSettings = field(default_factory=SpikeSettings)  # detection of outliers, which are replaced
 
     def __post_init__(self) -> None:
         require_positive("signal setting", self, ("lowest_cutoff", "lag_cutoff", "any_part", "drop_below"))

@@ -25,22 +25,18 @@ _NON_NEGATIVE = ("armature", "viscous", "coulomb")
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """Settings for solving for the physically consistent parameters; all dimensionless.
+    """Settings for solving for the physically consistent parameters; all dimensionless."""
 
-    Attributes:
-        margin: least eigenvalue of a link's pseudo-inertia in the prior's coordinates, 1 at the model's values.
-        certain: prior widths over standard deviation above which a direction is certain compared with the prior.
-        contradicted: shift of the solution by the constraints, in standard deviations, that noise cannot explain.
-        resolved: ratio of weights that the solver resolves.
-        inwards: share of the way to the model's values that moves a solution off the border of the consistent set.
-        verdicts: limits for observability; unobservable masses are fixed at CAD.
-    """
-
+    # least eigenvalue of a link's pseudo-inertia in the prior's coordinates, 1 at the model's values
     margin: float = 1e-3
+    # prior widths over standard deviation above which a direction is certain compared with the prior
     certain: float = 1e4
+    # shift of the solution by the constraints, in standard deviations, that noise cannot explain
     contradicted: float = 1e2
-    resolved: float = 1e-7
+    resolved: float = 1e-7  # ratio of weights that the solver resolves
+    # share of the way to the model's values that moves a solution off the border of the consistent set
     inwards: float = 1e-4
+    # limits for observability; unobservable masses are fixed at CAD
     verdicts: VerdictLimits = field(default_factory=VerdictLimits)
 
     def __post_init__(self) -> None:
@@ -51,28 +47,18 @@ class SolverSettings:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Estimated parameters and their uncertainty.
+    """Estimated parameters and their uncertainty."""
 
-    Attributes:
-        columns: names of the n parameters.
-        values: (n,), in the parameters' own units.
-        covariance: (n, n) of the error, from data and prior together; the prior's for parameters without information in
-            the data and for masses fixed at CAD.
-        prior: of the parameters.
-        observability: of the parameters.
-        residual: root mean square of the rows' residuals in units of their noise; 1 if noise and model are right.
-        method: "null-space" or "consistent".
-        held: masses that were fixed at CAD because they are not observable.
-    """
-
-    columns: tuple[str, ...]
-    values: Array
+    columns: tuple[str, ...]  # names of the n parameters
+    values: Array  # (n,), in the parameters' own units
+    # (n, n) of the error, from data and prior together; the prior's for parameters without information in the data and
+    # for masses fixed at CAD
     covariance: Array
-    prior: Prior
-    observability: Observability
-    residual: float
-    method: str
-    held: tuple[str, ...] = ()
+    prior: Prior  # of the parameters
+    observability: Observability  # of the parameters
+    residual: float  # root mean square of the rows' residuals in units of their noise; 1 if noise and model are right
+    method: str  # "null-space" or "consistent"
+    held: tuple[str, ...] = ()  # masses that were fixed at CAD because they are not observable
 
     def by_name(self) -> dict[str, float]:
         """Values by parameter name."""

@@ -12,15 +12,11 @@ from stadera.logs.recording import Recording
 
 @dataclass(frozen=True)
 class SpikeSettings:
-    """Settings that define which samples are spikes.
+    """Settings that define which samples are spikes."""
 
-    Attributes:
-        usual: quantile of a signal's steps between samples that defines its usual step [1].
-        wild: distance from the median of three samples, in usual steps [1]; of white Gaussian noise 3 are eleven
-            standard deviations.
-    """
-
-    usual: float = 0.99
+    usual: float = 0.99  # quantile of a signal's steps between samples that defines its usual step [1]
+    # distance from the median of three samples, in usual steps [1]; of white Gaussian noise 3 are eleven standard
+    # deviations
     wild: float = 3.0
 
     def __post_init__(self) -> None:

@@ -45,9 +45,7 @@ def _environment(package: str) -> Environment:
         "version": stadera.__version__,
         "marks": MARKS,
         "style_variables": lambda: Markup(style_variables()),
-        "asset": partial(_text, package, "templates"),
-        # draws figures, included only in pages with figures; see `vendor/README.md`
-        "plot_library": partial(_text, "stadera.report", "vendor", "plotly-basic.min.js"),
+        "asset": partial(_asset, package=package),
         "svg": svg,
         "narrow": NARROW,
         "plotly": plotly,
@@ -56,7 +54,7 @@ def _environment(package: str) -> Environment:
     return environment
 
 
-def _text(package: str, folder: str, name: str) -> Markup:
+def _asset(name: str, package: str, folder: str = "templates") -> Markup:
     """A style or script, unescaped."""
     return Markup((resources.files(package) / folder / name).read_text(encoding="utf-8"))
 
