@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,32 +24,23 @@ _LOADS = (0.0, 50.0, 100.0)  # N, the paper's
 _OTHERS, _SHARES = ("go2", "anymal_c", "b1"), (0.0, 0.06, 0.12)
 
 
-@dataclass(frozen=True)
-class _Cases:
-    """The runs: on HyQ with every method, and on other robots with the last, loads as shares of their weights."""
-
-    hyq: Sequence[StandingCase]
-    others: Sequence[tuple[StandingCase, float]]
-
-    @classmethod
-    def of(cls, settings: ReproduceSettings) -> _Cases:
-        if settings.quick:
-            return cls([_case("contact", 100.0, settings.seed)], [])
-        weights = {name: weight for name in _OTHERS if (weight := _weight(name)) is not None}
-        return cls(
-            [_case(method, load, settings.seed) for method in PAPER.values["plane"] for load in _LOADS],
-            [(_case("contact", s * w, settings.seed, name), s) for name, w in weights.items() for s in _SHARES],
-        )
+def _cases(settings: ReproduceSettings) -> tuple[list[StandingCase], list[tuple[StandingCase, float]]]:
+    """Runs on HyQ with every method, and on other robots with the last, their loads as shares of their weights."""
+    if settings.quick:
+        return [_case("contact", 100.0, settings.seed)], []
+    weights = {name: weight for name in _OTHERS if (weight := _weight(name)) is not None}
+    return (
+        [_case(method, load, settings.seed) for method in PAPER.values["plane"] for load in _LOADS],
+        [(_case("contact", s * w, settings.seed, name), s) for name, w in weights.items() for s in _SHARES],
+    )
 
 
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Weighs HyQ with three methods under three loads, and other robots with the last."""
-    plan = _Cases.of(settings)
-    outcomes = run_grid(
-        PAPER.name, stand, [*plan.hyq, *(case for case, _ in plan.others)], progress, pool=settings.pool
-    )
-    hyq, rest = outcomes[: len(plan.hyq)], outcomes[len(plan.hyq) :]
-    others = [(outcome, share) for outcome, (_, share) in zip(rest, plan.others, strict=True)]
+    own, foreign = _cases(settings)
+    outcomes = run_grid(PAPER.name, stand, [*own, *(case for case, _ in foreign)], progress, pool=settings.pool)
+    hyq = outcomes[: len(own)]
+    others = [(outcome, share) for outcome, (_, share) in zip(outcomes[len(own) :], foreign, strict=True)]
     plane, height = [_plane_record(o) for o in hyq], [_height_record(o) for o in hyq if _finds_height(o.case.method)]
     bounds = PAPER.bounds
     note = f"In brackets the paper's. Bound: {bounds['plane']:.2f} cm in every cell."
