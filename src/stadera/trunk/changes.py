@@ -203,12 +203,13 @@ class ChangeDetector:
         self._set(self._usual)
         self._scatter = np.full(4, settings.prior)  # of single blocks
         self._persists = self._likely = 0
-        self.suspected = self._missed = np.zeros(4)
+        self._keep = exp(-block / settings.memory)
+        self.suspected, self._missed = np.zeros((2, 4))
 
     def restart(self, kept: int) -> None:
         """Restarts after a change of the load: only the last `kept` blocks belong to the new one."""
         self._persists, self._blocks.count, self._usual = 0, kept, self._spreads
-        self.suspected = self._missed = np.zeros(4)
+        self.suspected, self._missed = np.zeros((2, 4))
 
     def look(
         self, rows: WeightedRows, before: Segment, long_before: Segment, errors: Errors, scatter: float, held: bool
@@ -275,9 +276,13 @@ class ChangeDetector:
         detected, it stays in them, since the estimate has absorbed it.
         """
         self._likely = (self._likely + 1) * (best.ratio > self.settings.suspected)
-        self._missed = self._missed * exp(-self._block / self.settings.memory)
-        now = best.size * self._scale * (self._likely > 0)
-        if self._likely >= self.settings.confirmed:
+        self._carry(best.size, self._likely >= self.settings.confirmed)
+
+    def _carry(self, size: Array, persists: bool) -> None:
+        """Updates `suspected` with the largest deviation δ (4,)."""
+        self._missed = self._missed * self._keep
+        now = size * self._scale * (self._likely > 0)
+        if persists:
             self._missed = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
         self.suspected = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
 

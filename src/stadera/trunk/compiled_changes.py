@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from types import ModuleType
 
 import numpy as np
@@ -33,8 +34,7 @@ class _CompiledBlocks(Blocks):
         self._compiled = compiled
 
     def _write(self, rows: WeightedRows, at: int) -> None:
-        columns, errors = np.ascontiguousarray(rows.columns), self._errors[JOINTS]
-        self._compiled.push(columns, errors, self._rows, self._reduced, self.sums, at)
+        self._compiled.push(rows.columns, self._errors[JOINTS], self._rows, self._reduced, self.sums, at)
 
     def _reduce(self, begin: int, end: int) -> None:
         self._compiled.reduce(self._rows, self._reduced, self._errors[JOINTS], begin, end)
@@ -51,18 +51,19 @@ class CompiledDetector(ChangeDetector):
         self._blocks = _CompiledBlocks(round(settings.memory / block), compiled)
         self._windows = np.array(settings.windows, dtype=np.int64)
         self._limits = np.array([settings.least_change, settings.pending, len(self._short)])
+        self._near = settings.outlier * self._scatter
 
     def _best(self, before: Segment, long_before: Segment, errors: Errors, scatter: float) -> Largest:
         blocks, settings = self._blocks, self.settings
-        full = int(self._windows.searchsorted(blocks.count, side="right"))
-        short, long = (full * (segment.blocks * self._block >= settings.history) for segment in (before, long_before))
-        found = np.empty((3, 4))
+        full, found = bisect_right(settings.windows, blocks.count), np.empty((3, 4))
+        short = full if before.blocks * self._block >= settings.history else 0
+        long = full if long_before.blocks * self._block >= settings.history else 0
         ratio = self._compiled.largest(
-            blocks.all_reduced(int(self._windows[full - 1]) if full else 0, errors.mean),
+            blocks.all_reduced(settings.windows[full - 1] if full else 0, errors.mean),
             blocks.sums,
             blocks.end,
             self._windows,
-            short,
+            min(short, len(self._short)),
             long,
             before.inverse,
             before.solution,
@@ -71,7 +72,7 @@ class CompiledDetector(ChangeDetector):
             errors.mean[JOINTS],
             errors.std,
             self._scale,
-            settings.outlier * self._scatter,
+            self._near,
             self._spreads.square,
             self._spreads.usual,
             self._student,
@@ -80,6 +81,11 @@ class CompiledDetector(ChangeDetector):
             found,
         )
         return Largest(int(found[0, 0]), ratio, bool(found[0, 1]), found[1], found[2])
+
+    def _carry(self, size: Array, persists: bool) -> None:
+        self.suspected = np.empty(4)  # who read the one before keeps it
+        likely = self._likely > 0
+        self._compiled.suspect(size, self._scale, likely, persists, self._keep, self._missed, self.suspected)
 
     def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
         blocks, windows = self._blocks, len(self._windows)
@@ -102,4 +108,5 @@ class CompiledDetector(ChangeDetector):
             usual,
             counts,
         )
+        self._near = self.settings.outlier * self._scatter
         return Spread(square, usual, np.asarray(0.5 * counts, dtype=float))

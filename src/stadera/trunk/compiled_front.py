@@ -44,7 +44,6 @@ NAMES = (
 )
 """Order in which the compiled function is given the places of the errors."""
 
-_SAMPLING = 11 + PLACES["sampling"].start
 _PLACES = np.array([11 + PLACES[name].start for name in NAMES])
 
 
@@ -74,7 +73,9 @@ class CompiledFront(Front):
         self._lever, self._limits = lever, np.concatenate([limits, np.zeros(72), [weight**2]])
         self._standing, self._usual, self._state = np.zeros(4), np.zeros(0), np.zeros(compiled.STATE)
         self._first, self._second = np.zeros(compiled.HALF), np.zeros(compiled.HALF)
-        self._continues = False
+        self._total, self._cleaned, self._continues = np.empty(compiled.SUMS), np.empty((0, 0)), False
+        self._trunk: InertialParameters | None = None  # of the vector
+        self._vector = np.zeros(10)
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
         self._calibration = np.zeros(10)
         self._speeds, self._count = np.zeros((LATELY, 12)), 0
@@ -100,7 +101,9 @@ class CompiledFront(Front):
 
     def block(self, table: Array, trunk: InertialParameters) -> Made:
         """Processes one block: see `Front.block`."""
-        n, compiled, half, cleaned = len(table) - 2, self._compiled, self._second, np.empty(table.shape)
+        n, compiled, half, cleaned = len(table) - 2, self._compiled, self._second, self._cleaned
+        if cleaned.shape != table.shape:
+            self._cleaned = cleaned = np.empty(table.shape)
         if len(self._usual) != table.shape[1]:
             self._usual = np.zeros(table.shape[1])
         refused = compiled.block(
@@ -128,12 +131,13 @@ class CompiledFront(Front):
         return Made(rows)
 
     def _rows(self, first: Array, second: Array, trunk: InertialParameters, n: int) -> BlockRows:
-        c = self._compiled
-        total, columns, white = np.empty(c.SUMS), np.empty((6, 11 + ERRORS)), np.empty(6)
-        elapsed = c.rows(
+        if trunk is not self._trunk:
+            self._trunk, self._vector = trunk, trunk.vector.copy()  # not read-only
+        columns, white, joint, air = np.empty((6, 11 + ERRORS)), np.empty(6), np.empty((6, 12)), np.empty(4, np.bool_)
+        elapsed = self._compiled.rows(
             first,
             second,
-            trunk.vector.copy(),  # not read-only
+            self._vector,
             self._lever,
             TRUNK_MAP,
             self._noise,
@@ -141,15 +145,16 @@ class CompiledFront(Front):
             self._speeds,
             self._count,
             _PLACES,
-            total,
+            self._sign if n >= RESOLVED else 0.0,
+            self._total,
             columns,
             white,
+            joint,
+            air,
         )
         self._count += 1
-        columns[:, _SAMPLING] *= self._sign * (n >= RESOLVED)
-        air = first[c.AIR : c.AIR + 4] * second[c.AIR : c.AIR + 4] > 0.0
-        joint = total[c.JOINT : c.JOINT + 72].reshape(6, 12)
-        return BlockRows(float(second[c.END]), elapsed, columns, white, SwingRows(air, joint[:4], joint[4], joint[5]))
+        end = float(second[self._compiled.END])
+        return BlockRows(end, elapsed, columns, white, SwingRows(air, joint[:4], joint[4], joint[5]))
 
     def _take_out_extra(self, samples: Samples, half: Array) -> None:
         """Subtracts what the joints outside the legs add by moving."""

@@ -11,18 +11,20 @@ so `repeated` rows count as one.
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from stadera.compiled import kernel
 from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
 from stadera.trunk.settings import SwingDetection
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 _COUNT, _LAG = JOINTS.stop, PLACES["torque_lag"].start
 _EACH = np.arange(12)
 _AT = np.array([PLACES[name].start + _EACH for name in ("rotor", "viscous", "coulomb", "offset")])
+_PLACES = np.column_stack([*_AT, np.full(12, _LAG)])
 _ENOUGH = 4 * _COUNT  # rows needed to evaluate the fit of the joints' law
 _QUIETEST = 0.02  # of the stated variance: smaller residuals do not sharpen the estimate further
 _LIKE = 0.05  # relative difference from one of a scale that is taken for one
@@ -53,11 +55,12 @@ class SwingJoints:
         self._normal, self._right = np.zeros((_COUNT, _COUNT)), np.zeros(_COUNT)
         self._square, self.rows = 0.0, 0
         self._last, self._limit_square = np.zeros(_COUNT), np.inf
-        self.stepped, self._expected, self._loud = np.zeros(12), np.zeros(_COUNT), np.inf
-        self._average, self._averaged = np.zeros(12), np.zeros(12)
+        self._expected, self._loud = np.zeros(_COUNT), np.inf
+        self._joints = np.zeros((3, 12))
+        self._averaged, self._average, self.stepped = self._joints
         self._found: dict[float, tuple[Array, Array]] = {}  # by scale: at one, and at the last other one
 
-    def add(self, air: NDArray[np.bool_], terms: Array, rate: Array, residual: Array, white: Array) -> None:
+    def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
         """Adds one block.
 
         Args:
@@ -66,6 +69,10 @@ class SwingJoints:
             rate: (12,) [N·m/s], of the torques. residual: (12,) [N·m], h - τ_measured.
             white: (12,) [N·m], standard deviation of its white noise.
         """
+        compiled = kernel("stadera.trunk.kernels.errors")
+        if compiled is not None:
+            self._add(compiled, air, terms, rate, residual, white)
+            return
         rows = np.zeros((12, _COUNT))
         rows[_EACH, _AT] = terms
         rows[:, _LAG] = -rate
@@ -84,7 +91,19 @@ class SwingJoints:
         self.rows += len(rows)
         self._found.clear()
 
-    def _compare(self, swinging: NDArray[np.bool_], residual: Array, weight: Array) -> None:
+    def _add(self, compiled: ModuleType, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
+        """The same by `stadera.trunk.kernels.errors`."""
+        limits = self._settings.residual, self._limit_square, self._loud, _RECENT, _STEP, self._square
+        numbers, sums = np.array(limits), (self._normal, self._right)
+        means = self._last, self._expected
+        used = compiled.swing(
+            air, terms, rate, residual, white, self._limit, numbers, _PLACES, *means, *sums, self._joints
+        )
+        if used:
+            self._square, self.rows = float(numbers[-1]), self.rows + used
+            self._found.clear()
+
+    def _compare(self, swinging: Bools, residual: Array, weight: Array) -> None:
         """Averages the latest residuals of each joint, and keeps those that are beyond the usual ones."""
         if self._loud == np.inf:
             return
@@ -93,7 +112,7 @@ class SwingJoints:
         self._average += share * (residual - self._average)
         mean = self._average / np.maximum(self._averaged, 1e-9)
         large = (self._averaged > 0.5) & (np.abs(mean) > _STEP * self._limit) & (weight * mean**2 > self._loud)
-        self.stepped = np.where(large & (np.abs(mean) > np.abs(self.stepped)), -mean, self.stepped)
+        self.stepped[:] = np.where(large & (np.abs(mean) > np.abs(self.stepped)), -mean, self.stepped)
 
     @property
     def misfit(self) -> float:

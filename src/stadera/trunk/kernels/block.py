@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.compiled import compiled, lane, part
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 Vector = tuple[float, float, float]
 Rotation = tuple[Vector, Vector, Vector]
@@ -1024,7 +1024,8 @@ def still(total: Array, averaged: float, variance: Array, speeds: Array, count: 
 
 @compiled(
     "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[:,::1], float64[::1], float64[::1], "
-    "float64[:,::1], int64, int64[::1], float64[::1], float64[:,::1], float64[::1])"
+    "float64[:,::1], int64, int64[::1], float64, float64[::1], float64[:,::1], float64[::1], float64[:,::1], "
+    "boolean[::1])"
 )
 def rows(
     first: Array,
@@ -1037,9 +1038,12 @@ def rows(
     speeds: Array,
     count: int,
     places: NDArray[np.intp],
+    sign: float,
     total: Array,
     columns: Array,
     white: Array,
+    joint: Array,
+    air: Bools,
 ) -> float:
     """Six rows A θ + C p = b from two neighbouring blocks, as `RowMaker._rows`. Returns the time since the first.
 
@@ -1049,7 +1053,9 @@ def rows(
         trunk_map: (60, 12), `TRUNK_MAP`. variance: (30,), of white noise.
         calibration: (10,), state of `calibrate`. speeds, count: see `still`.
         places: (18,), first of each error's columns, in the order of `stadera.trunk.compiled_rows.NAMES`.
+        sign: of alternating sums; 0 for too few samples.
         total: (SUMS,), the window's sums. columns: (6, 11 + errors), of A, b and C. white: (6,), variances.
+        joint: (6, 12), q̈, q̇, s, 1, τ̇ and h - τ of the joints. air: (4,), legs in the air throughout.
     """
     elapsed: float = second[END] - first[END]
     total[:] = first[:SUMS] + second[SUMS : 2 * SUMS]
@@ -1060,6 +1066,11 @@ def rows(
     imu[3:] = differentiated * gyro
     imu[:3] = averaged * accelerometer + imu[3] * (lever[0] ** 2 + lever[1] ** 2 + lever[2] ** 2)
     turn = turned(vector(second, OMEGA), elapsed)
+    for j in range(12):
+        for t in range(6):
+            joint[t, j] = total[JOINT + 12 * t + j]
+    for leg in range(4):
+        air[leg] = first[AIR + leg] * second[AIR + leg] > 0.0
     removed = calibrate(total, imu, turn, elapsed, calibration, signals)
     still(total, averaged, variance, speeds, count, sticks)
     a, alpha = vector(total, SIGNALS), vector(total, SIGNALS + 3)
@@ -1089,7 +1100,7 @@ def rows(
                 alternating += trunk_map[10 * c + j, s] * total[ALTERNATING + s] * trunk[j]
             columns[c, j] = value
         columns[c, 10] = total[TARGET + c]
-        columns[c, places[17]] = alternating
+        columns[c, places[17]] = sign * alternating
     # signs such that positive static friction lifts the trunk
     for j in range(12):
         at = BY_TERMS + 36 * j

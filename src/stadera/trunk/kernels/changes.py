@@ -105,50 +105,90 @@ def single(reduced: Array, i: int, mean: Array, scale: Array) -> float:
 
 
 @part
-def since(
+def differences(reduced: Array, mean: Array, scale: Array, out: Array) -> None:
+    """Single blocks' own differences (4, n), in units of `scale`, of n reduced rows."""
+    for k in range(len(reduced)):
+        for i in range(4):
+            out[i, k] = single(reduced[k], i, mean, scale)
+
+
+@part
+def huber(values: Array, weights: Array, component: int, near: float, work: Array) -> float:
+    """Weighted sum of values (n,) clipped about their median; the weights are those of reduced rows (n, 4, 12)."""
+    n, total = len(values), 0.0
+    for k in range(n):
+        work[k] = values[k]
+    centre = smallest(work, n, n // 2)
+    for k in range(n):
+        total += min(max(values[k], centre - near), centre + near) * weights[k, component, 11]
+    return total
+
+
+@part
+def significance(size: Array, variance: Array, least: float, long: bool) -> tuple[float, bool]:
+    """Standard deviations of the largest component of δ, and whether one exceeds the least change; those that do not
+    count in long averages only, and only where none does.
+    """
+    reported, ratio = False, 0.0
+    for i in range(4):
+        reported |= abs(size[i]) > least
+    for i in range(4):
+        if abs(size[i]) > least or (long and not reported):
+            ratio = max(ratio, abs(size[i]) / sqrt(variance[i]))
+    return ratio, reported
+
+
+@part
+def look_back(
     reduced: Array,
-    old: Array,
-    new: Array,
-    n: int,
-    mean: Array,
+    sums: Array,
+    end: int,
+    windows: NDArray[np.int64],
+    first: int,
+    stop: int,
     inverse: Array,
     solution: Array,
+    errors: Array,
     std: Array,
     scale: Array,
     near: Array,
-    spread: Array,
+    square: Array,
     usual: Array,
+    student: Array,
     scatter: float,
-    size: Array,
-    variance: Array,
-    work: Array,
-) -> None:
-    """δ (4,) and its variance (4,) of the average over the last n of the reduced rows, before which the running
-    sums are `old`, and after which `new`.
-
-    Args:
-        mean, inverse, solution: of the estimate before. std: of the model errors.
-        near: (4,), Huber's limit. spread, usual: (4,), of this window. scatter: κ.
-        work: (2, n) or longer.
+    limits: Array,
+    best: float,
+    out: Array,
+) -> float:
+    """The largest deviation from one earlier estimate over a range of windows, from `first` to before `stop`, if it
+    exceeds `best`: arguments and result as of `largest`.
     """
-    weight_at, last = new.shape[1] - 1, len(reduced)
+    if stop <= first:
+        return best
+    longest = windows[stop - 1]
+    mean, before, size, variance = np.empty(10), np.zeros(4), np.empty(4), np.empty(4)
+    values, work, latest, weight_at = np.empty((4, longest)), np.empty(longest), sums[end], sums.shape[2] - 1
+    mean_of(solution, errors, mean)
+    differences(reduced[end - longest : end], mean, scale, values)
     for i in range(4):
-        for k in range(n):
-            work[0, k] = single(reduced[last - n + k], i, mean, scale)
-            work[1, k] = work[0, k]
-        centre = smallest(work[1], n, n // 2)
-        sum_near = 0.0
-        for k in range(n):
-            value = min(max(work[0, k], centre - near[i]), centre + near[i])
-            sum_near += value * reduced[last - n + k, i, 11]
-        weight = max(new[i, weight_at] - old[i, weight_at], 1e-12)
-        size[i] = sum_near / weight
-        by_model = by_errors(old[i], new[i], min(i, 1), solution, std) / (weight * scale[i]) ** 2
-        before = 0.0
         for c in range(10):
-            before += inverse[i, c] ** 2
-        own = 1.0 / (weight * scale[i] ** 2)
-        variance[i] = max(spread[i] + max(by_model - usual[i], 0.0), own) + scatter * before / scale[i] ** 2
+            before[i] += inverse[i, c] ** 2
+    for w in range(first, stop):
+        n = windows[w]
+        earlier, rows = sums[end - n], reduced[end - n : end]
+        for i in range(4):
+            weight = max(latest[i, weight_at] - earlier[i, weight_at], 1e-12)
+            size[i] = huber(values[i, longest - n :], rows, i, near[i], work) / weight
+            by_model = by_errors(earlier[i], latest[i], min(i, 1), solution, std) / (weight * scale[i]) ** 2
+            own = 1.0 / (weight * scale[i] ** 2)
+            spread = square[w, i] + max(by_model - usual[w, i], 0.0)
+            variance[i] = max(spread, own) + scatter * before[i] / scale[i] ** 2
+        ratio, reported = significance(size, variance, limits[0], 3 * n > limits[1])
+        if ratio * student[w] > best:
+            best = ratio * student[w]
+            out[0, 0], out[0, 1] = n, 1.0 if reported else 0.0
+            out[1], out[2] = size, variance
+    return best
 
 
 @compiled("void(float64[:,:,::1], float64[:,:,::1], float64[::1], int64, int64)")
@@ -232,55 +272,29 @@ def largest(
         limits: least change, pending blocks, number of short windows.
         out: (3, 4), blocks and whether to report; δ; variance.
     """
-    best, first_long = -1.0, int(limits[2])
-    size, variance, mean, long_mean = np.empty(4), np.empty(4), np.empty(10), np.empty(10)
-    work = np.empty((2, windows[-1]))
-    mean_of(solution, errors, mean)
-    mean_of(long_solution, errors, long_mean)
     out[:] = 0.0
     out[2] = 1.0
-    for w in range(len(windows)):
-        n = windows[w]
-        if w < first_long:
-            if w >= short:
-                continue
-            m, inv, sol = mean, inverse, solution
-        else:
-            if w >= long:
-                continue
-            m, inv, sol = long_mean, long_inverse, long_solution
-        since(
-            reduced[end - n : end],
-            sums[end - n],
-            sums[end],
-            n,
-            m,
-            inv,
-            sol,
-            std,
-            scale,
-            near,
-            square[w],
-            usual[w],
-            scatter,
-            size,
-            variance,
-            work,
-        )
-        reported = False
-        for i in range(4):
-            reported |= abs(size[i]) > limits[0]
-        ratio = 0.0
-        if reported or 3 * n > limits[1]:
-            for i in range(4):
-                if not reported or abs(size[i]) > limits[0]:
-                    ratio = max(ratio, abs(size[i]) / sqrt(variance[i]))
-        ratio *= student[w]
-        if ratio > best:
-            best = ratio
-            out[0, 0], out[0, 1] = n, 1.0 if reported else 0.0
-            out[1], out[2] = size, variance
+    shared = std, scale, near, square, usual, student, scatter, limits
+    best = look_back(reduced, sums, end, windows, 0, short, inverse, solution, errors, *shared, -1.0, out)
+    first = int(limits[2])
+    best = look_back(reduced, sums, end, windows, first, long, long_inverse, long_solution, errors, *shared, best, out)
     return max(best, 0.0)
+
+
+@compiled("void(float64[::1], float64[::1], boolean, boolean, float64, float64[::1], float64[::1])")
+def suspect(size: Array, scale: Array, likely: bool, persists: bool, keep: float, missed: Array, out: Array) -> None:
+    """`ChangeDetector.suspected` (4,) after a block, written, and what was missed (4,), updated.
+
+    Args:
+        size, scale: δ (4,) and its unit. likely, persists: whether a change is, and for long.
+        keep: factor on what was missed.
+    """
+    for i in range(4):
+        now = size[i] * scale[i] if likely else 0.0
+        missed[i] *= keep
+        if persists and abs(now) > abs(missed[i]):
+            missed[i] = now
+        out[i] = now if abs(now) > abs(missed[i]) else missed[i]
 
 
 @compiled(

@@ -6,9 +6,10 @@ Loops go over whole rows, also where a triangle would do: these are done several
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.compiled import compiled, part, reordered
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 _SINGULAR = 1e-13  # of a variance: what remains of it is rounding
 
@@ -139,6 +140,77 @@ def posterior(
     divide(information, turned)
     square_of(turned, covariance)
     return loud
+
+
+@part
+def add_row(row: Array, places: NDArray[np.int64], weight: float, residual: float, normal: Array, right: Array) -> None:
+    """Adds a row with few entries (n,), at `places` (n,), to the sums of least squares."""
+    for i in range(len(row)):
+        right[places[i]] -= weight * row[i] * residual
+        for k in range(len(row)):
+            normal[places[i], places[k]] += weight * row[i] * row[k]
+
+
+@part
+def fitted(row: Array, places: NDArray[np.int64], mean: Array) -> float:
+    """A row with few entries (n,), at `places` (n,), times a mean."""
+    value = 0.0
+    for i in range(len(row)):
+        value += row[i] * mean[places[i]]
+    return value
+
+
+@compiled(
+    "int64(boolean[::1], float64[:,::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], "
+    "int64[:,::1], float64[::1], float64[::1], float64[:,::1], float64[::1], float64[:,::1])"
+)
+def swing(
+    air: Bools,
+    terms: Array,
+    rate: Array,
+    residual: Array,
+    white: Array,
+    limit: Array,
+    numbers: Array,
+    places: NDArray[np.int64],
+    last: Array,
+    expected: Array,
+    normal: Array,
+    right: Array,
+    joints: Array,
+) -> int:
+    """Adds one block to the sums of `SwingJoints`, as its `add`. Returns the number of rows used.
+
+    Args:
+        air, terms, rate, residual, white: as of `SwingJoints.add`. limit: (12,) [N·m], effort limits.
+        numbers: `SwingDetection.residual`; squared residual beyond which a row is skipped; that of a joint which has
+            departed, infinite if not known; rows over which a joint's residual is averaged; least departure as a share
+            of the effort limit; sum of squares, updated.
+        places: (12, 5), of rotor inertia, viscous and Coulomb friction, offset and torque lag, by joint.
+        last, expected: (n,), present mean of the errors, and that of the log's beginning.
+        normal, right: (n, n), (n,), updated.
+        joints: (3, 12), weights of the averages, averages of the residuals, and what has departed; updated.
+    """
+    used, row = 0, np.empty(5)
+    for j in range(12):
+        for t in range(4):
+            row[t] = terms[t, j]
+        row[4] = -rate[j]
+        weight = 1.0 / (white[j] ** 2 + (numbers[0] * limit[j]) ** 2)
+        swings = air[j // 3]
+        if numbers[2] < np.inf:
+            if swings:
+                joints[0, j] += (1.0 - joints[0, j]) / numbers[3]
+                joints[1, j] += (residual[j] + fitted(row, places[j], expected) - joints[1, j]) / numbers[3]
+            mean = joints[1, j] / max(joints[0, j], 1e-9)
+            large = joints[0, j] > 0.5 and abs(mean) > numbers[4] * limit[j] and weight * mean**2 > numbers[2]
+            if large and abs(mean) > abs(joints[2, j]):
+                joints[2, j] = -mean
+        if swings and weight * (residual[j] + fitted(row, places[j], last)) ** 2 <= numbers[1]:
+            add_row(row, places[j], weight, residual[j], normal, right)
+            numbers[5] += weight * residual[j] ** 2
+            used += 1
+    return used
 
 
 @part
