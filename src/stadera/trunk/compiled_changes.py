@@ -51,7 +51,7 @@ class CompiledDetector(ChangeDetector):
         self._blocks = _CompiledBlocks(round(settings.memory / block), compiled)
         self._windows = np.array(settings.windows, dtype=np.int64)
         self._limits = np.array([settings.least_change, settings.pending, len(self._short)])
-        self._near = settings.outlier * self._scatter
+        self._clipped = settings.outlier * self._scatter
 
     def _best(self, before: Segment, long_before: Segment, errors: Errors, scatter: float) -> Largest:
         blocks, settings = self._blocks, self.settings
@@ -72,7 +72,7 @@ class CompiledDetector(ChangeDetector):
             errors.mean[JOINTS],
             errors.std,
             self._scale,
-            self._near,
+            self._clipped,
             self._spreads.square,
             self._spreads.usual,
             self._student,
@@ -108,5 +108,5 @@ class CompiledDetector(ChangeDetector):
             usual,
             counts,
         )
-        self._near = self.settings.outlier * self._scatter
+        self._clipped = self.settings.outlier * self._scatter
         return Spread(square, usual, np.asarray(0.5 * counts, dtype=float))

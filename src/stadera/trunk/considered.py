@@ -14,7 +14,7 @@ from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ERRORS, HELD, JOINTS, PLACES, SHOWN, STICKING, ErrorModel
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import Segment, WeightedRows, by_force
 from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
@@ -227,6 +227,13 @@ class Errors:
 
     def trunk_covariance(self, segment: Segment, scatter: float) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10); `scatter` is κ."""
+        compiled = kernel("stadera.trunk.kernels.errors")
+        if compiled is not None:
+            own, out = self.known, np.empty((10, 10))
+            known = own.joints, own.sticking, own.variance, own.shown
+            rows = segment.inverse, segment.solution, segment.sums.values, by_force(self._length)
+            compiled.trunk_covariance(*rows, *known, scatter, PLACES["offset"].start, STICKING.start, out)
+            return out
         K = segment.sensitivity
         return np.asarray(self._of_rows(segment, scatter) + self.known.applied(K) @ K.T)
 

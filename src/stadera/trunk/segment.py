@@ -12,7 +12,7 @@ given by W.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import isnan, sqrt
 
 import numpy as np
@@ -30,6 +30,15 @@ BY_FORCE: Array = TRUNK_MAP.reshape(6, 10, 12)[:, :, :3]
 """(6, 10, 3): derivatives of the trunk's matrix A by the specific force."""
 PROJECTED = 10 + 1 + ERRORS + 1
 """Columns of `WeightedRows.projected`: of A, b, C, and the weight."""
+
+
+@lru_cache(maxsize=16)
+def by_force(length: float) -> Array:
+    """Derivatives (10, 18) of the rows' matrix in their unit by the specific force, by row and axis; `length` is the
+    lever of the moments [m].
+    """
+    unit = np.array([1.0, 1.0, 1.0, length, length, length])
+    return np.ascontiguousarray((BY_FORCE / unit[:, None, None]).transpose(1, 0, 2).reshape(10, 18))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +132,9 @@ class RowMoments:
         mean, products, stiction = np.split(self.values[1:] / weight, [3, 12])
         error = stiction.reshape(6, 12) @ covariance @ stiction.reshape(6, 12).T
         moved = products.reshape(3, 3) - mean[:, None] * mean
-        by_force = BY_FORCE / np.array([1.0, 1.0, 1.0, length, length, length])[:, None, None]
-        left = by_force.transpose(1, 0, 2).reshape(10, 18)
-        right = np.tensordot(error, by_force @ moved, 1).transpose(1, 0, 2).reshape(10, 18)
-        return np.asarray(weight**2 / 3.0 * (left @ right.T))
+        left = by_force(length)
+        right = left.reshape(10, 6, 3) @ moved
+        return np.asarray(weight**2 / 3.0 * (left @ (error @ right).reshape(10, 18).T))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,13 +13,13 @@ from stadera.types import Array
 WILD, MEDIAN = 3.0, 0.455  # as in `stadera.trunk.changes`
 
 
-@part
+@reordered
 def mean_of(solution: Array, errors: Array, out: Array) -> None:
     """θ̂ (10,) = R⁻¹ z - K p, of p whose first entries are `errors` and whose others are zero."""
     for i in range(len(out)):
-        row, value = solution[i], solution[i, 0]
+        value, row = solution[i, 0], solution[i, 1:]
         for e in range(len(errors)):
-            value -= row[1 + e] * errors[e]
+            value -= row[e] * errors[e]
         out[i] = value
 
 

@@ -46,22 +46,32 @@ def dot(a: Array, b: Array) -> float:
 
 
 @reordered
+def without(U: Array, k: int, rows: Array, row: Array) -> None:
+    """Subtracts the first k rows, times the entries of column k of U, from a row, four at a time."""
+    for m in range(0, k - 3, 4):
+        a, b, c, d = U[m, k], U[m + 1, k], U[m + 2, k], U[m + 3, k]
+        one, two, three, four = rows[m], rows[m + 1], rows[m + 2], rows[m + 3]
+        for i in range(len(row)):
+            row[i] -= a * one[i] + b * two[i] + c * three[i] + d * four[i]
+    for m in range(k - k % 4, k):
+        a, one = U[m, k], rows[m]
+        for i in range(len(row)):
+            row[i] -= a * one[i]
+
+
+@part
 def eliminate(A: Array, least: float) -> None:
     """Upper triangular factor U of a positive semidefinite matrix Uᵀ U, in its place, with zeros below. Pivots up to
     `least` are taken for zero.
     """
-    n = len(A)
-    for k in range(n):
-        top = A[k]
-        before = top[k]
-        pivot = 1.0 / sqrt(before) if before > least else 0.0
-        for c in range(n):
-            top[c] *= pivot
-        for i in range(k + 1, n):
-            row, factor = A[i], top[i]
-            for c in range(n):
-                row[c] -= factor * top[c]
-            row[k] = 0.0
+    for k in range(len(A)):
+        row = A[k]
+        without(A, k, A, row)
+        pivot = 1.0 / sqrt(row[k]) if row[k] > least else 0.0
+        for c in range(len(row)):
+            row[c] *= pivot
+        for c in range(k):
+            row[c] = 0.0
 
 
 @reordered
@@ -78,18 +88,14 @@ def solved(U: Array, right: Array, work: Array, out: Array) -> None:
         out[i] = (work[i] - dot(U[i], out)) / U[i, i]
 
 
-@reordered
+@part
 def divide(U: Array, out: Array) -> None:
     """U⁻ᵀ times a matrix (n, m), in its place."""
-    n, width = out.shape
-    for k in range(n):
+    for k in range(len(out)):
         row, pivot = out[k], 1.0 / U[k, k]
-        for c in range(width):
+        without(U, k, out, row)
+        for c in range(len(row)):
             row[c] *= pivot
-        for i in range(k + 1, n):
-            other, factor = out[i], U[k, i]
-            for c in range(width):
-                other[c] -= factor * row[c]
 
 
 @part
@@ -356,6 +362,20 @@ def update(
         std[e] = sqrt(variance[e])
 
 
+@part
+def write_diagonal(variance: Array, known: int, at: int, begin: int, out: Array) -> None:
+    """Writes variances but for the first errors and the blocks of offsets and static friction, into (1 + n,)."""
+    for e in range(known, len(variance)):
+        if e >= at + 12 and not begin <= e < begin + 12:
+            out[1 + e] = variance[e]
+
+
+@part
+def block_of(joints: Array, at: int) -> Array:
+    """The block (12, 12) of offsets."""
+    return columns_of(joints[at : at + 12], at, 12)
+
+
 @reordered
 def by_blocks(row: Array, out: Array, diagonal: Array, offsets: Array, sticking: Array, at: int, begin: int) -> None:
     """Product of a row (1 + n,), whose first entry does not count, with Λ, into `out`: see `energies`."""
@@ -400,14 +420,9 @@ def energies(
         out: (n,), the diagonal of D Σ.
     """
     k, n, skipped = len(wide), len(variance), 1 + sampling
-    diagonal, offsets, weighted = np.zeros(1 + n), np.empty((12, 12)), np.empty((1 + n, 1 + n))
-    for e in range(k, n):
-        if e >= at + 12 and not begin <= e < begin + 12:
-            diagonal[1 + e] = variance[e]
+    diagonal, offsets, weighted = np.zeros(1 + n), block_of(joints, at), np.empty((1 + n, 1 + n))
+    write_diagonal(variance, k, at, begin, diagonal)
     diagonal[skipped] = 0.0
-    for i in range(12):
-        for j in range(12):
-            offsets[i, j] = joints[at + i, at + j]
     for e in range(1 + n):
         by_blocks(D[e], weighted[e], diagonal, offsets, sticking, at, begin)
     squares = 0.0
@@ -436,3 +451,75 @@ def energies(
             squares += both if i == j else 2.0 * both
     out[sampling] = 0.0
     return squares
+
+
+@part
+def of_motion(moments: Array, sticking: Array, by_force: Array, out: Array) -> None:
+    """`RowMoments.follows_motion`, given the rows' derivatives (10, 18) by the specific force, by row and axis."""
+    if moments[0] == 0.0:
+        out[:] = 0.0
+        return
+    weight, left, error = moments[0], np.zeros((6, 12)), np.zeros((6, 6))
+    for i in range(6):
+        for j in range(12):
+            for k in range(12):
+                left[i, j] += moments[13 + 12 * i + k] / weight * sticking[k, j]
+    for i in range(6):
+        for j in range(6):
+            for k in range(12):
+                error[i, j] += left[i, k] * moments[13 + 12 * j + k] / weight
+    spread, moved = np.empty((18, 18)), np.empty((10, 18))
+    for u in range(3):
+        for v in range(3):
+            about = moments[4 + 3 * u + v] / weight - moments[1 + u] * moments[1 + v] / weight**2
+            for i in range(6):
+                for j in range(6):
+                    spread[3 * i + u, 3 * j + v] = weight**2 / 3.0 * error[i, j] * about
+    product(by_force, spread, moved)
+    product_of_rows(moved, by_force, out)
+
+
+@compiled(
+    "void(float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[::1], "
+    "float64[:,::1], float64, int64, int64, float64[:,::1])"
+)
+def trunk_covariance(
+    inverse: Array,
+    solution: Array,
+    moments: Array,
+    by_force: Array,
+    joints: Array,
+    sticking: Array,
+    variance: Array,
+    shown: Array,
+    scatter: float,
+    at: int,
+    begin: int,
+    out: Array,
+) -> None:
+    """Covariance of the trunk's parameters, (10, 10), written, as `Errors.trunk_covariance`.
+
+    Args:
+        inverse, solution, moments: of a `Segment`. by_force: see `of_motion`.
+        joints, sticking, variance, shown: see `Covariance`. scatter: κ.
+        at, begin: first places of offsets and static friction.
+    """
+    (k, n), size = shown.shape, len(out)
+    P, F, half, turned = np.empty((size, size)), np.empty((size, size)), np.empty((size, size)), np.empty((size, n))
+    product_of_rows(inverse, inverse, P)
+    of_motion(moments, sticking, by_force, F)
+    product(P, F, half)
+    product(half, P, out)
+    K, wide, diagonal = columns_of(solution, 1, n), shown.copy(), np.zeros(1 + n)
+    for i in range(k):
+        for j in range(k):
+            wide[i, j] *= 0.5
+    product(columns_of(solution, 1, k), wide, turned)
+    product_of_rows(turned, K, half)
+    write_diagonal(variance, k, at, begin, diagonal)
+    offsets, weighted = block_of(joints, at), np.empty((size, 1 + n))
+    for i in range(size):
+        by_blocks(solution[i], weighted[i], diagonal, offsets, sticking, at, begin)
+    for i in range(size):
+        for j in range(size):
+            out[i, j] += scatter * P[i, j] + half[i, j] + half[j, i] + dot(weighted[i], solution[j])

@@ -6,11 +6,44 @@ from math import copysign, sqrt
 
 import numpy as np
 
-from stadera.compiled import compiled, part
+from stadera.compiled import compiled, part, reordered
 from stadera.types import Array
 
 # as in `stadera.trunk.scatter`
 OUTLIER, LEAST_USUAL, MOST_ODD = 25.0, 0.01, 3.0
+ROOM = 176  # at least the columns of a triangle, and known to the compiler
+
+
+@reordered
+def reflect(work: Array, above: Array, j: int) -> None:
+    """Householder reflection of row j and the last six of `work` (16, ROOM), which makes column j of these zero."""
+    a, b, c, d, e, f = work[10, j], work[11, j], work[12, j], work[13, j], work[14, j], work[15, j]
+    square = a * a + b * b + c * c + d * d + e * e + f * f
+    if square == 0.0:
+        return
+    first = work[j, j]
+    # H = 1 - τ v vᵀ with v = (1, rest / (first - last)) takes the column to (last, 0, ...)
+    last = -copysign(sqrt(first * first + square), first)
+    tau, scale = (last - first) / last, 1.0 / (first - last)
+    a, b, c, d, e, f = a * scale, b * scale, c * scale, d * scale, e * scale, f * scale
+    # over all columns, of which those before j are zero: loops that start at zero are done several columns at once
+    for k in range(ROOM):
+        above[k] = work[j, k]
+    for k in range(ROOM):
+        along = above[k] + a * work[10, k] + b * work[11, k] + c * work[12, k]
+        along = tau * (along + d * work[13, k] + e * work[14, k] + f * work[15, k])
+        above[k] -= along
+        work[10, k] -= a * along
+        work[11, k] -= b * along
+        work[12, k] -= c * along
+        work[13, k] -= d * along
+        work[14, k] -= e * along
+        work[15, k] -= f * along
+    above[j] = last
+    for i in range(10, 16):
+        work[i, j] = 0.0
+    for k in range(ROOM):
+        work[j, k] = above[k]
 
 
 @compiled("void(float64[:,::1], float64[:,::1], float64, float64[:,::1])")
@@ -18,41 +51,27 @@ def fold(triangle: Array, left: Array, root: float, out: Array) -> None:
     """Adds rows [A b C] to a triangle [R z G] that is first multiplied by `root`, by Householder reflections.
 
     Args:
-        triangle: (10, 10 + 1 + errors). left: (n, 10 + 1 + errors), the rows, and then what they leave after the
+        triangle: (10, 10 + 1 + errors). left: (6, 10 + 1 + errors), the rows, and then what they leave after the
             unknowns are eliminated. out: as `triangle`, the sum.
     """
-    n, unknowns, width = len(left), len(triangle), triangle.shape[1]
-    along = np.empty(width)
-    for i in range(unknowns):
+    width, work, above = triangle.shape[1], np.empty((16, ROOM)), np.empty(ROOM)
+    for i in range(10):
         for c in range(width):
-            out[i, c] = root * triangle[i, c]
-    for j in range(unknowns):
-        square = 0.0
-        for i in range(n):
-            square += left[i, j] * left[i, j]
-        if square == 0.0:
-            continue
-        first = out[j, j]
-        # H = 1 - τ v vᵀ with v = (1, rest / (first - last)) takes the column to (last, 0, ...)
-        last = -copysign(sqrt(first * first + square), first)
-        tau, scale = (last - first) / last, 1.0 / (first - last)
-        # over all columns, of which those before j are zero: loops that start at zero are done several columns at once
-        above = out[j]
+            work[i, c] = root * triangle[i, c]
+    for i in range(6):
         for c in range(width):
-            along[c] = above[c]
-        for i in range(n):
-            v, row = left[i, j] * scale, left[i]
-            for c in range(width):
-                along[c] += v * row[c]
+            work[10 + i, c] = left[i, c]
+    for i in range(16):
+        for c in range(width, ROOM):
+            work[i, c] = 0.0
+    for j in range(10):
+        reflect(work, above, j)
+    for i in range(10):
         for c in range(width):
-            along[c] *= tau
-            above[c] -= along[c]
-        above[j] = last
-        for i in range(n):
-            v, row = left[i, j] * scale, left[i]
-            for c in range(width):
-                row[c] -= v * along[c]
-            row[j] = 0.0
+            out[i, c] = work[i, c]
+    for i in range(6):
+        for c in range(width):
+            left[i, c] = work[10 + i, c]
 
 
 @compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])")
@@ -68,23 +87,24 @@ def solve(triangle: Array, inverse: Array, solution: Array) -> None:
             for k in range(i + 1, j + 1):
                 total += triangle[i, k] * inverse[k, j]
             inverse[i, j] = -pivot * total
+        row, right = solution[i], triangle[i, n:]
         for c in range(width - n):
-            solution[i, c] = triangle[i, n + c]
+            row[c] = right[c]
         for k in range(i + 1, n):
-            factor = triangle[i, k]
+            other, factor = solution[k], triangle[i, k]
             for c in range(width - n):
-                solution[i, c] -= factor * solution[k, c]
+                row[c] -= factor * other[c]
         for c in range(width - n):
-            solution[i, c] *= pivot
+            row[c] *= pivot
 
 
-@part
+@reordered
 def mean_of(solution: Array, errors: Array, out: Array) -> None:
     """θ̂ (10,) = R⁻¹ z - K p, of p whose first entries are `errors` and whose others are zero."""
     for i in range(len(out)):
-        row, value = solution[i], solution[i, 0]
+        value, row = solution[i, 0], solution[i, 1:]
         for e in range(len(errors)):
-            value -= row[1 + e] * errors[e]
+            value -= row[e] * errors[e]
         out[i] = value
 
 
@@ -98,6 +118,58 @@ def residual(columns: Array, reduced: Array, mean: Array, out: Array) -> float:
             out[i] -= columns[i, c] * mean[c]
         square += out[i] ** 2
     return square
+
+
+@reordered
+def weigh(raw: Array, variances: Array, unit: Array, errors: Array, columns: Array, reduced: Array) -> float:
+    """Writes rows in their unit, and b - C p. Returns their white variance."""
+    white = 0.0
+    for i in range(len(raw)):
+        white += variances[i] / unit[i] ** 2
+        before, row, factor = raw[i], columns[i], 1.0 / unit[i]
+        for c in range(raw.shape[1]):
+            row[c] = before[c] * factor
+        left, known = row[10], row[11:]
+        for e in range(len(errors)):
+            left -= known[e] * errors[e]
+        reduced[i] = left
+    return white
+
+
+@part
+def weight_of(square: float, odd: Array) -> float:
+    """Weight of a block by its squared residual, as `OddBlocks`, whose state `odd` is updated."""
+    if np.isnan(odd[0]):
+        odd[0] = square
+    limit = OUTLIER * max(odd[0], LEAST_USUAL)
+    odd[0] += 0.01 * (min(square, 4.0 * odd[0]) - odd[0])
+    odd[1] = odd[1] + 1.0 if square > limit else 0.0
+    return sqrt(limit / square) if 0.0 < odd[1] <= MOST_ODD else 1.0
+
+
+@part
+def count(columns: Array, left: Array, total: Array, normal: Array) -> None:
+    """Adds rows and their residuals to the sums of `Scatter`."""
+    for j in range(4):
+        for i in range(len(left)):
+            total[j] += columns[i, j] * left[i]
+            for k in range(4):
+                normal[j, k] += columns[i, j] * columns[i, k]
+
+
+@part
+def add_moments(columns: Array, keep: float, earlier: Array, stiction: int, moments: Array) -> None:
+    """`RowMoments.add`."""
+    for k in range(len(moments)):
+        moments[k] = keep * earlier[k]
+    moments[0] += 1.0
+    for i in range(3):
+        moments[1 + i] += columns[i, 0]
+        for j in range(3):
+            moments[4 + 3 * i + j] += columns[i, 0] * columns[j, 0]
+    for i in range(len(columns)):
+        for j in range(12):
+            moments[13 + 12 * i + j] += columns[i, stiction + j]
 
 
 @compiled(
@@ -146,51 +218,24 @@ def digest(
     Returns:
         The rows' white variance.
     """
-    n, width = raw.shape
+    n = len(raw)
     reduced, left, estimate = np.empty(n), np.empty(n), np.empty(10)
-    white = 0.0
-    for i in range(n):
-        white += variances[i] / unit[i] ** 2
-        before, row = raw[i], columns[i]
-        for c in range(width):
-            row[c] = before[c] / unit[i]
-        reduced[i] = row[10]
-        for e in range(len(errors)):
-            reduced[i] -= row[11 + e] * errors[e]
+    white = weigh(raw, variances, unit, errors, columns, reduced)
     if limited:
         mean_of(solution, errors, estimate)
-        square = residual(columns, reduced, estimate, left)
-        if np.isnan(odd[0]):
-            odd[0] = square
-        limit = OUTLIER * max(odd[0], LEAST_USUAL)
-        odd[0] += 0.01 * (min(square, 4.0 * odd[0]) - odd[0])
-        odd[1] = odd[1] + 1.0 if square > limit else 0.0
-        if 0.0 < odd[1] <= MOST_ODD:
-            weight = sqrt(limit / square)
+        weight = weight_of(residual(columns, reduced, estimate, left), odd)
+        if weight < 1.0:
             columns *= weight
             reduced *= weight
             white *= weight * weight
     if counted:
         mean_of(aged, errors, estimate)
         residual(columns, reduced, estimate, left)
-        for j in range(4):
-            for i in range(n):
-                total[j] += columns[i, j] * left[i]
-                for k in range(4):
-                    normal[j, k] += columns[i, j] * columns[i, k]
+        count(columns, left, total, normal)
     rest = columns.copy()
     fold(triangle, rest, root, summed)
     residue[:] = rest[:, 10:]
     solve(summed, inverse, solved)
     mean_of(solved, errors, mean)
-    for k in range(len(moments)):
-        moments[k] = root * root * earlier[k]
-    moments[0] += 1.0
-    for i in range(3):
-        moments[1 + i] += columns[i, 0]
-        for j in range(3):
-            moments[4 + 3 * i + j] += columns[i, 0] * columns[j, 0]
-    for i in range(n):
-        for j in range(12):
-            moments[13 + 12 * i + j] += columns[i, stiction + j]
+    add_moments(columns, root * root, earlier, stiction, moments)
     return white
