@@ -12,9 +12,7 @@ import pytest
 
 from stadera.errors import ModelError, RecordingError, StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.baselines.kalman import KalmanTrunk
-from stadera.lab.baselines.ls import LeastSquaresTrunk
-from stadera.lab.baselines.rls import RlsTrunk
+from stadera.lab.baselines.solvers import KalmanTrunk, LeastSquaresTrunk, RlsTrunk
 from stadera.lab.plant import IDEAL, STANDARD, RigidMass, SensorErrors, estimator_model
 from stadera.logs import Recording
 from stadera.robot import JointDynamics, Robot, load_robot
@@ -350,10 +348,6 @@ def test_bad_settings_are_named() -> None:
         ModelErrors(alike=1.0)
     with pytest.raises(StaderaError, match="block"):
         TrunkSettings(block=0.001)
-    with pytest.raises(StaderaError, match="memory"):
-        RlsTrunk(robot(), memory=0.0)
-    with pytest.raises(StaderaError, match="window"):
-        LeastSquaresTrunk(robot(), window=0.1)
     s = before(samples(motion()), 0.1)
     with pytest.raises(RecordingError, match="effort"):
         Samples(s.time, s.position, s.velocity, s.effort[:-1], s.angular_velocity, s.specific_force)

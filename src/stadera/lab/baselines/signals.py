@@ -8,12 +8,10 @@ the usual way, in which signals are filtered first. The ground is assumed level,
 from __future__ import annotations
 
 from abc import abstractmethod
-from math import inf
 
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
 from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions
 from stadera.robot.imu import ImuMount, force_at_origin
@@ -29,32 +27,23 @@ from stadera.types import Array
 
 
 class SignalBaseline:
-    """An `Estimator` that computes rows from signals averaged over `block` [s]; subclasses solve them. It counts as
-    converged after `settled` [s]; `least_residual` is the least standard deviation of the residuals, as a share of the
-    robot's weight.
-    """
+    """An `Estimator` that computes rows from averaged signals; subclasses solve them."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None,
-        block: float,
-        settled: float,
-        mount: ImuMount | None,
-        least_residual: float = 1e-3,
-    ) -> None:
-        if not 0.0 < block < inf:
-            raise StaderaError(f"a block must last a positive time, got {block} s")
+    block = 0.01  # averaging time of the signals [s]
+    settled = 5.0  # time of data after which it counts as converged [s]
+    least_residual = 1e-3  # least standard deviation of the residuals, as a share of the robot's weight [1]
+
+    def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
         self.robot, self.bounds = robot, TrunkBounds.of(robot)
         self._start = self.bounds.check(start or TrunkModel.prior(robot))
         self._regressor = BaseWrenchRegressor(robot)
         self._lever = (mount or ImuMount.of(robot)).translation
-        self._buffer = SampleBuffer(robot.tree.joints, block)
-        self._settled, self._first = settled, np.nan
+        self._buffer = SampleBuffer(robot.tree.joints, self.block)
+        self._first = np.nan
         length = self._regressor.length
         self._scale = robot.mass * np.array([1.0, *[length] * 3, *[length**2] * 6])
         self._limit = ObservedLimits().centre(robot.mass, length)
-        self._floor = (least_residual * robot.mass * GRAVITY) ** 2
+        self._floor = (self.least_residual * robot.mass * GRAVITY) ** 2
         self._now = TrunkEstimate(np.nan, self._start, unobserved(), Status.WAITING)
 
     def update(self, measurement: Measurement) -> None:
@@ -108,7 +97,7 @@ class SignalBaseline:
         time = float(samples.time[-2])
         if np.isnan(self._first):
             self._first = time
-        status = Status.CONVERGED if time - self._first >= self._settled else Status.MOVING
+        status = Status.CONVERGED if time - self._first >= self.settled else Status.MOVING
         self._now = TrunkEstimate(time, trunk, covariance, status)
 
     def _rows(self, samples: Samples) -> tuple[Array, Array, float]:
