@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
-from stadera.legs.model import foot_positions
+from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
 from stadera.trunk.standing.contact import ground_normal
 from stadera.types import Array
 
@@ -171,7 +170,7 @@ class ConsistencyModel:
         joints = robot.tree.joints
         self._lower = np.array([robot.limits[joint].lower for joint in joints])
         self._upper = np.array([robot.limits[joint].upper for joint in joints])
-        feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+        feet = nominal_feet(robot)
         self._size = 0.5 * float(np.linalg.norm(np.ptp(feet[:, :2], axis=0)))
         trunk = robot.inertias[robot.trunk]
         self._share = float(trunk.mass / robot.mass)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from stadera.errors import IdentificationError
 from stadera.excite.clearance import Clearance, ClearanceMap
-from stadera.inertia import ORDER
 from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
@@ -110,15 +109,9 @@ class LegBounds:
     def _model(self) -> tuple[JointTorqueRegressor, dict[str, float]]:
         leg = self.robot.leg(self.leg)
         regressor = JointTorqueRegressor(self.robot.leg_tree(self.leg), FrictionModel.full())
-        values = {
-            f"{link}.{name}": float(value)
-            for link in leg.links
-            for name, value in zip(ORDER, self.robot.inertias[link].vector, strict=True)
-        }
-        for joint in leg.joints:
-            dynamics = self.robot.dynamics[joint]
-            values |= {f"{joint}.{term}": getattr(dynamics, term) for term in regressor.friction.terms}
-        return regressor, values
+        bodies = {link: self.robot.inertias[link].to_dict() for link in leg.links}
+        joints = {joint: vars(self.robot.dynamics[joint]) for joint in leg.joints}
+        return regressor, {f"{of}.{name}": v for of, terms in (bodies | joints).items() for name, v in terms.items()}
 
     def torque(self, motion: JointMotion) -> Array:
         """Torque of the motion predicted by the prior model, friction included, (samples, 3) [N·m]."""

@@ -27,6 +27,7 @@ from stadera.inertia import skew
 from stadera.legs.friction import JointFriction, joint_columns
 from stadera.robot.kinematics import checked_angles
 from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 
@@ -223,6 +224,11 @@ def foot_positions(robot: Robot, q: ArrayLike) -> Array:
     """
     model = LegModel.of(robot)
     return model.pose(checked_angles(robot.tree, q)[:, model.columns]).feet.transpose(1, 2, 0)
+
+
+def nominal_feet(robot: Robot) -> Array:
+    """Centres of the feet in the nominal stance, trunk frame [m], (4, 3), legs in the robot's order."""
+    return np.asarray(foot_positions(robot, standing_configuration(robot)[None])[0])
 
 
 def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:

@@ -202,6 +202,11 @@ class Robot:
         """Mass of the whole robot, prior values [kg]."""
         return sum(self.inertias[link].mass for link in self.tree.links)
 
+    @property
+    def hips(self) -> Array:
+        """Origins of the legs' first joints in the trunk frame [m], (4, 3)."""
+        return np.array([self.tree.translations[self.tree.joints.index(leg.joints[0])] for leg in self.legs])
+
     def leg(self, name: str) -> Leg:
         """The leg of that name: LF, RF, LH, RH (any case), or the robot's own prefix (FL, RR, ...).
 

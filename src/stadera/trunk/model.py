@@ -9,9 +9,8 @@ import numpy as np
 
 from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
-from stadera.legs.model import foot_positions
+from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 
@@ -133,8 +132,8 @@ class TrunkBounds:
 
 @lru_cache(maxsize=16)
 def _bounds_of(robot: Robot, plausible: PlausibleRange) -> TrunkBounds:
-    feet = foot_positions(robot, standing_configuration(robot)[None])[0]
-    hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
+    feet = nominal_feet(robot)
+    hips = robot.hips
     level = float(hips[:, 2].mean())
     reach = plausible.height * (level - float(feet[:, 2].mean()))
     prior = robot.inertias[robot.trunk].mass

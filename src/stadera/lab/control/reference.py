@@ -18,9 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from stadera.errors import ModelError
-from stadera.legs.model import foot_positions
+from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 _NOT_MOVING = [0.0, 0.0, 0.0]
@@ -139,7 +138,7 @@ class Shake:
     @classmethod
     def of(cls, robot: Robot, centre: TrunkPose, begin: float, amplitude: float = 1.0, shift: float = 0.03) -> Shake:
         """Rotations of 3° and shifts of a share of the robot's height, times an amplitude."""
-        height = -float(foot_positions(robot, standing_configuration(robot)[None])[0, :, 2].mean())
+        height = -float(nominal_feet(robot)[:, 2].mean())
         return cls(centre, begin, np.full(3, amplitude * _ANGLE), np.full(3, amplitude * shift * height))
 
     def at(self, time: float) -> TrunkPose:

@@ -29,7 +29,7 @@ from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import Gait
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.control.trunk import TrunkController
-from stadera.legs.model import foot_positions
+from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
@@ -74,7 +74,7 @@ class TrotSettings:
     def of(cls, robot: Robot) -> TrotSettings:
         """Scaled from the robot's nominal stance."""
         q = standing_configuration(robot)
-        height = float(composite(robot, q).com[2] - foot_positions(robot, q[None])[0, :, 2].mean())
+        height = float(composite(robot, q).com[2] - nominal_feet(robot)[:, 2].mean())
         pendulum = float(np.sqrt(height / GRAVITY))
         swing, overlap = 0.9 * pendulum, 0.15 * pendulum
         return cls(
@@ -95,7 +95,7 @@ class Trot(Gait):
     def __init__(self, controller: TrunkController, settings: TrotSettings | None = None) -> None:
         super().__init__(controller)
         self.settings = settings or TrotSettings.of(controller.robot)
-        feet = foot_positions(controller.robot, standing_configuration(controller.robot)[None])[0, :, :2]
+        feet = nominal_feet(controller.robot)[:, :2]
         self._nominal = (feet - feet.mean(axis=0)).tolist()
         self._ahead = self.settings.pendulum * tanh(0.5 * self.settings.step / self.settings.pendulum)
         self._asked, self._asked_turn = _NOTHING, 0.0

@@ -32,9 +32,8 @@ from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
 from stadera.lab.control.smooth import SmoothTrunk
 from stadera.lab.control.swing import SwingLegs, SwingTrajectory
 from stadera.legs.instant import LegState
-from stadera.legs.model import cross, foot_positions
+from stadera.legs.model import cross, nominal_feet
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.contact import ground_normal
@@ -105,7 +104,7 @@ class TrunkController:
         self.time, self.rotation, self.velocity = np.nan, np.eye(3), np.zeros(3)
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
-        feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+        feet = nominal_feet(robot)
         limits = ContactLimits(least_normal=least_load * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])

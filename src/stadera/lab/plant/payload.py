@@ -94,8 +94,7 @@ class Tray:
     @classmethod
     def of(cls, robot: Robot, thickness: float = 0.02) -> Tray:
         """The tray of a robot, `thickness` [m]; without a box shape of its trunk its face is at the hips' height."""
-        hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
-        low, high = hips.min(axis=0), hips.max(axis=0)
+        low, high = robot.hips.min(axis=0), robot.hips.max(axis=0)
         boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
         top = float(high[2])
         if boxes:

@@ -16,7 +16,7 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, require_positive
 from stadera.inertia import skew
-from stadera.legs.model import foot_jacobians, foot_positions
+from stadera.legs.model import foot_jacobians, foot_positions, nominal_feet
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
@@ -90,7 +90,7 @@ def static_poses(
     Raises:
         ModelError: fewer than 1 or more than 11 poses, or a pose that the legs cannot reach at a quarter of its size.
     """
-    height = -float(foot_positions(robot, standing_configuration(robot)[None])[0, :, 2].mean())
+    height = -float(nominal_feet(robot)[:, 2].mean())
     x, y, z = np.eye(3)
     turns = [tilt * axis for axis in (y, -y, x, -x)]
     shifts = [shift * height * axis for axis in (x, -x, y, -y, -z)]

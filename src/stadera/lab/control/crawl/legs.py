@@ -9,9 +9,8 @@ from stadera.lab.control.planner.feet import Footholds, PathPose
 from stadera.lab.control.planner.steps import Airborne, PlannedStep, body_times
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.control.trunk import TrunkController
-from stadera.legs.model import foot_positions
+from stadera.legs.model import nominal_feet
 from stadera.robot.model import LEG_NAMES, Robot
-from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 
@@ -22,7 +21,7 @@ class StepSequence:
         self._settings, self._height = settings, standing_height(robot)
         self._order = tuple(LEG_NAMES.index(name) for name in settings.sequence)
         self._turn = 0
-        feet = foot_positions(robot, standing_configuration(robot)[None])[0]
+        feet = nominal_feet(robot)
         self._footholds, self._path = Footholds.of(feet, 0.0)
         self.timing: StepTiming
         self.command = command

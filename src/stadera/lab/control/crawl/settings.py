@@ -9,9 +9,8 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError, UnknownNameError
-from stadera.legs.model import foot_positions
+from stadera.legs.model import nominal_feet
 from stadera.robot.model import LEG_NAMES, Robot
-from stadera.robot.stance import standing_configuration
 
 LATERAL_SEQUENCE = ("LH", "LF", "RH", "RF")
 """Hind foot, then the front foot of the same side: the sequence that needs least sway."""
@@ -142,9 +141,7 @@ class StepTiming:
 
 def standing_height(robot: Robot) -> float:
     """Height of the hips above the feet's centres in the nominal stance [m]."""
-    feet = foot_positions(robot, standing_configuration(robot)[None])[0]
-    hips = [robot.tree.translations[robot.tree.joints.index(leg.joints[0])][2] for leg in robot.legs]
-    return float(np.mean(hips) - feet[:, 2].mean())
+    return float(robot.hips[:, 2].mean() - nominal_feet(robot)[:, 2].mean())
 
 
 class CrawlPhase(StrEnum):

@@ -14,7 +14,6 @@ from stadera.identify.legs import structural_observability
 from stadera.identify.observability import Combination, Identifiability, Observability, gradients_of
 from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.identify.settings import IdentifySettings
-from stadera.inertia import ORDER
 from stadera.legs import FrictionModel, TrunkMotion
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -61,11 +60,8 @@ class Recovery:
     @cached_property
     def true_values(self) -> dict[str, float]:
         """The simulated link parameters by name."""
-        return {
-            f"{link}.{name}": float(value)
-            for link in self.leg.leg.links
-            for name, value in zip(ORDER, self.truth.inertias[link].vector, strict=True)
-        }
+        bodies = {link: self.truth.inertias[link].to_dict() for link in self.leg.leg.links}
+        return {f"{link}.{name}": value for link, body in bodies.items() for name, value in body.items()}
 
     @cached_property
     def parameters(self) -> tuple[Compared, ...]:

@@ -130,8 +130,7 @@ def load_point(robot: Robot) -> tuple[float, float, float]:
 
 def hip_spacing(robot: Robot) -> Array:
     """Half the distance between the legs' first joints, along x and along y, (2,) [m]."""
-    hips = np.array([robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs])
-    return np.asarray(0.5 * (hips.max(axis=0) - hips.min(axis=0))[:2])
+    return np.asarray(0.5 * np.ptp(robot.hips, axis=0)[:2])
 
 
 def start_model(robot: Robot, shares: tuple[float, float, float]) -> TrunkModel:
