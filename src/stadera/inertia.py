@@ -119,9 +119,12 @@ class InertialParameters:
     @classmethod
     def from_com(cls, mass: float, com: ArrayLike, inertia_com: ArrayLike) -> InertialParameters:
         """From the mass [kg], the centre of mass [m] and the inertia about the centre of mass [kg·m²], (3, 3)."""
-        c = np.asarray(com, dtype=float)
-        about_origin = np.asarray(inertia_com, dtype=float) + mass * (c @ c * np.eye(3) - np.outer(c, c))
-        return cls.from_moments(mass, mass * c, about_origin)
+        x, y, z = (float(c) for c in np.asarray(com, dtype=float))
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = np.asarray(inertia_com, dtype=float).tolist()
+        about = xx + mass * (y * y + z * z), xy - mass * x * y, xz - mass * x * z, yy + mass * (x * x + z * z)
+        return cls(
+            np.array([mass, mass * x, mass * y, mass * z, *about, yz - mass * y * z, zz + mass * (x * x + y * y)])
+        )
 
     @classmethod
     def from_moments(cls, mass: float, first_moment: ArrayLike, inertia: ArrayLike) -> InertialParameters:
@@ -171,10 +174,12 @@ class InertialParameters:
     @property
     def inertia_com(self) -> Array:
         """Inertia about the centre of mass, in the frame's axes [kg·m²], shape (3, 3)."""
-        if not self.mass:
+        mass, x, y, z, xx, xy, xz, yy, yz, zz = self.vector.tolist()
+        if not mass:
             return self.inertia
-        h = self.first_moment
-        return self.inertia - (h @ h * np.eye(3) - np.outer(h, h)) / self.mass
+        xx, yy, zz = xx - (y * y + z * z) / mass, yy - (x * x + z * z) / mass, zz - (x * x + y * y) / mass
+        xy, xz, yz = xy + x * y / mass, xz + x * z / mass, yz + y * z / mass
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     @property
     def pseudo_inertia(self) -> Array:

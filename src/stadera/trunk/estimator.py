@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import exp
+from math import exp, isnan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -459,7 +459,7 @@ class TrunkEstimator:
 
     def _adopt(self, time: float) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible."""
-        if np.isnan(self._since):
+        if isnan(self._since):
             self._since = time
         vector, read = self._current.mean(self._errors.mean), _Reading(self)
         if complaint := self._complaint(vector, read):
@@ -487,7 +487,9 @@ class TrunkEstimator:
         if not mass > 0.0:
             return f"a mass of {mass:.3g} kg"
         bounds, box = self.bounds, self._box
-        inside = all(low * mass <= h <= high * mass for h, (low, high) in zip(moment, box, strict=True))
+        inside = True
+        for h, (low, high) in zip(moment, box, strict=True):
+            inside &= low * mass <= h <= high * mass
         if bounds.mass[0] <= mass <= bounds.mass[1] and inside:
             return None  # the prior is inside too, so any mixture of the two is
         try:

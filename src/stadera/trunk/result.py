@@ -75,16 +75,20 @@ class TrunkParameters:
             return cls.unobserved(prior)
         slope = centre_slope(vector[:4])
         centre = slope @ covariance[:4, :4] @ slope.T
-        observed = np.sqrt(np.diag(centre)) < limits.centre(robot_mass, length)
-        centre[~observed, :] = centre[:, ~observed] = np.nan
-        value = np.where(observed, [vector[0], *(vector[1:4] / vector[0])], [prior.mass, *prior.com])
-        std = np.sqrt(np.diag(covariance)[4:])
+        observed = np.sqrt(centre.diagonal()) < limits.centre(robot_mass, length)
+        value = vector[:4] / vector[0]
+        value[0] = vector[0]
+        if not observed.all():
+            centre[~observed, :] = centre[:, ~observed] = np.nan
+            value = np.where(observed, value, [prior.mass, *prior.com])
+        std = np.sqrt(covariance.diagonal()[4:])
         seen = bool((std < limits.inertia * robot_mass * length**2).all())  # an inertia tensor needs all six components
         inertia = prior.inertia_com
         if seen:
             inertia = _possible(InertialParameters(vector).inertia_com, limits.least_spread * value[0] * length**2)
         inertial = InertialParameters.from_com(float(value[0]), value[1:], inertia)
-        std = np.where(seen, std, np.nan)
+        if not seen:
+            std = np.full(6, np.nan)
         return cls(inertial, centre, std, np.concatenate([observed, np.full(6, seen)]))
 
     @classmethod

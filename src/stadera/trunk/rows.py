@@ -41,6 +41,7 @@ from stadera.legs.model import cross
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration
+from stadera.trunk.equations import Equations
 from stadera.trunk.error_model import ERRORS, PLACES
 from stadera.trunk.ground import turned
 from stadera.trunk.noise import WhiteNoise
@@ -83,7 +84,7 @@ class SwingRows:
 
 
 @dataclass(frozen=True, eq=False)
-class BlockRows:
+class BlockRows(Equations):
     """Six rows A θ + C p = b from two neighbouring blocks.
 
     Attributes:
@@ -98,21 +99,6 @@ class BlockRows:
     columns: Array
     white: Array
     swing: SwingRows
-
-    @property
-    def matrix(self) -> Array:
-        """A (6, 10)."""
-        return self.columns[:, :10]
-
-    @property
-    def target(self) -> Array:
-        """b (6,) [N, N·m]."""
-        return self.columns[:, 10]
-
-    @property
-    def errors(self) -> Array:
-        """C (6, ERRORS)."""
-        return self.columns[:, 11:]
 
 
 class BlockResult(NamedTuple):

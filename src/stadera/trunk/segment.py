@@ -19,6 +19,7 @@ import numpy as np
 
 from stadera.compiled import kernel
 from stadera.information import Information, Unknowns
+from stadera.trunk.equations import Equations
 from stadera.trunk.error_model import ERRORS, PLACES
 from stadera.trunk.wrench import TRUNK_MAP
 from stadera.types import Array
@@ -42,7 +43,7 @@ def by_force(length: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class WeightedRows:
+class WeightedRows(Equations):
     """Six rows of one block, in the unit of `stadera.trunk.considered.weighted`.
 
     Attributes:
@@ -59,21 +60,6 @@ class WeightedRows:
     def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
         """From A (6, 10), C (6, ERRORS) and b (6,)."""
         return cls(time, np.hstack([matrix, target[:, None], errors]), white)
-
-    @property
-    def matrix(self) -> Array:
-        """A (6, 10)."""
-        return self.columns[:, :10]
-
-    @property
-    def target(self) -> Array:
-        """b (6,)."""
-        return self.columns[:, 10]
-
-    @property
-    def errors(self) -> Array:
-        """C (6, ERRORS)."""
-        return self.columns[:, 11:]
 
     def residual(self, trunk: Array, errors: Array) -> Array:
         """b - A θ - C p (6,), for θ (10,) and p (ERRORS,)."""

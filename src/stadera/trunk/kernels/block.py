@@ -832,6 +832,16 @@ def add_trunk(
 
 
 @part
+def set_joints(ws: Array, noise: Array, limits: Array) -> None:
+    """Writes the joints' noise and known errors into the workspace."""
+    for leg in range(4):
+        for i in range(3):
+            ws[4 * (NOISE + i) + leg] = noise[3 * leg + i]
+            for t in range(6):
+                ws[4 * (ERRORS_KNOWN + 3 * t + i) + leg] = limits[KNOWN + 12 * t + 3 * leg + i]
+
+
+@part
 def first_singular(ws: Array, at: int, flat: float, singular: int) -> int:
     """The first leg whose det J in a row of the workspace is below `flat`, or an earlier one found before."""
     for leg in range(4):
@@ -867,11 +877,7 @@ def sums(
     noise = variance.copy()
     if quartile > 0.0:
         learn_noise(squares, columns, joints, quartile, prior, noise)
-    for leg in range(4):
-        for i in range(3):
-            ws[4 * (NOISE + i) + leg] = noise[3 * leg + i]
-            for t in range(6):
-                ws[4 * (ERRORS_KNOWN + 3 * t + i) + leg] = limits[KNOWN + 12 * t + 3 * leg + i]
+    set_joints(ws, noise, limits)
     ws[4 * SUM_TERMS : 4 * (SUM_TERMS + 2 * EACH)] = 0.0
     height, along, heavy = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
     for k in range(n):
@@ -1022,6 +1028,113 @@ def still(total: Array, averaged: float, variance: Array, speeds: Array, count: 
         out[j] = 1.0 if mean < MOVES**2 else 0.0
 
 
+@part
+def half_sum(first: Array, second: Array, at: int) -> float:
+    """Mean of an entry that both half windows have."""
+    return float(0.5 * (first[at] + second[at]))
+
+
+@part
+def by_accelerations(first: Array, second: Array, trunk: Array, K: Array, L: Array, own: Array) -> None:
+    """Writes ∂(inertial wrench)/∂a and ∂/∂α of the whole robot, (6, 3) each, and the latter of the trunk alone."""
+    h = vector(trunk, 1)
+    inertia = ((trunk[4], trunk[5], trunk[6]), (trunk[5], trunk[7], trunk[8]), (trunk[6], trunk[8], trunk[9]))
+    for axis in range(3):
+        along = cross(h, UNIT[axis])
+        for c in range(3):
+            K[c, axis], own[c, axis] = trunk[0] if c == axis else 0.0, -along[c]
+            K[3 + c, axis], own[3 + c, axis] = along[c], inertia[axis][c]
+    for c in range(6):
+        for axis in range(3):
+            K[c, axis] -= half_sum(first, second, BY_A + 3 * c + axis)
+            L[c, axis] = own[c, axis] - half_sum(first, second, BY_ALPHA + 3 * c + axis)
+
+
+@part
+def write_trunk(total: Array, signals: Array, trunk: Array, trunk_map: Array, sign: float, at: int, out: Array) -> None:
+    """Writes the columns of A, b and, from place `at` on, sampling."""
+    for c in range(6):
+        alternating = -total[ALTERNATING + 12 + c]
+        for j in range(10):
+            value = 0.0
+            for s in range(12):
+                value += trunk_map[10 * c + j, s] * signals[s]
+                alternating += trunk_map[10 * c + j, s] * total[ALTERNATING + s] * trunk[j]
+            out[c, j] = value
+        out[c, 10] = total[TARGET + c]
+        out[c, at] = sign * alternating
+
+
+@part
+def write_joints(
+    total: Array, first: Array, second: Array, sticks: Array, places: NDArray[np.intp], columns: Array
+) -> None:
+    """Writes the columns of the errors of joints, contacts and links."""
+    for j in range(12):
+        at, moves = BY_TERMS + 36 * j, 1.0 - sticks[j]
+        # signs such that positive static friction lifts the trunk
+        lifts = dot(vector(total, SIGNALS), vector(total, at + 18))
+        sign = 1.0 if lifts > 0.0 else -1.0 if lifts < 0.0 else 0.0
+        for c in range(6):
+            columns[c, places[0] + j] = -total[at + c] * moves
+            columns[c, places[1] + j] = -total[at + 6 + c] * moves
+            columns[c, places[2] + j] = -total[at + 12 + c] * moves
+            columns[c, places[3] + j] = -total[at + 18 + c]
+            columns[c, places[5] + j] = -total[at + 24 + c]
+            columns[c, places[6] + j] = -total[at + 30 + c] * sign * sticks[j]
+            columns[c, places[7] + j] = half_sum(first, second, MIDDLE + 24 * c + j)
+            columns[c, places[8] + j] = -half_sum(first, second, MIDDLE + 24 * c + 12 + j)
+            by_link = BY_LINKS + 24 * j + c
+            columns[c, places[9] + j] = -total[by_link]
+            for axis in range(3):
+                columns[c, places[10] + 12 * axis + j] = -total[by_link + 6 * (1 + axis)]
+
+
+@part
+def write_imu(
+    total: Array, removed: Vector, K: Array, L: Array, own: Array, places: NDArray[np.intp], columns: Array
+) -> None:
+    """Writes the columns of the errors of the IMU: place, axes and bias, and what the regression removed."""
+    a, alpha = vector(total, SIGNALS), vector(total, SIGNALS + 3)
+    xx, xy, xz = vector(total, SIGNALS + 6)
+    yy, yz, zz = vector(total, SIGNALS + 9)
+    for c in range(6):
+        by_a, by_alpha = (K[c, 0], K[c, 1], K[c, 2]), (L[c, 0], L[c, 1], L[c, 2])
+        by_place = plus(
+            cross(by_a, alpha),
+            (
+                by_a[1] * xy + by_a[2] * xz - by_a[0] * (yy + zz),
+                by_a[0] * xy + by_a[2] * yz - by_a[1] * (xx + zz),
+                by_a[0] * xz + by_a[1] * yz - by_a[2] * (xx + yy),
+            ),
+        )
+        by_turn = plus(cross(by_a, a), cross(by_alpha, alpha))
+        for axis in range(3):
+            columns[c, places[11] + axis] = -by_place[axis]
+            columns[c, places[12] + axis] = by_turn[axis]
+            columns[c, places[13] + axis] = -by_a[axis]
+            # the regression errors see the trunk alone
+            columns[c, places[16] + axis] = own[c, axis] * removed[axis]
+
+
+@part
+def write_common(
+    total: Array, first: Array, second: Array, L: Array, places: NDArray[np.intp], columns: Array, squared: Array
+) -> None:
+    """Writes the columns of errors that all joints share: lags and the common gain; and Σ (∂b/∂q̈)² (6, 12)."""
+    for c in range(6):
+        gain = late = 0.0
+        for j in range(12):
+            by_joint = half_sum(first, second, BY_JOINTS + 12 * c + j)
+            gain += columns[c, places[5] + j]
+            late -= by_joint * total[JERK + j]
+            squared[c, j] = by_joint**2
+        for axis in range(3):
+            late += L[c, axis] * total[JERK + 12 + axis]
+        columns[c, places[4]] = total[BY_RATE + c]
+        columns[c, places[14]], columns[c, places[15]] = late, gain
+
+
 @compiled(
     "float64(float64[::1], float64[::1], float64[::1], float64[::1], float64[:,::1], float64[::1], float64[::1], "
     "float64[:,::1], int64, int64[::1], float64, float64[::1], float64[:,::1], float64[::1], float64[:,::1], "
@@ -1073,89 +1186,17 @@ def rows(
         air[leg] = first[AIR + leg] * second[AIR + leg] > 0.0
     removed = calibrate(total, imu, turn, elapsed, calibration, signals)
     still(total, averaged, variance, speeds, count, sticks)
-    a, alpha = vector(total, SIGNALS), vector(total, SIGNALS + 3)
-    # of the whole robot, ∂(inertial wrench)/∂a and ∂/∂α, and ∂b/∂q̈
-    K, L, G = np.zeros((6, 3)), np.zeros((6, 3)), np.empty((6, 12))
-    h, weight = (trunk[1], trunk[2], trunk[3]), trunk[0]
-    inertia = ((trunk[4], trunk[5], trunk[6]), (trunk[5], trunk[7], trunk[8]), (trunk[6], trunk[8], trunk[9]))
-    for axis in range(3):
-        along, own = cross(h, UNIT[axis]), inertia[axis]
-        K[axis, axis] = weight
-        for c in range(3):
-            K[3 + c, axis], L[c, axis], L[3 + c, axis] = along[c], -along[c], own[c]
+    K, L, own, squared = np.empty((6, 3)), np.empty((6, 3)), np.empty((6, 3)), np.empty((6, 12))
+    by_accelerations(first, second, trunk, K, L, own)
+    write_trunk(total, signals, trunk, trunk_map, sign, places[17], columns)
+    write_joints(total, first, second, sticks, places, columns)
+    write_imu(total, removed, K, L, own, places, columns)
+    write_common(total, first, second, L, places, columns, squared)
     for c in range(6):
-        for axis in range(3):
-            # the regression errors see the trunk alone
-            columns[c, places[16] + axis] = L[c, axis] * removed[axis]
-            K[c, axis] -= 0.5 * (first[BY_A + 3 * c + axis] + second[BY_A + 3 * c + axis])
-            L[c, axis] -= 0.5 * (first[BY_ALPHA + 3 * c + axis] + second[BY_ALPHA + 3 * c + axis])
+        by_a, by_velocity = (K[c, 0], K[c, 1], K[c, 2]), 0.0
+        from_gyro = plus((L[c, 0], L[c, 1], L[c, 2]), cross(by_a, vector(lever, 0)))
         for j in range(12):
-            G[c, j] = 0.5 * (first[BY_JOINTS + 12 * c + j] + second[BY_JOINTS + 12 * c + j])
-    for c in range(6):
-        alternating = -total[ALTERNATING + 12 + c]
-        for j in range(10):
-            value = 0.0
-            for s in range(12):
-                value += trunk_map[10 * c + j, s] * signals[s]
-                alternating += trunk_map[10 * c + j, s] * total[ALTERNATING + s] * trunk[j]
-            columns[c, j] = value
-        columns[c, 10] = total[TARGET + c]
-        columns[c, places[17]] = sign * alternating
-    # signs such that positive static friction lifts the trunk
-    for j in range(12):
-        at = BY_TERMS + 36 * j
-        lifts = dot(vector(total, SIGNALS), vector(total, at + 18))
-        sign = 1.0 if lifts > 0.0 else -1.0 if lifts < 0.0 else 0.0
-        for c in range(6):
-            moves = 1.0 - sticks[j]
-            columns[c, places[0] + j] = -total[at + c] * moves
-            columns[c, places[1] + j] = -total[at + 6 + c] * moves
-            columns[c, places[2] + j] = -total[at + 12 + c] * moves
-            columns[c, places[3] + j] = -total[at + 18 + c]
-            columns[c, places[5] + j] = -total[at + 24 + c]
-            columns[c, places[6] + j] = -total[at + 30 + c] * sign * sticks[j]
-            columns[c, places[7] + j] = 0.5 * (first[MIDDLE + 24 * c + j] + second[MIDDLE + 24 * c + j])
-            columns[c, places[8] + j] = -0.5 * (first[MIDDLE + 24 * c + 12 + j] + second[MIDDLE + 24 * c + 12 + j])
-            by_link = BY_LINKS + 24 * j + c
-            columns[c, places[9] + j] = -total[by_link]
-            for axis in range(3):
-                columns[c, places[10] + 12 * axis + j] = -total[by_link + 6 * (1 + axis)]
-    xx, xy, xz, yy, yz, zz = (
-        total[SIGNALS + 6],
-        total[SIGNALS + 7],
-        total[SIGNALS + 8],
-        total[SIGNALS + 9],
-        total[SIGNALS + 10],
-        total[SIGNALS + 11],
-    )
-    for c in range(6):
-        columns[c, places[4]] = total[BY_RATE + c]
-        gain = late = 0.0
-        for j in range(12):
-            gain += columns[c, places[5] + j]
-            late -= G[c, j] * total[JERK + j]
-        for axis in range(3):
-            late += L[c, axis] * total[JERK + 12 + axis]
-        columns[c, places[15]] = gain
-        columns[c, places[14]] = late
-        by_a, by_alpha = (K[c, 0], K[c, 1], K[c, 2]), (L[c, 0], L[c, 1], L[c, 2])
-        by_place = plus(
-            cross(by_a, alpha),
-            (
-                by_a[1] * xy + by_a[2] * xz - by_a[0] * (yy + zz),
-                by_a[0] * xy + by_a[2] * yz - by_a[1] * (xx + zz),
-                by_a[0] * xz + by_a[1] * yz - by_a[2] * (xx + yy),
-            ),
-        )
-        by_turn = plus(cross(by_a, a), cross(by_alpha, alpha))
-        from_gyro = plus(by_alpha, cross(by_a, vector(lever, 0)))
-        for axis in range(3):
-            columns[c, places[11] + axis] = -by_place[axis]
-            columns[c, places[12] + axis] = by_turn[axis]
-            columns[c, places[13] + axis] = -by_a[axis]
-        by_velocity = 0.0
-        for j in range(12):
-            by_velocity += G[c, j] ** 2 * variance[12 + j]
+            by_velocity += squared[c, j] * variance[12 + j]
         noise = total[SQUARED + c] + averaged * accelerometer * dot(by_a, by_a)
         white[c] = OVERLAP * noise + TELESCOPED * differentiated * (gyro * dot(from_gyro, from_gyro) + by_velocity)
     return elapsed

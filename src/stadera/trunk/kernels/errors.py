@@ -275,20 +275,27 @@ def hold(variance: Array, shown: Array, sticking: Array, std: Array, begin: int)
 
 
 @part
-def learn(S: Array, normal: Array, joints: Array, sticking: Array, variance: Array, begin: int, shown: Array) -> None:
-    """Σ' = F Σ Fᵀ + S N S, F = 1 - S N, of `RowSums`: writes the rows `shown`, and updates joints and variance."""
-    (k, n), known, held = shown.shape, len(joints), len(sticking)
-    spread, moved, together = np.empty((k, n)), np.empty((k, n)), np.empty((k, k))  # N Σ, S N Σ, N Σ Nᵀ + N
+def spread_rows(normal: Array, joints: Array, sticking: Array, variance: Array, begin: int, out: Array) -> None:
+    """Products of rows (k, n) with Σ before loaded rows: of joints, static friction and variances."""
+    (k, n), known, held = normal.shape, len(joints), len(sticking)
     by_joints, by_sticking = np.empty((k, known)), np.empty((k, held))
     product(columns_of(normal, 0, known), joints, by_joints)
     product(columns_of(normal, begin, held), sticking, by_sticking)
     for i in range(k):
         for e in range(known, n):
-            spread[i, e] = normal[i, e] * variance[e]
+            out[i, e] = normal[i, e] * variance[e]
         for e in range(known):
-            spread[i, e] = by_joints[i, e]
+            out[i, e] = by_joints[i, e]
         for e in range(held):
-            spread[i, begin + e] = by_sticking[i, e]
+            out[i, begin + e] = by_sticking[i, e]
+
+
+@part
+def learn(S: Array, normal: Array, joints: Array, sticking: Array, variance: Array, begin: int, shown: Array) -> None:
+    """Σ' = F Σ Fᵀ + S N S, F = 1 - S N, of `RowSums`: writes the rows `shown`, and updates joints and variance."""
+    (k, n), known = shown.shape, len(joints)
+    spread, moved, together = np.empty((k, n)), np.empty((k, n)), np.empty((k, k))  # N Σ, S N Σ, N Σ Nᵀ + N
+    spread_rows(normal, joints, sticking, variance, begin, spread)
     product(S, spread, moved)
     product_of_rows(spread, normal, together)
     for i in range(k):
