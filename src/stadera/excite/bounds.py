@@ -57,13 +57,8 @@ class LegBounds:
         margins: Margins | None = None,
         ground: float | None = None,
     ) -> LegBounds:
-        """Computes the bounds of a robot's leg.
-
-        Args:
-            robot: provides limits and the prior model.
-            leg: LF, RF, LH or RH.
-            rest: (3,) [rad]; None for the leg's nominal stance.
-            ground: height of a level ground in the trunk frame [m], None for no ground.
+        """Computes the bounds of a robot's leg around a rest pose (3,) [rad], None for the nominal stance, above a
+        level ground at a height in the trunk frame [m], None for none.
 
         Raises:
             UnknownNameError: no such leg.

@@ -50,14 +50,8 @@ class Clearance:
 
     @classmethod
     def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
-        """Collects the surroundings of a robot's leg.
-
-        Args:
-            robot: provides the shapes.
-            leg: LF, RF, LH or RH.
-            rest: (3,) [rad], start of the motion; the other legs are in the nominal stance.
-            margin: distance to keep [m].
-            ground: height of a level ground in the trunk frame [m].
+        """Collects the surroundings of a robot's leg at a rest pose (3,) [rad], the other legs in the nominal stance;
+        margin and height of a level ground in the trunk frame in [m].
 
         Raises:
             UnknownNameError: no such leg.

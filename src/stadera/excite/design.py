@@ -113,12 +113,8 @@ def excite(
 
 
 def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Recording:
-    """Converts a motion to a table for a controller: position, velocity and acceleration of each joint over time.
-
-    Args:
-        robot: the robot of the joints.
-        reference: motion of some of its joints.
-        whole: include the robot's other joints, at rest in the nominal stance; else only the reference's joints.
+    """Converts a motion to a table for a controller: position, velocity and acceleration of each joint over time; if
+    `whole`, with the robot's other joints at rest in the nominal stance.
     """
     if not whole:
         motion, joints = reference.motion, reference.joints

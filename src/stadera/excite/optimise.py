@@ -73,13 +73,10 @@ def optimal_excitation(
     search: FourierSearch | None = None,
     progress: Progress | None = None,
 ) -> Sinusoids:
-    """The most informative motion found for this experiment, at rest at both ends.
+    """The most informative motion found for this experiment, at rest at both ends of its duration [s].
 
-    Args:
-        experiment: leg, bounds and noise.
-        rng: for the starts; the same state gives the same motion.
-        duration: from rest to rest [s].
-        progress: called with the share of the work done, 0 to 1.
+    The same state of `rng`, which draws the starts, gives the same motion; `progress` is called with the share of the
+    work done.
 
     Raises:
         IdentificationError: a duration under two seconds, or a leg that cannot move within its bounds.

@@ -51,15 +51,8 @@ def paper_draw(
     bounds: LegBounds | None = None,
     settings: DrawSettings | None = None,
 ) -> Sinusoids:
-    """The paper's random sinusoids (see the module), within bounds.
-
-    Args:
-        robot: provides limits and the prior (CAD) model.
-        leg: LF, RF, LH or RH.
-        rng: for the draw; the same state gives the same motion.
-        duration: from rest to rest [s].
-        bounds: None for `LegBounds.of(robot, leg)`. A draw that violates them is scaled towards the rest pose until it
-            fits.
+    """The paper's random sinusoids (see the module), within bounds, over a duration [s]; None for `LegBounds.of(robot,
+    leg)`. A draw that violates them is scaled towards the rest pose until it fits.
 
     Raises:
         UnknownNameError: no such leg.

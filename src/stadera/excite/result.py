@@ -95,8 +95,8 @@ class Excitation(Result):
         return figures(self)
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame with one row for each identifiable combination of parameters: combination, std (share of
-        the prior's), and random_std, the median of the random draws, NaN without them.
+        """A pandas DataFrame, one row for each identifiable combination: combination, std (share of the prior's),
+        random_std (median of the random draws, NaN without them).
 
         Raises:
             MissingExtraError: pandas is not installed.

@@ -32,10 +32,8 @@ def smoothed_rows(
 ) -> Iterator[tuple[Rows, ...]]:
     """Yields one set of rows for each joint of the regressor, chunk by chunk, in N·m with unit noise.
 
-    Args:
-        part: including its samples at rest, since a filter must not run across gaps.
-        cutoff_hz: of the rows; None for no filter.
-        drop_below: rows in which all joints are slower than this are removed after filtering [rad/s].
+    The part includes its samples at rest, since a filter must not run across gaps; `cutoff_hz` is that of the rows,
+    None for no filter. Rows in which all joints are slower than `drop_below` [rad/s] are removed after filtering.
     """
     for stream in part.streams():
         first = next(stream, None)
@@ -122,10 +120,7 @@ def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
 def with_noise_of(
     job: Job, training: Part, gathered: Sequence[Gathered], estimates: Sequence[Estimate]
 ) -> tuple[Gathered, ...]:
-    """The same sums, with the noise given by the residuals of these estimates.
-
-    This noise includes all effects that no real leg with these joint terms can explain.
-    """
+    """The same sums, with the noise given by these estimates' residuals, with all that no model explains."""
     out = []
     for done, (task, data, estimate) in enumerate(zip(job.tasks, gathered, estimates, strict=True)):
         parameters = dict(task.fixed) | estimate.by_name()

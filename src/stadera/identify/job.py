@@ -90,8 +90,8 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
     """Determines cut-off, vertical and torque lag from the beginning of each log.
 
     Raises:
-        RecordingError: the logs lack a joint or its torque, or are too short; all torques of a leg are zero; a foot
-            carries load.
+        RecordingError: a joint or its torque is missing, all torques of a leg are zero, a foot carries load, or too few
+            samples.
         UnknownNameError: no such leg or joint.
     """
     wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))

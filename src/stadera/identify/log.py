@@ -30,11 +30,7 @@ def chunks(log: Log, joints: Sequence[str], spikes: SpikeSettings | None = None)
 
 
 def head(log: Log, joints: Sequence[str], spikes: SpikeSettings | None = None) -> Recording:
-    """The log's first chunk.
-
-    Raises:
-        RecordingError: an empty log.
-    """
+    """The log's first chunk; RecordingError for an empty log."""
     for chunk in chunks(log, joints, spikes):
         return chunk
     raise RecordingError(f"{log.source}: too few samples: none")

@@ -88,12 +88,7 @@ class MergedLegs:
 def merge_legs(
     robot: Robot, logs: Mapping[str, LegInformation], settings: IdentifySettings | None = None
 ) -> MergedLegs:
-    """Merges the information of several logs on the legs.
-
-    Args:
-        robot: the prior model, the same for all logs.
-        logs: information of each log, by name.
-        settings: for the prior, the pooling of drives, and the misfit above which legs are doubtful.
+    """Merges the information of several logs, by name, on the legs of one robot, whose model is the prior.
 
     Raises:
         IdentificationError: no logs, or no leg in any of them.

@@ -116,9 +116,7 @@ class Observability:
         return np.diag(self.widths) if gradients is None else np.atleast_2d(gradients) * self.widths
 
     def combinations(self, negligible: float = 1e-6) -> tuple[Combination, ...]:
-        """The identifiable combinations in reduced echelon form, one for each observed direction.
-
-        The observed space is reduced by Gauss-Jordan elimination, so that a combination reads "this parameter, plus
+        """The identifiable combinations in reduced echelon form, one for each observed direction: "this parameter, plus
         those that cannot be distinguished from it". Intended for data without noise, which would perturb every
         coefficient.
         """

@@ -78,12 +78,8 @@ class Prior:
 
 
 def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None = None) -> Prior:
-    """Makes the prior from a robot's model.
-
-    Args:
-        robot: its inertias and joint dynamics are the prior's centre.
-        columns: parameters wanted: whole links (`<link>.m` ... in order) and joint terms (`<joint>.armature`, ...).
-        width: plausible distance from the centre.
+    """Makes the prior on parameters, whole links (`<link>.m` ... in order) and joint terms (`<joint>.armature`, ...),
+    from a robot's model.
 
     Raises:
         IdentificationError: `columns` holds only part of a link's parameters.

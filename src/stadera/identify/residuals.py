@@ -42,11 +42,7 @@ def torque_sizes(
     """White noise of each joint's recorded torque, and the torque's root mean square [N·m].
 
     The noise is estimated from third differences, to which motion far below the sampling rate contributes nothing:
-    white noise of variance σ² gives 20 σ². A low-pass passes 2 f_c / f_s of that.
-
-    Args:
-        recordings: of all the joints.
-        cutoff_hz: of a low-pass filter that the noise goes through; None for none.
+    white noise of variance σ² gives 20 σ². A low-pass at `cutoff_hz` (None for none) passes 2 f_c / f_s of that.
     """
     noise, size = np.zeros(len(joints)), np.zeros(len(joints))
     for recording in recordings:
@@ -67,12 +63,8 @@ def residual_noise(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Standard deviation of each joint's residuals [N·m], and how many rows count as one independent row.
 
-    Args:
-        chunks: rows of the joints.
-        fits: for each joint the parameters, by name, whose residuals are evaluated.
-        ranks: for each joint the number of directions in which these parameters were fitted to the same rows, which
-            reduces the residuals.
-        correlated: number of rows at the beginning from which the correlation is estimated.
+    `fits` are the parameters of each joint by name, `ranks` the number of directions in which they were fitted to the
+    same rows, which reduces the residuals. The correlation is estimated from the first `correlated` rows.
     """
     kept: list[list[Array]] = [[] for _ in joints]
     count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))

@@ -65,12 +65,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
 
 
 def identification_frame(result: Identification) -> Any:
-    """A pandas DataFrame, one row per parameter: leg, of (link or joint), parameter, prior, value, std,
-    observability, unit.
-
-    Raises:
-        MissingExtraError: pandas is not installed.
-    """
+    """See `Identification.to_dataframe`."""
     rows = [
         (leg.leg.name, *name.rsplit(".", 1), q.prior, q.value, nan if q.is_held else q.std, str(q.verdict), q.unit)
         for leg in result.legs

@@ -44,10 +44,7 @@ class KindSpread:
 
 
 def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:
-    """A leg's prior, with centre and width of its drives' terms taken from the other legs.
-
-    Terms that are not in the prior are ignored; without other legs the prior is returned unchanged.
-    """
+    """A leg's prior, with centre and width of its drives' terms taken from the other legs, if there are any."""
     values, root = prior.values.copy(), prior.root.copy()
     for position, joint in enumerate(leg.joints):
         for term in ("armature", "viscous", "coulomb"):
@@ -83,14 +80,9 @@ def solve_legs(
     solver: SolverSettings,
     progress: Progress,
 ) -> list[tuple[Estimate, Estimate]]:
-    """For each leg the requested solution and the null-space solution.
+    """For each leg the requested solution and the null-space solution, from rows in units of their noise and the prior.
 
-    Args:
-        legs: rows of each leg in units of their noise, and the prior of its parameters.
-        method: "consistent" or "null-space".
-        spread: spread between the drives of the legs; None to solve for each leg separately.
-        solver: settings of each leg's problem.
-        progress: called with the number of legs done.
+    `spread` is that between the drives of the legs; None to solve for each leg separately.
     """
     priors = [prior for _, _, prior in legs]
     if spread is not None and len(legs) > 1:

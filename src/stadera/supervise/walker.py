@@ -53,10 +53,8 @@ class PosingWalker(Walker, Protocol):
 
 
 class State(StrEnum):
-    """State of the supervised robot.
-
-    `STANDING`: it stays in place, for the given reason; `SITTING`: it is set down as soon as it stands on four feet.
-    `WEIGHING` is without a stop, see `NonstopSupervisor`.
+    """State of the supervised robot. `STANDING` and `SITTING` (as soon as it stands on four feet) are for the given
+    reason; `WEIGHING` is without a stop, see `NonstopSupervisor`.
     """
 
     WALKING = "walking"

@@ -54,10 +54,9 @@ class LegOdometry:
     def locate(self, levers: Array, stance: Bools, rolled: Array | None = None) -> None:
         """Updates the position; without a foot in stance it does not change.
 
-        Args:
-            levers: (4, 3) [m], R p_i: centres of the feet from the trunk's origin, world axes.
-            stance: (4,) bool; must not be modified in place between calls.
-            rolled: (4, 3) [m], θ x ρ n since the last call, world axes; None for feet that do not roll.
+        Levers R p_i (4, 3) [m] are the feet from the trunk's origin, `rolled` (4, 3) [m] is θ x ρ n since the last
+        call, None for feet that do not roll, both in world axes. `stance` (4,) must not be modified in place between
+        calls.
         """
         if rolled is not None and self._standing:
             self.anchors += rolled * self._rolls

@@ -58,12 +58,9 @@ Watcher = Callable[["TestBed"], None]
 class TestBed:
     """A plant under its controller, with an estimator; both receive measurements only.
 
-    Args:
-        plant, sensors, controller: for the same robot; the plant has been reset.
-        estimator: receives measurements before the controller; None for none.
-        feed_back: pass its estimates to the controller, unless it refused the measurement.
-        every: periods between two measurements for the estimator.
-        hold: periods for which the controller's torques are held; two nearly halve the computing time of a walk.
+    The plant has been reset. The estimator gets every n-th measurement before the controller, which gets its estimates
+    with `feed_back`, unless it refused the measurement. Torques are held for `hold` periods; two nearly halve the
+    computing time of a walk.
     """
 
     __test__ = False  # not a test case, although its name begins with Test

@@ -181,12 +181,9 @@ class SwingLegs:
         normal: Array,
         dt: float,
     ) -> SwingTorques:
-        """Torques and contact forces of the swinging legs.
-
-        Args:
-            trunk: position [m], velocity [m/s] and rotation of the trunk's origin in the odometry frame.
-            normal: (3,) of the ground, world axes.
-            dt: [s], since the last update.
+        """Torques and contact forces of the swinging legs; `trunk` is position [m], velocity [m/s] and rotation of the
+        trunk's origin in the odometry frame, `normal` (3,) the ground's in world axes, `dt` [s] the time since the last
+        update.
         """
         position, speed, rotation = trunk
         wanted, w = np.zeros((4, 3, 3)), self.settings.frequency

@@ -104,10 +104,7 @@ class DemoResult:
 
 
 def run_demo(settings: DemoSettings | None = None, progress: Progress | None = None) -> DemoResult:
-    """Makes both runs in parallel, in separate processes.
-
-    Processes are spawned, so a script that calls this needs the usual `if __name__ == "__main__"`.
-    """
+    """Makes both runs in parallel, in spawned processes: a script needs the usual `if __name__ == "__main__"`."""
     settings, context = settings or DemoSettings(), multiprocessing.get_context("spawn")
     ways = settings.supervisions
     with context.Manager() as manager, ProcessPoolExecutor(len(ways), context) as pool:

@@ -119,10 +119,8 @@ class Plant:
         self._evaluate()
 
     def truth(self) -> InertialParameters:
-        """Trunk and payload, in the trunk frame: the ground truth of weighing.
-
-        A virtual force counts as the equivalent point mass at rest, without inertia; a dropped box counts at its
-        present position while it touches the tray.
+        """Trunk and payload, in the trunk frame: the ground truth of weighing. A virtual force counts as the equivalent
+        point mass at rest, a dropped box at its present position while it touches the tray.
         """
         total = self.robot.inertias[self.robot.trunk]
         boxes = 0

@@ -97,10 +97,8 @@ def plan_com(
 ) -> ComPlan:
     """The best motion through the phases, from a state (3, 2) of position, velocity and acceleration at a time [s].
 
-    Args:
-        height: [m], of the centre of mass over the contacts.
-        margin: [m], of zero-moment point and centre of mass to the polygons' edges.
-        rest: weight of the body's rest while a leg swings, from 1 to 0 for none.
+    The centre of mass is at a height [m] over the contacts, the margin [m] is that of zero-moment point and centre of
+    mass to the polygons' edges, and `rest` the weight of the body's rest while a leg swings, from 1 to 0 for none.
     """
     if not phases or not height > 0:
         raise PlanError(f"a plan needs phases and a positive height, got {len(phases)} phases and {height} m")

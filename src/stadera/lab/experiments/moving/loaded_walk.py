@@ -175,9 +175,7 @@ Watch = Callable[["LoadedWalk"], None]
 
 
 class LoadedWalk:
-    """A walk in progress; no supervisor without identification. `fault`: why the controller failed, so that the drives
-    only brake; `loaded_at`, `evaluated_from`: as in the outcome, NaN before.
-    """
+    """A walk in progress. `fault` says why the controller failed, so that the drives only brake."""
 
     def __init__(self, case: LoadedWalkCase) -> None:
         self.case, robot = case, load_robot(case.robot)
