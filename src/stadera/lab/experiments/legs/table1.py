@@ -7,23 +7,34 @@ random draw and by the optimised excitation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from stadera.excite.bounds import LegBounds
+from stadera.excite.optimise import FourierSearch, optimal_excitation
+from stadera.excite.sinusoids import Reference
+from stadera.excite.worth import LegExperiment
 from stadera.identify.observability import Identifiability
 from stadera.inertia import ORDER
 from stadera.lab.experiments.legs.recovery import Compared, Recovery
 from stadera.lab.experiments.legs.runs import LEG, LegRuns
 from stadera.lab.experiments.legs.torques import torque_figure
-from stadera.lab.experiments.legs.worth import motion_worth, worth_records, worth_table
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
 from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.legs import FrictionModel
 from stadera.report.figures import Axis, Figure, Panel, Series
 from stadera.report.table import Cell, Row, TableData
 from stadera.types import Progress
 
+PAPER = Paper.of("table1")
+
 _LINKS = ("hip assembly", "upper leg", "lower leg")
+_NOISELESS = 1e-7
+_RATE = 100.0  # Hz, at which motions are evaluated
+_QUICK = FourierSearch(starts=1, iterations=10)
+_SEARCH = FourierSearch(starts=2, iterations=40)
 
 
 def first_moment_table(found: Recovery) -> TableData:
@@ -109,9 +120,6 @@ def _figure(value: float) -> str:
     return text.removeprefix("-") if float(text) == 0.0 else text
 
 
-PAPER = Paper.of("table1")
-
-
 def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     """Simulates, identifies and compares."""
     runs = LegRuns.of(settings)
@@ -131,7 +139,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     worth = motion_worth(runs, settings.quick)
     step.finished()
     return PAPER.result(
-        (*_exact_records(exact), *_possible_records(possible), *_noisy_records(noisy), *worth_records(PAPER, worth)),
+        (*_exact_records(exact), *_possible_records(possible), *_noisy_records(noisy), *worth_records(worth)),
         (
             first_moment_table(exact),
             inertia_table(exact),
@@ -201,3 +209,53 @@ def _noisy_records(found: Recovery) -> tuple[Record, ...]:
 
 def _case(perturbation: str, errors: str, found: Recovery) -> dict[str, str | float]:
     return {"perturbation": perturbation, "sensor errors": errors, "method": found.leg.estimate.method}
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Information that a log of one motion would contain on the links' 30 parameters."""
+
+    motion: str  # description
+    rank: int  # without noise
+    noisy_rank: int  # with the usual torque noise, relative to the prior
+    observable: int  # number of parameters that the data alone determine, with that noise
+    gain: float  # information [nat]
+
+
+def motion_worth(runs: LegRuns, quick: bool) -> tuple[Worth, Worth]:
+    """Evaluates the paper's draw and the optimised excitation, within the same bounds and time."""
+    bounds = LegBounds.of(runs.cad, LEG)
+    noise = LegExperiment.usual(bounds).noise
+    noisy = LegExperiment(bounds, noise, runs.size.rate, FrictionModel())
+    exact = LegExperiment(bounds, _NOISELESS * noise, runs.size.rate, FrictionModel())
+    search = _QUICK if quick else _SEARCH
+    best = optimal_excitation(noisy, np.random.default_rng(runs.seed), runs.size.duration, search)
+    motions = {"the paper's random draw": runs.motion, "optimised": best}
+    one, other = (_worth(name, m.sample(_RATE), noisy, exact) for name, m in motions.items())
+    return one, other
+
+
+def _worth(name: str, reference: Reference, noisy: LegExperiment, exact: LegExperiment) -> Worth:
+    seen = noisy.observability(reference)
+    observable = sum(v is Identifiability.OBSERVABLE for v in seen.verdicts())
+    return Worth(name, exact.observability(reference).rank, seen.rank, observable, noisy.gain(reference))
+
+
+def worth_records(worth: tuple[Worth, ...]) -> Iterator[Record]:
+    """Ranks and gains of each motion, the paper's first."""
+    for w in worth:
+        case, printed = {"motion": w.motion}, PAPER.values["rank"] if w is worth[0] else None
+        yield PAPER.record(case, "rank without noise, of 30", "1", w.rank, printed)
+        yield PAPER.record(case, "rank with torque noise, of 30", "1", w.noisy_rank)
+        yield PAPER.record(case, "information gain", "nat", w.gain)
+
+
+def worth_table(worth: tuple[Worth, ...]) -> TableData:
+    """The motions side by side."""
+    head = ("motion", "rank, no noise", "rank, noise", "observable, noise", "information gain [nat]")
+    rows = [(w.motion, str(w.rank), str(w.noisy_rank), str(w.observable), f"{w.gain:.1f}") for w in worth]
+    note = (
+        "Of the links' 30 parameters on a held trunk 17 directions can be identified at best. Noise: torques off by "
+        "0.33 % of each joint's limit, CAD as prior; a gain of one nat shrinks the error of one direction to 37 %."
+    )
+    return TableData.of("What the motion is worth", head, rows, note)
