@@ -9,17 +9,9 @@ import pytest
 
 from lab.control.testbed import robot_named
 from stadera.errors import UnknownNameError
-from stadera.lab.control import (
-    Crawl,
-    CrawlCommand,
-    CrawlError,
-    CrawlPhase,
-    CrawlSettings,
-    TestBed,
-    TrunkController,
-    WalkMonitor,
-)
+from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor
 from stadera.lab.control import walk as walk_on
+from stadera.lab.control.crawl.settings import CrawlError, CrawlSettings
 from stadera.lab.plant import IDEAL, STANDARD, Plant, RigidMass, SensorErrors, Sensors, Stones, Terrain, VirtualForce
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration

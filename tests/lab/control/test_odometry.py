@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
-from stadera.lab.control import LegOdometry, TestBed, TrunkController
+from stadera.lab.control import TestBed, TrunkController
+from stadera.lab.control.odometry import LegOdometry
 from stadera.lab.plant import Plant, Sensors
 from stadera.lab.sensor_errors import IDEAL
 from stadera.legs.model import foot_jacobians, foot_positions

@@ -8,9 +8,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from stadera.lab.control import PlanError, SupportPhase, SupportPolygon, plan_com
 from stadera.lab.control.crawl.settings import CrawlCommand, CrawlSettings, StepTiming
-from stadera.lab.control.planner.feet import Footholds, GroundPlane, PathPose, facing
+from stadera.lab.control.planner.com import SupportPhase, plan_com
+from stadera.lab.control.planner.feet import Footholds, GroundPlane, PathPose, PlanError, SupportPolygon, facing
 from stadera.lab.control.planner.steps import Airborne, PlannedStep, body_times, support_phases
 from stadera.robot import load_robot
 

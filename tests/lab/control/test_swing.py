@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from lab.control.testbed import ROBOTS, bed, robot_named
 from stadera.errors import ModelError
-from stadera.lab.control import ControlError, Move, SwingTrajectory, TestBed, TrunkController, TrunkPose
+from stadera.lab.control import ControlError, TestBed, TrunkController, TrunkPose
+from stadera.lab.control.reference import Move
+from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.plant import HARSH, STANDARD
 from stadera.legs.instant import LegDynamics
 from stadera.legs.model import foot_positions

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from lab.control.testbed import robot_named
 from stadera.errors import ModelError
-from stadera.lab.control import TestBed, Trot, TrotSettings
+from stadera.lab.control import TestBed, Trot
+from stadera.lab.control.trot import TrotSettings
 from stadera.lab.plant import HARSH, IDEAL, Plant, RigidMass, SensorErrors, Sensors, estimator_model, plant_model
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration
