@@ -62,11 +62,8 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Sinusoids:
-    """Segments of sinusoids about shifted origins; see the module's equations.
-
-    Raises:
-        IdentificationError: inconsistent shapes, values that are not finite, times that do not increase, or segments
-            shorter than the fade.
+    """Segments of sinusoids about shifted origins; see the module's equations. IdentificationError for inconsistent
+    shapes, values that are not finite, times that do not increase, or segments shorter than the fade.
     """
 
     joints: tuple[str, ...]  # names of the n joints
@@ -115,11 +112,7 @@ class Sinusoids:
         return JointMotion(q, dq, ddq)
 
     def sample(self, rate: float) -> Reference:
-        """Samples the whole motion at `rate`, from zero to the end.
-
-        Raises:
-            IdentificationError: the rate is not positive.
-        """
+        """Samples the whole motion at `rate` [Hz], from zero to the end; IdentificationError unless it is positive."""
         if not (np.isfinite(rate) and rate > 0):
             raise IdentificationError(f"a sampling rate must be positive, got {rate} Hz")
         time = np.arange(int(np.ceil(self.duration * rate - 1e-6)) + 1) / rate

@@ -29,11 +29,8 @@ class TrunkUp:
 
 
 def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, float] | None) -> TrunkUp:
-    """The given vertical, else the mean specific force in a log's IMU, else the trunk's z axis.
-
-    Raises:
-        UnknownNameError: the log names an IMU frame that the robot lacks.
-        ModelError: that frame is fixed to a leg.
+    """The given vertical, else the mean specific force in a log's IMU, else the trunk's z axis. UnknownNameError for an
+    IMU frame that the robot lacks, ModelError for one that is fixed to a leg.
     """
     if up is not None:
         return TrunkUp(np.asarray(up, dtype=float), f"vertical given: ({up[0]:g}, {up[1]:g}, {up[2]:g}) in trunk axes")

@@ -74,11 +74,7 @@ class MergedLegs:
         }
 
     def save_json(self, path: str | PathLike[str]) -> None:
-        """Writes `to_dict` as JSON.
-
-        Raises:
-            StaderaError: the path cannot be written.
-        """
+        """Writes `to_dict` as JSON; StaderaError if the path cannot be written."""
         from stadera.report.json import json_text
 
         with written_together([path]) as (draft,):

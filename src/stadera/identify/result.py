@@ -228,10 +228,8 @@ class Identification(Result):
         return identification_html(self)
 
     def save_urdf(self, path: str | PathLike[str]) -> None:
-        """Writes the robot's model file with the identified values, in the format of the original.
-
-        Raises:
-            ModelError: the path's suffix is not that of the robot's model file.
+        """Writes the robot's model file with the identified values, in the original's format; ModelError for another
+        suffix.
         """
         from stadera.robot.export import export_model
 

@@ -202,9 +202,6 @@ def _nearest_consistent(
     """The nearest consistent point along some directions, the rows of Vt; None if the solver found none.
 
     Uses y = weight · V (x - best), for which the objective is isotropic whatever the ratio of data to prior.
-
-    Raises:
-        IdentificationError: cvxpy is not installed.
     """
     try:
         import cvxpy as cp  # takes a second to import, and most solutions do not need it

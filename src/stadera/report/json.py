@@ -7,9 +7,5 @@ from typing import Any
 
 
 def json_text(value: Any) -> str:
-    """Indented JSON with a newline at the end.
-
-    Raises:
-        ValueError: a number that JSON cannot represent (NaN, infinity).
-    """
+    """Indented JSON with a newline at the end; ValueError for NaN and infinity."""
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -31,11 +31,7 @@ _LONGEST = 120.0  # s, time limit for printing
 
 
 def find_browser(path: str | Path) -> str:
-    """Finds a browser for printing to `path`.
-
-    Raises:
-        StaderaError: there is none.
-    """
+    """Finds a browser for printing to `path`; StaderaError if there is none."""
     found = next((place for name in BROWSERS if (place := shutil.which(name))), None)
     if found is None:
         raise StaderaError(
@@ -46,11 +42,7 @@ def find_browser(path: str | Path) -> str:
 
 
 def write_pdf(page: str, path: str | Path) -> None:
-    """Prints a page to a file.
-
-    Raises:
-        StaderaError: there is no browser, or printing failed.
-    """
+    """Prints a page to a file; StaderaError without a browser, or if printing failed."""
     browser = find_browser(path)
     with tempfile.TemporaryDirectory(prefix="stadera-") as folder:
         source, printed = Path(folder) / "page.html", Path(folder) / "page.pdf"

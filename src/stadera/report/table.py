@@ -66,11 +66,7 @@ Row = Sequence[str | Cell]
 
 @dataclass(frozen=True)
 class TableData:
-    """A table: a head, and rows grouped under headings.
-
-    Raises:
-        StaderaError: a row or `sides` that does not fit the head.
-    """
+    """A table: a head, and rows grouped under headings. StaderaError for a row or `sides` that do not fit the head."""
 
     title: str
     head: tuple[str, ...]  # one text for each column; the first column contains the rows' names

@@ -38,11 +38,7 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class LoadTestSettings:
-    """Settings of the test.
-
-    Raises:
-        StaderaError: a value is not positive, or there is more than one false alarm in two checks.
-    """
+    """Settings of the test. StaderaError unless positive, and with more than one false alarm in two checks."""
 
     false_alarms: float = 0.1  # accepted, per hour of walking
     interval: float = 0.1  # least time between checks [s]

@@ -26,12 +26,7 @@ class PosingSettings:
 
 @dataclass(frozen=True)
 class SuperviseSettings:
-    """Settings for detecting and weighing changes of the load, and limits for giving up.
-
-    Raises:
-        UnknownNameError: no such method.
-        StaderaError: a limit is not positive.
-    """
+    """Settings for detecting and weighing changes of the load, and limits for giving up; all positive."""
 
     method: str = "contact"  # for the centre of mass, a name of `stadera.trunk.registry.METHODS`
     load_test: LoadTestSettings = field(default_factory=LoadTestSettings)

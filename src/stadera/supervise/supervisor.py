@@ -33,10 +33,7 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 
 class Supervisor(Supervised):
     """Processes every measurement, and commands a walker, which is walking, to stop, to use a new trunk, and to
-    continue.
-
-    Raises:
-        StaderaError: the walker cannot be weighed by the chosen method.
+    continue. StaderaError if it cannot be weighed by the chosen method.
     """
 
     def __init__(
@@ -127,11 +124,7 @@ class Supervisor(Supervised):
                 self._settle(m)
 
     def weigh(self, reason: str) -> None:
-        """Stops and weighs, for the caller's reason; allowed in WALKING and STANDING.
-
-        Raises:
-            StaderaError: a weighing is in progress, or the robot has been set down.
-        """
+        """Stops and weighs, for the caller's reason; StaderaError unless it is WALKING or STANDING."""
         if self.state not in (State.WALKING, State.STANDING):
             raise StaderaError(f"a weighing begins from walking or standing, and the robot is {self.state}")
         self._restarts = 0

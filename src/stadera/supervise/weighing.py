@@ -121,11 +121,7 @@ class StandingWeighing:
 
 
 def require_poses(walker: Walker, method: str) -> PosingWalker:
-    """Returns the walker if it can lean.
-
-    Raises:
-        StaderaError: it cannot.
-    """
+    """Returns the walker if it can lean; else StaderaError."""
     if not isinstance(walker, PosingWalker):
         raise StaderaError(f"the method {method!r} needs a walker that can lean and tells its posture; use 'contact'")
     return walker

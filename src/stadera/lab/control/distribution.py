@@ -53,9 +53,8 @@ class ContactLimits:
 
 
 class ForceDistribution:
-    """The quadratic programme of four feet, with length L [m], `small` ε and `smooth` β, both relative to the weight of
-    a force error. `forces` (4, 3) [N] is the latest solution; `solved` is False if the solver failed and they are
-    older.
+    """The quadratic programme of four feet, with length L [m], `small` ε and `smooth` β. `forces` (4, 3) [N] is the
+    latest solution; `solved` is False if the solver failed and they are older.
     """
 
     def __init__(self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4) -> None:

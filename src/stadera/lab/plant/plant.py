@@ -58,10 +58,8 @@ class Plant:
 
     # -- running ----------------------------------------------------------------------------------------------
     def reset(self, joint_position: ArrayLike, orientation: ArrayLike | None = None) -> None:
-        """Places the robot on the ground at rest at time zero, above the world's origin, without payload.
-
-        Joint positions (n,) [rad] are in the tree's order; the trunk's orientation is a quaternion xyzw, None for
-        parallel to the plane. The lowest foot touches the ground.
+        """Places the robot on the ground at rest at time zero, without payload: joint positions (n,) [rad] in the
+        tree's order, orientation a quaternion xyzw, None for parallel to the plane. The lowest foot touches the ground.
         """
         q = self._checked(joint_position, "joint positions")
         self._payloads, self._outside, self._steps = (), None, 0

@@ -77,8 +77,8 @@ def measured_log(
 
     Torques are delayed, then scaled and offset; the IMU is misaligned and displaced; positions get their zero errors.
     All channels are sampled at `rate` (1000 Hz over an integer; None for the drawn one), get white noise, and are
-    quantised if the draw includes this; then single outliers are added, and samples removed. `robot` is that of the
-    model file, whose limits and nominal IMU pose are used.
+    quantised if the draw includes this; then single outliers are added, and samples removed. `robot` is the model
+    file's.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])
     time, columns = motion.time, [robot.tree.joints.index(joint) for joint in motion.joints]

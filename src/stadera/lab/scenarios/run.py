@@ -66,11 +66,9 @@ class _KeptSensors(Sensors):
 def simulate(
     robot: Robot, name: str, settings: SimulateSettings | None = None, progress: Progress | None = None
 ) -> Run:
-    """Runs a scenario. The same arguments give the same run.
+    """Runs a scenario of the true robot, before errors are added. The same arguments give the same run.
 
-    The trunk controller keeps the model file's trunk, so a load tilts the trunk, according to eq. 12. `robot` is the
-    true one, before friction and wrong legs of harsh errors are added; `progress` is called with the number of periods
-    done.
+    The trunk controller keeps the model file's trunk, so a load tilts the trunk, according to eq. 12.
     """
     settings, scenario = settings or SimulateSettings(), scenario_named(name)
     duration = settings.duration or scenario.duration

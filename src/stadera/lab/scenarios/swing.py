@@ -31,10 +31,8 @@ ALL = "all"
 def swing(
     robot: Robot, leg: str = ALL, settings: SimulateSettings | None = None, progress: Progress | None = None
 ) -> Run:
-    """Swings one leg, or all at once. The same seed draws the same robot as for a run on the ground.
-
-    `robot` is that of the model file; of the settings errors, duration, rate and seed are used; `progress` is called
-    with the legs done and their total.
+    """Swings one leg of the model file's robot, or all at once, with the settings' errors, duration, rate and seed. The
+    same seed draws the same robot as for a run on the ground.
     """
     settings = settings or SimulateSettings()
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None

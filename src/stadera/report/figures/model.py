@@ -24,11 +24,7 @@ Marker = Literal["", "dot", "ring", "diamond", "plus", "cross"]
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A curve, markers, or an area.
-
-    Raises:
-        StaderaError: x and y of different length, or an unknown colour.
-    """
+    """A curve, markers, or an area. StaderaError for x and y of different length, or an unknown colour."""
 
     x: Array  # (k,); NaN breaks a line
     y: Array  # (k,)

@@ -29,11 +29,7 @@ _TINTS = {"observable": "green-tint", "partial": "gray-tint", "unobservable": "r
 
 
 def check_figure(path: AnyPath) -> None:
-    """Checks that a figure can be written to a path, before the computation.
-
-    Raises:
-        StaderaError: another suffix than .pdf, .png, .svg. MissingExtraError: Matplotlib is not installed.
-    """
+    """Checks before the computation that a figure can be written: StaderaError for a suffix, MissingExtraError."""
     if Path(path).suffix.lower() not in SUFFIXES:
         raise StaderaError(f"{path}: a figure is written as one of {', '.join(SUFFIXES)}")
     _matplotlib()
@@ -47,11 +43,7 @@ def save(drawn: Drawn, path: AnyPath) -> None:
 
 
 def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) -> Drawn:
-    """The figure with that name, None for the first.
-
-    Raises:
-        StaderaError: there are none, or none with that name. MissingExtraError: Matplotlib is not installed.
-    """
+    """The figure with that name, None for the first; StaderaError if there is none. Needs Matplotlib."""
     if not figures:
         raise StaderaError("this result has no figures")
     chosen = next(iter(figures)) if name is None else name
@@ -61,11 +53,7 @@ def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) ->
 
 
 def draw(shown: Figure | TableData) -> Drawn:
-    """Draws a Matplotlib figure; tables are drawn with the colours of observability.
-
-    Raises:
-        MissingExtraError: Matplotlib is not installed.
-    """
+    """Draws a Matplotlib figure; tables are drawn with the colours of observability. MissingExtraError without it."""
     with _matplotlib().rc_context(_FONT):
         return _table(shown) if isinstance(shown, TableData) else _figure(shown)
 

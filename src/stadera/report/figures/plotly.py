@@ -27,10 +27,8 @@ def height(figure: Figure) -> int:
 
 
 def data(figure: Figure) -> Markup:
-    """Traces, layout and shared values as JSON that cannot terminate its script element.
-
-    Raises:
-        StaderaError: a figure with panels next to each other or with bars, which are static.
+    """JSON that cannot terminate its script element; StaderaError for bars and panels next to each other, which are
+    static.
     """
     shared: dict[str, int] = {}
     traces: list[dict[str, Any]] = []
