@@ -74,9 +74,7 @@ class Sensors:
         self._late: deque[tuple[float, Array]] = deque()
 
     def read(self, plant: Plant) -> SensorReading:
-        """Reads one sample at the plant's present instant; must be called every step, since delayed torques are kept
-        here.
-        """
+        """Reads a sample at the plant's present instant; to be called every step, for delayed torques are kept here."""
         n, time = self._joint_count, plant.time
         values = next(self._noise, None)
         if values is None:

@@ -62,7 +62,7 @@ class PayloadSettings:
 
 
 class PayloadScale:
-    """Stores poses at rest without and with the payload; `tare` is used if no pose without it was held at rest."""
+    """Stores poses at rest without and with the payload; `tare` is used if none was held without it."""
 
     def __init__(
         self, forces: ContactForceEstimator, tare: TrunkModel, settings: PayloadSettings | None = None

@@ -87,9 +87,7 @@ class LoadCheck:
 
 
 class LoadTest:
-    """Estimates mass and torque offsets, and tests each moment; shares are of `robot_mass` [kg]; prior `trunk_mass`
-    [kg].
-    """
+    """Estimates mass and torque offsets, and tests each moment; shares are of `robot_mass` [kg]."""
 
     def __init__(
         self, robot_mass: float, trunk_mass: float, noise: ForceNoise, settings: LoadTestSettings | None = None

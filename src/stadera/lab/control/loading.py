@@ -77,9 +77,7 @@ class OverloadWatch:
         self._joints, self._for, self._last = tuple(joints), np.zeros(len(joints)), np.nan
 
     def update(self, time: float, saturated: Bools) -> str:
-        """Updates with joints at their limit, (n,) bool at a time [s]; returns a sentence on an overloaded joint, or
-        ''.
-        """
+        """Updates with joints at their limit, (n,) bool, at a time [s]; a sentence on an overloaded joint, or empty."""
         elapsed, self._last = 0.0 if np.isnan(self._last) else time - self._last, time
         self._for = np.where(saturated, self._for + elapsed, 0.0)
         worst = int(np.argmax(self._for))

@@ -219,9 +219,7 @@ class TrunkController:
         return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
 
     def _advance(self, m: Measurement, levers: Array, rotation: Array, state: LegState) -> float:
-        """Updates time, model, pose and ground, from the feet R p_i (4, 3) [m]; returns the time since the last update
-        [s].
-        """
+        """Updates time, model, pose and ground, from R p_i (4, 3) [m]; returns the time since the last update [s]."""
         time, dt = m.time, m.time - self.time
         if self._started and not dt > 0:
             raise ControlError(f"the controller's time must increase, got {time} s after {self.time} s")

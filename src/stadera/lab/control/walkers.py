@@ -50,10 +50,7 @@ _SIT, _SITTING_HEIGHT = 1.5, 0.5  # s; share of the standing height
 
 
 class StandingWalker:
-    """Implements `PosingWalker` with a trunk controller that holds all four feet on the ground.
-
-    Poses are relative to the reference at the first request to lean; `resumed` counts requests to walk.
-    """
+    """A `PosingWalker` on four feet; poses are relative to its reference at the first; `resumed` counts."""
 
     def __init__(self, controller: TrunkController) -> None:
         self.controller, self.resumed = controller, 0

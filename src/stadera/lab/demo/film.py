@@ -87,9 +87,7 @@ class Camera:
 
 
 def _weighed(supervisor: Supervisor | NonstopSupervisor | None) -> tuple[Array, Array]:
-    """Present estimate of the trunk's mass, x and y, and standard deviations (NaN for none); at rest x and y only
-    later.
-    """
+    """Present estimate of the trunk's mass, x and y, and standard deviations; NaN where there is none."""
     value, std = np.full(3, np.nan), np.full(3, np.nan)
     if isinstance(supervisor, NonstopSupervisor):
         return supervisor.estimate.value[:3], supervisor.estimate.std[:3]

@@ -40,9 +40,7 @@ class SimulationError(StaderaError):
 
 
 class Plant:
-    """A simulated quadruped with an experiment's true parameters. Deterministic; `timestep` [s] is the control's as
-    well.
-    """
+    """A simulated quadruped with true parameters. Deterministic; `timestep` [s] is also the control's."""
 
     def __init__(self, robot: Robot, terrain: Terrain | None = None, timestep: float = 1e-3) -> None:
         self.robot = robot

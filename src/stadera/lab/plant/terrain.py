@@ -15,10 +15,7 @@ _STEEPEST = np.deg2rad(60.0)
 
 @dataclass(frozen=True)
 class Stones:
-    """Stepping stones: adjacent square slabs, with tops parallel to the plane at uniformly drawn heights.
-
-    In the plane's own axes they form a grid, with one stone centred at the origin.
-    """
+    """Stepping stones: adjacent square slabs, one centred at the origin, parallel to the plane at random heights."""
 
     seed: int = 0  # of the heights; the same seed gives the same stones
     height: float = 0.05  # [m], largest distance of the tops from the plane, up or down

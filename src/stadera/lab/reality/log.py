@@ -21,10 +21,7 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class SpikeSizes:
-    """Size of single outliers, the limit of a uniform draw; for torques as a multiple of the joint's limit.
-
-    A dropped or damaged message can give any value in the channel's range; these are plausible in a log.
-    """
+    """Sizes of single outliers that are plausible in a log: limit of a uniform draw, for torques times the limit."""
 
     position: float = 1.0  # rad
     velocity: float = 20.0  # rad/s

@@ -135,9 +135,7 @@ def _sized(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
 
 
 def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
-    """With real errors the estimator has the model file's robot, the controller usual drives too; settings override
-    draws.
-    """
+    """The estimator has the model file's robot, the controller usual drives too; settings override what is drawn."""
     assert settings.real_sizes is not None
     draw = drawn(robot, settings.real_sizes, settings.seed)
     terrain = draw.terrain

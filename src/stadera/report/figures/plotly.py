@@ -27,9 +27,7 @@ def height(figure: Figure) -> int:
 
 
 def data(figure: Figure) -> Markup:
-    """JSON that cannot terminate its script element; StaderaError for bars and panels next to each other, which are
-    static.
-    """
+    """JSON that cannot terminate its script element. StaderaError for bars or adjacent panels, which are static."""
     shared: dict[str, int] = {}
     traces: list[dict[str, Any]] = []
     named: set[str] = set()

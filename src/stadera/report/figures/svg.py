@@ -28,9 +28,7 @@ _SHAPES: dict[Marker, str] = {
 
 
 def svg(figure: Figure, width: float = WIDE) -> Markup:
-    """Draws a figure as an SVG element that scales with its container, without legend; narrow [px]: panels in one
-    column.
-    """
+    """A figure as an SVG element that scales with its container, without legend; narrow [px]: in one column."""
     rows = figure.rows if width > 2 * NARROW else tuple((panel,) for panel in figure.panels)
     drawn, top = [], 0.0
     for row in rows:

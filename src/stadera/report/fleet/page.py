@@ -28,9 +28,7 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 58, 8, 8, 20
 
 
 def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) -> Markup:
-    """Values over the logs in order, with bars of two standard deviations, levels, and departures in another colour; if
-    `named`, each point has a tooltip with its log.
-    """
+    """Values over the logs with bars of two standard deviations, levels, departures, and tooltips if `named`."""
     count = len(series.value)
     low, high = _range(series)
     x = _LEFT + (np.arange(count) + 0.5) * (_WIDTH - _LEFT - _RIGHT) / count

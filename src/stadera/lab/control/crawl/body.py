@@ -29,9 +29,7 @@ from stadera.types import Array
 
 
 class BodyReference:
-    """A `TrunkReference` for the trunk controller after its first update. `plan`: of the centre of mass; `normal`: of
-    the ground (3,), to which the trunk is held parallel.
-    """
+    """A `TrunkReference`: `plan` of the centre of mass, `normal` (3,) of the ground, to which the trunk is parallel."""
 
     def __init__(self, controller: TrunkController, tuning: CrawlTuning) -> None:
         self._controller, self._tuning = controller, tuning

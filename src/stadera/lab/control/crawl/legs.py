@@ -84,9 +84,7 @@ class StepSequence:
 
 
 class LegSwing:
-    """Moves one leg at a time with the trunk controller to its foothold `target` (3,) [m]. `late` is set by the caller
-    when it has registered that the leg is overdue.
-    """
+    """Moves one leg at a time to its foothold `target` (3,) [m]; `late` is set by the caller when it is overdue."""
 
     def __init__(self, controller: TrunkController, settings: CrawlSettings) -> None:
         self._controller, self._settings = controller, settings

@@ -87,9 +87,7 @@ class InertialTorques:
 
 
 def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longest: float = 20.0) -> Cycle:
-    """Lets a robot crawl, and keeps a cycle after the first `skip`, every so many periods, or fails after `longest`
-    [s].
-    """
+    """Lets a robot crawl, and keeps a cycle after the first `skip`, every n-th period; time limit `longest` [s]."""
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
     crawl = Crawl(TrunkController(robot, trunk=TrunkModel.prior(robot)), command=CrawlCommand(speed))

@@ -187,9 +187,7 @@ def payload_of(case: WalkingCase, robot: Robot) -> RigidMass:
 def compared(
     tare: InertialParameters, now: InertialParameters, bare: InertialParameters, loaded: InertialParameters, when: str
 ) -> dict[str, Any]:
-    """Errors [kg], [m] of mass and position of a payload, and of shift (x-y) and height of the trunk's centre of mass;
-    the truth is `bare` and `loaded`.
-    """
+    """Errors [kg], [m] of payload (mass, x-y, z) and trunk (shift in x-y, height); `bare`, `loaded` are true."""
     figures: dict[str, Any] = {f"{when}.payload_mass": float((now.mass - tare.mass) - (loaded.mass - bare.mass))}
     shift = (now.com - tare.com) - (loaded.com - bare.com)
     figures[f"{when}.shift_xy"] = float(np.linalg.norm(shift[:2]))
