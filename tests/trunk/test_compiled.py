@@ -25,6 +25,7 @@ from stadera.trunk.compiled_front import CompiledFront, front
 from stadera.trunk.considered import Errors, RowSums
 from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.front import BLIND, Front
+from stadera.trunk.measurement import Measurement
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings, ModelErrors
 from stadera.trunk.swing import SwingJoints
@@ -269,3 +270,31 @@ def test_past_averages_are_those_of_numpy() -> None:
     for found, expected in zip(detectors[1]._spreads, detectors[0]._spreads, strict=True):
         assert_near(found, expected, "spreads")
     assert_near(detectors[1]._scatter, detectors[0]._scatter, "scatter")
+
+
+def test_measurements_of_any_layout_count_alike() -> None:
+    """Also strided and read-only ones, which the compiled function does not take."""
+    made, data = robot("hyq"), samples("hyq", 500.0, 2)
+
+    def learnt(extra: Callable[[np.ndarray], np.ndarray]) -> TrunkEstimator:
+        estimator = TrunkEstimator(made)
+        for k in range(60):
+            channels = (data.position, data.velocity, data.effort, data.angular_velocity, data.specific_force)
+            estimator.update(Measurement(float(data.time[k]), *(extra(channel[k]) for channel in channels)))
+        return estimator
+
+    def read_only(values: np.ndarray) -> np.ndarray:
+        values = values.copy()
+        values.setflags(write=False)
+        return values
+
+    expected = learnt(np.copy)._current.triangle
+    for change in (lambda values: np.repeat(values, 2)[::2], read_only):
+        np.testing.assert_array_equal(learnt(change)._current.triangle, expected)
+
+
+def test_a_measurement_of_another_size_is_refused() -> None:
+    estimator, data = TrunkEstimator(robot("hyq")), samples("hyq", 500.0, 2)
+    short = Measurement(0.0, data.position[0], data.velocity[0, :-1], data.effort[0], np.zeros(3), np.zeros(3))
+    with pytest.raises(ValueError, match=r"\w"):
+        estimator.update(short)

@@ -104,8 +104,8 @@ def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = 
     joints = robot.tree.joints
     if recording.imu is None:
         raise RecordingError(f"{recording.source}: no IMU; estimators need columns imu.angular_velocity.x, ...")
-    q = recording.channel("position", joints)
-    qd, effort = recording.channel("velocity", joints), recording.channel("effort", joints)
+    kinds = ("position", "velocity", "effort")
+    q, qd, effort = (np.ascontiguousarray(recording.channel(kind, joints)) for kind in kinds)  # sample by sample
     imu = recording.imu
     mount = ImuMount.of(robot, imu_frame or imu.frame)
     omega, force = mount.in_trunk_axes(imu.angular_velocity), mount.in_trunk_axes(imu.linear_acceleration)

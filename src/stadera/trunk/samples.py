@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite, nan
 
 import numpy as np
 
+from stadera.compiled import kernel
 from stadera.errors import RecordingError
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
@@ -150,6 +151,8 @@ class SampleBuffer:
         self._last, self._step = -inf, inf
         self._latest = -inf  # time of the last measurement that waits
         self.due = -inf
+        compiled = kernel("stadera.trunk.kernels.samples")
+        self._store: Callable[..., bool] = _stored if compiled is None else compiled.store
 
     def gather(self, m: Measurement) -> Array | None:
         """Stores one measurement. Returns the table of all stored ones, for `take`, when a block is full or the
@@ -159,14 +162,15 @@ class SampleBuffer:
         if k == len(waiting):
             more = np.empty((max(k, _ROOM), 7 + 3 * len(self._joints) + len(m.extra)))
             self._waiting = waiting = np.concatenate([waiting, more]) if k else more
-        row = waiting[k]
-        row[0] = time = m.time
-        channels = m.joint_position, m.joint_velocity, m.effort, m.angular_velocity, m.specific_force, m.extra
-        np.concatenate(channels, out=row[1:])
+        time, channels = m.time, (m.joint_position, m.joint_velocity, m.effort, m.angular_velocity, m.specific_force)
+        try:
+            finite = self._store(waiting, k, time, *channels, m.extra)
+        except TypeError:  # compiled for contiguous arrays of floats that may be written
+            self._store = _stored
+            finite = _stored(waiting, k, time, *channels, m.extra)
         follows = max(self._latest, self._last) < time < self.due
         self._filled, self._latest = k + 1, time
-        # a value that is not finite makes the sum of squares not finite
-        if follows and isfinite(row.dot(row)):
+        if follows and finite:
             return None
         self._waiting, self._filled, self._latest = np.empty_like(waiting), 0, -inf
         return waiting[: k + 1]
@@ -232,3 +236,11 @@ class SampleBuffer:
             kind, at = divmod(column - 1, joints)
             return f"{_SPOKEN[1 + kind]} of joint {self._joints[at]!r}"
         return _SPOKEN[0 if column == 0 else min(4 + (column - 1 - 3 * joints) // 3, 6)]
+
+
+def _stored(table: Array, k: int, time: float, *channels: Array) -> bool:
+    """Writes a sample into row k of a table. Returns whether all values are finite."""
+    row = table[k]
+    row[0] = time
+    np.concatenate(channels, out=row[1:])
+    return isfinite(row.dot(row))  # a value that is not finite makes the sum of squares not finite

@@ -211,7 +211,11 @@ class Segment:
             return np.asarray(known)
         stacked = np.concatenate(residues)
         total: Array = stacked.T @ stacked
-        total += scale * known
+        compiled = kernel("stadera.trunk.kernels.errors")
+        if compiled is None:
+            total += scale * known
+        else:
+            compiled.add_scaled(total, scale, known)
         return total
 
     @cached_property

@@ -383,16 +383,18 @@ def block_of(joints: Array, at: int) -> Array:
     return columns_of(joints[at : at + 12], at, 12)
 
 
-@reordered
-def by_blocks(row: Array, out: Array, diagonal: Array, offsets: Array, sticking: Array, at: int, begin: int) -> None:
-    """Product of a row (1 + n,), whose first entry does not count, with Λ, into `out`: see `energies`."""
-    for e in range(len(row)):
-        out[e] = row[e] * diagonal[e]
-    for i in range(12):
-        one, two = row[1 + at + i], row[1 + begin + i]
+@part
+def by_blocks(rows: Array, diagonal: Array, offsets: Array, sticking: Array, at: int, begin: int, out: Array) -> None:
+    """Product of rows (m, 1 + n), whose first entries do not count, with Λ: see `energies`."""
+    one, two = np.empty((len(rows), 12)), np.empty((len(rows), 12))
+    product(columns_of(rows, 1 + at, 12), offsets, one)
+    product(columns_of(rows, 1 + begin, 12), sticking, two)
+    for i in range(len(rows)):
+        row, to = rows[i], out[i]
+        for e in range(len(row)):
+            to[e] = row[e] * diagonal[e]
         for j in range(12):
-            out[1 + at + j] += one * offsets[i, j]
-            out[1 + begin + j] += two * sticking[i, j]
+            to[1 + at + j], to[1 + begin + j] = one[i, j], two[i, j]
 
 
 @compiled(
@@ -430,8 +432,7 @@ def energies(
     diagonal, offsets, weighted = np.zeros(1 + n), block_of(joints, at), np.empty((1 + n, 1 + n))
     write_diagonal(variance, k, at, begin, diagonal)
     diagonal[skipped] = 0.0
-    for e in range(1 + n):
-        by_blocks(D[e], weighted[e], diagonal, offsets, sticking, at, begin)
+    by_blocks(D, diagonal, offsets, sticking, at, begin, weighted)
     squares = 0.0
     for e in range(1, 1 + n):
         out[e - 1] = weighted[e, e]
@@ -525,8 +526,16 @@ def trunk_covariance(
     product_of_rows(turned, K, half)
     write_diagonal(variance, k, at, begin, diagonal)
     offsets, weighted = block_of(joints, at), np.empty((size, 1 + n))
-    for i in range(size):
-        by_blocks(solution[i], weighted[i], diagonal, offsets, sticking, at, begin)
+    by_blocks(solution, diagonal, offsets, sticking, at, begin, weighted)
     for i in range(size):
         for j in range(size):
             out[i, j] += scatter * P[i, j] + half[i, j] + half[j, i] + dot(weighted[i], solution[j])
+
+
+@compiled("void(float64[:,::1], float64, float64[:,::1])")
+def add_scaled(total: Array, scale: float, known: Array) -> None:
+    """Adds a multiple of a matrix to another one, in one pass."""
+    for i in range(len(total)):
+        to, row = total[i], known[i]
+        for c in range(len(to)):
+            to[c] += scale * row[c]
