@@ -84,6 +84,54 @@ def test_a_change_below_the_least_begins_anew_without_a_report() -> None:
     assert not found[0][1].reported
 
 
+def struck(made: list[WeightedRows], every: float, seed: int) -> list[WeightedRows]:
+    """With impacts: in single blocks a specific force of ten g, of which the target shows a part that varies."""
+    rng, out = np.random.default_rng(seed), []
+    for r in made:
+        if rng.random() > BLOCK / every:
+            out.append(r)
+            continue
+        wild = trunk_matrix(np.array([0.0, 0.0, 98.1, *np.zeros(9)]))
+        target = wild @ TRUNK * rng.uniform(0.6, 0.7)
+        out.append(WeightedRows.of(r.time, wild, np.zeros((6, ERRORS)), target, r.white))
+    return out
+
+
+def test_a_load_is_found_among_impacts_that_bias_the_estimate() -> None:
+    """One block in ten is an impact with a hundred times the weight of others, and makes the trunk seem a third too
+    light; loads of a twentieth of the robot's mass are found nonetheless, and nothing else.
+    """
+    load = np.array([2.5, -0.5, 0.2, 0.3, *np.zeros(6)])
+    for seed in range(3):
+        found = looked(struck(rows(8.0, 5.0, load, 6.0, seed), 0.2, seed), ChangeSettings(), 5.0)
+        assert found
+        assert 6.0 < found[0][0] < 6.5
+    assert not looked(struck(rows(30.0, 5.0, np.zeros(10), np.inf, 3), 0.2, 3), ChangeSettings(), 5.0)
+
+
+def test_long_averages_persist_for_fewer_blocks() -> None:
+    settings = ChangeSettings()
+    needed = [settings.persistence(n) for n in settings.windows]
+    assert needed[0] == settings.confirmed
+    assert needed[1:] == [settings.confirmed_long] * (len(needed) - 1)
+    assert ChangeSettings(confirmed=3).persistence(100) == 3
+
+
+def test_model_errors_that_averages_do_not_show_count_for_less() -> None:
+    """Columns of a model error that would move averages far more than they vary, and of one that does move them."""
+    for friction, low, high in ((0.0, 0.0, 0.2), (2.0, 0.9, 1.0)):
+        place, made = PLACES["gain"].start, []
+        for r in rows(8.0, 5.0, np.array([5.0, 0.0, 0.0, 0.0, *np.zeros(6)]), 6.0, 8):
+            errors = np.zeros((6, ERRORS))
+            errors[2, place] = 400.0 * np.sin(9.0 * r.time)
+            std = ModelErrors().gain
+            made.append(
+                WeightedRows.of(r.time, r.matrix, errors, r.target + errors[:, place] * friction * std, r.white)
+            )
+        (_, jump), *_ = looked(made, ChangeSettings(), 5.0)
+        assert low <= jump.shown[0] <= high
+
+
 def test_nothing_is_reported_while_the_model_does_not_fit() -> None:
     load = np.array([5.0, 0.0, 0.0, 0.0, *np.zeros(6)])
     assert looked(rows(6.0, 5.0, load, 4.0, 1), ChangeSettings(), 5.0)

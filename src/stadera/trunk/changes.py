@@ -7,13 +7,16 @@ the block's difference in mass and in the first moment across a, for r_force = �
 
 (The first moment along a, a height, is observable in fast motion only, so no change is sought in it.) Blocks in which a
 foot touches down deviate briefly by more than a load does, so an average over n blocks is a Huber mean: values further
-from the median than a few times the usual scatter of single blocks are clipped.
+from the median than a few times the usual scatter of single blocks are clipped, and no block counts for more than a
+usual one (a² would let an impact of ten g count for a hundred blocks). On hard ground such means differ by far from
+those of the least squares that gave θ̂, so an average is compared with the Huber mean of all earlier blocks.
 
 The variance of averages under a constant load is taken from the log: the mean square of past averages for each n, given
 the present estimates of the joints' errors, plus the effect of model errors when the robot moves as it did not before
 (it sets out, turns, stops). Long averages have few samples, so the limit in standard deviations is Student's. A change
-is reported when it exceeds both the least change and a number of standard deviations for several blocks in succession.
-A sustained push is reported as a change too: until it ends it cannot be distinguished from a load.
+is reported when it exceeds both the least change and a number of standard deviations for several blocks in succession,
+fewer the longer its average is. A sustained push is reported as a change too: until it ends it cannot be distinguished
+from a load.
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ MOST = 0.9  # share of the phases of a step in which model errors are at most `S
 _PRIOR_SAMPLES = 1.0  # independent averages that the prior of their spread counts as
 _WILD = 3.0  # standard deviations at which an average is clipped
 _MEDIAN = 0.455  # of χ² with one degree of freedom
+_DEVIATION = 1.5  # standard deviation over the median absolute deviation, of Gaussian values
 _ESTIMATED = slice(11 + JOINTS.start, 11 + JOINTS.stop)  # columns of projected rows, of errors that are estimated
 _HALF = 0.5  # of the change: a block beyond it is assigned to the time after the change
 
@@ -48,10 +52,13 @@ class Jump:
     Attributes:
         blocks: the most likely number of blocks since it happened.
         reported: True if it exceeds the least change; a smaller one only restarts the estimate.
+        shown: (4,), variance of averages of this length over that expected from model errors, at most 1. Errors that
+            averages under a constant load do not show at their prior size have no larger effect on a change either.
     """
 
     blocks: int
     reported: bool
+    shown: Array
 
 
 class Deviations(NamedTuple):
@@ -201,7 +208,9 @@ class ChangeDetector:
         # up to the last change of the load, and up to now
         self._usual = Spread(np.full((windows, 4), settings.prior**2), np.zeros((windows, 4)), np.zeros(windows))
         self._set(self._usual)
-        self._scatter = np.full(4, settings.prior)  # of single blocks
+        # single blocks: their number, scatter, Huber mean, largest weight
+        self._past_blocks = 0
+        self._scatter, self._centre, self._heaviest = np.full(4, settings.prior), np.zeros(4), np.full(4, np.inf)
         self._persists = self._likely = 0
         self._keep = exp(-block / settings.memory)
         self.suspected, self._missed = np.zeros((2, 4))
@@ -227,9 +236,16 @@ class ChangeDetector:
         best = self._best(before, long_before, errors, scatter)
         self._suspect(best)
         self._persists = (self._persists + 1) * (best.ratio > self.settings.deviations and not held)
-        if self._persists < self.settings.confirmed:
+        if self._persists < self.settings.persistence(best.blocks):
             return None
-        return Jump(self._placed(best, before if best.blocks in self._short else long_before, errors), best.reported)
+        blocks = self._placed(best, before if best.blocks in self._short else long_before, errors)
+        return Jump(blocks, best.reported, self._shown(best.blocks))
+
+    def _shown(self, blocks: int) -> Array:
+        """`Jump.shown`, with Student's factor for the few averages."""
+        at = self.settings.windows.index(blocks)
+        square = self._spreads.square[at] / self._student[at] ** 2
+        return np.asarray(np.minimum(square / np.maximum(self._spreads.usual[at], 1e-300), 1.0))
 
     def learn(self, before: Segment, errors: Errors) -> None:
         """Updates the spread of averages under a constant load.
@@ -249,22 +265,24 @@ class ChangeDetector:
         self._student = np.array([limit / _student(limit, n) for n in samples])
 
     def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
-        """Spread of the averages over the first n blocks alone; also sets the scatter of single blocks."""
+        """Spread of the averages over the first n blocks alone; also updates what is usual for single blocks."""
         singles, weights = (x[:n] for x in self._singles(self._blocks.count, before, errors))
-        self._scatter = np.maximum(1.5 * np.median(np.abs(singles), axis=0), 1e-6)
+        middle, self._heaviest = np.median(singles, axis=0), np.median(weights, axis=0)
+        self._scatter = np.maximum(_DEVIATION * np.median(np.abs(singles - middle), axis=0), 1e-6)
         sums = np.zeros((n + 1, 4, 2))
         near = sums[1:]
-        np.multiply(self._near(singles), weights, out=near[..., 0])
-        near[..., 1] = weights
+        near[..., 1] = np.minimum(weights, self._heaviest)
+        np.multiply(self._near(singles, middle), near[..., 1], out=near[..., 0])
         np.cumsum(near, axis=0, out=near)
-        windows = self.settings.windows
+        self._centre = sums[-1, :, 0] / np.maximum(sums[-1, :, 1], 1e-12)
+        self._past_blocks, windows = n, self.settings.windows
         found = Spread(np.zeros((len(windows), 4)), np.zeros((len(windows), 4)), np.zeros(len(windows)))
         for k, m in enumerate(windows):
             first = np.arange(0, n - m, max(m // 2, 1))
             if not len(first):
                 continue
             parts = sums[first + m] - sums[first]
-            squares = (parts[..., 0] / np.maximum(parts[..., 1], 1e-12)) ** 2
+            squares = (parts[..., 0] / np.maximum(parts[..., 1], 1e-12) - self._centre) ** 2
             found.square[k] = np.minimum(squares, _WILD**2 * np.median(squares, axis=0) / _MEDIAN).mean(axis=0)
             begin = self._blocks.count - first
             expected = self._by_errors(self._blocks.totals(begin, begin - m), before, errors)
@@ -302,7 +320,10 @@ class ChangeDetector:
             return Largest(0, 0.0, False, np.zeros(4), np.ones(4))
         at = np.searchsorted(self.settings.windows, found.blocks)
         spread = self._spreads.square[at] + np.maximum(found.by_errors - self._spreads.usual[at], 0.0)
-        variance = np.maximum(spread, found.own) + scatter * found.before
+        # of the earlier estimate by its rows, or by the spread of as many averages as went into the Huber mean
+        share = found.blocks[:, None] / max(self._past_blocks, 1)
+        known = np.maximum(scatter * found.before, share * self._spreads.square[at])
+        variance = np.maximum(spread, found.own) + known
         size = np.abs(found.size)
         ratios, large = size / np.sqrt(variance), size > self.settings.least_change
         reported = np.asarray(large.any(axis=1))
@@ -321,15 +342,13 @@ class ChangeDetector:
         known = (before.inverse[:4] ** 2).sum(axis=1) / self._scale**2
         singles, weights = self._singles(windows[-1], before, errors)
         totals = self._blocks.totals(blocks, np.zeros_like(blocks))
-        near = np.empty((len(windows), 4))
+        weights = np.minimum(weights, self._heaviest)
+        size, own = np.empty((2, len(windows), 4))
         for k, n in enumerate(windows):
-            last = singles[-n:]
-            near[k] = (self._near(last, _median(last)) * weights[-n:]).sum(axis=0)
-        weight = np.maximum(totals[..., -1], 1e-12)
-        by_errors = self._by_errors(totals, before, errors)
-        return Deviations(
-            blocks, near / weight, by_errors, 1.0 / (weight * self._scale**2), known + np.zeros_like(near)
-        )
+            last, weight = singles[-n:], np.maximum(weights[-n:].sum(axis=0), 1e-12)
+            size[k] = (self._near(last, _median(last)) * weights[-n:]).sum(axis=0) / weight - self._centre
+            own[k] = 1.0 / (weight * self._scale**2)
+        return Deviations(blocks, size, self._by_errors(totals, before, errors), own, known + np.zeros_like(size))
 
     def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array]:
         """For the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
@@ -338,7 +357,7 @@ class ChangeDetector:
         weight = reduced[..., 11]
         return left / (np.maximum(weight, 1e-12) * self._scale), weight
 
-    def _near(self, singles: Array, middle: Array | float = 0.0) -> Array:
+    def _near(self, singles: Array, middle: Array) -> Array:
         """Single blocks (n, 4), clipped at Huber's limit from `middle`."""
         limit = self.settings.outlier * self._scatter
         return np.asarray(np.minimum(np.maximum(singles, middle - limit), middle + limit))
@@ -360,7 +379,7 @@ class ChangeDetector:
         n = min(self._blocks.count, best.blocks + self.settings.pending)
         singles, _ = self._singles(n, before, errors)
         along = best.size / best.variance
-        x = np.clip(singles @ along / (best.size @ along), -1.0, 2.0) - _HALF
+        x = np.clip((singles - self._centre) @ along / (best.size @ along), -1.0, 2.0) - _HALF
         return int(np.argmax(np.cumsum(x[::-1]))) + 1
 
 

@@ -50,8 +50,8 @@ class CompiledDetector(ChangeDetector):
         self._compiled = compiled
         self._blocks = _CompiledBlocks(round(settings.memory / block), compiled)
         self._windows = np.array(settings.windows, dtype=np.int64)
-        self._limits = np.array([settings.least_change, settings.pending, len(self._short)])
-        self._clipped = settings.outlier * self._scatter
+        self._limits = np.array([settings.least_change, settings.pending, len(self._short), 0.0])
+        self._singles_usually = np.array([settings.outlier * self._scatter, self._centre, self._heaviest])
 
     def _best(self, before: Segment, long_before: Segment, errors: Errors, scatter: float) -> Largest:
         blocks, settings = self._blocks, self.settings
@@ -72,7 +72,7 @@ class CompiledDetector(ChangeDetector):
             errors.mean[JOINTS],
             errors.std,
             self._scale,
-            self._clipped,
+            self._singles_usually,
             self._spreads.square,
             self._spreads.usual,
             self._student,
@@ -90,7 +90,8 @@ class CompiledDetector(ChangeDetector):
     def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
         blocks, windows = self._blocks, len(self._windows)
         square, usual, counts = np.zeros((windows, 4)), np.zeros((windows, 4)), np.zeros(windows, dtype=np.int64)
-        self._scatter = np.empty(4)
+        usually, self._past_blocks = np.empty((3, 4)), n
+        self._limits[3] = n
         self._compiled.spreads(
             blocks.all_reduced(blocks.count, errors.mean),
             blocks.sums,
@@ -103,10 +104,11 @@ class CompiledDetector(ChangeDetector):
             errors.std,
             self._scale,
             self.settings.outlier,
-            self._scatter,
+            usually,
             square,
             usual,
             counts,
         )
-        self._clipped = self.settings.outlier * self._scatter
+        self._scatter, self._centre, self._heaviest = usually
+        self._singles_usually = usually * [[self.settings.outlier], [1.0], [1.0]]
         return Spread(square, usual, np.asarray(0.5 * counts, dtype=float))

@@ -247,7 +247,7 @@ class Errors:
             stiction: include a change of the static friction.
         """
         difference = second.sensitivity - first.sensitivity
-        total = self._of_rows(first, scatter, stiction) + self._of_rows(second, scatter, stiction)
+        total = self.rows_covariance(first, second, scatter, stiction)
         total += self.known.applied(difference) @ difference.T
         regression = PLACES["regression"]
         changing = [(regression, np.diag(self.known.variance[regression]))]
@@ -257,6 +257,10 @@ class Errors:
             K1, K2, D = (x[:, place] for x in (first.sensitivity, second.sensitivity, difference))
             total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
         return np.asarray(0.5 * (total + total.T))
+
+    def rows_covariance(self, first: Segment, second: Segment, scatter: float, stiction: bool = True) -> Array:
+        """The part of `difference_covariance` that is due to the rows' scatter, and to static friction that varies."""
+        return self._of_rows(first, scatter, stiction) + self._of_rows(second, scatter, stiction)
 
     def _of_rows(self, segment: Segment, scatter: float, stiction: bool = True) -> Array:
         """Covariance (10, 10) due to the rows' scatter, and to static friction that varies while the robot sways."""

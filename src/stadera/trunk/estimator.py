@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import exp, isnan
 
@@ -63,11 +63,12 @@ _EVALUATED = 1.0  # s, of rows before the fit is evaluated
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change whose new load is still being estimated, with the estimate before it."""
+    """A change whose new load is still being estimated, with the estimate before it; `shown` as in `Jump`."""
 
     time: float
     noticed: float
     before: Segment
+    shown: Array
 
 
 class _Reading:
@@ -420,7 +421,7 @@ class TrunkEstimator:
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
         for rows in self._recent:
             self._known.append(self._current.add(rows))
-        self._candidate = _Change(begun, now, before) if jump.reported else None
+        self._candidate = _Change(begun, now, before, jump.shown) if jump.reported else None
         self._report(now)
         self._detector.restart(len(self._recent))
         self._scatter.restart()
@@ -431,21 +432,24 @@ class TrunkEstimator:
         candidate = self._candidate
         if candidate is None:
             return
-        if self._exceeds_errors(candidate.before):
+        if self._exceeds_errors(candidate):
             if self._changing is not None:
                 self._changes.append(self._weighed(self._changing, candidate.before))
-            self._changing, self._candidate = _Change(candidate.time, now, candidate.before), None
+            self._changing, self._candidate = replace(candidate, noticed=now), None
         elif now - candidate.noticed > self.settings.reported_within:
             self._candidate = None
 
-    def _exceeds_errors(self, before: Segment) -> bool:
-        """True if mass or first moment differ from the earlier ones by more than their errors, while no joint
-        sticks.
+    def _exceeds_errors(self, change: _Change) -> bool:
+        """True if mass or first moment differ from the earlier ones by more than their errors, while no joint sticks.
+
+        Model errors count as far as averages under a constant load show them.
         """
-        p = self._errors.mean
-        difference = (self._current.mean(p) - before.mean(p))[:4]
-        covariance = self._errors.difference_covariance(before, self._current, self._scatter.value, stiction=False)
-        return bool((np.abs(difference) > SIGNIFICANT * np.sqrt(np.diag(covariance)[:4])).any())
+        p, now, scatter = self._errors.mean, self._current, self._scatter.value
+        difference = (now.mean(p) - change.before.mean(p))[:4]
+        rows = self._errors.rows_covariance(change.before, now, scatter, stiction=False)
+        total = self._errors.difference_covariance(change.before, now, scatter, stiction=False)
+        own, both = np.diag(rows)[:4], np.diag(total)[:4]
+        return bool((np.abs(difference) > SIGNIFICANT * np.sqrt(own + change.shown * (both - own))).any())
 
     def _weighed(self, change: _Change, now: Segment) -> LoadChange:
         p = self._errors.mean

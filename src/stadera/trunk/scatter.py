@@ -12,10 +12,16 @@ from stadera.types import Array
 CLUSTER = 25
 """Blocks in a cluster, whose sum of residuals is compared with its predicted variance."""
 
+_AFRESH = 6  # blocks of a new load, against which a block is judged by what was usual before
 _ODD = 3  # successive blocks that may be down-weighted
 _LEAST_USUAL = 0.01  # squared, in the rows' unit: residuals below 0.1 % of the weight do not define the usual ones
 _OUTLIER = 25.0  # times the usual squared residual, above which a block is down-weighted
 _PRIOR_CLUSTERS = 4.0  # number of clusters that the prior κ = 1 counts as
+
+
+def judged(known: Segment, usual: float) -> bool:
+    """True if the estimate has enough rows to judge a block by; `usual` as in `OddBlocks`, NaN before any."""
+    return known.blocks >= (CLUSTER if np.isnan(usual) else _AFRESH)
 
 
 class OddBlocks:
@@ -31,7 +37,7 @@ class OddBlocks:
 
     def limited(self, rows: WeightedRows, known: Segment, errors: Array) -> WeightedRows:
         """Returns the block, weighted, given the estimate and model errors p̂ (ERRORS,)."""
-        if known.blocks < CLUSTER:
+        if not judged(known, self.usual):
             return rows
         residual = rows.residual(known.mean(errors), errors)
         square = float(residual @ residual)

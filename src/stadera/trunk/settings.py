@@ -106,7 +106,9 @@ class ChangeSettings:
         least_change: change of mass as a share of the robot's mass, or of first moment over mass times leg length [1].
         deviations: number of standard deviations that a change must exceed.
         windows: lengths of the averages that are compared with the earlier estimate [blocks].
-        confirmed: number of blocks for which it must persist.
+        confirmed: number of blocks for which it must persist in the shortest of these averages.
+        confirmed_long: number of blocks for which it must persist in long ones, which are themselves evidence of
+            persistence; see `persistence`.
         history: time of data needed before a change can be reported [s].
         pending: latest blocks excluded from the earlier estimate, for averages up to this length; twice that for longer
             ones.
@@ -120,8 +122,9 @@ class ChangeSettings:
 
     least_change: float = 0.015
     deviations: float = 3.5
-    windows: tuple[int, ...] = (6, 12, 25, 50, 100)
+    windows: tuple[int, ...] = (6, 12, 18, 25, 50, 100)
     confirmed: int = 8
+    confirmed_long: int = 5
     history: float = 0.8
     pending: int = 56
     suspected: float = 2.5
@@ -145,6 +148,12 @@ class ChangeSettings:
             raise StaderaError(
                 f"ChangeSettings.suspected ({self.suspected}) must not exceed deviations ({self.deviations})"
             )
+
+    def persistence(self, blocks: int) -> int:
+        """Number of blocks for which a change must persist in an average over a number of blocks: as many fewer as the
+        average is longer than the shortest one.
+        """
+        return max(self.confirmed - (blocks - self.windows[0]), min(self.confirmed, self.confirmed_long))
 
 
 @dataclass(frozen=True)

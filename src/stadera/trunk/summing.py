@@ -11,7 +11,7 @@ from stadera.compiled import kernel
 from stadera.trunk.considered import unit_of_rows, weighted
 from stadera.trunk.error_model import ERRORS, JOINTS
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter
+from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter, judged
 from stadera.trunk.segment import STICTION, RowMoments, Segment, WeightedRows
 from stadera.types import Array
 
@@ -66,7 +66,7 @@ class CompiledSumming(Summing):
             aged.solution,
             errors[JOINTS],
             sqrt(keep),
-            current.blocks >= CLUSTER,
+            judged(current, self._usual[0]),
             counted,
             self._usual,
             scatter.sum,

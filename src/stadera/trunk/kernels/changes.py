@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stadera.compiled import compiled, part, reordered
 from stadera.types import Array
 
-WILD, MEDIAN = 3.0, 0.455  # as in `stadera.trunk.changes`
+WILD, MEDIAN, DEVIATION = 3.0, 0.455, 1.5  # as in `stadera.trunk.changes`
 
 
 @reordered
@@ -113,15 +113,19 @@ def differences(reduced: Array, mean: Array, scale: Array, out: Array) -> None:
 
 
 @part
-def huber(values: Array, weights: Array, component: int, near: float, work: Array) -> float:
-    """Weighted sum of values (n,) clipped about their median; the weights are those of reduced rows (n, 4, 12)."""
-    n, total = len(values), 0.0
+def huber(values: Array, rows: Array, component: int, near: float, heaviest: float, work: Array) -> tuple[float, float]:
+    """Weighted mean of values (n,) clipped about their median, and its weight; the weights are those of reduced rows
+    (n, 4, 12), limited to the heaviest.
+    """
+    n, total, weight = len(values), 0.0, 0.0
     for k in range(n):
         work[k] = values[k]
     centre = smallest(work, n, n // 2)
     for k in range(n):
-        total += min(max(values[k], centre - near), centre + near) * weights[k, component, 11]
-    return total
+        own = min(rows[k, component, 11], heaviest)
+        total += min(max(values[k], centre - near), centre + near) * own
+        weight += own
+    return total / max(weight, 1e-12), max(weight, 1e-12)
 
 
 @part
@@ -151,7 +155,7 @@ def look_back(
     errors: Array,
     std: Array,
     scale: Array,
-    near: Array,
+    blocks: Array,
     square: Array,
     usual: Array,
     student: Array,
@@ -166,23 +170,30 @@ def look_back(
     if stop <= first:
         return best
     longest = windows[stop - 1]
-    mean, before, size, variance = np.empty(10), np.zeros(4), np.empty(4), np.empty(4)
+    mean, before, size, variance, own = np.empty(10), np.zeros(4), np.empty(4), np.empty(4), np.empty(4)
+    past = max(limits[3], 1.0)
     values, work, latest, weight_at = np.empty((4, longest)), np.empty(longest), sums[end], sums.shape[2] - 1
     mean_of(solution, errors, mean)
     differences(reduced[end - longest : end], mean, scale, values)
     for i in range(4):
         for c in range(10):
-            before[i] += inverse[i, c] ** 2
+            before[i] += scatter * (inverse[i, c] / scale[i]) ** 2
     for w in range(first, stop):
         n = windows[w]
         earlier, rows = sums[end - n], reduced[end - n : end]
         for i in range(4):
+            size[i], weight = huber(values[i, longest - n :], rows, i, blocks[0, i], blocks[2, i], work)
+            size[i] -= blocks[1, i]
+            own[i] = 1.0 / (weight * scale[i] ** 2)
+            variance[i] = max(square[w, i], own[i]) + max(before[i], n / past * square[w, i])
+        ratio, reported = significance(size, variance, limits[0], 3 * n > limits[1])
+        if ratio * student[w] <= best:
+            continue  # model errors only add to the variance
+        for i in range(4):
             weight = max(latest[i, weight_at] - earlier[i, weight_at], 1e-12)
-            size[i] = huber(values[i, longest - n :], rows, i, near[i], work) / weight
             by_model = by_errors(earlier[i], latest[i], min(i, 1), solution, std) / (weight * scale[i]) ** 2
-            own = 1.0 / (weight * scale[i] ** 2)
             spread = square[w, i] + max(by_model - usual[w, i], 0.0)
-            variance[i] = max(spread, own) + scatter * before[i] / scale[i] ** 2
+            variance[i] = max(spread, own[i]) + max(before[i], n / past * square[w, i])
         ratio, reported = significance(size, variance, limits[0], 3 * n > limits[1])
         if ratio * student[w] > best:
             best = ratio * student[w]
@@ -235,7 +246,7 @@ def push(columns: Array, errors: Array, rows: Array, reduced: Array, sums: Array
 
 @compiled(
     "float64(float64[:,:,::1], float64[:,:,::1], int64, int64[::1], int64, int64, float64[:,::1], float64[:,::1], "
-    "float64[:,::1], float64[:,::1], float64[::1], float64[::1], float64[::1], float64[::1], "
+    "float64[:,::1], float64[:,::1], float64[::1], float64[::1], float64[::1], float64[:,::1], "
     "float64[:,::1], float64[:,::1], float64[::1], float64, float64[::1], float64[:,::1])"
 )
 def largest(
@@ -252,7 +263,7 @@ def largest(
     errors: Array,
     std: Array,
     scale: Array,
-    near: Array,
+    blocks: Array,
     square: Array,
     usual: Array,
     student: Array,
@@ -268,13 +279,14 @@ def largest(
             where the long ones are, from the first long one at `limits[2]`.
         inverse, solution: of the estimate without the latest blocks; `long_`: without twice as many.
         errors: (k,), first entries of p; the others are zero. std: of model errors.
-        scale, near: (4,), units and Huber's limit. square, usual: (windows, 4). student: (windows,).
-        limits: least change, pending blocks, number of short windows.
+        scale: (4,), units. blocks: (3, 4), what is usual for single blocks: Huber's limit, Huber mean, largest weight.
+        square, usual: (windows, 4). student: (windows,).
+        limits: least change, pending blocks, number of short windows, number of past blocks.
         out: (3, 4), blocks and whether to report; δ; variance.
     """
     out[:] = 0.0
     out[2] = 1.0
-    shared = std, scale, near, square, usual, student, scatter, limits
+    shared = std, scale, blocks, square, usual, student, scatter, limits
     best = look_back(reduced, sums, end, windows, 0, short, inverse, solution, errors, *shared, -1.0, out)
     first = int(limits[2])
     best = look_back(reduced, sums, end, windows, first, long, long_inverse, long_solution, errors, *shared, best, out)
@@ -299,7 +311,7 @@ def suspect(size: Array, scale: Array, likely: bool, persists: bool, keep: float
 
 @compiled(
     "void(float64[:,:,::1], float64[:,:,::1], int64, int64, float64, int64[::1], float64[::1], float64[:,::1], "
-    "float64[::1], float64[::1], float64, float64[::1], float64[:,::1], float64[:,::1], int64[::1])"
+    "float64[::1], float64[::1], float64, float64[:,::1], float64[:,::1], float64[:,::1], int64[::1])"
 )
 def spreads(
     reduced: Array,
@@ -313,7 +325,7 @@ def spreads(
     std: Array,
     scale: Array,
     outlier: float,
-    scatter: Array,
+    usual: Array,
     square: Array,
     expected: Array,
     counts: NDArray[np.int64],
@@ -324,19 +336,27 @@ def spreads(
         reduced, sums: of all blocks. begin: index of the first block, n: number of blocks.
         share: of the variances due to model errors that `expected` exceeds.
         mean, solution: of the estimate. std: of model errors. scale: (4,). outlier: Huber's limit.
-        scatter: (4,), written. square, expected: (windows, 4), written; counts: (windows,), of averages.
+        usual: (3, 4), written: of single blocks, scatter, Huber mean, largest weight.
+        square, expected: (windows, 4), written; counts: (windows,), of averages.
     """
-    singles, running, work = np.empty((n, 4)), np.zeros((n + 1, 4, 2)), np.empty(n)
+    singles, running, work = np.empty(n), np.zeros((n + 1, 4, 2)), np.empty(n)
     for i in range(4):
         for k in range(n):
-            singles[k, i] = single(reduced[begin + k], i, mean, scale)
-            work[k] = abs(singles[k, i])
-        scatter[i] = max(1.5 * middle(work, n), 1e-6)
-        near = outlier * scatter[i]
+            singles[k] = single(reduced[begin + k], i, mean, scale)
+            work[k] = singles[k]
+        centre = middle(work, n)
         for k in range(n):
-            weight = reduced[begin + k, i, 11]
-            running[k + 1, i, 0] = running[k, i, 0] + min(max(singles[k, i], -near), near) * weight
+            work[k] = abs(singles[k] - centre)
+        usual[0, i] = max(DEVIATION * middle(work, n), 1e-6)
+        for k in range(n):
+            work[k] = reduced[begin + k, i, 11]
+        heaviest = usual[2, i] = middle(work, n)
+        low, high = centre - outlier * usual[0, i], centre + outlier * usual[0, i]
+        for k in range(n):
+            weight = min(reduced[begin + k, i, 11], heaviest)
+            running[k + 1, i, 0] = running[k, i, 0] + min(max(singles[k], low), high) * weight
             running[k + 1, i, 1] = running[k, i, 1] + weight
+        usual[1, i] = running[n, i, 0] / max(running[n, i, 1], 1e-12)
     weight_at = sums.shape[2] - 1
     squares, variances = np.empty((4, n)), np.empty((4, n))
     for w in range(len(windows)):
@@ -345,7 +365,7 @@ def spreads(
             for i in range(4):
                 near_sum = running[first + m, i, 0] - running[first, i, 0]
                 weight = max(running[first + m, i, 1] - running[first, i, 1], 1e-12)
-                squares[i, count] = (near_sum / weight) ** 2
+                squares[i, count] = (near_sum / weight - usual[1, i]) ** 2
                 before, after = sums[begin + first, i], sums[begin + first + m, i]
                 weight = max(after[weight_at] - before[weight_at], 1e-12) * scale[i]
                 variances[i, count] = by_errors(before, after, min(i, 1), solution, std) / weight**2
