@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from math import isfinite
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -105,3 +106,8 @@ def data_frame(columns: Mapping[str, Any]) -> Any:
 def _save(path: str | PathLike[str], text: str) -> None:
     with written_together([path]) as (draft,):
         write_text(draft, text)
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number for JSON, which has none for NaN and infinity."""
+    return float(value) if isfinite(value) else None

@@ -12,7 +12,7 @@ import numpy as np
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.worth import LegExperiment
 from stadera.identify.observability import Combination
-from stadera.results import Result, data_frame
+from stadera.results import Result, data_frame, finite_or_none
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class Excitation(Result):
             "stand_height": settings.stand_height,
             "torque_noise": dict(zip(bounds.joints, self.experiment.noise.tolist(), strict=True)),
             "joints": {joint: self._extremes(k) for k, joint in enumerate(bounds.joints)},
-            "least_distance": _finite(self.peaks.distance),
+            "least_distance": finite_or_none(self.peaks.distance),
             "motions": [
                 {"name": name, "gain": a.gain, "rank": a.rank, "rigid_rank": a.rigid_rank}
                 for name, a in self.motions.items()
@@ -161,10 +161,10 @@ class Excitation(Result):
             "position": [float(peaks.lower[joint]), float(peaks.upper[joint])],
             "position_bounds": [float(bounds.lower[joint]), float(bounds.upper[joint])],
             "velocity": float(peaks.velocity[joint]),
-            "velocity_bound": _finite(bounds.velocity[joint]),
+            "velocity_bound": finite_or_none(bounds.velocity[joint]),
             "acceleration": float(peaks.acceleration[joint]),
             "torque": float(peaks.torque[joint]),
-            "torque_bound": _finite(bounds.effort[joint]),
+            "torque_bound": finite_or_none(bounds.effort[joint]),
         }
 
 
@@ -183,10 +183,6 @@ _UNITS = {
     "std": "of the prior's",
     "sinusoids": "rad, Hz, s",
 }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 @dataclass(frozen=True, eq=False)

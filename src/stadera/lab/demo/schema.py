@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from stadera.inertia import InertialParameters
 from stadera.lab.demo.run import DemoResult, DemoRun
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
 from stadera.lab.experiments.moving.outcome import WalkOutcome
+from stadera.results import finite_or_none
 from stadera.robot import load_robot
 from stadera.weigh.schema import payload_dict, plain
 
@@ -52,7 +52,7 @@ def _run(outcome: LoadedWalkOutcome) -> dict[str, Any]:
         "distance": trace.distance,
         "commanded": trace.commanded,
         "steps_lost": trace.steps_lost if trace.fall is None else None,
-        "least_margin": _or_none(outcome.least_margin_ever),
+        "least_margin": finite_or_none(outcome.least_margin_ever),
         "outside": outcome.outside,
         "mass_error": model.mass - truth.mass,
         "com_error": float(np.linalg.norm((model.com_trunk - truth.com)[:2])),
@@ -65,7 +65,7 @@ def _reaction(run: DemoRun) -> dict[str, Any]:
     outcome = run.outcome
     payload, trunk = outcome.payload, load_robot(outcome.case.robot).trunk
     return {
-        "noticed_after": _or_none(outcome.noticed_after),
+        "noticed_after": finite_or_none(outcome.noticed_after),
         "updated_after": outcome.updated_after,
         "known_after": known_after(run),
         "payload": None if payload is None else payload_dict(payload, trunk, {}),
@@ -85,10 +85,6 @@ def _course(outcome: LoadedWalkOutcome) -> dict[str, Any]:
         "state": str(outcome.state),
         "steps": list(trace.steps),
     }
-
-
-def _or_none(value: float) -> float | None:
-    return value if isfinite(value) else None
 
 
 def known_after(run: DemoRun) -> float | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf, isnan
+from math import inf
 
 from stadera.constants import GRAVITY
 from stadera.lab.control.crawl.settings import CrawlCommand, CrawlSettings
@@ -28,6 +28,7 @@ from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.report.table import Cell, Row, TableData
+from stadera.results import finite_or_none
 from stadera.robot import load_robot
 from stadera.types import Progress
 
@@ -96,8 +97,8 @@ def survive(case: SurvivalCase) -> Outcome:
     return {
         "outcome": str(outcome.verdict.outcome),
         "reasons": list(outcome.verdict.reasons),
-        "least_margin": _or_none(outcome.least_margin),
-        "least_margin_ever": _or_none(outcome.least_margin_ever),
+        "least_margin": finite_or_none(outcome.least_margin),
+        "least_margin_ever": finite_or_none(outcome.least_margin_ever),
         "noticed": [_noticed(outcome, time) for time in (case.load_at, case.unload_at)],
         "alarms": sum(check.changed for check in outcome.checks),
         "checks": len(outcome.checks),
@@ -106,10 +107,6 @@ def survive(case: SurvivalCase) -> Outcome:
         "distance": outcome.trace.distance,
         "walked": float(outcome.trace.time[-1]) - STAND,
     }
-
-
-def _or_none(value: float) -> float | None:
-    return None if isnan(value) else value
 
 
 def _noticed(outcome: LoadedWalkOutcome, since: float) -> float | None:
@@ -175,7 +172,8 @@ def run_study(study: SurvivalSettings, settings: ReproduceSettings, progress: Pr
     watched = [c for c in dict.fromkeys((*walks.grid, *walks.paper, *walks.small)) if c.load >= study.small - 1e-9]
     return PAPER.result(
         (
-            *_paper_records(study, walks.paper, found),
+            *_way_records(study, True, [found[c] for c in walks.paper if c.identify]),
+            *_way_records(study, False, [found[c] for c in walks.paper if not c.identify]),
             *_noticing_records(study, [c for c in watched if c.identify], found),
             *_alarm_records([found[c] for c in walks.quiet]),
         ),
@@ -197,19 +195,11 @@ def _cycle() -> float:
 _Found = Mapping[SurvivalCase, Outcome]
 
 
-def _paper_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
-    """Counts for both kinds of walks, with the paper's bounds: it walks with identification and fails without."""
-    for identify in (True, False):
-        yield from _way_records(study, identify, [found[c] for c in cases if c.identify is identify])
-
-
 def _way_records(study: SurvivalSettings, identify: bool, walks: Sequence[Outcome]) -> Iterator[Record]:
+    """Counts of one kind of walks, with the paper's bounds: it walks with identification and fails without."""
     case: dict[str, str | float] = {"load [N]": study.paper, "corner": study.paper_corner}
-    count, none, way = (
-        float(len(walks)),
-        0.0 if identify else None,
-        f"{'with' if identify else 'without'} identification",
-    )
+    count, none = float(len(walks)), 0.0 if identify else None
+    way = f"{'with' if identify else 'without'} identification"
     of = f"{way}, of {count:.0f}"
     fell = [o["outcome"] == FELL for o in walks]
     left = [(o["least_margin"] or 0.0) < 0.0 for o in walks]
