@@ -140,7 +140,7 @@ class _Fit:
         return self.total.names
 
     def widened(self) -> Information:
-        return self.total.scaled_noise(max(1.0, float(np.sqrt(self.misfit))))
+        return self.total.scaled_noise(float(np.sqrt(max(1.0, self.misfit))))
 
 
 def _least_cost(information: Information) -> float:
