@@ -21,13 +21,7 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
 from stadera.checks.torque_order import pushing_at_rest, swapped_in_motion
 from stadera.checks.torque_steps import torque_step
-from stadera.checks.units import (
-    gravity_findings,
-    gyro_findings,
-    position_findings,
-    time_findings,
-    velocity_findings,
-)
+from stadera.checks.units import gravity_findings, gyro_findings, position_findings, time_findings, velocity_findings
 from stadera.logs.mend import Mend, upwards
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.sampling import GAP_FACTOR

@@ -213,12 +213,7 @@ class InstantRows:
         matrix = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale[:, None]
         size = robot.mass * np.array([1.0, *[0.5 * legs.length] * 3, *[0.5 * legs.length**2] * 6])
         return cls(
-            both,
-            fixed.shape[1],
-            (matrix * size).reshape(6 * n, 10),
-            root,
-            _flat(-E, scale) * model.limit,
-            model.limit,
+            both, fixed.shape[1], (matrix * size).reshape(6 * n, 10), root, _flat(-E, scale) * model.limit, model.limit
         )
 
 

@@ -57,10 +57,7 @@ def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:
     alike = [k for k in np.argsort(-squares) if squares[k] > squares[best] - limits.step_alike]
     size = float(sizes[best] * rows.limit[best])
     return TorqueStep(
-        tuple(names[k] for k in alike),
-        float(blocks.time[span.start + at]),
-        size,
-        float(np.sqrt(squares[best])),
+        tuple(names[k] for k in alike), float(blocks.time[span.start + at]), size, float(np.sqrt(squares[best]))
     )
 
 

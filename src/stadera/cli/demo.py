@@ -44,8 +44,5 @@ def demo(
                 watch(run, round(100 * done), 100, doing)
 
         result = run_demo(DemoSettings(seed=seed, classic=classic and not nonstop), follow)
-    write_outputs(
-        (report, page_of(lambda: demo_html(result))),
-        (json, json_of(result.to_dict)),
-    )
+    write_outputs((report, page_of(lambda: demo_html(result))), (json, json_of(result.to_dict)))
     show(*demo_tables(result))

@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import (
-    Force,
-    JsonFile,
-    LogOptions,
-    ReportFile,
-    Scheduler,
-    Workers,
-    check_workers,
-    grouped,
-)
+from stadera.cli.options import Force, JsonFile, LogOptions, ReportFile, Scheduler, Workers, check_workers, grouped
 from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 

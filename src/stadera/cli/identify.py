@@ -36,8 +36,7 @@ def identify(
         typer.Option(metavar="LOG", help="Validate on this log instead of a part of LOG; repeatable."),
     ] = None,
     split: Annotated[
-        str | None,
-        typer.Option(metavar="SHARE", help="Share of each LOG to fit [default: 0.5]; 'none': fit all."),
+        str | None, typer.Option(metavar="SHARE", help="Share of each LOG to fit [default: 0.5]; 'none': fit all.")
     ] = None,
     method: Annotated[
         Solver, typer.Option(help="Physically consistent, or CAD in the null space.")

@@ -44,8 +44,7 @@ def live(
         str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Topic of the IMU, if there are several.")
     ] = None,
     imu_frame: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Frame of the IMU's values [default: the messages' own]."),
+        str | None, typer.Option(metavar="NAME", help="Frame of the IMU's values [default: the messages' own].")
     ] = None,
     legs: Annotated[
         Path | None,

@@ -29,8 +29,7 @@ RobotOfLog = Annotated[
 ]
 JsonFile = Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")]
 ReportFile = Annotated[
-    Path | None,
-    typer.Option("--report", metavar="F.html", help="Write an HTML report; F.pdf is printed by Chromium."),
+    Path | None, typer.Option("--report", metavar="F.html", help="Write an HTML report; F.pdf is printed by Chromium.")
 ]
 Force = Annotated[
     bool, typer.Option("--force", help="Give a result even if it is not to be trusted, every figure marked.")
@@ -65,8 +64,7 @@ Workers = Annotated[
     ),
 ]
 Scheduler = Annotated[
-    str | None,
-    typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler whose workers are used."),
+    str | None, typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler whose workers are used.")
 ]
 
 

@@ -19,11 +19,7 @@ def vector(values: Array) -> Vector:
     if values.ndim == 1:
         x, y, z = values.tolist()
         return (x, y, z)
-    return (
-        np.ascontiguousarray(values[:, 0]),
-        np.ascontiguousarray(values[:, 1]),
-        np.ascontiguousarray(values[:, 2]),
-    )
+    return (np.ascontiguousarray(values[:, 0]), np.ascontiguousarray(values[:, 1]), np.ascontiguousarray(values[:, 2]))
 
 
 def is_zero(a: Component) -> bool:

@@ -31,19 +31,7 @@ from stadera.compiled import kernel
 from stadera.constants import NOTHING, ROUNDING
 from stadera.errors import IdentificationError
 from stadera.inertia import ORDER
-from stadera.legs.components import (
-    ZERO,
-    Component,
-    Vector,
-    add,
-    cross,
-    dot,
-    minus,
-    plus,
-    scale,
-    times,
-    vector,
-)
+from stadera.legs.components import ZERO, Component, Vector, add, cross, dot, minus, plus, scale, times, vector
 from stadera.legs.friction import FrictionModel
 from stadera.legs.motion import JointMotion, JointRotation, TrunkMotion
 from stadera.legs.rows import Rows

@@ -95,11 +95,7 @@ class JointRotation:
     def __call__(self, v: Vector) -> Vector:
         """Rᵀ v."""
         x, y, z = transform(self.into_spin, v)
-        turned = (
-            plus(times(self.cos, x), times(self.sin, y)),
-            minus(times(self.cos, y), times(self.sin, x)),
-            z,
-        )
+        turned = (plus(times(self.cos, x), times(self.sin, y)), minus(times(self.cos, y), times(self.sin, x)), z)
         return turned if self.out_of_spin is None else transform(self.out_of_spin, turned)
 
 

@@ -33,14 +33,7 @@ TRIGGER_HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b
 
 TRUNK, PAYLOAD, STATE, DIAGNOSIS = "stadera/trunk", "stadera/payload", "stadera/state", "stadera/diagnostics"
 TARE, RESET = "stadera/tare", "stadera/reset"
-KINDS = {
-    TRUNK: INERTIA,
-    PAYLOAD: INERTIA,
-    STATE: STRING,
-    DIAGNOSIS: DIAGNOSTICS,
-    TARE: TRIGGER,
-    RESET: TRIGGER,
-}
+KINDS = {TRUNK: INERTIA, PAYLOAD: INERTIA, STATE: STRING, DIAGNOSIS: DIAGNOSTICS, TARE: TRIGGER, RESET: TRIGGER}
 """Topics and services, and their ROS types; outside ROS the state is plain JSON."""
 
 _LEVELS = {"good": 0, "doubtful": 1, "bad": 2}

@@ -36,11 +36,7 @@ class Worker:
         failure: the exception that ended the thread; None if there is none.
     """
 
-    def __init__(
-        self,
-        session: LiveSession,
-        keep: Callable[[Arrival], None] | None = None,
-    ) -> None:
+    def __init__(self, session: LiveSession, keep: Callable[[Arrival], None] | None = None) -> None:
         self._session, self._settings, self._keep = session, session.settings, keep
         self.sinks: Sequence[Callable[[LiveState], None]] = ()
         self._waiting: deque[_Item] = deque()

@@ -100,11 +100,7 @@ def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
 
 
 def stream(
-    log: Log,
-    *,
-    joints: Sequence[str] | None = None,
-    require: Collection[str] = (),
-    rows: int = MOST_ROWS,
+    log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = (), rows: int = MOST_ROWS
 ) -> Iterator[Recording]:
     """Reads a log as consecutive recordings of `rows` samples each. Memory does not grow with the length of a file.
 

@@ -85,11 +85,7 @@ def _states(found: Mapping[str, Topic], encoding: str, asked: str | None) -> lis
 
 
 def _joint_topic(
-    bag: Bag,
-    found: Mapping[str, Topic],
-    states: Sequence[str],
-    joints: Sequence[str] | None,
-    settings: BagSettings,
+    bag: Bag, found: Mapping[str, Topic], states: Sequence[str], joints: Sequence[str] | None, settings: BagSettings
 ) -> str:
     if not states:
         there = ", ".join(f"{name} ({topic.kind})" for name, topic in sorted(found.items())) or "none"
@@ -108,12 +104,7 @@ def _joint_topic(
 
 
 def _imu_topic(
-    bag: Bag,
-    found: Mapping[str, Topic],
-    asked: str | None,
-    joint: str,
-    states: Sequence[str],
-    settings: BagSettings,
+    bag: Bag, found: Mapping[str, Topic], asked: str | None, joint: str, states: Sequence[str], settings: BagSettings
 ) -> str | None:
     fitting = sorted(name for name, topic in found.items() if topic.kind == IMU)
     if asked is not None:
@@ -157,11 +148,7 @@ def _several(bag: Bag, candidates: Sequence[_Candidate], what: str, option: str)
 
 
 def _measured(
-    bag: Bag,
-    found: Mapping[str, Topic],
-    names: Sequence[str],
-    joints: Sequence[str] | None,
-    settings: BagSettings,
+    bag: Bag, found: Mapping[str, Topic], names: Sequence[str], joints: Sequence[str] | None, settings: BagSettings
 ) -> list[_Candidate]:
     """The candidates with their rates, measured at the beginning of the bag."""
     first: dict[str, list[Message]] = {name: [] for name in names}

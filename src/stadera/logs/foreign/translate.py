@@ -98,10 +98,7 @@ def _is_log(found: Mapping[str, _Found], units: Units) -> bool:
 
 
 def _as_is(
-    names: Sequence[str],
-    plain: Mapping[str, str],
-    labels: Mapping[str, tuple[str, str]],
-    units: Units,
+    names: Sequence[str], plain: Mapping[str, str], labels: Mapping[str, tuple[str, str]], units: Units
 ) -> Translation:
     """Columns that already have the flat table's names, or that are unknown."""
     count = Counter(plain.values())
@@ -113,12 +110,7 @@ def _as_is(
 
 
 def _in_units(
-    found: Mapping[str, _Found],
-    chosen: ColumnMap,
-    labels: Mapping[str, tuple[str, str]],
-    units: Units,
-    *,
-    given: bool,
+    found: Mapping[str, _Found], chosen: ColumnMap, labels: Mapping[str, tuple[str, str]], units: Units, *, given: bool
 ) -> Translation:
     factors, notes = _factors(found, chosen.units, labels, units)
     example = next(one for flat, one in found.items() if flat.endswith(".position"))
