@@ -16,7 +16,7 @@ from stadera.cli.gate import GatedCommand
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
 from stadera.cli.live import live
-from stadera.cli.options import ColumnsMayStandAlone
+from stadera.cli.options import ColumnsMayStandAlone, flag
 from stadera.cli.reproduce import reproduce
 from stadera.cli.simulate import simulate
 from stadera.cli.weigh import weigh
@@ -39,11 +39,9 @@ def _show_version(asked: bool) -> None:
 @app.callback()
 def _stadera(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+        bool, flag("Show the version and exit.", "--version", callback=_show_version, is_eager=True)
     ] = False,
-    debug: Annotated[
-        bool, typer.Option(DEBUG, help="Show the traceback of an error; so does STADERA_DEBUG=1.")
-    ] = False,
+    debug: Annotated[bool, flag("Show the traceback of an error; so does STADERA_DEBUG=1.", DEBUG)] = False,
 ) -> None:
     pass
 

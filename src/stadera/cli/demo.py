@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from stadera.cli.options import JsonFile
+from stadera.cli.options import JsonFile, flag, option
 from stadera.cli.outputs import check_outputs, check_report, json_of, page_of, write_outputs
 from stadera.cli.terminal import progress, show
 
@@ -13,11 +13,11 @@ _REPORT = Path("out") / "demo.html"
 
 
 def demo(
-    report: Annotated[Path, typer.Option(metavar="F.html", help="Write an HTML report.")] = _REPORT,
+    report: Annotated[Path, option("F.html", "Write an HTML report.")] = _REPORT,
     json: JsonFile = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the sensor errors.")] = 0,
+    seed: Annotated[int, option("N", "Seed of the sensor errors.", min=0)] = 0,
     classic: Annotated[
-        bool, typer.Option("--classic", help="Stop and weigh at rest, as in the paper, instead of while walking.")
+        bool, flag("Stop and weigh at rest, as in the paper, instead of while walking.", "--classic")
     ] = False,
     nonstop: Annotated[bool, typer.Option("--nonstop", hidden=True)] = False,  # the default now; once an option
 ) -> None:

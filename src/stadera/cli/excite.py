@@ -3,9 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from stadera.cli.options import LimitValues, RobotName, grouped, limits_of
+from stadera.cli.options import LimitValues, RobotName, flag, grouped, limits_of, option
 from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
 
@@ -13,21 +11,17 @@ from stadera.cli.terminal import progress, show
 @grouped
 def excite(
     robot: RobotName,
-    leg: Annotated[str, typer.Option(metavar="RH", help="LF, RF, LH or RH, in any case.")],
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the motion as a table, .csv or .parquet.")
-    ] = None,
-    duration: Annotated[float, typer.Option(metavar="S", help="Duration from rest to rest [s].")] = 180.0,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Sampling rate of the table and of the log [Hz].")] = 500.0,
-    seed: Annotated[int, typer.Option(metavar="N", help="The same seed gives the same motion.")] = 0,
-    random: Annotated[
-        bool, typer.Option("--random", help="The paper's random sinusoids instead of the optimum.")
-    ] = False,
+    leg: Annotated[str, option("RH", "LF, RF, LH or RH, in any case.")],
+    out: Annotated[Path | None, option("FILE", "Write the motion as a table, .csv or .parquet.")] = None,
+    duration: Annotated[float, option("S", "Duration from rest to rest [s].")] = 180.0,
+    rate: Annotated[float, option("HZ", "Sampling rate of the table and of the log [Hz].")] = 500.0,
+    seed: Annotated[int, option("N", "The same seed gives the same motion.")] = 0,
+    random: Annotated[bool, flag("The paper's random sinusoids instead of the optimum.", "--random")] = False,
     leg_only: Annotated[
-        bool, typer.Option("--leg-only", help="Only this leg's joints in the table, without the others at rest.")
+        bool, flag("Only this leg's joints in the table, without the others at rest.", "--leg-only")
     ] = False,
     stand_height: Annotated[
-        float | None, typer.Option(metavar="M", help="Height of the trunk's origin above level ground to avoid [m].")
+        float | None, option("M", "Height of the trunk's origin above level ground to avoid [m].")
     ] = None,
     limit: LimitValues = None,
     *,
@@ -55,7 +49,5 @@ def excite(
         reference = result.chosen.motion.sample(settings.rate)
         write_table(motion_table(result.experiment.bounds.robot, reference, whole=not leg_only), draft)
 
-    files.write(
-        (out, table), values=result.to_dict, page=result.to_html, latex=result.to_latex, figures=result.to_figures
-    )
+    files.write_result(result, (out, table))
     show(*excitation_tables(result))

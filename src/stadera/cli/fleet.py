@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import Force, JsonFile, LogOptions, ReportFile, Scheduler, Workers, check_workers, grouped
+from stadera.cli.options import argument, check_workers, flag, grouped, option
 from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
@@ -20,66 +21,44 @@ if TYPE_CHECKING:
 
 @grouped
 def fleet(
-    out: Annotated[
-        Path, typer.Option(metavar="F.parquet", help="The table; logs that it already contains are skipped.")
-    ],
-    logs: Annotated[
-        list[str] | None, typer.Argument(metavar="[LOG_OR_GLOB]...", help="Paths, URLs, or globs of them.")
-    ] = None,
+    out: Annotated[Path, option("F.parquet", "The table; logs that it already contains are skipped.")],
+    logs: Annotated[list[str] | None, argument("[LOG_OR_GLOB]...", "Paths, URLs, or globs of them.")] = None,
     robot: Annotated[
-        str | None,
-        typer.Option(metavar="R", help="A robot's name, or a path to a URDF or MJCF [default: from each log]."),
+        str | None, option("R", "A robot's name, or a path to a URDF or MJCF [default: from each log].")
     ] = None,
     manifest: Annotated[
-        Path | None,
-        typer.Option(metavar="F.csv", help="One log per line: log, and optionally robot, tare, legs, name."),
+        Path | None, option("F.csv", "One log per line: log, and optionally robot, tare, legs, name.")
     ] = None,
     names: Annotated[
-        str | None,
-        typer.Option(metavar="REGEX", help="Names the individual robot: the first group matched in a log's path."),
+        str | None, option("REGEX", "Names the individual robot: the first group matched in a log's path.")
     ] = None,
     identify: Annotated[
-        bool, typer.Option("--identify", help="Identify legs, from logs of robots on a stand, instead of weighing.")
+        bool, flag("Identify legs, from logs of robots on a stand, instead of weighing.", "--identify")
     ] = False,
     merge: Annotated[
         Path | None,
-        typer.Option(
-            metavar="LEGS.json",
-            help="With --identify: each robot's legs from all its logs, for `weigh --legs`; LEGS-NAME.",
-        ),
+        option("LEGS.json", "With --identify: each robot's legs from all its logs, for `weigh --legs`; LEGS-NAME."),
     ] = None,
-    tare: Annotated[
-        str | None, typer.Option(metavar="T0:T1|LOG", help="Time [s] in each log, or another log, without the payload.")
-    ] = None,
-    legs: Annotated[Path | None, typer.Option(metavar="F.json", help="Legs from `identify --json`.")] = None,
-    method: Annotated[
-        str | None, typer.Option(metavar="walking|contact|...", help="As in `weigh` [default: chosen for each log].")
-    ] = None,
-    stiffness: Annotated[
-        str | None, typer.Option(metavar="KX,KY,KZ", help="As in `weigh`, for the method 'orientation'.")
-    ] = None,
-    imu_frame: Annotated[str | None, typer.Option(metavar="NAME", help="Frame of the IMUs' values.")] = None,
-    force: Force = False,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    json: JsonFile = None,
-    report: ReportFile = None,
-    memory: Annotated[
-        float, typer.Option(metavar="GB", help="Memory of a local worker, above which it is restarted.")
-    ] = 2.0,
+    tare: opt.Tare = None,
+    legs: opt.LegsFile = None,
+    method: opt.Method = None,
+    stiffness: opt.Stiffness = None,
+    imu_frame: opt.ImuFrame = None,
+    force: opt.Force = False,
+    workers: opt.Workers = None,
+    scheduler: opt.Scheduler = None,
+    json: opt.JsonFile = None,
+    report: opt.ReportFile = None,
+    memory: Annotated[float, option("GB", "Memory of a local worker, above which it is restarted.")] = 2.0,
     *,
-    options: LogOptions,
+    options: opt.LogOptions,
 ) -> None:
     """Weigh the logs of many robots, on all cores or a Dask cluster, and write one table with a row per log.
 
     A log that fails becomes a row with its error. Rows are saved as they arrive: after an interruption the same command
     resumes, and finished logs are skipped while log, options and version are unchanged.
     """
-    if (manifest is None) == (not logs):
-        raise typer.BadParameter("name logs or a --manifest", param_hint="LOG_OR_GLOB")
-    for option, given in (("--tare", tare), ("--legs", legs), ("--names", names)):
-        if manifest is not None and given is not None:
-            raise typer.BadParameter("is of the manifest's lines", param_hint=option)
+    _check_logs(manifest, logs, {"--tare": tare, "--legs": legs, "--names": names})
     check_workers(workers, scheduler)
     if merge is not None and not identify:
         raise typer.BadParameter("needs --identify", param_hint="--merge")
@@ -102,6 +81,15 @@ def fleet(
         _merge(table, jobs, merge)
     show(*fleet_tables(table))
     _require_any(table)
+
+
+def _check_logs(manifest: Path | None, logs: list[str] | None, of_lines: dict[str, object]) -> None:
+    """Raises BadParameter unless there are either logs or a manifest, and what its lines say is not given besides."""
+    if (manifest is None) == (not logs):
+        raise typer.BadParameter("name logs or a --manifest", param_hint="LOG_OR_GLOB")
+    for name, given in of_lines.items():
+        if manifest is not None and given is not None:
+            raise typer.BadParameter("is of the manifest's lines", param_hint=name)
 
 
 def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import Force, LogOptions, RobotOfLog, grouped
+from stadera.cli.options import Force, LogOptions, RobotOfLog, argument, flag, grouped, option
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -26,40 +26,25 @@ class Solver(StrEnum):
 
 @grouped
 def identify(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs to fit; several are merged.")],
+    logs: Annotated[list[Path], argument("LOG...", "Logs to fit; several are merged.")],
     robot: RobotOfLog = None,
     legs: Annotated[
-        str | None, typer.Option(metavar="RH,...", help="Legs to identify [default: all]. LF, RF, LH, RH in any case.")
+        str | None, option("RH,...", "Legs to identify [default: all]. LF, RF, LH, RH in any case.")
     ] = None,
     validate: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="LOG", help="Validate on this log instead of a part of LOG; repeatable."),
+        list[Path] | None, option("LOG", "Validate on this log instead of a part of LOG; repeatable.")
     ] = None,
-    split: Annotated[
-        str | None, typer.Option(metavar="SHARE", help="Share of each LOG to fit [default: 0.5]; 'none': fit all.")
-    ] = None,
-    method: Annotated[
-        Solver, typer.Option(help="Physically consistent, or CAD in the null space.")
-    ] = Solver.CONSISTENT,
+    split: Annotated[str | None, option("SHARE", "Share of each LOG to fit [default: 0.5]; 'none': fit all.")] = None,
+    method: Annotated[Solver, flag("Physically consistent, or CAD in the null space.")] = Solver.CONSISTENT,
     friction: Annotated[
-        str,
-        typer.Option(metavar="TERMS", help="Joint terms to fit: some of armature,viscous,coulomb,offset; or 'none'."),
+        str, option("TERMS", "Joint terms to fit: some of armature,viscous,coulomb,offset; or 'none'.")
     ] = "armature,viscous,coulomb,offset",
-    cutoff: Annotated[
-        str, typer.Option(metavar="HZ|auto|none", help="Low-pass cut-off; 'auto' chooses it from the motion.")
-    ] = "auto",
+    cutoff: Annotated[str, option("HZ|auto|none", "Low-pass cut-off; 'auto' chooses it from the motion.")] = "auto",
     torque_lag: Annotated[
-        str,
-        typer.Option(
-            metavar="SECONDS|auto", help="Delay of the torques relative to their stamps; 'auto' estimates it."
-        ),
+        str, option("SECONDS|auto", "Delay of the torques relative to their stamps; 'auto' estimates it.")
     ] = "auto",
-    up: Annotated[
-        str, typer.Option(metavar="X,Y,Z|auto", help="The vertical in trunk axes; 'auto': from the IMU, else level.")
-    ] = "auto",
-    export: Annotated[
-        Path | None, typer.Option(metavar="F.urdf", help="Write the model file with the identified values.")
-    ] = None,
+    up: Annotated[str, option("X,Y,Z|auto", "The vertical in trunk axes; 'auto': from the IMU, else level.")] = "auto",
+    export: Annotated[Path | None, option("F.urdf", "Write the model file with the identified values.")] = None,
     force: Force = False,
     *,
     options: LogOptions,
@@ -96,13 +81,7 @@ def identify(
     with progress() as watch:
         result = identify_legs(model, training, settings, validation or None, watch, fix=options.fix, force=force)
     _require_trust(result, force)
-    files.write(
-        (export, result.save_urdf),
-        values=result.to_dict,
-        page=result.to_html,
-        latex=result.to_latex,
-        figures=result.to_figures,
-    )
+    files.write_result(result, (export, result.save_urdf))
     show(*identification_tables(result))
 
 

@@ -3,17 +3,15 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from stadera.cli.options import TEMPLATE, LogOptions, grouped, limits_of
+from stadera.cli.options import TEMPLATE, LogOptions, argument, grouped, limits_of, option
 from stadera.cli.terminal import progress, show
 
 
 @grouped
 def inspect(
-    target: Annotated[str, typer.Argument(metavar="LOG|ROBOT", help="A log, a robot's name, or a URDF or MJCF.")],
+    target: Annotated[str, argument("LOG|ROBOT", "A log, a robot's name, or a URDF or MJCF.")],
     robot: Annotated[
-        str | None, typer.Option("--robot", metavar="R", help="Check the log against this robot, standing or walking.")
+        str | None, option("R", "Check the log against this robot, standing or walking.", "--robot")
     ] = None,
     *,
     options: LogOptions,

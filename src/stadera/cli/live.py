@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.cli import options as opt
 from stadera.cli.gate import REPLAY
-from stadera.cli.options import Fix, GearRatio, LimitValues, LogOptions, RobotName, RrdFile, Units, View
+from stadera.cli.options import LogOptions, argument, option
 from stadera.cli.terminal import show
 from stadera.cli.viewing import watching
 
@@ -22,41 +23,25 @@ if TYPE_CHECKING:
 
 
 def live(
-    robot: RobotName,
-    source: Annotated[str, typer.Argument(metavar="zenoh|replay:LOG", help="Source of the messages.")] = "zenoh",
+    robot: opt.RobotName,
+    source: Annotated[str, argument("zenoh|replay:LOG", "Source of the messages.")] = "zenoh",
     connect: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ENDPOINT", help="Zenoh endpoint to connect to; repeatable [default: tcp/localhost:7447]."
-        ),
+        list[str] | None, option("ENDPOINT", "Zenoh endpoint to connect to; repeatable [default: tcp/localhost:7447].")
     ] = None,
-    listen: Annotated[
-        list[str] | None, typer.Option(metavar="ENDPOINT", help="Zenoh endpoint to listen on; repeatable.")
-    ] = None,
-    config: Annotated[Path | None, typer.Option(metavar="F.json5", help="Zenoh configuration file.")] = None,
-    rate: Annotated[
-        float, typer.Option(metavar="X", min=0.001, help="Speed of a replay: X times as fast; or inf.")
-    ] = 1.0,
-    joint_topic: Annotated[
-        str | None, typer.Option("--joint-topic", metavar="TOPIC", help="Topic of joint states, if there are several.")
-    ] = None,
-    imu_topic: Annotated[
-        str | None, typer.Option("--imu-topic", metavar="TOPIC", help="Topic of the IMU, if there are several.")
-    ] = None,
-    imu_frame: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Frame of the IMU's values [default: the messages' own].")
-    ] = None,
-    legs: Annotated[
-        Path | None,
-        typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia from `identify --json`."),
-    ] = None,
-    record: Annotated[Path | None, typer.Option(metavar="F.mcap", help="Record received and sent messages.")] = None,
-    units: Units = None,
-    gear: GearRatio = None,
-    fix: Fix = False,
-    view: View = False,
-    rrd: RrdFile = None,
-    limit: LimitValues = None,
+    listen: Annotated[list[str] | None, option("ENDPOINT", "Zenoh endpoint to listen on; repeatable.")] = None,
+    config: Annotated[Path | None, option("F.json5", "Zenoh configuration file.")] = None,
+    rate: Annotated[float, option("X", "Speed of a replay: X times as fast; or inf.", min=0.001)] = 1.0,
+    joint_topic: opt.JointTopic = None,
+    imu_topic: opt.ImuTopic = None,
+    imu_frame: opt.ImuFrame = None,
+    legs: opt.LegsFile = None,
+    record: Annotated[Path | None, option("F.mcap", "Record received and sent messages.")] = None,
+    units: opt.Units = None,
+    gear: opt.GearRatio = None,
+    fix: opt.Fix = False,
+    view: opt.View = False,
+    rrd: opt.RrdFile = None,
+    limit: opt.LimitValues = None,
 ) -> None:
     """Weigh a running robot: joint states and IMU in, trunk and payload out, until Ctrl-C.
 

@@ -18,54 +18,68 @@ if TYPE_CHECKING:
     from stadera.logs.reading import Reading
     from stadera.logs.topics import LogFile, Topics
 
-RobotName = Annotated[
-    str, typer.Option("--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF.", show_default=False)
-]
+
+def option(metavar: str, help_: str, *names: str, **settings: Any) -> Any:
+    """An option with a value; `names` where it is not its parameter's."""
+    return typer.Option(*names, metavar=metavar, help=help_, **settings)
+
+
+def flag(help_: str, *names: str, **settings: Any) -> Any:
+    """An option without a value."""
+    return typer.Option(*names, help=help_, **settings)
+
+
+def argument(metavar: str, help_: str) -> Any:
+    """An argument by its place."""
+    return typer.Argument(metavar=metavar, help=help_)
+
+
+RobotName = Annotated[str, option("R", "A robot's name, or a path to a URDF or MJCF.", "--robot", show_default=False)]
 RobotOfLog = Annotated[
+    str | None, option("R", "A robot's name, or a path to a URDF or MJCF [default: as the log says].", "--robot")
+]
+LegsFile = Annotated[
+    Path | None, option("F.json", "Legs, friction and rotor inertia from `identify --json`.", "--legs")
+]
+Method = Annotated[
     str | None,
-    typer.Option(
-        "--robot", metavar="R", help="A robot's name, or a path to a URDF or MJCF [default: as the log says]."
+    option(
+        "walking|contact|orientation|poses|combined",
+        "walking: any motion; others: at rest, poses and combined without an IMU "
+        "[default: walking with an IMU and 50 samples a second, else contact, or poses without an IMU].",
     ),
 ]
-JsonFile = Annotated[Path | None, typer.Option("--json", metavar="F", help="Write the result as JSON.")]
-ReportFile = Annotated[
-    Path | None, typer.Option("--report", metavar="F.html", help="Write an HTML report; F.pdf is printed by Chromium.")
+Tare = Annotated[str | None, option("T0:T1|LOG", "Time [s] in LOG, or another log, without the payload.")]
+Stiffness = Annotated[str | None, option("KX,KY,KZ", "Stiffness of the trunk controller [N·m/rad], for 'orientation'.")]
+ImuFrame = Annotated[
+    str | None, option("NAME", "Frame of the IMU's values [default: the log's own, else the model's].")
 ]
-Force = Annotated[
-    bool, typer.Option("--force", help="Give a result even if it is not to be trusted, every figure marked.")
-]
-View = Annotated[bool, typer.Option("--view", help="Show the robot and its estimates in Rerun.")]
-RrdFile = Annotated[Path | None, typer.Option("--rrd", metavar="F.rrd", help="Write a recording for Rerun.")]
+JointTopic = Annotated[str | None, option("TOPIC", "Topic to read, if several have joints.", "--joint-topic")]
+ImuTopic = Annotated[str | None, option("TOPIC", "Topic to read, if there are several IMUs.")]
+JsonFile = Annotated[Path | None, option("F", "Write the result as JSON.", "--json")]
+ReportFile = Annotated[Path | None, option("F.html", "Write an HTML report; F.pdf is printed by Chromium.", "--report")]
+Force = Annotated[bool, flag("Give a result even if it is not to be trusted, every figure marked.", "--force")]
+View = Annotated[bool, flag("Show the robot and its estimates in Rerun.", "--view")]
+RrdFile = Annotated[Path | None, option("F.rrd", "Write a recording for Rerun.", "--rrd")]
 Units = Annotated[
-    str | None,
-    typer.Option(
-        metavar="deg,ms,...", help="Units of the log: deg, deg/s, gyro=deg/s, g, ms ...; 200Hz if it has no time."
-    ),
+    str | None, option("deg,ms,...", "Units of the log: deg, deg/s, gyro=deg/s, g, ms ...; 200Hz if it has no time.")
 ]
 GearRatio = Annotated[
-    str | None,
-    typer.Option("--gear", metavar="RATIO", help="Torques are the motors': times this; or N,N,N for hip, thigh, calf."),
+    str | None, option("RATIO", "Torques are the motors': times this; or N,N,N for hip, thigh, calf.", "--gear")
 ]
-Fix = Annotated[
-    bool, typer.Option("--fix", help="Correct unambiguous faults of the log (units, signs, orders), with a note.")
-]
+Fix = Annotated[bool, flag("Correct unambiguous faults of the log (units, signs, orders), with a note.", "--fix")]
 LimitValues = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
+        "NAME=VALUE",
+        "Raise a limit for reading files that an error names: unpacked, seconds, columns ...; repeatable.",
         "--limit",
-        metavar="NAME=VALUE",
-        help="Raise a limit for reading files that an error names: unpacked, seconds, columns ...; repeatable.",
     ),
 ]
 Workers = Annotated[
-    int | None,
-    typer.Option(
-        "--workers", metavar="N", min=0, help="Processes on this machine; 0: this one [default: one per core]."
-    ),
+    int | None, option("N", "Processes on this machine; 0: this one [default: one per core].", "--workers", min=0)
 ]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler whose workers are used.")
-]
+Scheduler = Annotated[str | None, option("tcp://HOST:8786", "A Dask scheduler whose workers are used.", "--scheduler")]
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -120,27 +134,19 @@ def limits_of(given: Sequence[str] | None) -> Limits:
 class LogOptions:
     """Options for reading logs, the same for all logs of the command."""
 
-    joint_topic: Annotated[
-        str | None,
-        typer.Option("--joint-topic", metavar="TOPIC", help="Topic to read, if a log has several of joints."),
-    ] = None
-    imu_topic: Annotated[
-        str | None, typer.Option(metavar="TOPIC", help="Topic to read, if a log has several IMUs.")
-    ] = None
+    joint_topic: JointTopic = None
+    imu_topic: ImuTopic = None
     columns: Annotated[
         str | None,
-        typer.Option(
-            metavar="MAP.toml|PRESET",
-            help="Map of a table's columns, or a preset [default: by their names]. "
+        option(
+            "MAP.toml|PRESET",
+            "Map of a table's columns, or a preset [default: by their names]. "
             "`stadera inspect LOG --columns` writes a map.",
         ),
     ] = None
     units: Units = None
     pd: Annotated[
-        str | None,
-        typer.Option(
-            "--pd", metavar="KP,KD", help="Compute torques from desired positions; hip, thigh, calf: KP,KD/KP,KD/..."
-        ),
+        str | None, option("KP,KD", "Compute torques from desired positions; hip, thigh, calf: KP,KD/KP,KD/...", "--pd")
     ] = None
     gear: GearRatio = None
     fix: Fix = False

@@ -8,15 +8,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from stadera.cli.options import JsonFile, ReportFile
+from stadera.cli.options import JsonFile, ReportFile, option
 from stadera.errors import RecordingError, StaderaError
 from stadera.files import require_writable, write_text, written_together
 
 if TYPE_CHECKING:
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
+    from stadera.results import Result
 
 Writer = Callable[[Path], object]
 """Fills the draft of one file."""
@@ -102,12 +101,9 @@ class ResultFiles:
     report: ReportFile = None
     figure: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="[NAME=]F.pdf",
-            help="Draw a figure (.pdf, .png or .svg), the main one or the named one; repeatable.",
-        ),
+        option("[NAME=]F.pdf", "Draw a figure (.pdf, .png or .svg), the main one or the named one; repeatable."),
     ] = None
-    latex: Annotated[Path | None, typer.Option(metavar="F.tex", help="Write the tables as LaTeX.")] = None
+    latex: Annotated[Path | None, option("F.tex", "Write the tables as LaTeX.")] = None
 
     @cached_property
     def figures(self) -> tuple[FigureFile, ...]:
@@ -140,6 +136,11 @@ class ResultFiles:
             (self.latex, text_of(latex)),
             *(figure.output(figures) for figure in self.figures),
         )
+
+    def write_result(self, result: Result, *others: tuple[Path | None, Writer]) -> None:
+        """Writes a result's files and others, or none."""
+        values, page, latex, figures = result.to_dict, result.to_html, result.to_latex, result.to_figures
+        self.write(*others, values=values, page=page, latex=latex, figures=figures)
 
 
 def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from stadera.cli.options import Scheduler, Workers, check_workers, grouped
+from stadera.cli.options import Scheduler, Workers, argument, check_workers, flag, grouped, option
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -22,24 +20,21 @@ if TYPE_CHECKING:
 def reproduce(
     name: Annotated[
         str,
-        typer.Argument(
-            metavar="table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|all",
-            help="Table or figure; all excludes the long studies survival, walking, alarms, reality, faults.",
+        argument(
+            "table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|all",
+            "Table or figure; all excludes the long studies survival, walking, alarms, reality, faults.",
         ),
     ],
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of all random draws.")] = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="A short, coarse version.")] = False,
+    seed: Annotated[int, option("N", "Seed of all random draws.", min=0)] = 0,
+    quick: Annotated[bool, flag("A short, coarse version.", "--quick")] = False,
     data: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of real logs [default: $STADERA_DATA, else ../shared/data]."),
+        Path | None, option("FOLDER", "Folder of real logs [default: $STADERA_DATA, else ../shared/data].")
     ] = None,
     keep: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Folder in which long studies keep finished runs, to resume from."),
+        Path | None, option("FOLDER", "Folder in which long studies keep finished runs, to resume from.")
     ] = None,
     seeds: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="For walking, alarms, reality, faults: repetitions of the whole grid."),
+        int | None, option("N", "For walking, alarms, reality, faults: repetitions of the whole grid.", min=1)
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,

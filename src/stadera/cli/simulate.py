@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import LimitValues, RobotName, limits_of
+from stadera.cli.options import LimitValues, RobotName, argument, limits_of, option
 from stadera.cli.outputs import check_outputs, check_table, json_of, write_outputs
 from stadera.cli.terminal import progress, show
 
@@ -22,50 +22,35 @@ _SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(metavar=_SCENARIOS, help="Motion of the robot.")],
-    out: Annotated[Path, typer.Option(metavar="LOG", help="Write the log, .csv or .parquet, and the truth.")],
+    scenario: Annotated[str, argument(_SCENARIOS, "Motion of the robot.")],
+    out: Annotated[Path, option("LOG", "Write the log, .csv or .parquet, and the truth.")],
     robot: RobotName = "hyq",
     errors: Annotated[
         str,
-        typer.Option(
-            metavar="ideal|standard|harsh|real|real-unit-gain",
-            help="Kind of sensor errors; real: also of the robot and the ground.",
+        option(
+            "ideal|standard|harsh|real|real-unit-gain", "Kind of sensor errors; real: also of the robot and the ground."
         ),
     ] = "standard",
-    load: Annotated[
-        str | None, typer.Option(metavar="5kg|50N", help="A mass on the trunk, or the paper's virtual force.")
-    ] = None,
+    load: Annotated[str | None, option("5kg|50N", "A mass on the trunk, or the paper's virtual force.")] = None,
     at: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y,Z", help="Position of the load, trunk frame [m] [default: behind, to the left]."),
+        str | None, option("X,Y,Z", "Position of the load, trunk frame [m] [default: behind, to the left].")
     ] = None,
-    load_time: Annotated[
-        float | None, typer.Option(metavar="S", help="Time at which it lands [s] [default: the scenario's own].")
-    ] = None,
-    speed: Annotated[
-        float | None, typer.Option(metavar="M/S", help="Speed of a walk [m/s] [default: the scenario's own].")
-    ] = None,
-    turn: Annotated[float, typer.Option(metavar="DEG/S", help="Turning rate of a walk, to the left [°/s].")] = 0.0,
-    leg: Annotated[str | None, typer.Option(metavar="LF|all", help="The leg that swings [default: all].")] = None,
-    amplitude: Annotated[float, typer.Option(metavar="X", help="Amplitude of a shake: X times 3°.")] = 1.0,
-    slope: Annotated[float | None, typer.Option(metavar="DEG", help="Slope of the ground [°].")] = None,
-    stones: Annotated[
-        float, typer.Option(metavar="M", help="Make the ground stepping stones with heights within ±M [m].")
-    ] = 0.0,
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Duration [s] [default: the scenario's own].")
-    ] = None,
+    load_time: Annotated[float | None, option("S", "Time at which it lands [s] [default: the scenario's own].")] = None,
+    speed: Annotated[float | None, option("M/S", "Speed of a walk [m/s] [default: the scenario's own].")] = None,
+    turn: Annotated[float, option("DEG/S", "Turning rate of a walk, to the left [°/s].")] = 0.0,
+    leg: Annotated[str | None, option("LF|all", "The leg that swings [default: all].")] = None,
+    amplitude: Annotated[float, option("X", "Amplitude of a shake: X times 3°.")] = 1.0,
+    slope: Annotated[float | None, option("DEG", "Slope of the ground [°].")] = None,
+    stones: Annotated[float, option("M", "Make the ground stepping stones with heights within ±M [m].")] = 0.0,
+    duration: Annotated[float | None, option("S", "Duration [s] [default: the scenario's own].")] = None,
     rate: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", help="Rate of the log [Hz]: 1000 over an integer [default: 250, or as drawn]."),
+        float | None, option("HZ", "Rate of the log [Hz]: 1000 over an integer [default: 250, or as drawn].")
     ] = None,
     limit: LimitValues = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="The same seed gives the same log.")] = 0,
+    seed: Annotated[int, option("N", "The same seed gives the same log.", min=0)] = 0,
     model: Annotated[
         Path | None,
-        typer.Option(
-            "--model", "--believed", metavar="F.urdf", help="Write the model to weigh with, which harsh errors modify."
-        ),
+        option("F.urdf", "Write the model to weigh with, which harsh errors modify.", "--model", "--believed"),
     ] = None,
 ) -> None:
     """Simulate a robot that stands, walks or swings its legs in the air, and write its sensor values as a log.

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import Force, LogOptions, RobotOfLog, RrdFile, View, grouped
+from stadera.cli.options import argument, grouped, option
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 from stadera.cli.viewing import watching
@@ -20,44 +19,24 @@ if TYPE_CHECKING:
 
 @grouped
 def weigh(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of a robot on its feet, walking or standing.")],
-    robot: RobotOfLog = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            metavar="walking|contact|orientation|poses|combined",
-            help="walking: any motion; others: at rest, poses and combined without an IMU "
-            "[default: walking with an IMU and 50 samples a second, else contact, or poses without an IMU].",
-        ),
-    ] = None,
-    tare: Annotated[
-        str | None,
-        typer.Option(metavar="T0:T1|LOG", help="Time [s] in LOG without the payload, or another log without it."),
-    ] = None,
-    stiffness: Annotated[
-        str | None,
-        typer.Option(metavar="KX,KY,KZ", help="Stiffness of the trunk controller [N·m/rad], for 'orientation'."),
-    ] = None,
-    legs: Annotated[
-        Path | None,
-        typer.Option("--legs", metavar="F.json", help="Legs, friction and rotor inertia from `identify --json`."),
-    ] = None,
-    force: Force = False,
-    imu_frame: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Frame of the IMU's values [default: the model's IMU].")
-    ] = None,
+    log: Annotated[Path, argument("LOG", "Log of a robot on its feet, walking or standing.")],
+    robot: opt.RobotOfLog = None,
+    method: opt.Method = None,
+    tare: opt.Tare = None,
+    stiffness: opt.Stiffness = None,
+    legs: opt.LegsFile = None,
+    force: opt.Force = False,
+    imu_frame: opt.ImuFrame = None,
     truth: Annotated[
-        Path | None,
-        typer.Option(metavar="F.truth.json", help="Ground truth of a simulated log, shown with the result."),
+        Path | None, option("F.truth.json", "Ground truth of a simulated log, shown with the result.")
     ] = None,
     export: Annotated[
-        Path | None,
-        typer.Option(metavar="F.urdf", help="Write the weighed model (URDF, MJCF), with the payload as a link."),
+        Path | None, option("F.urdf", "Write the weighed model (URDF, MJCF), with the payload as a link.")
     ] = None,
-    view: View = False,
-    rrd: RrdFile = None,
+    view: opt.View = False,
+    rrd: opt.RrdFile = None,
     *,
-    options: LogOptions,
+    options: opt.LogOptions,
     files: ResultFiles,
 ) -> None:
     """Weigh a robot from its log: trunk with payload, centre of mass, and changes of the load.
@@ -82,10 +61,11 @@ def weigh(
         check_export(model, export)
     known = None if truth is None else read_truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:
+        unloaded = options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare
         result = weigh_log(
             model,
             options.log(log),
-            options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare,
+            unloaded,
             method,
             imu_frame=imu_frame,
             stiffness=springs,
