@@ -144,11 +144,7 @@ def _draft(target: Path) -> Path:
 
 
 def _finish(draft: Path) -> None:
-    """Flushes a draft to disk.
-
-    Raises:
-        OSError: flushing failed, or the draft is empty.
-    """
+    """Flushes a draft to disk. Raises OSError: flushing failed, or the draft is empty."""
     file = os.open(draft, os.O_RDONLY)
     try:
         os.fsync(file)

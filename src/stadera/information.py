@@ -41,10 +41,8 @@ _PANEL_OF_BLOCKS = 4  # the same for blocks of thousands of rows
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Order and sizes of the named blocks of unknowns.
-
-    Raises:
-        IdentificationError: duplicate names, or sizes that are not one positive integer per name.
+    """Order and sizes of the named blocks of unknowns. Raises IdentificationError: duplicate names, or sizes that are
+    not one positive integer per name.
     """
 
     names: tuple[str, ...]
@@ -71,11 +69,7 @@ class Unknowns:
         return self._edges[-1]
 
     def __getitem__(self, name: str) -> slice:
-        """Index range of a block's entries.
-
-        Raises:
-            UnknownNameError: no such block.
-        """
+        """Index range of a block's entries. Raises UnknownNameError: no such block."""
         k = self._places.get(name)
         if k is None:
             raise UnknownNameError("parameter", name, self.names)

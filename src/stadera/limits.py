@@ -53,10 +53,8 @@ class Limits:
 
     @classmethod
     def parse(cls, texts: Iterable[str]) -> Limits:
-        """Parses texts such as "seconds=600".
-
-        Raises:
-            StaderaError: wrong format, unknown limit, or a value that is not a positive number.
+        """Parses texts such as "seconds=600". Raises StaderaError: wrong format, unknown limit, or a value that is not
+        a positive number.
         """
         changed: dict[str, float] = {}
         for text in texts:
@@ -108,10 +106,8 @@ class Budget:
         self._since: float | None = time.thread_time()  # None while the clock is stopped
 
     def tick(self) -> None:
-        """Counts one step of a loop that may be long, and checks the time now and then.
-
-        Raises:
-            LimitError: the time limit is exceeded.
+        """Counts one step of a loop that may be long, and checks the time now and then. Raises LimitError: the time
+        limit is exceeded.
         """
         self._ticks += 1
         if self._ticks % _LOOKS == 0:

@@ -30,11 +30,7 @@ class Result(ABC):
 
     @abstractmethod
     def to_dataframe(self) -> Any:
-        """The result's main table as a pandas DataFrame.
-
-        Raises:
-            MissingExtraError: pandas is not installed.
-        """
+        """The result's main table as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""
 
     @abstractmethod
     def to_html(self) -> str:
@@ -91,11 +87,7 @@ class Result(ABC):
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
-    """Makes a pandas DataFrame from named columns.
-
-    Raises:
-        MissingExtraError: pandas is not installed.
-    """
+    """Makes a pandas DataFrame from named columns. Raises MissingExtraError: pandas is not installed."""
     try:
         import pandas as pd  # type: ignore[import-untyped]
     except ImportError:

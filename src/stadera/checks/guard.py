@@ -46,10 +46,8 @@ class Guard:
         return found if found or self.on_feet else tuple(limit_findings(first, self.robot, CheckLimits()))
 
     def findings(self, log: LogFile | Recording) -> tuple[Finding, ...]:
-        """All faults in a log's first chunk.
-
-        Raises:
-            RecordingError: the log cannot be read, or lacks a joint. UnknownNameError: no such frame.
+        """All faults in a log's first chunk. Raises RecordingError: the log cannot be read, or lacks a joint.
+        UnknownNameError: no such frame.
         """
         if not self.on_feet:
             return self.units(log)
@@ -57,10 +55,8 @@ class Guard:
         return () if first is None else diagnose(first, self.robot, self.imu_frame)
 
     def require(self, log: LogFile | Recording) -> None:
-        """Refuses a log with wrong units or signs.
-
-        Raises:
-            UntrustedError: they are wrong; names the option that corrects them. Also raises as `findings`.
+        """Refuses a log with wrong units or signs. Raises UntrustedError: they are wrong; names the option that
+        corrects them. Also raises as `findings`.
         """
         if fatal := [finding for finding in self.units(log) if finding.fatal]:
             raise UntrustedError(f"{log.source}: {fatal[0]}")

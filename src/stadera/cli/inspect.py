@@ -53,11 +53,7 @@ def inspect(
 
 
 def _is_robot(target: str) -> bool:
-    """True for a robot's name or an XML file; any other file is a log.
-
-    Raises:
-        StaderaError: neither a name nor a file.
-    """
+    """True for a robot's name or an XML file; any other file is a log. Raises StaderaError: neither a name nor a file."""
     from stadera.errors import StaderaError
     from stadera.logs.examples import EXAMPLES
     from stadera.robot.catalog import CATALOG

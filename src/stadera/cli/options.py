@@ -174,9 +174,7 @@ class LogOptions:
 
     def robot(self, given: str | None, path: Path) -> str:
         """The robot given, else the one that a log's metadata name, else the only one with its joints, which is shown.
-
-        Raises:
-            RecordingError: neither; lists those that have the joints.
+        Raises RecordingError: neither; lists those that have the joints.
         """
         from stadera.cli.terminal import progress, show
         from stadera.errors import RecordingError

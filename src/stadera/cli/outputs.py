@@ -22,10 +22,8 @@ Writer = Callable[[Path], object]
 
 
 def check_outputs(outputs: Iterable[Path | None]) -> None:
-    """Checks the outputs before the computation; None stands for one that was not requested.
-
-    Raises:
-        StaderaError: an output cannot be written, is named twice, or would replace an input.
+    """Checks the outputs before the computation; None stands for one that was not requested. Raises StaderaError: an
+    output cannot be written, is named twice, or would replace an input.
     """
     taken = set()
     for path in filter(None, outputs):
@@ -36,11 +34,7 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
 
 
 def check_table(path: Path) -> None:
-    """Checks that the path's suffix is a format for tables.
-
-    Raises:
-        RecordingError: another suffix.
-    """
+    """Checks that the path's suffix is a format for tables. Raises RecordingError: another suffix."""
     from stadera.logs.tables.write import SUFFIXES
 
     if path.suffix.lower() not in SUFFIXES:
@@ -48,10 +42,8 @@ def check_table(path: Path) -> None:
 
 
 def check_report(path: Path | None) -> None:
-    """Checks that the path's suffix is a format for reports; None for no report.
-
-    Raises:
-        StaderaError: neither HTML nor PDF, or a PDF without a browser to print it.
+    """Checks that the path's suffix is a format for reports; None for no report. Raises StaderaError: neither HTML nor
+    PDF, or a PDF without a browser to print it.
     """
     if path is None or path.suffix.lower() in (".html", ".htm"):
         return
@@ -71,10 +63,8 @@ class FigureFile:
 
     @classmethod
     def of(cls, given: str) -> FigureFile:
-        """Parses `[NAME=]F.pdf`.
-
-        Raises:
-            StaderaError: not a format for figures. MissingExtraError: Matplotlib is not installed.
+        """Parses `[NAME=]F.pdf`. Raises StaderaError: not a format for figures. MissingExtraError: Matplotlib is not
+        installed.
         """
         from stadera.report.figures.paper import check_figure
 
@@ -111,10 +101,8 @@ class ResultFiles:
         return tuple(map(FigureFile.of, self.figure or ()))
 
     def check(self, *others: Path | None) -> None:
-        """Checks these and other files before the computation.
-
-        Raises:
-            StaderaError: see `check_outputs` and `check_report`.
+        """Checks these and other files before the computation. Raises StaderaError: see `check_outputs` and
+        `check_report`.
         """
         drawn = [figure.path for figure in self.figures]
         check_outputs((*others, self.json, self.report, self.latex, *drawn))
@@ -144,10 +132,8 @@ class ResultFiles:
 
 
 def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:
-    """Writes all outputs or none: each is drafted before the first replaces its target.
-
-    Raises:
-        StaderaError: an output cannot be written.
+    """Writes all outputs or none: each is drafted before the first replaces its target. Raises StaderaError: an output
+    cannot be written.
     """
     wanted = [(path, fill) for path, fill in outputs if path is not None]
     with written_together([path for path, _ in wanted]) as drafts:

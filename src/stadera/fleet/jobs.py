@@ -137,10 +137,8 @@ def read_manifest(
 
 
 def check_models(jobs: Iterable[LogJob]) -> None:
-    """Loads every model and every file of legs once, so that errors appear before the computation.
-
-    Raises:
-        ModelError, UnknownNameError: as in `load_robot` and `with_identified_legs`.
+    """Loads every model and every file of legs once, so that errors appear before the computation. Raises ModelError,
+    UnknownNameError: as in `load_robot` and `with_identified_legs`.
     """
     for robot, legs, limits in dict.fromkeys((job.robot, job.legs, job.options.reading.limits) for job in jobs):
         if robot is not None:

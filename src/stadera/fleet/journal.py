@@ -31,10 +31,8 @@ def read_journal(path: Path) -> Iterator[Entry]:
 
 @contextmanager
 def journal(path: Path) -> Iterator[Callable[[Entry], None]]:
-    """Yields a function that appends entries immediately. Creates the folder if necessary.
-
-    Raises:
-        StaderaError: it cannot be written.
+    """Yields a function that appends entries immediately. Creates the folder if necessary. Raises StaderaError: it
+    cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

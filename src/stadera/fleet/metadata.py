@@ -14,11 +14,7 @@ _CUSTOM = re.compile(r"^\s+" + KEY + r":\s*['\"]?([^'\"\s]+)['\"]?\s*$", re.MULT
 
 
 def robot_named_in(path: Path) -> str:
-    """The robot's name, or its model file's path.
-
-    Raises:
-        RecordingError: the log does not name it.
-    """
+    """The robot's name, or its model file's path. Raises RecordingError: the log does not name it."""
     named = _of_bag(path) if path.is_dir() else _of_table(path)
     if not named:
         raise RecordingError(

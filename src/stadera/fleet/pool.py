@@ -127,11 +127,7 @@ def attempted(run: Callable[[Task], Found], task: Task) -> Found | Failure:
 
 
 def require_dask() -> None:
-    """Checks that Dask is installed.
-
-    Raises:
-        MissingExtraError: it is not.
-    """
+    """Checks that Dask is installed. Raises MissingExtraError: it is not."""
     try:
         import distributed  # noqa: F401
     except ImportError:

@@ -76,10 +76,8 @@ class FleetTable(Result):
     keys: tuple[str | None, ...] = ()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Writes the table, and those of joints and legs if there are any; all files or none.
-
-        Raises:
-            StaderaError: the path cannot be written or does not end in .parquet.
+        """Writes the table, and those of joints and legs if there are any; all files or none. Raises StaderaError: the
+        path cannot be written or does not end in .parquet.
         """
         import pyarrow as pa
         from pyarrow import parquet
@@ -107,11 +105,7 @@ class FleetTable(Result):
         return fleet_html(self)
 
     def to_dataframe(self) -> Any:
-        """The rows as a pandas DataFrame.
-
-        Raises:
-            MissingExtraError: pandas is not installed.
-        """
+        """The rows as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""
         try:
             import pandas as pd  # type: ignore[import-untyped]
         except ImportError:
@@ -120,11 +114,7 @@ class FleetTable(Result):
 
 
 def read_fleet(path: str | PathLike[str]) -> FleetTable:
-    """Reads a table written by `FleetTable.save`.
-
-    Raises:
-        StaderaError: no such file, or another kind of table.
-    """
+    """Reads a table written by `FleetTable.save`. Raises StaderaError: no such file, or another kind of table."""
     target = table_path(path)
     rows, keys = _read(target, COLUMNS)
     listed = tuple(json.loads(keys)) if keys else (None,) * len(rows)
@@ -134,11 +124,7 @@ def read_fleet(path: str | PathLike[str]) -> FleetTable:
 
 
 def table_path(path: str | PathLike[str]) -> Path:
-    """Checks the path of a table.
-
-    Raises:
-        StaderaError: it does not end in .parquet.
-    """
+    """Checks the path of a table. Raises StaderaError: it does not end in .parquet."""
     target = Path(path)
     if target.suffix.lower() != ".parquet":
         raise StaderaError(f"{target}: a fleet's table is written as .parquet")

@@ -217,10 +217,8 @@ class LegModel:
 
 
 def foot_positions(robot: Robot, q: ArrayLike) -> Array:
-    """Centres of the feet in the trunk frame [m], shape (N, 4, 3), legs in the robot's order; q is (N, n) [rad].
-
-    Raises:
-        ModelError: q has another shape.
+    """Centres of the feet in the trunk frame [m], shape (N, 4, 3), legs in the robot's order; q is (N, n) [rad]. Raises
+    ModelError: q has another shape.
     """
     model = LegModel.of(robot)
     return model.pose(checked_angles(robot.tree, q)[:, model.columns]).feet.transpose(1, 2, 0)

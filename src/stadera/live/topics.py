@@ -100,9 +100,7 @@ class PublisherFilter:
 
 def chosen(head: Sequence[Arrival], asked: Topics, joints: Sequence[str], settings: LiveSettings) -> Choice:
     """Chooses the topics of joints and IMU (None if the joints' messages include it or there is none), as for a bag.
-
-    Raises:
-        RecordingError: several match and none was requested, or the requested one is missing or has another type.
+    Raises RecordingError: several match and none was requested, or the requested one is missing or has another type.
     """
     found = {arrival.topic: Topic(arrival.kind) for arrival in head}
     return choose(_HeadBag(head), found, asked, joints, settings.bags)

@@ -61,11 +61,10 @@ class Batch:
 def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
     """Yields recordings of `rows` samples each (the last one shorter; None: a single one) from batches of any length.
 
-    A blank cell is a dropout: its row is removed, counted and reported in the notes. NaN or infinity is an error. For
-    time that does not increase see `RowClock`.
+    A blank cell is a dropout: its row is removed, counted and noted.
 
     Raises:
-        RecordingError: a value is not a finite number, time is not that of a clock, or there are fewer than two
+        RecordingError: a value is not finite, time is not that of a clock (`RowClock`), or there are fewer than two
             samples. Names the source, the column and the sample, counted from 0 over the whole log.
     """
     clock, row, samples = RowClock(source), 0, 0
@@ -81,11 +80,7 @@ def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int 
 
 
 def within(batches: Iterable[Batch], budget: Budget, rows: int | None) -> Iterator[Batch]:
-    """Yields the batches within the budget; with `rows` None they count as kept in memory.
-
-    Raises:
-        LimitError: the budget is exceeded.
-    """
+    """Yields the batches within the budget, else raises LimitError; with `rows` None they count as kept in memory."""
     for batch in budget.timed(batches):
         if rows is None:
             budget.hold(batch.values.nbytes)

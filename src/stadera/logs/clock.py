@@ -15,13 +15,11 @@ class RowClock:
     """Makes the time of consecutive chunks of one log strictly increasing.
 
     A sample at most GAP_FACTOR mean steps earlier than the previous one is skipped: a repeated row, or one out of
-    order. If it is further back, the clock was set back. The amount cannot be known without a second clock, so the
-    samples that follow are placed after a gap.
+    order. If it is further back, the clock was set back, by an unknown amount: what follows is placed after a gap.
 
     Attributes:
         source: name of the log, for messages.
         most_wrong: share of the steps so far that may stand still or run back [1]; above it the column is not a clock.
-            A clock set back by a few samples is one such step, and skips those samples.
     """
 
     source: str

@@ -88,13 +88,11 @@ def layout(
     """Assigns a table's columns.
 
     Args:
-        names: the table's header.
-        source: the file, for messages.
+        names: the table's header. source, kind: of the log, for messages.
         joints: the joints to read, in this order; None for all that have a position.
         require: what each of these joints needs: any of position, velocity, acceleration, effort; and "imu".
         reading: assignment and units of columns, if their names do not state them.
         topics: the topics to choose, if columns have topics in their names; None if they were chosen before.
-        kind: of the log, for messages.
 
     Raises:
         RecordingError: a column is duplicate, missing or misspelled; names it and the closest ones.
@@ -253,12 +251,8 @@ def _no_effort(channel: str, names: Collection[str]) -> str:
 
 def _imu(names: Collection[str], source: str, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
     kept = {quantity: columns for quantity, columns in IMU_COLUMNS.items() if set(columns) <= set(names)}
-    needed = [
-        column
-        for quantity in ("angular_velocity", "linear_acceleration")
-        for column in IMU_COLUMNS[quantity]
-        if column not in names
-    ]
+    wanted = (*IMU_COLUMNS["angular_velocity"], *IMU_COLUMNS["linear_acceleration"])
+    needed = [column for column in wanted if column not in names]
     if not needed:
         return kept, ()
     if required:

@@ -33,7 +33,8 @@ class CutoffSettings:
 def suggest_cutoff(
     recording: Recording, joints: Sequence[str] | None = None, settings: CutoffSettings | None = None
 ) -> float | None:
-    """Suggests a cut-off that passes the motion unchanged and rejects noise.
+    """Suggests a cut-off [Hz] that passes the motion unchanged and rejects noise; None if accelerations are recorded,
+    which only simulations do, so that no filter is needed.
 
     The power spectrum P(f) of every joint's position (Welch) has a floor, the median over the upper half of the band,
     due to encoder noise and resolution. Power above it, up to the highest cut-off that the sampling rate allows, is
@@ -44,11 +45,6 @@ def suggest_cutoff(
     Args:
         recording: the log, or the beginning of a long one.
         joints: the joints to consider; None for all.
-        settings: see `CutoffSettings`.
-
-    Returns:
-        Cut-off [Hz] for `Preprocessing`; None if accelerations are recorded, which only simulations do, so that no
-        filter is needed.
 
     Raises:
         RecordingError: fewer than two samples.

@@ -125,14 +125,8 @@ def low_pass(
 
 
 def apply(kernel: Array, values: Array) -> Array:
-    """Correlates rows with a kernel, wherever the whole window is available.
-
-    Args:
-        kernel: (2 half + 1,).
-        values: (channels, samples), samples ≥ 2 half + 1.
-
-    Returns:
-        (channels, samples - 2 half).
+    """Correlates rows (channels, samples) with a kernel (2 half + 1,), where the whole window is available, (channels,
+    samples - 2 half).
     """
     if len(kernel) == 1:
         return values  # the identity

@@ -19,10 +19,8 @@ def take(recording: Recording, rows: Rows) -> Recording:
 
 
 def concatenate(recordings: Sequence[Recording]) -> Recording:
-    """Concatenates recordings with the same channels; their notes are joined.
-
-    Raises:
-        RecordingError: none given, different joints or channels, or time that does not increase.
+    """Concatenates recordings with the same channels; their notes are joined. Raises RecordingError: none given,
+    different joints or channels, or time that does not increase.
     """
     if not recordings:
         raise RecordingError("nothing to concatenate")

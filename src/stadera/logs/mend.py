@@ -98,11 +98,7 @@ class Gear:
 
     @classmethod
     def parse(cls, text: str) -> Gear:
-        """Parses ratios from "6.33" or "6.33,6.33,9.55".
-
-        Raises:
-            RecordingError: another format.
-        """
+        """Parses ratios from "6.33" or "6.33,6.33,9.55". Raises RecordingError: another format."""
         try:
             return cls(tuple(float(part) for part in text.split(",")))
         except ValueError:
@@ -118,10 +114,8 @@ class Gear:
         return tuple(joints)
 
     def __call__(self, recording: Recording) -> Recording:
-        """Returns the recording with torques of the joints.
-
-        Raises:
-            RecordingError: three ratios are given, and a joint's name does not identify hip, thigh or calf.
+        """Returns the recording with torques of the joints. Raises RecordingError: three ratios are given, and a
+        joint's name does not identify hip, thigh or calf.
         """
         if recording.effort is None:
             return recording

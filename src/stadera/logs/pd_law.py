@@ -43,10 +43,8 @@ class PdGains:
 
     @classmethod
     def parse(cls, text: str) -> PdGains:
-        """Parses gains from "20,0.5" or, for hip, thigh and calf, "20,0.5/30,1/40,1.5".
-
-        Raises:
-            RecordingError: another format.
+        """Parses gains from "20,0.5" or, for hip, thigh and calf, "20,0.5/30,1/40,1.5". Raises RecordingError: another
+        format.
         """
         try:
             pairs = [(float(kp), float(kd)) for kp, kd in (pair.split(",") for pair in text.split("/"))]

@@ -50,12 +50,7 @@ class Processed:
 
 
 def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[str] | None = None) -> Processed:
-    """Preprocesses a whole recording.
-
-    Args:
-        recording: the log.
-        settings: what to do.
-        joints: the joints to keep, in this order; None for all.
+    """Preprocesses a whole recording; keeps these joints, in this order (None: all).
 
     Raises:
         RecordingError: too few samples for the filter, or a cut-off too high for the rate.
@@ -68,11 +63,10 @@ def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[s
 def preprocess_stream(
     chunks: Iterable[Recording], settings: Preprocessing, joints: Sequence[str] | None = None
 ) -> Iterator[Processed]:
-    """Preprocesses consecutive chunks of one log; the concatenated results equal those of the whole log.
+    """Preprocesses consecutive chunks of one log, with the results and errors of `preprocess` of the whole log.
 
     Memory does not grow with the log's length. The rate, and whether stamps are uneven, are determined from the first
     4096 samples.
-    Arguments and errors as `preprocess`.
     """
     head, rest = _head(iter(chunks))
     names = tuple(joints) if joints is not None else head.joints

@@ -34,17 +34,18 @@ Log = str | PathLike[str] | Recording
 
 
 class Reader(Protocol):
-    """Protocol of a reader of one format."""
+    """Protocol of a reader of one format.
+
+    Attributes:
+        name: of the format, for messages.
+        suffixes: lower-case, of its files; may be empty.
+    """
 
     @property
-    def name(self) -> str:
-        """Name of the format, for messages."""
-        ...
+    def name(self) -> str: ...
 
     @property
-    def suffixes(self) -> tuple[str, ...]:
-        """Lower-case file name suffixes of this format; may be empty."""
-        ...
+    def suffixes(self) -> tuple[str, ...]: ...
 
     def accepts(self, path: Path) -> bool:
         """True if the content at `path` (not its name) has this format; reads the beginning only."""
@@ -70,11 +71,7 @@ READERS: tuple[Reader, ...] = (
 
 
 def as_log(log: Log) -> LogFile | Recording:
-    """Converts a log to one of two forms, each of which has `source` and `name` for messages.
-
-    Raises:
-        RecordingError: neither a path nor a recording.
-    """
+    """Converts a log to one of two forms, each of which has `source` and `name` for messages; else RecordingError."""
     if isinstance(log, Recording):
         return log
     if isinstance(log, str | PathLike):
@@ -84,10 +81,8 @@ def as_log(log: Log) -> LogFile | Recording:
 
 
 def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
-    """Converts one log or several to a tuple.
-
-    Raises:
-        RecordingError: none given, or one that is neither a path nor a recording.
+    """Converts one log or several to a tuple. Raises RecordingError: none given, or one that is neither a path nor a
+    recording.
     """
     several = isinstance(logs, Iterable) and not isinstance(logs, str | PathLike | Recording | bytes)
     if several and not hasattr(logs, "columns"):
@@ -102,18 +97,18 @@ def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
 def stream(
     log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = (), rows: int = MOST_ROWS
 ) -> Iterator[Recording]:
-    """Reads a log as consecutive recordings of `rows` samples each. Memory does not grow with the length of a file.
+    """Reads a log as consecutive recordings of `rows` samples each (the last one shorter). Memory does not grow with
+    the length of a file.
 
     Args:
         log: a path, a LogFile, which selects topics of a bag, or a recording in memory.
         joints: the joints to read, in this order; None for all.
         require: what each of these joints needs: velocity, acceleration, effort; and "imu".
-        rows: samples in a chunk; the last one is shorter.
+        rows: samples in a chunk.
 
     Raises:
         RecordingError: immediately if the file does not exist, has an unknown format or lacks a column; during
-            iteration if a value is not a finite number or time does not increase. Names the file, the column and the
-            sample.
+            iteration if a value is not finite or time does not increase. Names file, column and sample.
     """
     if rows < 1:
         raise RecordingError(f"a chunk needs at least one row, got {rows}")
@@ -159,11 +154,7 @@ def _all_of(log: OpenedLog, kept: FirstChunk, joints: Sequence[str] | None) -> I
 
 
 def read_head(log: Log) -> Recording:
-    """The first samples of a log, all joints.
-
-    Raises:
-        RecordingError: as `stream`, or an empty log.
-    """
+    """The first samples of a log, all joints. RecordingError as `stream`, or for an empty log."""
     for chunk in stream(log, rows=256):
         return chunk
     raise RecordingError(f"{as_log(log).source}: no samples")
@@ -200,10 +191,8 @@ def _chunks(recording: Recording, rows: int) -> Iterator[Recording]:
 
 
 def reader_of(path: Path) -> Reader:
-    """Finds the reader for a path by its content.
-
-    Raises:
-        RecordingError: the path does not exist, is empty, has an unknown format, or another one than its name says.
+    """Finds the reader for a path by its content. Raises RecordingError: the path does not exist, is empty, has an
+    unknown format, or another one than its name says.
     """
     accepted = "accepted: " + ", ".join(f"{reader.name} ({', '.join(reader.suffixes)})" for reader in READERS)
     require_input(path, folder=True, hint=f"; logs that come with stadera: {', '.join(EXAMPLES)}")

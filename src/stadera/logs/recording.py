@@ -126,20 +126,13 @@ class Recording:
     ) -> Recording:
         """Makes a recording from arrays or lists of numbers, copied to float64 if necessary.
 
+        Shapes, units and errors are the class's; values that are not numbers raise RecordingError as well.
+
         Args:
-            time: (samples,) [s], strictly increasing.
-            position: (samples, n) [rad].
-            velocity: (samples, n) [rad/s].
-            effort: (samples, n) [N·m], torque of the actuator on the joint.
+            time, position, velocity, effort, acceleration, imu, foot_force: see `Recording`.
             joints: names of the n columns, as in the robot's model.
-            acceleration: (samples, n) [rad/s²].
-            imu: its arrays may be lists as well.
-            foot_force: by foot, (samples, 3) [N], force of the ground on the foot, world axes.
             foot_contact: by foot, (samples,), non-zero in contact.
             source: a name for messages.
-
-        Raises:
-            RecordingError: values that are not numbers, and the errors of the class.
         """
         if isinstance(joints, str):
             raise RecordingError(f"{source}: joints needs a list of names, got {joints!r}")
@@ -255,9 +248,7 @@ class Recording:
     def channel(self, name: str, joints: tuple[str, ...]) -> Array:
         """One of position, velocity, acceleration, effort for the named joints, (samples, len(joints)).
 
-        Raises:
-            UnknownNameError: a joint is not recorded.
-            RecordingError: the channel is not recorded.
+        UnknownNameError if a joint, RecordingError if the channel is not recorded.
         """
         values: Array | None = getattr(self, name)
         if values is None:
@@ -265,11 +256,7 @@ class Recording:
         return values[:, [self.index(joint) for joint in joints]]
 
     def index(self, joint: str) -> int:
-        """Column index of a joint.
-
-        Raises:
-            UnknownNameError: it is not recorded.
-        """
+        """Column index of a joint; UnknownNameError if it is not recorded."""
         if joint not in self.joints:
             raise UnknownNameError("joint", joint, self.joints, self.source)
         return self.joints.index(joint)

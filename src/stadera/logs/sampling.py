@@ -55,17 +55,12 @@ def sampling_of(
     source: str = "recording",
     even_share: float = 0.999,
 ) -> Sampling:
-    """Determines the sampling of a log from its first HEAD time stamps.
+    """Determines the sampling of a log from its first HEAD time stamps; RecordingError for fewer than two.
 
     Args:
-        time: (samples,) [s], increasing.
-        tolerance, gap_factor: see Sampling.
-        even: True or False to override the stamps.
-        source: of the log, for messages.
+        time: (samples,) [s], increasing. source: of the log, for messages.
+        tolerance, gap_factor: see Sampling. even: True or False to override the stamps.
         even_share: share of even steps in an even log; the few others split it instead of causing interpolation.
-
-    Raises:
-        RecordingError: fewer than two stamps.
     """
     steps = np.diff(time[:HEAD])
     if not len(steps):

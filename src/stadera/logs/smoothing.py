@@ -20,20 +20,16 @@ from stadera.types import Array
 def smooth_rows(
     chunks: Iterable[tuple[Array, Array]], rate_hz: float, cutoff_hz: float, every: int | None = None
 ) -> Iterator[tuple[Array, Array]]:
-    """Filters consecutive chunks of rows over time without delay, and keeps one row in `every`.
+    """Filters consecutive chunks of rows over time without delay; yields time (kept,) and values (kept, ...).
 
     Chunks give the same result as the whole; nothing is filtered across a gap. Rows without a full window (2.17 /
     cut-off before and after [s]) are dropped.
 
     Args:
         chunks: time (samples,) [s], even except for gaps, and values (samples, ...).
-        rate_hz: of the samples [Hz].
-        cutoff_hz: -3 dB [Hz].
+        rate_hz: of the samples [Hz]. cutoff_hz: -3 dB [Hz].
         every: keeps one row in this many, counted from the first of each stretch; None: so that the rate is twice the
             cut-off.
-
-    Yields:
-        time (kept,) and values (kept, ...).
 
     Raises:
         RecordingError: a cut-off that is not positive or above an eighth of the rate, or `every` below one.

@@ -36,22 +36,15 @@ class Range:
 
 @dataclass(frozen=True)
 class LogSummary:
-    """Summary of a log.
+    """Summary of a log: names of joints and feet, recorded channels, ranges of all signals, the reader's notes, and
 
     Attributes:
-        source: name of the log.
-        samples: number of samples.
         start, end: first and last time stamp [s].
         period: median step between the first stamps [s].
         uneven: share of all steps that differ from the period by more than a tenth of it.
         gaps: steps of more than five periods: begin and duration of each [s]; the first 1000.
         gap_count: number of all gaps.
-        joints, feet: names.
-        channels: recorded channels of the joints.
-        has_imu: whether there is an IMU.
-        imu_frame: frame of its values, None if the log does not state it.
-        ranges: of every signal.
-        notes: the reader's.
+        imu_frame: frame of the IMU's values, None if the log does not state it.
     """
 
     source: str
@@ -78,9 +71,7 @@ class LogSummary:
 
 def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
     """Summarises consecutive chunks of one log, such as from `stream` gives; `most_gaps` are listed, all are counted.
-
-    Raises:
-        RecordingError: fewer than two samples.
+    Raises RecordingError: fewer than two samples.
     """
     chunks = iter(chunks)
     first = next(chunks, None)

@@ -29,11 +29,7 @@ class Topics:
     imu: str | None = None
 
     def refuse(self, source: str, kind: str) -> None:
-        """Raises for logs without topics.
-
-        Raises:
-            RecordingError: a topic is requested.
-        """
+        """Raises RecordingError, for logs without topics, if a topic is requested."""
         for option, topic in (("--joint-topic", self.joint), ("--imu-topic", self.imu)):
             if topic is not None:
                 raise RecordingError(f"{source}: {option} {topic}: a {kind} has no topics; only bags have")

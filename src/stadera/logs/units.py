@@ -40,15 +40,11 @@ _STEPS = (1e-5, 10.0)
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a log that does not state them.
+    """Units of a log that does not state them; UnknownNameError for unknown ones.
 
     Attributes:
         of: unit by quantity (a key of `FACTORS`); SI for the others.
         rate_hz: rows per second of a log without a column of time; None if there is time.
-
-    Raises:
-        UnknownNameError: an unknown quantity, or a unit that it does not have.
-        RecordingError: a rate that is not positive.
     """
 
     of: Mapping[str, str] = field(default_factory=dict)
@@ -65,12 +61,9 @@ class Units:
 
     @classmethod
     def parse(cls, text: str) -> Units:
-        """Parses units from a list such as "deg,ms,gyro=deg/s,200Hz".
+        """Parses units from a list such as "deg,ms,gyro=deg/s,200Hz"; UnknownNameError for unknown ones.
 
         A unit without a quantity applies to every quantity that has it: deg/s to joint velocities and to the gyro.
-
-        Raises:
-            UnknownNameError: no such unit or quantity.
         """
         of: dict[str, str] = {}
         rate = None

@@ -72,10 +72,8 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
 
 
 def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
-    """Checks what does not depend on the values: returns the model file to use, and True if it is a URDF.
-
-    Raises:
-        ModelError: the robot has no source file, or the path's suffix is not the source's format.
+    """Checks what does not depend on the values: returns the model file to use, and True if it is a URDF. Raises
+    ModelError: the robot has no source file, or the path's suffix is not the source's format.
     """
     if robot.source is None:
         raise ModelError(f"robot {robot.name} was made in memory, there is no model file to write its values into")

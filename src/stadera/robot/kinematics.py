@@ -43,11 +43,7 @@ def forward_kinematics(tree: Tree, q: ArrayLike) -> tuple[Array, Array]:
 
 
 def checked_angles(tree: Tree, q: ArrayLike) -> Array:
-    """Joint angles as an array (samples, joints).
-
-    Raises:
-        ModelError: q has another shape.
-    """
+    """Joint angles as an array (samples, joints). Raises ModelError: q has another shape."""
     angles = np.asarray(q, dtype=float)
     if angles.ndim != 2 or angles.shape[1] != len(tree.joints):
         raise ModelError(f"joint angles need shape (samples, {len(tree.joints)}), got {angles.shape}")

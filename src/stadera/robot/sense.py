@@ -30,10 +30,8 @@ class ModelLimits:
 
 
 def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, ...]:
-    """Returns notes on unusual values.
-
-    Raises:
-        ModelError: a number is impossible for a quadruped; names it and the unit it may be in.
+    """Returns notes on unusual values. Raises ModelError: a number is impossible for a quadruped; names it and the unit
+    it may be in.
     """
     limits = limits or ModelLimits()
     where = f"{robot.source}: " if robot.source else ""
@@ -43,10 +41,8 @@ def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, .
 
 
 def checked_limits(joint: str, lower: float, upper: float) -> tuple[float, float, str]:
-    """Limits of a joint's position [rad], and a note if they were ignored because they leave no range.
-
-    Raises:
-        ModelError: the lower limit is above the upper one.
+    """Limits of a joint's position [rad], and a note if they were ignored because they leave no range. Raises
+    ModelError: the lower limit is above the upper one.
     """
     if lower > upper:
         raise ModelError(f"joint {joint!r}: its lower limit {lower:g} rad is above its upper limit {upper:g} rad")

@@ -14,31 +14,21 @@ _UNITS = {"armature": "kg m^2", "offset": "N m"}
 
 
 def parse_document(path: Path) -> minidom.Document:
-    """Parses a whole file, comments included; a xacro after expansion.
-
-    Raises:
-        ModelError: not XML.
-    """
+    """Parses a whole file, comments included; a xacro after expansion. Raises ModelError: not XML."""
     with foreign(path, "not XML", ModelError):
         return minidom.parseString(expanded(path)) if is_xacro(path) else minidom.parse(str(path))
 
 
 def root_of(document: minidom.Document) -> minidom.Element:
-    """The root element.
-
-    Raises:
-        ModelError: there is none.
-    """
+    """The root element. Raises ModelError: there is none."""
     if document.documentElement is None:
         raise ModelError("an XML document without a root")
     return document.documentElement
 
 
 def named(document: minidom.Document, tag: str, name: str, source: Path) -> minidom.Element:
-    """The element with that tag and name.
-
-    Raises:
-        ModelError: there is none, as for bodies that a model attaches from another file.
+    """The element with that tag and name. Raises ModelError: there is none, as for bodies that a model attaches from
+    another file.
     """
     for element in document.getElementsByTagName(tag):
         if element.getAttribute("name") == name:
@@ -47,11 +37,7 @@ def named(document: minidom.Document, tag: str, name: str, source: Path) -> mini
 
 
 def check_free(document: minidom.Document, tag: str, name: str) -> None:
-    """Checks that no element of that tag has this name.
-
-    Raises:
-        ModelError: there is one.
-    """
+    """Checks that no element of that tag has this name. Raises ModelError: there is one."""
     if any(node.getAttribute("name") == name for node in document.getElementsByTagName(tag)):
         raise ModelError(f"the model has a {tag} {name!r} already; a payload needs a name of its own")
 

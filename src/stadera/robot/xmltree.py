@@ -59,11 +59,7 @@ def _pieces(path: Path) -> Iterator[bytes]:
 
 
 def require_depth(joints: Iterable[ET.Element], path: Path, limits: Limits) -> None:
-    """Checks the length of the chains of joints in a URDF.
-
-    Raises:
-        LimitError: a chain is too long.
-    """
+    """Checks the length of the chains of joints in a URDF. Raises LimitError: a chain is too long."""
     links = ((joint.find("parent"), joint.find("child")) for joint in joints)
     above = {c.get("link"): p.get("link") for p, c in links if p is not None and c is not None}
     depth: dict[str | None, int] = {}
@@ -78,10 +74,8 @@ def require_depth(joints: Iterable[ET.Element], path: Path, limits: Limits) -> N
 
 
 def require_size(root: ET.Element, path: Path, limits: Limits) -> None:
-    """Checks the sizes that an MJCF requests from a compiler: included files, copies, arrays.
-
-    Raises:
-        LimitError: too many elements, or an array that is too large.
+    """Checks the sizes that an MJCF requests from a compiler: included files, copies, arrays. Raises LimitError: too
+    many elements, or an array that is too large.
     """
     total = _elements(root, path, limits, {path.resolve()})
     limits.require("elements", total, path, "elements, with all copies and included files")

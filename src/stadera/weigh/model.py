@@ -34,11 +34,8 @@ class WeighedModel:
 
 
 def weighed_model(result: Weighing) -> WeighedModel:
-    """Makes the model of the weighed robot.
-
-    Raises:
-        IdentificationError: the trunk's mass was not observed; or, with a tare, the payload was not observed, or no
-            component of its centre of mass.
+    """Makes the model of the weighed robot. Raises IdentificationError: the trunk's mass was not observed; or, with a
+    tare, the payload was not observed, or no component of its centre of mass.
     """
     robot, trunk, payload = result.robot, result.trunk, result.payload
     mark = "" if result.is_trusted else f" NOT TO BE TRUSTED: {'; '.join(result.trust.reasons)}."

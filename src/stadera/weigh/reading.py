@@ -51,10 +51,8 @@ def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSet
 
 
 def check_source(request: Request) -> bool:
-    """Checks that a log has the channels that the method needs. Returns True if it has an IMU.
-
-    Raises:
-        RecordingError: there are no joint torques, or no IMU although the method or an option needs one.
+    """Checks that a log has the channels that the method needs. Returns True if it has an IMU. Raises RecordingError:
+    there are no joint torques, or no IMU although the method or an option needs one.
     """
     log, method = request.source, request.method
     if beginning(request.robot, log).imu is not None:
@@ -69,10 +67,8 @@ def check_source(request: Request) -> bool:
 
 
 def require_imu(robot: Robot, source: Source, method: str) -> None:
-    """Checks that a log has an IMU.
-
-    Raises:
-        RecordingError: there is none. The message names the missing columns and the methods that need no IMU.
+    """Checks that a log has an IMU. Raises RecordingError: there is none. The message names the missing columns and the
+    methods that need no IMU.
     """
     try:
         stream(source, joints=robot.tree.joints, require=("imu",))
@@ -85,11 +81,7 @@ def require_imu(robot: Robot, source: Source, method: str) -> None:
 
 
 def beginning(robot: Robot, source: Source) -> Recording:
-    """The first samples of a log.
-
-    Raises:
-        RecordingError: it has none, or it cannot be read.
-    """
+    """The first samples of a log. Raises RecordingError: it has none, or it cannot be read."""
     chunk = next(stream(source, joints=robot.tree.joints, rows=_FIRST), None)
     if chunk is None:
         raise RecordingError(f"{source.source}: no samples")

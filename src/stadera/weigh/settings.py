@@ -138,10 +138,8 @@ def check_choice(method: str | None, stiffness: tuple[float, float, float] | Non
 
 
 def tare_of(text: str) -> tuple[float, float] | str:
-    """Parses a tare: a time range "T0:T1" [s], else the path of a log, returned unchanged.
-
-    Raises:
-        IdentificationError: the range does not begin before its end.
+    """Parses a tare: a time range "T0:T1" [s], else the path of a log, returned unchanged. Raises IdentificationError:
+    the range does not begin before its end.
     """
     first, colon, last = text.partition(":")
     try:

@@ -102,11 +102,7 @@ def truth_json(truth: Truth) -> dict[str, Any]:
 
 
 def read_truth(path: str | PathLike[str]) -> Truth:
-    """Reads the truth written by `truth_json`.
-
-    Raises:
-        RecordingError: no such file, or a file of another kind.
-    """
+    """Reads the truth written by `truth_json`. Raises RecordingError: no such file, or a file of another kind."""
     path = Path(path)
     require_input(path)
     with foreign(path, "not the truth of a simulated run (LOG.truth.json)"):

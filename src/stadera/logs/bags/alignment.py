@@ -87,10 +87,8 @@ class Track:
             self._waiting = []
 
     def settle(self, reference: Track | None = None) -> None:
-        """Processes the samples added since the last call; the clock follows the reference's, if given.
-
-        Raises:
-            RecordingError: the stamps are not those of a clock.
+        """Processes the samples added since the last call; the clock follows the reference's, if given. Raises
+        RecordingError: the stamps are not those of a clock.
         """
         self._gather()
         if not self._blocks or (reference is not None and np.isnan(reference.clock.delay)):
@@ -103,10 +101,8 @@ class Track:
         self.extend(stamps, values)
 
     def extend(self, stamps: Stamps, values: Array) -> None:
-        """Adds samples (samples, columns) at these stamps [ns].
-
-        Raises:
-            RecordingError: the stamps are not those of a clock.
+        """Adds samples (samples, columns) at these stamps [ns]. Raises RecordingError: the stamps are not those of a
+        clock.
         """
         if not len(stamps):
             return

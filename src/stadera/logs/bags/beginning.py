@@ -59,10 +59,8 @@ def first_samples(
 def beginning_of(
     head: Sequence[Sample], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
 ) -> Beginning:
-    """Derives the layout for the requested joints (None: all) from the first messages.
-
-    Raises:
-        RecordingError: the publishers contradict each other.
+    """Derives the layout for the requested joints (None: all) from the first messages. Raises RecordingError: the
+    publishers contradict each other.
     """
     of_joints = [sample for sample in head if sample.topic == joint_topic]
     of_imu = [sample for sample in head if sample.topic == imu_topic]

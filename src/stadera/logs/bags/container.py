@@ -72,10 +72,8 @@ class Container(Protocol):
     encoding: str
 
     def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
-        """Topics of a file by name, restricted to those in `encoding`.
-
-        Raises:
-            RecordingError: no part of the file can be read.
+        """Topics of a file by name, restricted to those in `encoding`. Raises RecordingError: no part of the file can
+        be read.
         """
         ...
 
@@ -106,10 +104,8 @@ class Bag:
 
     @classmethod
     def at(cls, path: Path, container: Container, limits: Limits = DEFAULTS) -> Bag:
-        """Opens a file, or a folder's files in the order of the numbers in their names.
-
-        Raises:
-            RecordingError: a file of the folder is compressed as a whole.
+        """Opens a file, or a folder's files in the order of the numbers in their names. Raises RecordingError: a file
+        of the folder is compressed as a whole.
         """
         if not path.is_dir():
             return cls(path, container, (path,), Budget(path, limits))
@@ -121,11 +117,7 @@ class Bag:
         return cls(path, container, files, Budget(path, limits), [missing] if missing else [])
 
     def topics(self) -> dict[str, Topic]:
-        """Topics of all files.
-
-        Raises:
-            RecordingError: no file can be read.
-        """
+        """Topics of all files. Raises RecordingError: no file can be read."""
         found: dict[str, Topic] = {}
         errors: dict[Path, RecordingError] = {}
         for path in self.files:

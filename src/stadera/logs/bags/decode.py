@@ -101,10 +101,8 @@ def has_states(topic: Topic, encoding: str) -> bool:
 
 
 def uncompressed(data: bytes) -> bytes:
-    """A message's bytes, unpacked if it was compressed individually.
-
-    Raises:
-        LimitError: it unpacks to more than any message contains.
+    """A message's bytes, unpacked if it was compressed individually. Raises LimitError: it unpacks to more than any
+    message contains.
     """
     if data[:4] != ZSTD:
         return data

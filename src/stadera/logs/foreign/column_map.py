@@ -62,10 +62,8 @@ class ColumnMap:
 
 
 def column_map(given: str | Path) -> ColumnMap:
-    """Loads a preset by its name, or a map by the path of its TOML file.
-
-    Raises:
-        RecordingError: neither, or not a valid map.
+    """Loads a preset by its name, or a map by the path of its TOML file. Raises RecordingError: neither, or not a valid
+    map.
     """
     path = Path(given)
     if str(given) in preset_names():

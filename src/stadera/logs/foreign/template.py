@@ -22,11 +22,7 @@ _UNITS = {"time": "s", "position": "rad", "velocity": "rad/s", "effort": "Nm", "
 
 
 def template(path: Path, reading: Reading) -> str:
-    """Text of a map of columns for a log.
-
-    Raises:
-        RecordingError: not a table, or the log cannot be read.
-    """
+    """Text of a map of columns for a log. Raises RecordingError: not a table, or the log cannot be read."""
     reader = reader_of(path)
     header = getattr(reader, "header", None)
     if header is None:

@@ -15,10 +15,8 @@ if TYPE_CHECKING:
 
 
 def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batch:
-    """Selects these columns of a record batch. A null is a blank cell.
-
-    Raises:
-        RecordingError: a column is not numeric. Integers are rounded to the nearest double.
+    """Selects these columns of a record batch. A null is a blank cell. Raises RecordingError: a column is not numeric.
+    Integers are rounded to the nearest double.
     """
     values = np.empty((len(columns), table.num_rows))
     blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None

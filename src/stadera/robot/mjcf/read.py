@@ -29,11 +29,7 @@ _PRIMITIVES = {
 
 
 def read_mjcf(path: Path) -> ModelFile:
-    """Reads an MJCF.
-
-    Raises:
-        ModelError: MuJoCo cannot compile it, or it has no body with joints.
-    """
+    """Reads an MJCF. Raises ModelError: MuJoCo cannot compile it, or it has no body with joints."""
     mj = compile_mjcf(path)
     builder = _Builder(path, mj)
     builder.add_trunk()

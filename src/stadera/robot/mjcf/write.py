@@ -65,9 +65,7 @@ def write_mjcf(
 
 def add_payload(document: minidom.Document, trunk: minidom.Element, origin: Array, payload: PayloadLink) -> None:
     """Adds the payload as a body without joints to the trunk, whose body origin (3,) [m] is given in the trunk frame.
-
-    Raises:
-        ModelError: the file has a body of that name already.
+    Raises ModelError: the file has a body of that name already.
     """
     xml.check_free(document, "body", payload.name)
     inertial = _inertial(document, payload.body.mass, np.zeros(3), payload.tensor)

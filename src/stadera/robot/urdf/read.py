@@ -38,10 +38,8 @@ _SIZES: dict[_Kind, tuple[tuple[str, int], ...]] = {
 
 
 def read_urdf(path: Path, root: ET.Element) -> ModelFile:
-    """Reads a URDF whose XML has been parsed.
-
-    Raises:
-        ModelError: Pinocchio cannot build a model from it, a number is malformed, or a link's mass is negative.
+    """Reads a URDF whose XML has been parsed. Raises ModelError: Pinocchio cannot build a model from it, a number is
+    malformed, or a link's mass is negative.
     """
     try:
         bodies = {_name(link): _body(link) for link in root.findall("link")}

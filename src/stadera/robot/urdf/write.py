@@ -45,10 +45,8 @@ def write_urdf(
 
 
 def add_payload(document: minidom.Document, trunk: str, payload: PayloadLink) -> None:
-    """Adds the payload's link, and the fixed joint that connects it to the trunk.
-
-    Raises:
-        ModelError: the file already has a link or a joint of that name.
+    """Adds the payload's link, and the fixed joint that connects it to the trunk. Raises ModelError: the file already
+    has a link or a joint of that name.
     """
     joint_name = f"{payload.name}_joint"
     xml.check_free(document, "link", payload.name)
