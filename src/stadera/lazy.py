@@ -11,13 +11,14 @@ from types import ModuleType
 from typing import Any
 
 
-def lazy_names(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def lazy_names(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Returns `__getattr__` and `__dir__` (PEP 562) for a package that imports each public name on first use.
 
     Args:
         package: the package's `__name__`.
-        homes: maps each name to the module that defines it, or to the module itself.
+        modules: by module of the package, the names that it defines, or its own, with blanks between.
     """
+    homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names.split()}
 
     def getattr_(name: str) -> Any:
         if name not in homes:

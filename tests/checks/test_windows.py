@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.checks.leg_windows import leg_faults
+from stadera.checks.leg_windows import leg_faults, window_faults, with_verdicts
 from stadera.checks.limits import WindowLimits
-from stadera.checks.partial import judged, window_faults
 from stadera.errors import UntrustedError
 from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
 from stadera.lab.scenarios.run import simulate
@@ -161,7 +160,7 @@ def test_windows_are_left_out_only_while_they_are_few(hyq: Robot, trot: Recordin
     limits = WindowLimits()
     for name, share in (("five samples of 1e4 N·m", None), ("a leg's torques only noise", "bad")):
         faults = window_faults(spoilt(trot, hyq, name), hyq)
-        verdicts = {verdict for _, verdict in judged(faults, 4.0, limits)}
+        verdicts = {verdict for _, verdict in with_verdicts(faults, 4.0, limits)}
         assert share in verdicts
 
 

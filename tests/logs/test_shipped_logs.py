@@ -9,7 +9,7 @@ import pytest
 
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, read
-from stadera.logs.examples import EXAMPLES, example
+from stadera.logs.topics import EXAMPLES, example
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -16,7 +16,7 @@ from pyarrow import parquet
 
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.logs import Imu, Recording, read, stream, write_table
-from stadera.logs.plausible import LARGEST
+from stadera.logs.units import LARGEST
 
 HEADER = "time,LF_HAA.position,LF_HAA.velocity,LF_HAA.effort"
 

@@ -13,7 +13,7 @@ DEBUG = "--debug"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the command given by the arguments (None: the process's), and exits. Raises SystemExit: with the exit code."""
+    """Runs the command given by the arguments (None: the process's), and exits with the exit code."""
     from stadera.cli.app import app
     from stadera.cli.terminal import prepare_streams
     from stadera.errors import StaderaError

@@ -53,9 +53,9 @@ def inspect(
 
 
 def _is_robot(target: str) -> bool:
-    """True for a robot's name or an XML file; any other file is a log. Raises StaderaError: neither a name nor a file."""
+    """True for a robot's name or an XML file; other files are logs. Raises StaderaError: neither a name nor a file."""
     from stadera.errors import StaderaError
-    from stadera.logs.examples import EXAMPLES
+    from stadera.logs.topics import EXAMPLES
     from stadera.robot.catalog import CATALOG
 
     if target.lower() in CATALOG:

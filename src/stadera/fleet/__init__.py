@@ -24,16 +24,10 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Failure": "stadera.fleet.pool",
-    "FleetOptions": "stadera.fleet.jobs",
-    "FleetTable": "stadera.fleet.table",
-    "LogJob": "stadera.fleet.jobs",
-    "Pool": "stadera.fleet.pool",
-    "jobs_of": "stadera.fleet.jobs",
-    "read_fleet": "stadera.fleet.table",
-    "read_manifest": "stadera.fleet.jobs",
-    "run_fleet": "stadera.fleet.run",
-    "run_tasks": "stadera.fleet.pool",
+    "jobs": "FleetOptions LogJob jobs_of read_manifest",
+    "pool": "Failure Pool run_tasks",
+    "run": "run_fleet",
+    "table": "FleetTable read_fleet",
 }
 
 if not TYPE_CHECKING:

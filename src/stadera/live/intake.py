@@ -17,11 +17,10 @@ from stadera.live.settings import LiveSettings
 from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, chosen
 from stadera.logs.bags.beginning import beginning_of
 from stadera.logs.bags.choice import Choice
-from stadera.logs.bags.container import Message, Topic
+from stadera.logs.bags.container import Message, Sample, Topic
 from stadera.logs.bags.decode import IMU, Decoder, decoder
 from stadera.logs.bags.log import stamped
 from stadera.logs.bags.merging import Merging
-from stadera.logs.bags.sample import Sample
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import Batch, recordings
 from stadera.logs.columns import TIME, Layout, layout

@@ -41,28 +41,15 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Imu": "stadera.logs.recording",
-    "Log": "stadera.logs.reader",
-    "LogFile": "stadera.logs.topics",
-    "Preprocessing": "stadera.logs.settings",
-    "PreprocessingReport": "stadera.logs.settings",
-    "Processed": "stadera.logs.processing",
-    "READERS": "stadera.logs.reader",
-    "Reader": "stadera.logs.reader",
-    "Recording": "stadera.logs.recording",
-    "Topics": "stadera.logs.topics",
-    "as_log": "stadera.logs.reader",
-    "as_logs": "stadera.logs.reader",
-    "concatenate": "stadera.logs.join",
-    "preprocess": "stadera.logs.processing",
-    "preprocess_stream": "stadera.logs.processing",
-    "read": "stadera.logs.reader",
-    "reader_of": "stadera.logs.reader",
-    "smooth_rows": "stadera.logs.smoothing",
-    "stream": "stadera.logs.reader",
-    "suggest_cutoff": "stadera.logs.cutoff",
-    "take": "stadera.logs.join",
-    "write_table": "stadera.logs.tables.write",
+    "cutoff": "suggest_cutoff",
+    "join": "concatenate take",
+    "processing": "Processed preprocess preprocess_stream",
+    "reader": "Log READERS Reader as_log as_logs read reader_of stream",
+    "recording": "Imu Recording",
+    "settings": "Preprocessing PreprocessingReport",
+    "smoothing": "smooth_rows",
+    "tables.write": "write_table",
+    "topics": "LogFile Topics",
 }
 
 if not TYPE_CHECKING:

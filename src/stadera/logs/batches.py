@@ -14,8 +14,8 @@ from stadera.limits import Budget
 from stadera.logs.clock import RowClock
 from stadera.logs.columns import Layout
 from stadera.logs.pd_law import DESIRED, PD_DOUBT, PdGains
-from stadera.logs.plausible import largest_of
 from stadera.logs.recording import Imu, OtherJoints, Recording
+from stadera.logs.units import largest_of
 from stadera.logs.velocity import with_velocity
 from stadera.types import Array, Bools
 

@@ -18,7 +18,6 @@ from stadera.logs.bags.ros1 import Ros1File
 from stadera.logs.bags.sqlite import SqliteFile
 from stadera.logs.batches import MOST_ROWS
 from stadera.logs.columns import layout
-from stadera.logs.examples import EXAMPLES
 from stadera.logs.frames import columns_of
 from stadera.logs.join import concatenate, take
 from stadera.logs.mend import changed, sources_of
@@ -27,7 +26,7 @@ from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.csv import CsvTable
 from stadera.logs.tables.parquet import ParquetTable
 from stadera.logs.tables.refused import refusal
-from stadera.logs.topics import FirstChunk, LogFile, OpenedLog
+from stadera.logs.topics import EXAMPLES, FirstChunk, LogFile, OpenedLog
 
 Log = str | PathLike[str] | Recording
 """A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.logs.columns import CHANNELS, IMU_COLUMNS, TIME
-from stadera.logs.plausible import largest_of
+from stadera.logs.units import largest_of
 from stadera.types import Array, Bools
 
 if TYPE_CHECKING:

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from importlib import resources
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stadera.errors import RecordingError
-from stadera.logs.examples import EXAMPLES, example
 from stadera.logs.reading import AS_RECORDED, Reading
 
 if TYPE_CHECKING:
     from stadera.logs.recording import Recording
+
+
+EXAMPLES: tuple[str, ...] = ("go2_legs_in_air", "aliengo_legs_in_air", "aliengo_steps", "go2_trot")
+"""Real logs in the package, their names accepted if no file has them; `logs/data/README.md` states their sources."""
+
+
+def example(name: str) -> Path:
+    """Path of a log included in the package."""
+    return Path(str(resources.files("stadera.logs") / "data" / f"{name}.parquet"))
 
 
 @dataclass(frozen=True)

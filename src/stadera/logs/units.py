@@ -24,6 +24,23 @@ FACTORS: dict[str, dict[str, float]] = {
     "force": {"N": 1.0, "kN": 1e3},
 }
 """By quantity, the factor of each unit to the first one, the SI unit. g is the standard acceleration of free fall."""
+LARGEST: dict[str, float] = {
+    "position": 1e5,
+    "velocity": 1e4,
+    "acceleration": 1e7,
+    "effort": 1e6,
+    "angular_velocity": 1e4,
+    "linear_acceleration": 1e6,
+    "orientation": 1e3,
+    "force": 1e7,
+}
+"""By quantity, the largest plausible value in SI units, far above any sensor's range and far below overflow: drives
+reach 50 rad/s and 500 N·m, MEMS sensors 70 rad/s and 2000 m/s². A position may include thousands of turns, and a
+quaternion need not be normalised.
+"""
+
+ANY = 1e15
+"""For all other quantities: time, contact."""
 _QUANTITY = {
     "position_desired": "position",
     "velocity_desired": "velocity",
@@ -119,3 +136,9 @@ def _quantities_of(unit: str) -> list[str]:
     if not found:
         raise UnknownNameError("unit", unit, dict.fromkeys(u for units in FACTORS.values() for u in units))
     return found
+
+
+def largest_of(column: str) -> float:
+    """Largest plausible value of a column of the flat table: `<joint>.<quantity>`, `imu.<quantity>.<axis>`, ..."""
+    parts = column.split(".")
+    return next((LARGEST[part] for part in reversed(parts[-2:]) if part in LARGEST), ANY)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.checks import FATAL, Finding, contradictions, diagnose
-from stadera.checks.partial import judged, window_faults
+from stadera.checks.leg_windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
 from stadera.logs.velocity import with_velocity
@@ -152,7 +152,7 @@ class CheckedLog:
     def _check_windows(self, chunk: Recording) -> None:
         limits, duration = self._request.settings.windows, float(chunk.time[-1] - chunk.time[0])
         faults = window_faults(chunk, self._request.robot, self._request.imu_frame, limits)
-        for fault, verdict in judged(faults, duration, limits):
+        for fault, verdict in with_verdicts(faults, duration, limits):
             if verdict is not None:
                 self.doubts[verdict, fault.message] = None
                 continue

@@ -20,7 +20,7 @@ from stadera.lab.experiments import (
 )
 from stadera.lab.experiments.legs.real_logs import MissingDataError, data_folder, real_log
 from stadera.lab.experiments.paper import Paper, Steps
-from stadera.logs.examples import example
+from stadera.logs.topics import example
 from stadera.report.table import Cell, TableData
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.logs.bags.clock import HeaderClock
-from stadera.logs.bags.sample import Sample, SampleBatch
+from stadera.logs.bags.container import Sample, SampleBatch
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.logs.sampling import GAP_FACTOR

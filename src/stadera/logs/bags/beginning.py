@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.errors import RecordingError
+from stadera.logs.bags.container import Sample
 from stadera.logs.bags.decode import IMU_NAMES
-from stadera.logs.bags.sample import Sample
 from stadera.logs.bags.settings import BagSettings
 from stadera.types import Array
 

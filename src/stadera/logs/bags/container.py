@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
+from stadera.types import Array
 
 Record = TypeVar("Record")
 Part = TypeVar("Part")
@@ -48,6 +49,37 @@ class Bundle(NamedTuple):
         """Yields the messages one by one."""
         for group in self.groups:
             yield from group.each()
+
+
+class Sample(NamedTuple):
+    """The values of one message.
+
+    Attributes:
+        topic: of the message.
+        received: time of recording [ns].
+        stamp: time of measurement [ns].
+        frame: of the IMU, without a leading slash; may be empty.
+        columns: names of the flat table.
+        values: (columns,); NaN where the message marks them as unknown.
+    """
+
+    topic: str
+    received: int
+    stamp: int
+    frame: str
+    columns: tuple[str, ...]
+    values: Array
+
+
+class SampleBatch(NamedTuple):
+    """The values of several messages of one topic, like `Sample` with arrays (n,) and values (n, columns)."""
+
+    topic: str
+    received: NDArray[np.int64]
+    stamp: NDArray[np.int64]
+    frame: str
+    columns: tuple[str, ...]
+    values: Array
 
 
 class Topic(NamedTuple):

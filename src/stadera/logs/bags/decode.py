@@ -10,9 +10,8 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
-from stadera.logs.bags.container import Message, Messages, Topic
+from stadera.logs.bags.container import Message, Messages, Sample, SampleBatch, Topic
 from stadera.logs.bags.repeated import Repeated
-from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS

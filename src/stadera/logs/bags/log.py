@@ -20,10 +20,9 @@ from stadera.errors import RecordingError
 from stadera.limits import LimitError
 from stadera.logs.bags.beginning import Beginning, beginning_of, first_samples
 from stadera.logs.bags.choice import choose
-from stadera.logs.bags.container import Bag, Bundle, Container, Message, Messages
+from stadera.logs.bags.container import Bag, Bundle, Container, Message, Messages, Sample, SampleBatch
 from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.merging import Merging
-from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import Batch, recordings, within

@@ -6,7 +6,7 @@ import numpy as np
 
 from stadera.logs.bags.alignment import Alignment, Track
 from stadera.logs.bags.beginning import Beginning, joints_in
-from stadera.logs.bags.sample import Sample, SampleBatch
+from stadera.logs.bags.container import Sample, SampleBatch
 from stadera.logs.bags.settings import BagSettings
 from stadera.logs.batches import Batch
 from stadera.logs.columns import TIME

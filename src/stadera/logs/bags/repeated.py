@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.logs.bags.container import Message, Messages
-from stadera.logs.bags.sample import Sample, SampleBatch
+from stadera.logs.bags.container import Message, Messages, Sample, SampleBatch
 from stadera.types import Array
 
 _LITTLE = b"\0\1\0\0"

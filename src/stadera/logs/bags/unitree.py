@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from stadera.errors import RecordingError
 from stadera.joint_words import by_place, places
 from stadera.logs.bags.clock import TickClock
-from stadera.logs.bags.container import Message, Messages, Topic
+from stadera.logs.bags.container import Message, Messages, Sample, SampleBatch, Topic
 from stadera.logs.bags.decode import IMU_NAMES, ZSTD, joint_columns, uncompressed
-from stadera.logs.bags.sample import Sample, SampleBatch
 from stadera.logs.bags.settings import DEFAULTS, BagSettings
 from stadera.types import Array
 

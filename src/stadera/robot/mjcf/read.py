@@ -15,7 +15,6 @@ import pinocchio as pin
 
 from stadera.boundary import foreign
 from stadera.errors import ModelError
-from stadera.robot.mjcf.quiet import keep_quiet
 from stadera.robot.model import Shape
 from stadera.robot.modelfile import ModelFile
 from stadera.types import Array
@@ -45,6 +44,14 @@ def read_mjcf(path: Path) -> ModelFile:
         masses={builder.body_name(b): float(mj.body_mass[b]) for b in builder.bodies},
         shapes=tuple(builder.shapes()),
     )
+
+
+def keep_quiet() -> None:
+    """Discards MuJoCo's warnings, which by default are appended to MUJOCO_LOG.TXT in the working folder, unless this
+    process has its own handler. Their causes are detected here: a model that does not compile, a motion that diverges.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda text: None)
 
 
 def compile_mjcf(path: Path) -> Any:

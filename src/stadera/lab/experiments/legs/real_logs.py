@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from stadera.errors import StaderaError
-from stadera.logs.examples import example
+from stadera.logs.topics import example
 
 VARIABLE = "STADERA_DATA"
 _BESIDE = Path("..") / "shared" / "data"
