@@ -3,6 +3,11 @@
 import re
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import TypeVar
+
+from stadera.errors import RecordingError
+
+Value = TypeVar("Value")
 
 LEG_WORDS: dict[str, frozenset[str]] = {
     "LF": frozenset({"lf", "fl", "frontleft", "leftfront"}),
@@ -62,6 +67,18 @@ def by_place(names: Iterable[str]) -> dict[Place, list[str]]:
     for name, place in places(names).items():
         found.setdefault(place, []).append(name)
     return found
+
+
+def by_part(values: Sequence[Value], joints: Sequence[str], what: str) -> list[Value]:
+    """A value for each joint, of one for all (`what`, for messages) or of three for hip, thigh and calf. Raises
+    RecordingError: three are given, and a joint's name does not say which it is.
+    """
+    if len(values) == 1:
+        return [*values] * len(joints)
+    known = places(joints)
+    if unknown := next((joint for joint in joints if joint not in known), None):
+        raise RecordingError(f"the name of joint {unknown!r} says neither hip, thigh nor calf: give {what}")
+    return [values[known[joint][1]] for joint in joints]
 
 
 def matched(wanted: Sequence[str], names: Iterable[str]) -> dict[str, str] | None:

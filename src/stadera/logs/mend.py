@@ -12,7 +12,7 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import RecordingError
-from stadera.joint_words import places
+from stadera.joint_words import by_part
 from stadera.logs.columns import CHANNELS
 from stadera.logs.recording import Imu, Recording
 from stadera.types import Array
@@ -114,18 +114,11 @@ class Gear:
         return tuple(joints)
 
     def __call__(self, recording: Recording) -> Recording:
-        """Returns the recording with torques of the joints. Raises RecordingError: three ratios are given, and a
-        joint's name does not identify hip, thigh or calf.
-        """
+        """Returns the recording with torques of the joints. Raises as `by_part`."""
         if recording.effort is None:
             return recording
-        if len(self.ratios) == 1:
-            return replace(recording, effort=recording.effort * self.ratios[0])
-        known = places(recording.joints)
-        if unknown := next((joint for joint in recording.joints if joint not in known), None):
-            raise RecordingError(f"the name of joint {unknown!r} says neither hip, thigh nor calf: give one gear ratio")
-        ratios = np.array([self.ratios[known[joint][1]] for joint in recording.joints])
-        return replace(recording, effort=recording.effort * ratios)
+        ratios = by_part(self.ratios, recording.joints, "one gear ratio")
+        return replace(recording, effort=recording.effort * np.array(ratios))
 
 
 Change = Mend | Gear

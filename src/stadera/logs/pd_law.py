@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.joint_words import places
+from stadera.joint_words import by_part
 from stadera.types import Array
 
 DESIRED: tuple[str, ...] = ("position_desired", "velocity_desired", "effort_desired")
@@ -66,19 +66,11 @@ class PdGains:
         Raises:
             RecordingError: three gains are given, and a joint's name does not identify hip, thigh or calf.
         """
-        kp, kd = self._by_joint(joints)
+        pairs = by_part(list(zip(self.kp, self.kd, strict=True)), joints, "one pair kp,kd")
+        kp, kd = np.array(pairs).T
         zero = np.zeros(1)
         target, rate, feedforward = (desired.get(name, zero) for name in DESIRED)
         return np.asarray(kp * (target - position) + kd * (rate - velocity) + feedforward)
-
-    def _by_joint(self, joints: Sequence[str]) -> tuple[Array, Array]:
-        if len(self.kp) == 1:
-            return np.array(self.kp), np.array(self.kd)
-        known = places(joints)
-        if unknown := next((joint for joint in joints if joint not in known), None):
-            raise RecordingError(f"the name of joint {unknown!r} says neither hip, thigh nor calf: give one pair kp,kd")
-        part = [known[joint][1] for joint in joints]
-        return np.array(self.kp)[part], np.array(self.kd)[part]
 
     def __str__(self) -> str:
         return "/".join(f"{kp:g},{kd:g}" for kp, kd in zip(self.kp, self.kd, strict=True))

@@ -43,21 +43,6 @@ class Decoder(Protocol):
         ...
 
 
-class OneByOne:
-    """Decoder of messages whose layout is not known in advance."""
-
-    def __init__(self, decode: Callable[[Message], Sample]) -> None:
-        self._decode = decode
-
-    def __call__(self, message: Message) -> Sample:
-        """The values of one message."""
-        return self._decode(message)
-
-    def many(self, messages: Messages) -> SampleBatch | None:
-        """Nothing: see `Decoder`."""
-        return None
-
-
 def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings) -> Decoder:
     """Returns the decoder of a topic's messages.
 
@@ -79,7 +64,7 @@ def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings:
         return read(message, deserialize(uncompressed(message.data), topic.kind))
 
     usual = encoding == "cdr" and topic.kind in (JOINT_STATE, IMU)
-    return Repeated(decode, is_imu=topic.kind == IMU) if usual else OneByOne(decode)
+    return Repeated(decode, is_imu=topic.kind == IMU if usual else None)
 
 
 def is_low_state(topic: Topic) -> bool:

@@ -27,10 +27,10 @@ class Repeated:
 
     Args:
         decode: decoder that reads every field.
-        is_imu: True for Imu messages, False for JointState.
+        is_imu: True for Imu messages, False for JointState; None for others, of which every field is read.
     """
 
-    def __init__(self, decode: Callable[[Message], Sample], *, is_imu: bool) -> None:
+    def __init__(self, decode: Callable[[Message], Sample], *, is_imu: bool | None) -> None:
         self._decode, self._is_imu = decode, is_imu
         self._like: Sample | None = None
         self._prefix, self._length, self._first, self._count = b"", 0, 0, 0
@@ -80,12 +80,11 @@ class Repeated:
     def _learn(self, data: bytes, sample: Sample) -> None:
         """Determines the numbers' positions in the next message, if it has the same layout."""
         self._like = None
-        if data[:4] != _LITTLE:
+        if data[:4] != _LITTLE or self._is_imu is None:
             return
         joints = 0 if self._is_imu else len(sample.columns) // 3
-        count = (
-            _IMU if self._is_imu else 3 * joints + 2
-        )  # the second and third array are preceded by 8 bytes with their length
+        # the second and third array are preceded by 8 bytes with their length
+        count = _IMU if self._is_imu else 3 * joints + 2
         first = len(data) - 8 * count
         if (first - 4) % 8 or first <= _STAMP or not (joints or self._is_imu):
             return  # more data follows, or an array is empty
