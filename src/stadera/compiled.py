@@ -1,6 +1,6 @@
 """Functions compiled by numba, which the extra `fast` installs; without it the numpy code that they replace runs.
 
-A kernel is a function of arrays and numbers, with loops over samples, in a module of its own beside the numpy code. The
+A kernel is a function of arrays and numbers, with loops over samples, in a separate module next to the numpy code. The
 two give the same results up to rounding, and a test holds them equal. The numpy code stays the reference::
 
     @compiled("float64(float64[::1], float64[::1])")            # in stadera/legs/kernel.py
@@ -9,7 +9,7 @@ two give the same results up to rounding, and a test holds them equal. The numpy
     fast = kernel("stadera.legs.kernel")                        # where it is used
     result = a @ b if fast is None else fast.dot(a, b)
 
-Machine code is stored beside the source, in the user's cache folder where that cannot be written, and for the running
+Machine code is stored next to the source, in the user's cache folder where that cannot be written, and for the running
 process alone where neither can be. Since numba compares the time of the kernel's own file only, a kernel must not call
 a compiled function of another file.
 """

@@ -84,17 +84,12 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     fitting: list[tuple[Gain, FaultHypothesis, MotionCosts]] = []
     for hypothesis in hypotheses_in_motion(robot):
         without = footing.under(hypothesis.undo)
-        costs = MotionCosts(without, limits)
-        if Gain.most(now, costs) < least * hypothesis.rarity:
+        costs, needed = MotionCosts(without, limits), least * (limits.rare if hypothesis.rare else 1.0)
+        if Gain.most(now, costs) < needed:
             continue
         gain = Gain.of(now, costs)
-        if (
-            gain.mean < least * hypothesis.rarity
-            or gain.deviations < limits.deviations
-            or any(model.evaluate(without).faults())
-        ):
-            continue
-        fitting.append((gain, hypothesis, costs))
+        if gain.mean >= needed and gain.deviations >= limits.deviations and not any(model.evaluate(without).faults()):
+            fitting.append((gain, hypothesis, costs))
     if not fitting:
         return None
     fitting.sort(key=lambda entry: -entry[0].mean)

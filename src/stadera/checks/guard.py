@@ -18,8 +18,6 @@ from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
 from stadera.robot.model import Robot
 
-_ROUNDS = 4  # a wrong unit hides other faults until it is corrected
-
 
 @dataclass(frozen=True, eq=False)
 class Guard:
@@ -30,12 +28,14 @@ class Guard:
         joints: needed in a log.
         on_feet: True if the robot stands or walks; False if its trunk is held, legs in the air.
         imu_frame: frame of the IMU's values; None for the log's own, else the model's.
+        rounds: of detection and correction at most; a wrong unit hides other faults until it is corrected.
     """
 
     robot: Robot
     joints: Sequence[str]
     on_feet: bool = True
     imu_frame: str | None = None
+    rounds: int = 4
 
     def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
         """Faults of units and signs in a log's first chunk."""
@@ -63,7 +63,7 @@ class Guard:
 
     def mended(self, log: LogFile | Recording) -> LogFile | Recording:
         """The log with all unambiguous faults corrected, and a note on each; raises as `findings`."""
-        for _ in range(_ROUNDS):
+        for _ in range(self.rounds):
             mends = [finding.mend for finding in self.findings(log) if finding.mend is not None]
             if not mends:
                 break

@@ -22,10 +22,6 @@ _WHICH = {"": CHANNELS, "the torques of ": CHANNELS[3:], "the positions of ": _M
 _BY_NAMES = "--columns MAP.toml with the right names"
 _BY_SIGN = "--columns MAP.toml with factor = -1"
 _BY_FRAME = "--imu-frame NAME"
-_RARE = 8.0
-"""Factor for two legs swapped in the torques or the positions only: an unlikely mistake, and legs that move alike mimic
-it.
-"""
 _SIDES: dict[tuple[int, ...], str] = {
     (1, 0, 3, 2): "left and right legs",
     (2, 3, 0, 1): "front and hind legs",
@@ -44,7 +40,7 @@ class FaultHypothesis:
         undo: makes the log without the fault, joints in the tree's order.
         option: command-line option that corrects it.
         mend: correction of the recordings; None if it needs more information.
-        rarity: factor on the gain that confirms it in motion.
+        rare: True if it needs more gain in motion, see `CheckLimits.rare`.
     """
 
     cause: str
@@ -52,7 +48,7 @@ class FaultHypothesis:
     undo: Callable[[Instants], Instants]
     option: str = ""
     mend: Mend | None = None
-    rarity: float = 1.0
+    rare: bool = False
 
     @property
     def torques_alone(self) -> bool:
@@ -74,7 +70,7 @@ def hypotheses_in_motion(robot: Robot) -> Iterator[FaultHypothesis]:
     for order in _orders_of_four():
         which = tuple(_WHICH) if order in _SIDES or sum(a != b for a, b in enumerate(order)) == 2 else ("",)
         for name, found in zip(which, _reordered(robot, _legs(order, names), place[list(order)], which), strict=True):
-            yield replace(found, rarity=_RARE) if name and order not in _SIDES else found
+            yield replace(found, rare=True) if name and order not in _SIDES else found
     yield from _joint_signs(robot)
     for quarters in (1, 2, 3):
         turn = np.round(_about_z(quarters * np.pi / 2))

@@ -26,9 +26,7 @@ from stadera.robot.model import Robot
 from stadera.trust import Verdict
 from stadera.types import Array, Bools
 
-_RATE = 100.0  # Hz, rate to which a log is thinned out
 _AT_ONCE = 4096  # samples whose legs are computed at a time, which bounds the memory
-_LEVELLED = 0.5  # s, averaging time of the specific force that gives the vertical
 _GYROS = {
     "reads the opposite of its rotation": -np.eye(3),
     "is turned by 90° about the vertical": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
@@ -46,7 +44,7 @@ class _Feet:
 
     def __init__(self, recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> None:
         time = recording.time
-        every = max(1, round(1.0 / (_RATE * float(np.median(np.diff(time))))))
+        every = max(1, round(1.0 / (limits.rate * float(np.median(np.diff(time))))))
         kept = slice(None, None, every)
         model, joints = LegModel.of(robot), robot.tree.joints
         imu = recording.imu
@@ -57,7 +55,7 @@ class _Feet:
         self.time = time[kept]
         self.force = mount.in_trunk_axes(imu.linear_acceleration[kept])
         self.gyro = mount.in_trunk_axes(imu.angular_velocity[kept])
-        count = min(len(self.time), max(1, round(_LEVELLED / float(np.median(np.diff(self.time))))))
+        count = min(len(self.time), max(1, round(limits.levelled / float(np.median(np.diff(self.time))))))
         smooth = np.column_stack([np.convolve(x, np.ones(count), "same") for x in self.force.T])
         up = smooth / np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-9)
         pieces = [slice(k, k + _AT_ONCE) for k in range(0, len(self.time), _AT_ONCE)]

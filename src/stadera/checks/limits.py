@@ -45,7 +45,10 @@ class CheckLimits:
         lively_share: share of instants with motion above which the robot is not at rest.
         gain, gain_at_rest: decrease of an instant's cost (see `motion`) that confirms a hypothesis. In clean logs of
             eight robots no hypothesis gains more than 0.05 in motion, and 0.2 at rest, where constant errors count.
-        deviations: of that gain from zero, in standard deviations.
+        rare: factor on it for two legs swapped in the torques or the positions only: an unlikely mistake, and legs that
+            move alike mimic it.
+        deviations: of that gain from zero, in standard deviations, from the means of `segment` instants, since gains of
+            neighbours are correlated.
         alike: share of the largest gain above which another hypothesis is named with it.
         order_instants, order_fewest: most and least number of instants to test the order of the legs' torques.
         order_repeated: number of successive instants that share one model error: a tenth of a second.
@@ -107,7 +110,9 @@ class CheckLimits:
     lively_share: float = 0.3
     gain: float = 0.08
     gain_at_rest: float = 0.3
+    rare: float = 8.0
     deviations: float = 2.5
+    segment: int = 12
     alike: float = 0.9
     order_instants: int = 375
     order_fewest: int = 50
@@ -141,7 +146,10 @@ class WindowLimits:
     """Limits of the checks over windows, wide enough for the noise, lags and quantisation of real logs.
 
     Attributes:
-        length: of a window [s]. fewest: least number of samples in a window.
+        length: of a window [s]. fewest: least number of samples in a window. usual: number of samples from which
+            usual values are taken, to 2 %. most: steps of one joint that are examined.
+        rate: to which a log is thinned out for its legs [Hz]. levelled: over which the specific force is averaged for
+            the vertical [s].
         step: time over which velocity and change of position are compared [s].
         moving: speed of a joint above which they are compared [rad/s], at least `above` times the noise of a joint at
             rest.
@@ -173,6 +181,10 @@ class WindowLimits:
 
     length: float = 1.0
     fewest: int = 20
+    usual: int = 4096
+    most: int = 20
+    rate: float = 100.0
+    levelled: float = 0.5
     step: float = 0.02
     moving: float = 0.1
     above: float = 5.0

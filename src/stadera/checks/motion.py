@@ -37,7 +37,6 @@ from stadera.types import Array, Bools
 Places = NDArray[np.int64]
 
 _FEWEST = 6  # instants needed to fit a second's trunk
-_SEGMENT = 12  # instants whose mean gain counts as one draw, since neighbouring gains are correlated
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +87,7 @@ class Gain:
         """Compares costs with those under a hypothesis. A part available for only one of them is ignored."""
         counted = [np.isfinite(a) & np.isfinite(b) for a, b in ((now.feet, other.feet), (now.balance, other.balance))]
         gain = np.where(counted[0], now.feet - other.feet, 0.0) + np.where(counted[1], now.balance - other.balance, 0.0)
-        means = _means(gain[counted[0] | counted[1]])
+        means = _means(gain[counted[0] | counted[1]], now.limits.segment)
         if len(means) < 2:
             return cls(0.0, 0.0)
         std = float(means.std(ddof=1) / np.sqrt(len(means)))
@@ -101,13 +100,13 @@ class Gain:
         balance = now.balance - other.balance
         if not np.isfinite(balance).all():
             return np.inf
-        means = _means(np.nan_to_num(now.feet) + balance)
+        means = _means(np.nan_to_num(now.feet) + balance, now.limits.segment)
         return float(means.mean()) if len(means) > 1 else 0.0
 
 
-def _means(gain: Array) -> Array:
-    """Means of successive parts of at least _SEGMENT instants; fewer than two if there are too few instants."""
-    parts = len(gain) // _SEGMENT
+def _means(gain: Array, segment: int) -> Array:
+    """Means of successive parts of at least `segment` instants; fewer than two if there are too few instants."""
+    parts = len(gain) // segment
     first = np.arange(parts) * (len(gain) // max(parts, 1)) + np.minimum(np.arange(parts), len(gain) % max(parts, 1))
     return np.asarray(np.add.reduceat(gain, first) / np.diff(first, append=len(gain)))
 

@@ -15,8 +15,8 @@ k instants sharing one error. Another order than the recorded one is found where
 23 orders; it is certain if it also gains where a constant force and moment from outside, unknown in every second, may
 act. A robot at rest shows no order by this: there static friction varies more than the load.
 
-Two legs whose torques are swapped at rest push against each other, if their hips are beside the feet. Friction can hold
-that, so it is a doubt and not a contradiction.
+Two legs whose torques are swapped at rest push against each other, if the feet are not below the hips. Friction can
+hold that, so it is a doubt and not a contradiction.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Finds a step of one joint's torque sensor on a robot that moves.
 
 An offset c of joint k that begins at t₀ adds E_k(t) c to the trunk's rows from then on (`torque_order.InstantRows`). A
-load that is put on then adds A(t) δ instead, δ its mass and first moment. Within some seconds around t₀,
+load that comes then adds A(t) δ instead, δ its mass and first moment. Within some seconds around t₀,
 
     A θ + [t > t₀] A δ + C p + [t > t₀] E_k c = b,
 

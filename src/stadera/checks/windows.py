@@ -30,8 +30,6 @@ from stadera.types import Array, Bools
 
 _MEDIAN_OF_CHI2 = 0.455
 _AT_ONCE = 3  # joints examined at a time, which bounds the memory
-_MANY = 4096  # samples that give a usual value to 2 %
-_MOST = 20  # largest number of steps of one joint that are examined
 _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
 
 
@@ -129,11 +127,11 @@ def _velocity(
     by_q, by_v = ((x[m:] - x[:-m])[whole] / span[whole, None] for x in (q, way))
     where = windows.of_sample[m:][whole]
     apart = np.abs(by_q - by_v)
-    spike = apart > limits.spike * _usual(apart)
+    spike = apart > limits.spike * _usual(apart, limits)
     by_q, by_v = (np.where(spike & (spike.mean(axis=0) < limits.few), 0.0, x) for x in (by_q, by_v))
     dd, mm, dm = (windows.sums(product, where) for product in (by_q**2, by_v**2, by_q * by_v))
     count = np.maximum(np.bincount(where, minlength=len(windows)), 1)[:, None]
-    noise = np.hypot(np.sqrt(2.0) * _white(q) / limits.step, _white(v) / np.sqrt(m))
+    noise = np.hypot(np.sqrt(2.0) * _white(q, limits) / limits.step, _white(v, limits) / np.sqrt(m))
     moving = np.sqrt(np.maximum(dd, mm) / count) > np.maximum(limits.moving, limits.above * noise)
     correlation = dm / np.maximum(np.sqrt(dd * mm), 1e-12)
     gain = np.where(dd > 1e-12, dm / np.maximum(dd, 1e-12), 0.0)
@@ -150,17 +148,17 @@ def _velocity(
                 yield WindowFault("velocity", f"the velocity of {joint!r}", text, windows.spans(chosen))
 
 
-def _white(values: Array) -> Array:
+def _white(values: Array, limits: WindowLimits) -> Array:
     """Standard deviation of each column's white noise, from third differences, to which smooth motion hardly
     contributes.
     """
-    return np.sqrt(_usual(np.diff(values, 3, axis=0) ** 2) / (20.0 * _MEDIAN_OF_CHI2))
+    return np.sqrt(_usual(np.diff(values, 3, axis=0) ** 2, limits) / (20.0 * _MEDIAN_OF_CHI2))
 
 
-def _usual(values: Array) -> Array:
-    """Median of each column (samples, n), from at most _MANY samples spread evenly."""
-    if len(values) > _MANY:  # not every k-th: signals may repeat values in cycles of a few samples
-        values = values[np.linspace(0, len(values) - 1, _MANY).astype(np.int64)]
+def _usual(values: Array, limits: WindowLimits) -> Array:
+    """Median of each column (samples, n), from at most `limits.usual` samples spread evenly."""
+    if len(values) > limits.usual:  # not every k-th: signals may repeat values in cycles of a few samples
+        values = values[np.linspace(0, len(values) - 1, limits.usual).astype(np.int64)]
     return np.asarray(np.median(values, axis=0))
 
 
@@ -173,11 +171,11 @@ def _jumps(
         apart: (samples, n), position minus ∫ q̇ dt [rad]. way: (samples - 1, n), steps of the latter.
     """
     step, gaps = np.diff(apart, axis=0), np.diff(time)
-    usual, period = _usual(np.abs(step)), np.median(gaps)
+    usual, period = _usual(np.abs(step), limits), np.median(gaps)
     big = np.abs(step) > np.maximum(limits.jump, 20.0 * usual + np.abs(way))
     big &= (gaps < GAP_FACTOR * period)[:, None]
     for j, joint in enumerate(joints):
-        for k in np.flatnonzero(big[:, j])[:_MOST]:
+        for k in np.flatnonzero(big[:, j])[: limits.most]:
             before, later = max(k - limits.undone, 0), min(k + 1 + limits.undone, len(apart) - 1)
             size, rest = float(step[k, j]), float(apart[later, j] - apart[before, j])
             if limits.kept < rest / size < 1.0 / limits.kept:

@@ -8,9 +8,6 @@ import typer
 
 Point = tuple[float, float, float]
 
-LONGEST_LAG = 0.2
-"""s; a later torque does not belong to the recorded motion."""
-
 
 def names(value: str | None) -> tuple[str, ...] | None:
     """A comma-separated list of names; None stays None."""
@@ -44,9 +41,11 @@ def torque_lag(value: str) -> float | None:
     """Seconds, or None for "auto"."""
     if value.lower() == "auto":
         return None
-    option, wanted = "'--torque-lag'", f"seconds between -{LONGEST_LAG:g} and {LONGEST_LAG:g}, or 'auto'"
+    from stadera.logs.settings import LONGEST_DELAY
+
+    option, wanted = "'--torque-lag'", f"seconds between -{LONGEST_DELAY:g} and {LONGEST_DELAY:g}, or 'auto'"
     lag = _number(value, wanted, option)
-    if abs(lag) > LONGEST_LAG:
+    if abs(lag) > LONGEST_DELAY:
         raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
     return lag
 

@@ -17,7 +17,7 @@ from stadera.fleet.journal import journal, read_journal
 from stadera.fleet.pool import Failure, Pool, run_tasks
 from stadera.fleet.row import Done, Row, Task, is_done, lost, process
 from stadera.fleet.source import is_url, size_of
-from stadera.fleet.table import SIDES, FleetTable, beside, read_fleet, table_path
+from stadera.fleet.table import SIDES, FleetTable, read_fleet, side_path, table_path
 
 Watch = Callable[[str, int, int, str], None]
 """Called with the step's name, the amount done, the total amount, and the number of logs in words."""
@@ -46,7 +46,7 @@ def run_fleet(
         MissingExtraError: Dask is needed and not installed.
     """
     target = require_writable(table_path(out))
-    tables = (target, *(beside(target, name) for name in SIDES))
+    tables = (target, *(side_path(target, name) for name in SIDES))
     jobs = [job for job in jobs if Path(job.log) not in tables]
     check_models(jobs)
     fleet = _Fleet(target, jobs, saved_every)

@@ -85,7 +85,7 @@ class FleetTable(Result):
         target = table_path(path)
         sides = {name: columns for name, columns in SIDES.items() if getattr(self, name)}
         keys = {_KEYS: json.dumps(self.keys)}
-        with written_together([target, *(beside(target, name) for name in sides)]) as (first, *others):
+        with written_together([target, *(side_path(target, name) for name in sides)]) as (first, *others):
             parquet.write_table(_arrow(pa, self.rows, COLUMNS).replace_schema_metadata(keys), first)
             for draft, (name, columns) in zip(others, sides.items(), strict=True):
                 parquet.write_table(_arrow(pa, getattr(self, name), columns), draft)
@@ -118,7 +118,7 @@ def read_fleet(path: str | PathLike[str]) -> FleetTable:
     target = table_path(path)
     rows, keys = _read(target, COLUMNS)
     listed = tuple(json.loads(keys)) if keys else (None,) * len(rows)
-    paths = {name: beside(target, name) for name in SIDES}
+    paths = {name: side_path(target, name) for name in SIDES}
     sides = {name: _read(path, SIDES[name])[0] for name, path in paths.items() if path.exists()}
     return FleetTable(rows, keys=listed, **sides)
 
@@ -131,7 +131,7 @@ def table_path(path: str | PathLike[str]) -> Path:
     return target
 
 
-def beside(table: Path, name: str) -> Path:
+def side_path(table: Path, name: str) -> Path:
     """Path of one of the tables in `SIDES`."""
     return table.with_suffix(f".{name}.parquet")
 

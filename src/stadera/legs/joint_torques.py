@@ -148,10 +148,7 @@ class JointTorqueRegressor:
         if tape is not None and float(np.abs(joints.position).max()) < tape.kernel.LARGEST:
             tape.run(inputs, rows)
         else:
-            links = list(_walk(self.tree, _Signals.of(inputs, trunk), self.trunk_rows))
-            for k, block in enumerate(blocks):
-                for row, values in zip(block, _picked(links, k, patterns[k]), strict=False):
-                    row[:] = values
+            structure.fill(blocks, patterns, _Signals.of(inputs, trunk))
         for k, (pattern, block) in enumerate(zip(patterns, blocks, strict=True)):
             if pattern.rigid < len(block):
                 joint = k - (len(TRUNK_ROWS) if self.trunk_rows else 0)
@@ -179,6 +176,13 @@ class _Structure:
     def patterns(self, turning: bool) -> tuple[_Pattern, ...]:
         """By output, for a trunk that rotates or not."""
         return self._turning if turning else self._held
+
+    def fill(self, blocks: Sequence[Array], patterns: Sequence[_Pattern], signals: _Signals) -> None:
+        """Writes the computed columns of each output into its block (columns, samples)."""
+        links = list(_walk(self.tree, signals, self.trunk_rows))
+        for k, (block, pattern) in enumerate(zip(blocks, patterns, strict=True)):
+            for row, values in zip(block, _picked(links, k, pattern), strict=False):
+                row[:] = values
 
     def tape(self, turning: bool, trunk: TrunkMotion) -> Tape | None:
         """The computed columns of all outputs as a tape; None without numba."""

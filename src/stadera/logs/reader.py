@@ -30,6 +30,8 @@ from stadera.logs.topics import EXAMPLES, FirstChunk, LogFile, OpenedLog
 
 Log = str | PathLike[str] | Recording
 """A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory."""
+HEAD_ROWS = 256
+"""Samples that tell a log's channels, joints and rate."""
 
 
 class Reader(Protocol):
@@ -152,9 +154,9 @@ def _all_of(log: OpenedLog, kept: FirstChunk, joints: Sequence[str] | None) -> I
     yield from rest
 
 
-def read_head(log: Log) -> Recording:
-    """The first samples of a log, all joints. RecordingError as `stream`, or for an empty log."""
-    for chunk in stream(log, rows=256):
+def read_head(log: Log, joints: Sequence[str] | None = None) -> Recording:
+    """The first samples of a log, enough for its channels and rate. RecordingError as `stream`, or for an empty log."""
+    for chunk in stream(log, joints=joints, rows=HEAD_ROWS):
         return chunk
     raise RecordingError(f"{as_log(log).source}: no samples")
 

@@ -39,7 +39,7 @@ def named(document: minidom.Document, tag: str, name: str, source: Path) -> mini
 def check_free(document: minidom.Document, tag: str, name: str) -> None:
     """Checks that no element of that tag has this name. Raises ModelError: there is one."""
     if any(node.getAttribute("name") == name for node in document.getElementsByTagName(tag)):
-        raise ModelError(f"the model has a {tag} {name!r} already; a payload needs a name of its own")
+        raise ModelError(f"the model has a {tag} {name!r} already; a payload needs another name")
 
 
 def children(element: minidom.Element, tag: str) -> list[minidom.Element]:

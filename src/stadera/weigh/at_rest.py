@@ -28,7 +28,7 @@ from stadera.trust import Trust
 from stadera.types import Array
 from stadera.weigh.changes import LevelLimits, changes_between, levels, loads, misfit
 from stadera.weigh.reading import CheckedLog, check_source
-from stadera.weigh.rest import MeanMass, Rest, RestBlock, times_at_rest
+from stadera.weigh.rest import Rest, RestBlock, times_at_rest
 from stadera.weigh.result import Balance, Timeline, Vertical, Weighing
 from stadera.weigh.settings import Request, Source
 
@@ -144,9 +144,7 @@ class _AtRest:
         return rest
 
     # -- tare -------------------------------------------------------------------------------------------------
-    def _split(
-        self, rest: Rest, means: Sequence[MeanMass], last: list[RestBlock]
-    ) -> tuple[list[RestBlock], list[RestBlock]]:
+    def _split(self, rest: Rest, means: Blocks, last: list[RestBlock]) -> tuple[list[RestBlock], list[RestBlock]]:
         """Blocks of the tare and of the load in this log."""
         tare, source = self.request.tare, self.request.source.source
         if not isinstance(tare, tuple):
@@ -187,7 +185,7 @@ class _AtRest:
                 poses.add(m)
         return poses.means
 
-    def _changes(self, means: Sequence[MeanMass], payload: Payload | None) -> tuple[LoadChange, ...]:
+    def _changes(self, means: Blocks, payload: Payload | None) -> tuple[LoadChange, ...]:
         """Changes of the load in this log. A single change since a tare in this log is the payload."""
         changes, tare = changes_between(means, self.errors), self.request.tare
         if not isinstance(tare, tuple):
@@ -196,9 +194,7 @@ class _AtRest:
         return (*before, *since_tare(changes[len(before) :], payload))
 
     # -- the centre of mass -----------------------------------------------------------------------------------
-    def _estimates(
-        self, rest: Rest, means: Sequence[MeanMass], gathered: Sequence[tuple[Blocks, _Poses]]
-    ) -> list[TrunkEstimate]:
+    def _estimates(self, rest: Rest, means: Blocks, gathered: Sequence[tuple[Blocks, _Poses]]) -> list[TrunkEstimate]:
         """The method's estimate at the end of each block. Also collects the poses of the given blocks."""
         found: list[TrunkEstimate] = []
         within = [(_Within(blocks), poses) for blocks, poses in gathered]
@@ -245,7 +241,7 @@ class _AtRest:
             )
 
     # -- the result -------------------------------------------------------------------------------------------
-    def _trunk(self, mean: MeanMass, final: TrunkEstimate) -> TrunkParameters:
+    def _trunk(self, mean: RestBlock, final: TrunkEstimate) -> TrunkParameters:
         """The mass by eq. 7 over the whole load, the centre of mass from the method, the inertia of the prior."""
         prior, hidden = self.robot.inertias[self.robot.trunk], np.isnan(final.std[1:])
         com = np.where(hidden, prior.com, final.trunk.com_trunk)
@@ -286,7 +282,7 @@ class _AtRest:
         return Timeline(
             time=np.array([b.time for b in blocks]),
             mass=np.array([b.mass for b in blocks]),
-            mass_std=np.array([MeanMass.of(b).std(self.errors) for b in blocks]),
+            mass_std=np.array([b.std(self.errors) for b in blocks]),
             com=np.where(np.isnan(std), np.nan, com),
             com_std=std,
             load=np.array([b.load for b in blocks]),

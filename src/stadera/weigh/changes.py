@@ -7,7 +7,7 @@ the first of them. A single deviating block is discarded as a disturbance.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import sqrt
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stadera.trunk.load import LoadChange
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.weigh.rest import MeanMass, RestBlock, constant_variance, difference_variance
+from stadera.weigh.rest import RestBlock, constant_variance, difference_variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,37 +33,37 @@ class LevelLimits:
     deviations: float
     errors: ConstantErrors
 
-    def departs(self, mean: MeanMass, block: RestBlock) -> bool:
+    def departs(self, mean: RestBlock, block: RestBlock) -> bool:
         """True if a block deviates from the mean of its load."""
         std = sqrt(difference_variance(mean, block, self.errors))
         return abs(block.mass - mean.mass) > max(self.mass, self.deviations * std)
 
 
-def loads(blocks: Sequence[RestBlock], limits: LevelLimits) -> list[MeanMass]:
+def loads(blocks: Sequence[RestBlock], limits: LevelLimits) -> list[RestBlock]:
     """The mean mass of each successive load, without disturbances; empty without blocks."""
-    means: list[MeanMass] = []
+    means: list[RestBlock] = []
     waiting: RestBlock | None = None
     for block in blocks:
         if not means:
-            means.append(MeanMass.of(block))
+            means.append(block)
         elif not limits.departs(means[-1], block):
-            means[-1] = means[-1].with_block(block)
+            means[-1] = means[-1].joined(block)
             waiting = None
         elif waiting is not None and (waiting.mass > means[-1].mass) == (block.mass > means[-1].mass):
-            means.append(MeanMass.of(waiting, block.end).with_block(block))
+            means.append(replace(waiting, noticed=block.end).joined(block))
             waiting = None
         else:
             waiting = block
     return means
 
 
-def levels(blocks: Sequence[RestBlock], means: Sequence[MeanMass]) -> NDArray[np.int64]:
+def levels(blocks: Sequence[RestBlock], means: Sequence[RestBlock]) -> NDArray[np.int64]:
     """Number of changes before each block, (blocks,)."""
     starts = [mean.begin for mean in means[1:]]
     return np.searchsorted(starts, [block.begin for block in blocks], side="right").astype(np.int64)
 
 
-def changes_between(means: Sequence[MeanMass], errors: ConstantErrors) -> tuple[LoadChange, ...]:
+def changes_between(means: Sequence[RestBlock], errors: ConstantErrors) -> tuple[LoadChange, ...]:
     """The changes from each load to the next."""
     changes = []
     for before, after in pairwise(means):
@@ -74,7 +74,7 @@ def changes_between(means: Sequence[MeanMass], errors: ConstantErrors) -> tuple[
 
 
 def misfit(
-    blocks: Sequence[RestBlock], level: NDArray[np.int64], means: Sequence[MeanMass], limits: LevelLimits
+    blocks: Sequence[RestBlock], level: NDArray[np.int64], means: Sequence[RestBlock], limits: LevelLimits
 ) -> float:
     """Variance of the blocks' masses about the mean of their load, divided by the stated one; NaN for too few blocks.
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 from stadera.errors import RecordingError
 from stadera.logs import Recording, stream
+from stadera.logs.reader import HEAD_ROWS
 from stadera.logs.recording import OtherJoints
 from stadera.robot.model import Robot
 from stadera.weigh.settings import Source
 
-_FIRST = 256  # samples read to find the joints and where they are
 _COMPLETE = 0.9  # share of the samples that must have them
 
 
@@ -52,9 +52,9 @@ def _reading_others(robot: Robot, log: Source, joints: tuple[str, ...]) -> tuple
     else:
         other = replace(log, reading=replace(log.reading, others=joints))
     try:
-        first = next(stream(other, joints=robot.tree.joints, rows=_FIRST), None)
+        first = next(stream(other, joints=robot.tree.joints, rows=HEAD_ROWS), None)
         if first is not None and first.others is not None:
-            whole = next(stream(log, joints=robot.tree.joints, rows=_FIRST))
+            whole = next(stream(log, joints=robot.tree.joints, rows=HEAD_ROWS))
             if len(first) >= _COMPLETE * len(whole):
                 return other, first.others
     except RecordingError:

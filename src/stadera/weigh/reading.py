@@ -14,6 +14,7 @@ from stadera.checks import FATAL, Finding, contradictions, diagnose
 from stadera.checks.leg_windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
+from stadera.logs.reader import read_head
 from stadera.logs.velocity import with_velocity
 from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
@@ -24,7 +25,6 @@ from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
 WITH_IMU, WITHOUT_IMU = "contact", "poses"
 """Default methods at rest."""
 
-_FIRST = 256  # samples read to determine the channels and the sampling rate
 _VERDICTS: dict[str, Verdict] = {
     "contradiction": "bad",
     "not_on_feet": "bad",
@@ -42,10 +42,10 @@ def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSet
     Raises:
         RecordingError: the log cannot be read, or lacks one of the robot's joints.
     """
-    first = beginning(robot, source)
+    first = read_head(source, robot.tree.joints)
     if first.imu is None:
         return WITHOUT_IMU
-    other = None if tare is None or isinstance(tare, tuple) else beginning(robot, tare)  # type: ignore[arg-type]
+    other = None if tare is None or isinstance(tare, tuple) else read_head(tare, robot.tree.joints)  # type: ignore[arg-type]
     slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
     return WITH_IMU if slow or (other is not None and other.imu is None) else IN_MOTION
 
@@ -55,7 +55,7 @@ def check_source(request: Request) -> bool:
     there are no joint torques, or no IMU although the method or an option needs one.
     """
     log, method = request.source, request.method
-    if beginning(request.robot, log).imu is not None:
+    if read_head(log, request.robot.tree.joints).imu is not None:
         return True
     if METHODS[method].needs_imu:
         require_imu(request.robot, log, method)
@@ -78,14 +78,6 @@ def require_imu(robot: Robot, source: Source, method: str) -> None:
             f"{error}; the method {method!r} needs an IMU; without one only a robot that stands still can be weighed, "
             f"by {others}, with the direction of its feet's forces as the vertical"
         ) from None
-
-
-def beginning(robot: Robot, source: Source) -> Recording:
-    """The first samples of a log. Raises RecordingError: it has none, or it cannot be read."""
-    chunk = next(stream(source, joints=robot.tree.joints, rows=_FIRST), None)
-    if chunk is None:
-        raise RecordingError(f"{source.source}: no samples")
-    return chunk
 
 
 class CheckedLog:

@@ -36,7 +36,7 @@ _FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # the parts that differ between
 
 @dataclass(frozen=True, eq=False)
 class RestBlock:
-    """A short period at rest.
+    """A short period at rest, or several of one load.
 
     Attributes:
         begin, end: times of its first and last sample [s].
@@ -45,6 +45,7 @@ class RestBlock:
         variance: of the mean due to white noise [kg²]: the larger of the stated one and that of the samples' scatter.
         sensitivity: (39,), s: of the mass to constant errors.
         load: (4,) [N], mean vertical forces.
+        noticed: end of the block that confirmed the change to this load [s]; NaN for the first load.
     """
 
     begin: float
@@ -54,11 +55,30 @@ class RestBlock:
     variance: float
     sensitivity: Array
     load: Array
+    noticed: float = np.nan
 
     @property
     def time(self) -> float:
         """Its middle [s]."""
         return 0.5 * (self.begin + self.end)
+
+    def joined(self, later: RestBlock) -> RestBlock:
+        """This block and a later one of the same load."""
+        count = self.count + later.count
+        old, new = self.count / count, later.count / count
+        return replace(
+            self,
+            end=later.end,
+            count=count,
+            mass=old * self.mass + new * later.mass,
+            variance=old**2 * self.variance + new**2 * later.variance,
+            sensitivity=old * self.sensitivity + new * later.sensitivity,
+            load=old * self.load + new * later.load,
+        )
+
+    def std(self, errors: ConstantErrors) -> float:
+        """Standard deviation of the mass, constant errors included [kg]."""
+        return sqrt(self.variance + constant_variance(self.sensitivity, errors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,53 +213,12 @@ def _complaint(gate: StaticDetector, m: Measurement, forces: ContactForces) -> s
     return reason
 
 
-@dataclass(frozen=True, eq=False)
-class MeanMass:
-    """Mean mass over the blocks of one load.
-
-    Attributes:
-        begin: of the first block [s].
-        count: number of samples.
-        mass: [kg]. variance: due to white noise alone [kg²].
-        sensitivity: (39,), as in `RestBlock`.
-        noticed: [s], the end of the block that confirmed the change to this load; NaN for the first load.
-    """
-
-    begin: float
-    count: int
-    mass: float
-    variance: float
-    sensitivity: Array
-    noticed: float = np.nan
-
-    @classmethod
-    def of(cls, block: RestBlock, noticed: float = np.nan) -> MeanMass:
-        """The mean over a single block."""
-        return cls(block.begin, block.count, block.mass, block.variance, block.sensitivity, noticed)
-
-    def with_block(self, block: RestBlock) -> MeanMass:
-        """The mean with one more block."""
-        count = self.count + block.count
-        old, new = self.count / count, block.count / count
-        return replace(
-            self,
-            count=count,
-            mass=old * self.mass + new * block.mass,
-            variance=old**2 * self.variance + new**2 * block.variance,
-            sensitivity=old * self.sensitivity + new * block.sensitivity,
-        )
-
-    def std(self, errors: ConstantErrors) -> float:
-        """Standard deviation of the mass, constant errors included [kg]."""
-        return sqrt(self.variance + constant_variance(self.sensitivity, errors))
-
-
 def constant_variance(sensitivity: Array, errors: ConstantErrors) -> float:
     """Variance of a mass due to constant errors, s C sᵀ [kg²]."""
     return float(sensitivity @ errors.covariance @ sensitivity)
 
 
-def difference_variance(before: MeanMass, after: MeanMass | RestBlock, errors: ConstantErrors) -> float:
+def difference_variance(before: RestBlock, after: RestBlock, errors: ConstantErrors) -> float:
     """Variance of the difference of two masses [kg²]: white noise of both, and the part of constant errors that does
     not cancel.
     """

@@ -6,7 +6,7 @@ from os import PathLike
 from stadera.checks import Guard
 from stadera.errors import UntrustedError
 from stadera.logs import LogFile
-from stadera.logs.reader import Log, as_log
+from stadera.logs.reader import Log, as_log, read_head
 from stadera.logs.topics import OpenedLog
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
@@ -15,7 +15,7 @@ from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.extra_joints import with_extra_joints
 from stadera.weigh.in_motion import weigh_in_motion
-from stadera.weigh.reading import beginning, choose_method
+from stadera.weigh.reading import choose_method
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice
 
@@ -84,7 +84,7 @@ def _trusted(request: Request) -> Weighing:
 def _in_time_of(source: Source, tare: tuple[float, float], robot: Robot) -> tuple[tuple[float, float], tuple[str, ...]]:
     """The tare's range in the log's own time, and a note if it was given from the log's beginning."""
     begin, end = tare
-    first = float(beginning(robot, source).time[0])
+    first = float(read_head(source, robot.tree.joints).time[0])
     if not 0.0 <= begin < end < first:
         return tare, ()
     note = f"the tare's time, {begin:g} to {end:g} s, is before the log and taken from its beginning at {first:.3f} s"

@@ -14,7 +14,7 @@ from stadera.logs.units import FACTORS
 
 _HEAD = """\
 # What the columns of {log} are, for --columns. To the left the flat table's name, to the right the log's column;
-# a line with the sign # in front is not read. A column with a unit or a sign of its own:
+# a line with the sign # in front is not read. A column with another unit or sign:
 # "FL_hip_joint.effort" = {{ column = "tau_0", unit = "mNm", factor = -1.0 }}
 # {{joint}} stands for any joint, {{i}} for its number in joints = ["FR_hip_joint", ...]; presets: {presets}.
 {recognised}"""
