@@ -107,12 +107,8 @@ class Departure:
 def departures(
     fleet: Sequence[FleetSeries], chance: float = 0.01, settings: ScatterSettings | None = None
 ) -> list[Departure]:
-    """Detects departures, the most significant first.
-
-    Args:
-        fleet: all series to be examined.
-        chance: probability of any report from an unchanged fleet.
-        settings: of the scatter.
+    """Detects departures in all series, the most significant first; `chance` is the probability of any report from an
+    unchanged fleet.
     """
     settings = settings or ScatterSettings()
     counts = [_stretches(len(series.value)) for series in fleet]

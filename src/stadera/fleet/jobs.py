@@ -110,12 +110,10 @@ def jobs_of(
 def read_manifest(
     path: str | PathLike[str], robot: str | None = None, options: FleetOptions | None = None
 ) -> list[LogJob]:
-    """Reads jobs from a CSV with a header: `log`, and optionally `robot`, `tare`, `legs` and `name`, see `LogJob`.
+    """Reads jobs from a CSV with a header: `log`, and optionally `robot` (else this one), `tare`, `legs` and `name`,
+    see `LogJob`.
 
     `log` may be a glob; relative paths are relative to the manifest. An empty cell counts as missing.
-
-    Args:
-        robot: for lines without one.
 
     Raises:
         RecordingError: the manifest cannot be read or lacks a column; names the line.

@@ -75,11 +75,8 @@ class Pool:
 
 @dataclass(frozen=True)
 class Failure:
-    """Outcome of a task that failed.
-
-    Attributes:
-        reason: one line.
-        lost: True if its workers died, so that it may succeed another time.
+    """Outcome of a task that failed: the reason in one line, and whether its workers died, so that it may succeed
+    another time.
     """
 
     reason: str

@@ -31,12 +31,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Task:
-    """A log to be processed unless it has been already.
-
-    Attributes:
-        job: what to do.
-        known: key of its previous result; None if there is none.
-    """
+    """A log to be processed unless it has been already, and the key of its previous result; None if there is none."""
 
     job: LogJob
     known: str | None = None

@@ -35,14 +35,8 @@ class Checked:
 
 
 class StreamGuard:
-    """Checks a stream.
-
-    Args:
-        robot: its model.
-        imu_frame: frame of the IMU's values; None for the stream's own, else the model's.
-        seconds: length of the stretch that is checked [s].
-        fix: correct unambiguous faults.
-        changes: applied to all samples, such as gear ratios.
+    """Checks a stream, in stretches of `seconds` [s], after `changes` of all samples; `fix` corrects unambiguous
+    faults.
 
     Attributes:
         wrong: see `Checked`; of the last stretch.

@@ -115,10 +115,8 @@ class Intake:
         return found[0]
 
     def waiting_for(self, now: float) -> tuple[str, ...]:
-        """Reasons why no samples arrive, one sentence each; empty while they do.
-
-        Args:
-            now: on the clock of the arrivals [s].
+        """Reasons why no samples arrive, one sentence each; empty while they do. `now` is on the clock of the arrivals
+        [s].
         """
         if self._merging is None or self.topics is None:
             return (self._fault or self._lacking(),)

@@ -32,13 +32,8 @@ _QOS = "::,10:,:,:,,"  # reliable, volatile, the last ten: rmw_zenoh's notation 
 
 
 class Key(NamedTuple):
-    """The topic described by a key or a token.
-
-    Attributes:
-        topic: ROS name, with a leading slash.
-        kind: ROS type, such as "sensor_msgs/msg/Imu"; empty if the key does not contain it.
-        domain: ROS domain; None for the bridge.
-        type_hash: as in the key; empty for the bridge.
+    """The topic described by a key or a token: ROS name with a leading slash; ROS type, such as "sensor_msgs/msg/Imu",
+    empty if the key does not contain it; ROS domain, None for the bridge; and type hash as in the key.
     """
 
     topic: str

@@ -76,13 +76,7 @@ def of_state(state: LiveState) -> dict[str, bytes]:
 
 
 def trunk_message(body: InertialParameters, frame: str, stamp: int) -> bytes:
-    """Encodes a body as InertiaStamped.
-
-    Args:
-        body: in the given frame.
-        frame: name of the link whose frame it is.
-        stamp: [ns].
-    """
+    """Encodes a body as InertiaStamped, in the frame of the named link, at a stamp [ns]."""
     return _inertia(body.mass, body.com, body.inertia_com, frame, stamp)
 
 

@@ -41,12 +41,8 @@ class Posture:
 
 
 class Postures:
-    """Tracks one robot's posture.
-
-    Args:
-        robot: the model.
-        settling: time constant with which the tilt follows the specific force [s].
-        period: interval of the postures [s].
+    """Tracks one robot's posture, every `period` [s]; the tilt follows the specific force with time constant `settling`
+    [s].
     """
 
     def __init__(self, robot: Robot, settling: float = 1.0, period: float = 0.04) -> None:

@@ -12,11 +12,7 @@ _JSON = "json"
 
 
 class MessageRecorder:
-    """Writes one file; thread-safe.
-
-    Args:
-        path: of the file, which is complete after `close`.
-    """
+    """Writes one file, which is complete after `close`; thread-safe."""
 
     def __init__(self, path: Path) -> None:
         from mcap.writer import Writer

@@ -84,11 +84,8 @@ class LiveSession:
             self.add(samples, newest)
 
     def add(self, samples: Recording, arrived: float) -> None:
-        """Processes samples with velocities, torques and IMU.
-
-        Args:
-            samples: of the robot's joints, on the intake's clock.
-            arrived: on this machine's monotonic clock [s].
+        """Processes samples of the robot's joints with velocities, torques and IMU, on the intake's clock; `arrived` is
+        on this machine's monotonic clock [s].
         """
         try:
             self._add(samples)

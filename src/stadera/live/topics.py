@@ -24,10 +24,8 @@ class Arrival(NamedTuple):
     """A message as it arrived.
 
     Attributes:
-        topic, kind: ROS name and type.
-        received: time of sending if known, else of arrival [ns].
-        data: CDR.
-        arrived: on this machine's monotonic clock [s].
+        topic, kind: ROS name and type. data: CDR.
+        received: time of sending if known, else of arrival [ns]. arrived: on this machine's monotonic clock [s].
         sent: its attachment; None without one.
     """
 

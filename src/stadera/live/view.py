@@ -81,11 +81,7 @@ class Viewer:
         self._rec.disconnect()
 
     def watch(self, samples: Samples, estimator: TrunkEstimator) -> None:
-        """Draws samples, and the estimates after them.
-
-        Args:
-            samples: IMU values in trunk axes. estimator: after processing them.
-        """
+        """Draws samples (IMU values in trunk axes), and the estimates of the estimator that has processed them."""
         for posture in self._postures.of(samples, estimator.mount):
             self._pose = posture
             self._at(posture.time)

@@ -59,9 +59,8 @@ class ExtraJoints:
         return np.asarray(moved - self.lumped.first_moment)
 
     def states(self, recorded: OtherJoints | None, samples: int) -> Array:
-        """Positions, then velocities, (samples, 2 k), of what was recorded; (samples, 0) if nothing was.
-
-        Joints that were not recorded rest at the reference.
+        """Positions, then velocities, (samples, 2 k), of what was recorded, joints that were not at the reference;
+        (samples, 0) if nothing was.
         """
         if recorded is None:
             return np.zeros((samples, 0))

@@ -24,14 +24,8 @@ def fitting(joints: Collection[str], progress: Progress | None = None) -> dict[s
 
 
 def guessed(joints: Collection[str], source: str, progress: Progress | None = None) -> str:
-    """The only robot known by name that has a log's joints.
-
-    Args:
-        joints: the log's.
-        source: the log, for messages.
-
-    Raises:
-        RecordingError: none, or several of which the names say nothing more; lists them.
+    """The only robot known by name that has the joints of the log `source`. Raises RecordingError: none, or several of
+    which the names say nothing more; lists them.
     """
     found = fitting(joints, progress)
     most = max((len(legs) for legs in found.values()), default=0)

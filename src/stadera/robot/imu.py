@@ -32,11 +32,7 @@ class ImuMount:
     @classmethod
     def of(cls, robot: Robot, frame: str | None = None) -> ImuMount:
         """Mount of the named frame; for None, of the trunk's only frame with "imu" in its name, else of the trunk
-        frame.
-
-        Raises:
-            UnknownNameError: no such frame.
-            ModelError: the frame is fixed to a leg.
+        frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
         """
         if frame is None:
             found = [name for name, f in robot.frames.items() if "imu" in name.lower() and f.link == robot.trunk]

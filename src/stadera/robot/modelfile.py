@@ -17,11 +17,8 @@ class ModelFile:
     """A model file that has been read but not yet interpreted as a quadruped.
 
     Attributes:
-        path: the file.
-        name: the model's own name.
         model: `pinocchio.Model`; its joint 1 is the trunk's free-flyer, and every link of the file has a BODY frame.
-        trunk: name of the trunk link.
-        links: name of the link that each joint moves, by joint name.
+        trunk: name of the trunk link. links: name of the link that each joint moves, by joint name.
         masses: mass of every single link of the file [kg], before any merging.
         shapes: primitive shapes, each on a link of the file and in that link's frame.
     """

@@ -13,11 +13,8 @@ def fitted_shapes(
 ) -> Iterator[Shape]:
     """Yields a capsule or box for every link, and a sphere for every foot, that `shapes` lacks.
 
-    A leg link gets a capsule from its joint to the next joint or foot; the trunk a box that spans the hips.
-
-    Args:
-        slenderness: radius of a capsule, as a share of its length [1].
-        flatness: height of the trunk's box, as a share of its width [1].
+    A leg link gets a capsule from its joint to the next joint or foot, of radius `slenderness` times its length; the
+    trunk a box that spans the hips, of height `flatness` times its width.
     """
     if all(shape.link != tree.links[0] for shape in shapes):
         yield _trunk_box(tree, legs, flatness)

@@ -55,11 +55,7 @@ class AgreementLimits:
 
 
 class Footprint:
-    """Where the feet are in the trunk, and the vertical, on average over a log.
-
-    Args:
-        robot: its model. limits: see `AgreementLimits`.
-    """
+    """Where the feet of a robot are in the trunk, and the vertical, on average over a log."""
 
     def __init__(self, robot: Robot, limits: AgreementLimits) -> None:
         self._robot, self._limits = robot, limits
@@ -87,10 +83,8 @@ class Footprint:
         return bool(np.sqrt(np.maximum(square - mean**2, 0.0)).max() < self._limits.stepped)
 
     def above(self, mass: float, moment: Array) -> tuple[int, float, float]:
-        """The leg whose force explains a difference best, its force [kg], and what is left of the difference, relative.
-
-        Args:
-            mass: difference [kg]. moment: (3,) of the first moment [kg·m], trunk frame.
+        """The leg whose force explains a difference of mass [kg] and first moment (3,) [kg·m], trunk frame, best; its
+        force [kg]; and what is left of the difference, relative.
         """
         up = self._up / max(float(np.linalg.norm(self._up)), 1e-9)
         feet = self._feet / self._count
@@ -109,12 +103,8 @@ class Footprint:
 def doubts(
     robot: Robot, trunk: InertialParameters, payload: Payload | None, footprint: Footprint, limits: AgreementLimits
 ) -> Iterator[tuple[Verdict, str]]:
-    """Verdict and reason of what torques with an error would explain.
-
-    Args:
-        robot: its model.
-        trunk: as weighed, with all that is on it. payload: since the tare; None without one.
-        footprint: of the log.
+    """Verdict and reason of what torques with an error would explain: of the trunk as weighed, with all that is on it,
+    and of the payload since the tare, None without one.
     """
     difference = trunk - robot.inertias[robot.trunk]
     found: list[tuple[Verdict, str]] = []

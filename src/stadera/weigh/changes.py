@@ -24,8 +24,7 @@ class LevelLimits:
     """Limits above which a block deviates from its load's mean.
 
     Attributes:
-        mass: least difference [kg].
-        deviations: least difference in standard deviations.
+        mass, deviations: least difference [kg], and in standard deviations.
         errors: covariance of the constant errors.
     """
 
@@ -77,7 +76,6 @@ def misfit(
     blocks: Sequence[RestBlock], level: NDArray[np.int64], means: Sequence[RestBlock], limits: LevelLimits
 ) -> float:
     """Variance of the blocks' masses about the mean of their load, divided by the stated one; NaN for too few blocks.
-
     Disturbances, which `loads` discards, are excluded. Each mean takes one degree of freedom.
     """
     squares, freedom = 0.0, -len(means)

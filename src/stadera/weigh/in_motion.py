@@ -68,12 +68,8 @@ def trust_now(estimator: TrunkEstimator, learnt: float | None = None) -> Trust:
 
 
 class _LogPass:
-    """Processing of one log.
-
-    Args:
-        request: of the weighing.
-        log: to read.
-        before: processing of the tare's log, whose estimator continues with this one; None for a new estimator.
+    """Processing of one log of a request; continues with the estimator of `before`, the processing of the tare's log,
+    if there is one.
     """
 
     def __init__(self, request: Request, log: CheckedLog, before: _LogPass | None = None) -> None:

@@ -37,15 +37,8 @@ class Inspection:
 def inspected(
     robot: Robot, log: Log, imu_frame: str | None = None, *, fix: bool = False, progress: Progress | None = None
 ) -> Inspection:
-    """Checks a log, and weighs from it unless the robot is in the air.
-
-    Args:
-        robot: its model.
-        log: as in `stadera.weigh`.
-        imu_frame, fix, progress: as in `stadera.weigh`.
-
-    Raises:
-        RecordingError: the log cannot be read.
+    """Checks a log, and weighs from it unless the robot is in the air. Arguments as in `stadera.weigh`. Raises
+    RecordingError: the log cannot be read.
     """
     notes = with_extra_joints(robot, as_log(log))[2]
     guard = Guard(robot, robot.tree.joints, imu_frame=imu_frame)

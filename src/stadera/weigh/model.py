@@ -20,12 +20,8 @@ from stadera.weigh.result import Weighing
 
 @dataclass(frozen=True, eq=False)
 class WeighedModel:
-    """Input of `stadera.robot.export.export_model`.
-
-    Attributes:
-        robot: with the weighed trunk, less the payload if there was a tare.
-        payload: None without a tare.
-        note: text for readers of the file: accuracy, and what was not observed.
+    """Input of `stadera.robot.export.export_model`: the robot with the weighed trunk, less the payload if there was a
+    tare; the payload, None without a tare; and a note for readers of the file on accuracy and what was not observed.
     """
 
     robot: Robot
@@ -54,13 +50,9 @@ def weighed_model(result: Weighing) -> WeighedModel:
 def payload_link(payload: Payload, trunk_com: Array, cube: float = 0.1) -> PayloadLink:
     """Makes the payload's link for a model file.
 
-    An unobserved inertia is replaced by that of a small cube, and the note says so: simulators reject or diverge with a
-    body that has mass and no inertia.
-
-    Args:
-        payload: the estimate.
-        trunk_com: (3,) [m], used for components of the payload's centre of mass that were not observed.
-        cube: edge of that cube [m]; a lidar's size.
+    An unobserved inertia is replaced by that of a cube with this edge [m], a lidar's size, and the note says so:
+    simulators reject or diverge with a body that has mass and no inertia. Components of the centre of mass that were
+    not observed are those of `trunk_com` (3,) [m].
 
     Raises:
         IdentificationError: its mass is not significantly above zero, or its centre of mass was not observed.

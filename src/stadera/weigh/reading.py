@@ -81,12 +81,8 @@ def require_imu(robot: Robot, source: Source, method: str) -> None:
 
 
 class CheckedLog:
-    """A log in chunks with joint velocities, each checked before it is yielded. Can be iterated several times.
-
-    Args:
-        request: of the weighing.
-        source: its log, or that of its tare.
-        require: "imu" if the log must have one besides joint positions and torques, else empty.
+    """The log of a weighing, or that of its tare, in chunks with joint velocities, each checked before it is yielded.
+    Can be iterated several times.
 
     Attributes:
         notes: remarks on findings and on corrections made.
@@ -113,12 +109,8 @@ class CheckedLog:
         return tuple(refusal for refusal in (self.before, *self.left_out, self.event) if refusal is not None)
 
     def __iter__(self) -> Iterator[Recording]:
-        """Yields the chunks.
-
-        Raises:
-            RecordingError: as `stadera.logs.stream`.
-            UntrustedError: signs, orders, frames or units of the log are wrong, and the request does not force a
-                result.
+        """Yields the chunks. Raises RecordingError as `stadera.logs.stream`, UntrustedError if signs, orders, frames or
+        units of the log are wrong and the request does not force a result.
         """
         known = not np.isnan(self.end)  # from an earlier reading
         for chunk in stream(self.source, joints=self._request.robot.tree.joints, require=("effort", *self._require)):

@@ -83,13 +83,7 @@ class RestBlock:
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """The periods in which the robot stood still.
-
-    Attributes:
-        blocks: in order of time.
-        refusals: the times between them.
-        begin, end: of the log [s].
-    """
+    """The periods in which the robot stood still, in order, the times between them, and begin and end of the log [s]."""
 
     blocks: tuple[RestBlock, ...]
     refusals: tuple[Refusal, ...]

@@ -27,12 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A period of the log that the estimator could not use.
-
-    Attributes:
-        begin, end: [s].
-        reason: one sentence.
-    """
+    """A period of the log [s] that the estimator could not use, and why, one sentence."""
 
     begin: float
     end: float
@@ -223,13 +218,9 @@ class Weighing(Result):
         return weighing_dict(self)
 
     def to_dataframe(self) -> Any:
-        """The timeline as a pandas DataFrame.
-
-        Columns: time [s], mass, mass_std [kg], com_x, com_x_std, ... [m], and payload_mass, payload_mass_std [kg] if
-        the payload was tracked.
-
-        Raises:
-            StaderaError: pandas is not installed.
+        """The timeline as a pandas DataFrame: time [s], mass, mass_std [kg], com_x, com_x_std, ... [m], and
+        payload_mass, payload_mass_std [kg] if the payload was tracked. Raises MissingExtraError: pandas is not
+        installed.
         """
         from stadera.weigh.schema import timeline_frame
 

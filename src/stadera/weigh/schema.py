@@ -23,11 +23,10 @@ _UNITS = {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_l
 def weighing_dict(result: Weighing) -> dict[str, Any]:
     """A weighing as plain values.
 
-    Keys: robot, source, method, status, trust, time, trunk, payload, changes, timeline, torque_lag, vertical, refused,
-    notes, units. The trunk's centre of mass is in the trunk frame ("frame"), its inertia about that frame's origin
-    ("inertia_about") in its axes, null at rest. The payload's centre of mass is in the trunk frame too, its inertia
-    about that centre in trunk axes. In a result that cannot be trusted, every mass and centre of mass of trunk, payload
-    and changes has "trusted": false.
+    The trunk's centre of mass is in the trunk frame ("frame"), its inertia about that frame's origin ("inertia_about")
+    in its axes, null at rest. The payload's centre of mass is in the trunk frame too, its inertia about that centre in
+    trunk axes. In a result that cannot be trusted, every mass and centre of mass of trunk, payload and changes has
+    "trusted": false.
     """
     mark = {} if result.is_trusted else {"trusted": False}
     place = {"frame": result.robot.trunk, "inertia_about": "frame origin"}

@@ -48,10 +48,9 @@ class TruthAt:
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of one run.
+    """Ground truth of one run: its settings and
 
     Attributes:
-        robot, scenario, errors, seed: settings of the run.
         slope: of the ground [rad].
         stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method 'orientation'.
         moments: the trunk at the start and after each change.

@@ -18,13 +18,8 @@ def write_urdf(
     fixed: Mapping[str, list[str]],
     dynamics: Mapping[str, JointDynamics],
 ) -> minidom.Document:
-    """Writes these inertias, none for `fixed` bodies, and these joints' friction into the URDF `source`.
-
-    Args:
-        source: the file.
-        inertias: by moving link, in the link's frame.
-        fixed: by moving link, the links fixed to it.
-        dynamics: by joint; armature and offset go into a comment.
+    """Writes these inertias (by moving link, in its frame), none for the bodies fixed to it, and these joints' friction
+    into the URDF `source`; armature and offset go into a comment.
     """
     document = xml.parse_document(source)
     for link, inertia in inertias.items():
