@@ -17,11 +17,8 @@ _LONGEST = 200  # characters of another library's message
 
 @contextmanager
 def foreign(path: object, step: str, kind: type[StaderaError] = RecordingError) -> Iterator[None]:
-    """Context that re-raises any exception as `kind` with the message "PATH: STEP: why". StaderaErrors pass unchanged.
-
-    Args:
-        path: the file.
-        step: the operation or the problem, such as "damaged Parquet file".
+    """Context that re-raises any exception as `kind` with the message "PATH: STEP: why", STEP the operation or the
+    problem, such as "damaged Parquet file". StaderaErrors pass unchanged.
     """
     try:
         yield

@@ -21,11 +21,8 @@ _MOST_INPUTS = 100_000  # files listed when an input is a folder
 
 @dataclass
 class OutputGate:
-    """Inputs of a command and the files it has written so far.
-
-    Attributes:
-        inputs: device and inode number of every file that must not be overwritten, whatever path leads to it.
-        written: files in order, each with a flag that is True if it replaced an existing file.
+    """Inputs of a command, by device and inode number whatever path leads to them, and the files it has written so far,
+    each with a flag that is True if it replaced an existing file.
     """
 
     inputs: frozenset[tuple[int, int]] = frozenset()
@@ -48,10 +45,8 @@ def output_gate(inputs: Iterable[AnyPath]) -> Iterator[OutputGate]:
 
 
 def require_writable(path: AnyPath) -> Path:
-    """Checks that a file can be written to `path`. Call it before the computation that produces the content.
-
-    Returns:
-        The path with symbolic links resolved.
+    """Checks that a file can be written to `path`, and returns it with symbolic links resolved. Call it before the
+    computation that produces the content.
 
     Raises:
         StaderaError: the folder does not exist or is not writable; the path exists and is not a regular file, or is an

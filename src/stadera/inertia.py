@@ -202,11 +202,8 @@ class InertialParameters:
 
     # -- geometry ---------------------------------------------------------------------------------------------
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> InertialParameters:
-        """The same body seen from another frame.
-
-        Args:
-            rotation: R (3, 3), and
-            translation: p (3,) [m] of this frame in the other one: `r_other = R r + p`.
+        """The same body seen from another frame, in which this one has rotation R (3, 3) and origin p (3,) [m]:
+        `r_other = R r + p`.
         """
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation, translation
@@ -230,11 +227,9 @@ class InertialParameters:
 
     # -- physics ----------------------------------------------------------------------------------------------
     def is_physical(self, tolerance: float = 1e-9) -> bool:
-        """Whether some non-negative mass density has these moments (J positive semidefinite).
-
-        Args:
-            tolerance: how far below zero the smallest eigenvalue may lie, once units of mass and length are chosen such
-                that the mass and the trace of the second moment are one.
+        """Whether some non-negative mass density has these moments (J positive semidefinite). `tolerance`: how far
+        below zero the smallest eigenvalue may lie, in units such that the mass and the trace of the second moment are
+        one.
         """
         J = self.pseudo_inertia
         second, mass = abs(float(np.trace(J[:3, :3]))), abs(self.mass)

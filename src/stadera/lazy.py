@@ -13,10 +13,7 @@ from typing import Any
 
 def lazy_names(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Returns `__getattr__` and `__dir__` (PEP 562) for a package that imports each public name on first use.
-
-    Args:
-        package: the package's `__name__`.
-        modules: by module of the package, the names that it defines, or its own, with blanks between.
+    `modules`: by module of the package, the names that it defines, or its own, with blanks between.
     """
     homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names.split()}
 

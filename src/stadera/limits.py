@@ -68,13 +68,8 @@ class Limits:
         return cls(**changed)
 
     def require(self, name: str, value: float, path: object, what: str) -> None:
-        """Checks a value against the named limit.
-
-        Args:
-            what: the quantity, for the message, such as "columns".
-
-        Raises:
-            LimitError: the value exceeds the limit.
+        """Checks a value against the named limit; `what` is the quantity, for the message. Raises LimitError: it
+        exceeds the limit.
         """
         limit: float = getattr(self, name)
         if value > limit:
@@ -90,12 +85,7 @@ UNLIMITED = Limits(*[float("1e300")] * len(fields(Limits)))
 
 
 class Budget:
-    """Resources used so far to read one log, counted from construction.
-
-    Args:
-        path: of the file or folder.
-        limits: the limits to enforce.
-    """
+    """Resources used so far to read one log, counted from construction."""
 
     def __init__(self, path: Path, limits: Limits = DEFAULTS) -> None:
         self.path, self.limits = path, limits

@@ -51,13 +51,8 @@ class Result(ABC):
         return latex(self.to_tables())
 
     def plot(self, which: str | None = None) -> Drawn:
-        """Draws one figure with Matplotlib.
-
-        Args:
-            which: a name from `to_figures`; None for the first.
-
-        Raises:
-            StaderaError: there are no figures, or none of that name. MissingExtraError: Matplotlib is not installed.
+        """Draws one figure of `to_figures` with Matplotlib, None for the first. Raises StaderaError if there are none,
+        or none of that name, MissingExtraError if Matplotlib is not installed.
         """
         from stadera.report.figures.paper import drawn
 

@@ -33,17 +33,12 @@ from stadera.types import Array
 def diagnose(
     recording: Recording, robot: Robot, imu_frame: str | None = None, limits: CheckLimits | None = None
 ) -> tuple[Finding, ...]:
-    """Finds faults in a log of a robot that is on its feet, standing or walking.
+    """Finds faults in a log of a robot that is on its feet, standing or walking; silent sensors first.
 
     Args:
         recording: with all of the robot's joints and efforts, without which only dropouts are found; without an IMU
             torques are compared with the encoders only.
-        robot: its model.
         imu_frame: frame of the IMU's values; None for the recording's own, else the model's.
-        limits: None for the defaults.
-
-    Returns:
-        Findings, silent sensors first; empty if no fault is detected.
 
     Raises:
         UnknownNameError: no such frame.

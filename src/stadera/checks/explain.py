@@ -20,12 +20,8 @@ from stadera.checks.statics import Consistency, ConsistencyModel
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The hypothesis that best explains the contradictions.
-
-    Attributes:
-        hypothesis: the best one.
-        without: the figures after undoing the fault.
-        others: hypotheses that explain them about as well, at most two.
+    """The hypothesis that best explains the contradictions, the figures after undoing its fault, and at most two others
+    that explain them about as well.
     """
 
     hypothesis: FaultHypothesis
@@ -55,13 +51,8 @@ def explain(blocks: Instants, model: ConsistencyModel) -> Explanation | None:
 
 @dataclass(frozen=True, eq=False)
 class MotionExplanation:
-    """The hypothesis that makes the motion more consistent.
-
-    Attributes:
-        hypothesis: the best one.
-        gain: its reduction of the cost.
-        slides, would_slide: median speed of loaded feet, as recorded and after undoing the fault [m/s].
-        others: hypotheses with about the same gain, at most two.
+    """The hypothesis that makes the motion more consistent, its reduction of the cost, the median speed of loaded feet
+    as recorded and after undoing the fault [m/s], and at most two others with about the same gain.
     """
 
     hypothesis: FaultHypothesis

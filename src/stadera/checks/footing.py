@@ -47,11 +47,7 @@ _LEG_AXIS = (1, 1, 0, 1, 1)
 
 
 class Known:
-    """What was computed for other hypotheses on the same instants.
-
-    Attributes:
-        legs: states of single legs, by leg and by the bytes of the position, rate and specific force.
-    """
+    """What was computed for other hypotheses on the same instants."""
 
     def __init__(self) -> None:
         self.legs: dict[tuple[int, bytes, bytes, bytes], LegStates] = {}
@@ -59,12 +55,9 @@ class Known:
         self._found: dict[tuple[Any, ...], Any] = {}
 
     def states(self, model: LegModel, position: Array, rate: Array, specific_force: Array) -> LegStates:
-        """The legs' states, each leg's from what they follow from; all four are computed if one is not known.
-
-        Args:
-            model: of one robot, the same at each call.
-            position, rate: (instants, 4, 3) [rad, rad/s], by leg.
-            specific_force: (instants, 3) [m/s²], trunk axes.
+        """The legs' states, each leg's from what they follow from; all four are computed if one is not known. The model
+        is of one robot, the same at each call; position and rate are (instants, 4, 3) [rad, rad/s], by leg, the
+        specific force (instants, 3) [m/s²], trunk axes.
         """
         felt = specific_force.tobytes()
         keys = tuple((k, position[:, k].tobytes(), rate[:, k].tobytes(), felt) for k in range(4))
@@ -97,15 +90,12 @@ def _states(legs: LegModel, position: Array, rate: Array, specific_force: Array)
 
 @dataclass(frozen=True, eq=False)
 class Footing:
-    """Kinematics and forces of the legs from encoders and torques, trunk frame; legs in the robot's order.
+    """Kinematics and forces of the legs from encoders and torques, trunk frame; legs in the robot's order, joints of
+    `blocks` in the tree's.
 
     The forces are those of legs at rest under the actual specific force (`LegModel.forces_at_rest`): the effect of the
-    legs' accelerations cancels over steps, and is zero at rest.
-
-    Attributes:
-        robot: the model.
-        blocks: the instants, joints in the tree's order.
-        known: what was computed for the same instants under other hypotheses.
+    legs' accelerations cancels over steps, and is zero at rest. `known` is what was computed for the same instants
+    under other hypotheses.
     """
 
     robot: Robot

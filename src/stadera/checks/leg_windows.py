@@ -79,12 +79,8 @@ def _of_legs(
 
 
 def leg_faults(recording: Recording, robot: Robot, mount: ImuMount, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Yields faults that show between legs, torques and gyro.
-
-    Args:
-        recording: with the robot's joints, their velocities and torques, and an IMU.
-        robot: its model. mount: of the IMU.
-        limits: see `WindowLimits`.
+    """Yields faults that show between legs, torques and gyro, of a recording with the robot's joints, their velocities
+    and torques, and an IMU.
     """
     if len(recording) < limits.fewest or recording.imu is None:
         return
@@ -172,16 +168,9 @@ def _gyro(feet: _Feet, standing: Bools, limits: WindowLimits) -> Iterator[Window
 def window_faults(
     recording: Recording, robot: Robot, imu_frame: str | None = None, limits: WindowLimits | None = None
 ) -> tuple[WindowFault, ...]:
-    """Finds contradictions between the signals of a log, window by window.
-
-    Args:
-        recording: with all of the robot's joints; velocities as measured, None if they were not.
-        robot: its model.
-        imu_frame: frame of the IMU's values; None for the recording's own, else the model's.
-        limits: None for the defaults.
-
-    Raises:
-        UnknownNameError: no such frame.
+    """Finds contradictions between the signals of a log with all of the robot's joints, window by window. Velocities as
+    measured, None if they were not; IMU frame None for the recording's own, else the model's. Raises UnknownNameError:
+    no such frame.
     """
     limits = limits or WindowLimits()
     found = list(joint_faults(recording, robot, limits))

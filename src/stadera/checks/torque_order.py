@@ -51,12 +51,8 @@ _PAIRS = ((0, 1), (2, 3))  # front and hind feet
 
 @dataclass(frozen=True, eq=False)
 class SwappedTorques:
-    """An order of the legs' torques.
-
-    Attributes:
-        hypothesis: that they are recorded in it.
-        gain: twice its gain in log likelihood.
-        certain: True if it is likelier also where something may push or pull the robot.
+    """The hypothesis that torques are recorded in another order of the legs, twice its gain in log likelihood, and
+    whether it is certain: likelier also where something may push or pull the robot.
     """
 
     hypothesis: FaultHypothesis
@@ -179,11 +175,8 @@ class InstantRows:
 
     @classmethod
     def of(cls, footing: Footing, *, recorded: bool = False) -> InstantRows:
-        """Computes the rows of a log with an IMU.
-
-        Args:
-            footing: of the log.
-            recorded: for the recorded order of the torques alone, which takes a quarter of the memory.
+        """Computes the rows of a log with an IMU; with `recorded`, for the recorded order of the torques alone, which
+        takes a quarter of the memory.
         """
         robot, b = footing.robot, footing.blocks
         legs = BaseWrenchRegressor(robot)

@@ -38,8 +38,7 @@ class WindowFault:
     """A fault in part of a log.
 
     Attributes:
-        channel: velocity, position, effort, imu or legs.
-        what: joint, leg or sensor.
+        channel: velocity, position, effort, imu or legs. what: joint, leg or sensor.
         evidence: description of the fault, a clause that continues `what`.
         windows: (k, 2) begin and end of the affected windows [s], each as a pair, in order.
         lasting: True if it affects everything after it, not only these windows.
@@ -165,10 +164,8 @@ def _usual(values: Array, limits: WindowLimits) -> Array:
 def _jumps(
     apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits
 ) -> Iterator[WindowFault]:
-    """Yields steps of the position that the velocity lacks, except spikes, whose end reverses their beginning.
-
-    Args:
-        apart: (samples, n), position minus ∫ q̇ dt [rad]. way: (samples - 1, n), steps of the latter.
+    """Yields steps of the position that the velocity lacks, except spikes, whose end reverses their beginning: of
+    `apart` (samples, n), position minus ∫ q̇ dt [rad], with steps `way` of the latter (samples - 1, n).
     """
     step, gaps = np.diff(apart, axis=0), np.diff(time)
     usual, period = _usual(np.abs(step), limits), np.median(gaps)

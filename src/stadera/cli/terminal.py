@@ -99,10 +99,8 @@ _LONG = 10.0  # s, of work before the remaining time is shown
 
 
 def remaining(elapsed: float, done: int, left: int) -> str:
-    """Remaining time if the rate stays the same; empty before it can be estimated.
-
-    Args:
-        elapsed: [s]. done: steps completed in it, excluding those of an earlier run. left: steps to go.
+    """Remaining time if the rate stays the same, of `done` steps in `elapsed` [s] without those of an earlier run, and
+    `left` to go; empty before it can be estimated.
     """
     if done <= 0 or left <= 0 or elapsed < _LONG:
         return ""

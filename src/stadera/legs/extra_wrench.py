@@ -46,12 +46,8 @@ def extra_wrench(
     angular_acceleration: Array,
     specific_force: Array,
 ) -> Array:
-    """Δw, (6, n) [N, N·m]: force above moment about the trunk's origin, trunk axes.
-
-    Args:
-        extra: the joints and links.
-        position, velocity, acceleration: (n, k), of the joints.
-        angular_velocity, angular_acceleration, specific_force: (3, n), of the trunk, at its origin, in its axes.
+    """Δw, (6, n) [N, N·m]: force above moment about the trunk's origin, trunk axes. Joints' states are (n, k), the
+    trunk's motion (3, n), at its origin, in its axes.
     """
     n = len(position)
     still = np.repeat(np.eye(3)[..., None], n, axis=2)

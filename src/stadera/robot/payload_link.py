@@ -11,15 +11,9 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class PayloadLink:
-    """The link to add.
-
-    Attributes:
-        body: its ten parameters, in the trunk frame. With a zero tensor about its centre of mass it is a point mass.
-        name: of the link.
-        note: one sentence on the accuracy of the values for readers of the file, or empty.
-
-    Raises:
-        ModelError: the mass is not positive.
+    """The link to add: its ten parameters in the trunk frame (with a zero tensor about its centre of mass a point
+    mass), its name, and one sentence on the accuracy of the values for readers of the file, or empty. Raises
+    ModelError: the mass is not positive.
     """
 
     body: InertialParameters

@@ -11,14 +11,12 @@ from stadera.types import Array
 
 
 def pinocchio_model(robot: Robot) -> Any:
-    """`pinocchio.Model` with a free-flyer and the tree's joints in the tree's order.
+    """`pinocchio.Model` with a free-flyer and the tree's joints in the tree's order. Raises ModelError: a link has zero
+    mass and non-zero moments.
 
     Hence q = [position, quaternion xyzw, joint angles in tree order] and v = [linear, angular velocity of the trunk in
     its own frame, joint velocities]. Link i of the tree is joint i + 1. Armature, damping, dry friction and limits are
     set; every link is a BODY frame and every other frame of the robot an OP_FRAME, by their names.
-
-    Raises:
-        ModelError: a link has zero mass and non-zero moments.
     """
     tree, model = robot.tree, pin.Model()
     model.name = robot.name

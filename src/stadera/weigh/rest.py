@@ -83,7 +83,7 @@ class RestBlock:
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """The periods in which the robot stood still, in order, the times between them, and begin and end of the log [s]."""
+    """The periods in which the robot stood still, in order, the times between them, and begin and end of the log."""
 
     blocks: tuple[RestBlock, ...]
     refusals: tuple[Refusal, ...]

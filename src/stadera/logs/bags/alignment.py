@@ -26,14 +26,11 @@ class Track:
     """One stream. Samples that are no longer needed are discarded.
 
     Attributes:
-        name: for messages.
-        columns: names of its values.
+        name, columns: of its values, the name for messages.
         seen, out_of_order: number of samples so far, and of those skipped because their stamps repeat or run back.
         gaps, longest: steps of more than `GAP_FACTOR` periods, and the longest step [ns].
-        first, newest: stamps [ns].
-        period: median step of the beginning [ns].
-        clock: repairs the stamps.
-        apart: largest correction so far of this clock relative to the reference's [s].
+        first, newest: stamps [ns]. period: median step of the beginning [ns].
+        clock: repairs the stamps. apart: largest correction so far of this clock relative to the reference's [s].
         stamps, values: of the samples kept, (kept,) [ns] and (kept, columns).
     """
 
@@ -171,22 +168,15 @@ class Track:
 
 
 class Alignment:
-    """Merges streams at the stamps of the first.
-
-    Args:
-        tracks: the streams; the first one's stamps are used.
-        settings: `patience` bounds the memory.
-    """
+    """Merges streams at the stamps of the first; the settings' `patience` bounds the memory."""
 
     def __init__(self, tracks: Sequence[Track], settings: BagSettings = DEFAULTS) -> None:
         self.reference, self.others = tracks[0], tuple(tracks[1:])
         self._patience = round(1e9 * settings.patience)
 
     def rows(self, *, final: bool = False) -> tuple[Stamps, Array]:
-        """The rows completed since the last call: stamps (rows,) [ns], values of all streams (rows, columns).
-
-        Args:
-            final: True if no more samples follow.
+        """The rows completed since the last call: stamps (rows,) [ns], values of all streams (rows, columns). `final`
+        if no more samples follow.
         """
         self.reference.settle()
         for track in self.others:

@@ -17,12 +17,8 @@ _SLOW_TWIN = "lf"
 
 @dataclass(frozen=True)
 class Choice:
-    """The topics to read.
-
-    Attributes:
-        joint: topic of the joints' states.
-        imu: topic of the IMU; None if there is none, or if the joints' messages include it.
-        notes: the topics chosen, and others available.
+    """The topics to read: of the joints' states; of the IMU, None if there is none, or if the joints' messages include
+    it; and notes on the topics chosen and others available.
     """
 
     joint: str

@@ -44,13 +44,8 @@ class Decoder(Protocol):
 
 
 def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings) -> Decoder:
-    """Returns the decoder of a topic's messages.
-
-    Args:
-        topic: its type and definition.
-        encoding: "cdr" or "ros1".
-        joints: the requested joints, to which motors without names are mapped.
-        settings: for the correction of stamps.
+    """Returns the decoder of a topic's messages in "cdr" or "ros1"; motors without names are mapped to the requested
+    joints.
     """
     if is_low_state(topic):
         from stadera.logs.bags.unitree import LowStates

@@ -30,11 +30,8 @@ _MOST = 4096  # messages in a piece, which bounds how far topics can be out of o
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Some consecutive messages of a chunk.
-
-    Attributes:
-        data: of the chunk.
-        places: by channel and size, the times of recording [ns] and the places of the messages' bytes.
+    """Some consecutive messages of a chunk: its data, and by channel and size the times of recording [ns] and the
+    places of the messages' bytes.
     """
 
     data: bytes

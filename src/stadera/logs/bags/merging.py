@@ -57,13 +57,8 @@ class Merging:
             track.take_many(samples)
 
     def batch(self, *, final: bool = False) -> Batch | None:
-        """Rows completed since the last call, blank where a stream has no value; None if there are none.
-
-        Args:
-            final: True if no more messages follow.
-
-        Raises:
-            RecordingError: the stamps are not those of a clock.
+        """Rows completed since the last call, blank where a stream has no value; None if there are none. `final` if no
+        more messages follow. Raises RecordingError: the stamps are not those of a clock.
         """
         stamps, values = self._alignment.rows(final=final)
         if not len(stamps):

@@ -23,11 +23,8 @@ _UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covarian
 
 
 class Repeated:
-    """A decoder that learns the layout of the next message from each message.
-
-    Args:
-        decode: decoder that reads every field.
-        is_imu: True for Imu messages, False for JointState; None for others, of which every field is read.
+    """A decoder that learns the layout of the next message from each message, read by `decode`: Imu messages if
+    `is_imu`, JointState if not; None for others, of which every field is read.
     """
 
     def __init__(self, decode: Callable[[Message], Sample], *, is_imu: bool | None) -> None:

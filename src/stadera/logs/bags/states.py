@@ -46,12 +46,8 @@ https://github.com/pal-robotics/pal_statistics)."""
 
 
 def finder(types: Mapping[str, Any], kind: str, depth: int = 2) -> Find | None:
-    """Returns the function that finds the joints' states in messages of a type; None if the layout is not known.
-
-    Args:
-        types: definitions of this type and of its parts, in rosbags' format.
-        kind: the type.
-        depth: number of nested parts to search.
+    """Returns the function that finds the joints' states in messages of a type, `depth` nested parts deep, by
+    definitions in rosbags' format; None if the layout is not known.
     """
     fields = dict(types[kind][1]) if kind in types else {}
     found = _arrays(types, fields) or _interfaces(types, fields) or _structs(types, fields)

@@ -39,11 +39,8 @@ PUBLISHED = {
 
 
 class LowStates:
-    """Decoder of one topic's messages.
-
-    Attributes:
-        clock: repairs their stamps.
-        motors: number of motors with values in the first message.
+    """Decoder of one topic's messages, with the clock that repairs their stamps, and the number of motors with values
+    in the first message.
     """
 
     def __init__(

@@ -14,11 +14,7 @@ class _Readable(Protocol):
 
 
 def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
-    """Unpacks a chunk or message.
-
-    Args:
-        data: as stored.
-        compression: "zstd", "lz4", "bz2"; "" or "none".
+    """Unpacks a chunk or message stored with a compression "zstd", "lz4", "bz2"; "" or "none".
 
     Raises:
         LimitError: it unpacks to more than the budget allows.

@@ -21,12 +21,8 @@ TEMPLATE_HINT = "`stadera inspect LOG --columns` writes a template"
 
 @dataclass(frozen=True)
 class Source:
-    """Source of a column of the flat table.
-
-    Attributes:
-        pattern: for the log's column, see `stadera.logs.foreign.pattern`.
-        unit: of its values, empty for the map's.
-        factor: additional factor, such as a sign or a gear ratio.
+    """Source of a column of the flat table: a pattern for the log's column (`stadera.logs.foreign.pattern`), the unit
+    of its values, empty for the map's, and an additional factor, such as a sign or a gear ratio.
     """
 
     pattern: str

@@ -37,12 +37,8 @@ _ORDERS = {"xyz": "xyz", "wxyz": "wxyz", "xyzw": "xyzw"}
 
 @dataclass(frozen=True)
 class Hit:
-    """A column that matches a pattern.
-
-    Attributes:
-        joint: its joint's name, or its number if the pattern counts joints; empty for a column without a joint.
-        axis: x, y, z or w; empty for a column without an axis.
-        topic: empty if there is none.
+    """A column that matches a pattern: its joint's name, or its number if the pattern counts joints; its axis x, y, z
+    or w; and its topic. Empty where there is none.
     """
 
     joint: str | int
@@ -51,11 +47,8 @@ class Hit:
 
 
 def hits(pattern: str, names: Mapping[str, str]) -> Iterator[tuple[str, Hit]]:
-    """Yields the columns that match, with the values of the placeholders.
-
-    Args:
-        pattern: see the module.
-        names: by column, its name without its unit.
+    """Yields the columns that match a pattern, with the values of the placeholders. `names`: by column, its name
+    without its unit.
     """
     if "{" not in pattern:
         exact = [column for column, name in names.items() if pattern in (column, name)]

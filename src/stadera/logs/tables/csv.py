@@ -27,14 +27,7 @@ _SEPARATORS = (";", "\t", "|")
 
 @dataclass(frozen=True)
 class Dialect:
-    """Format of a table.
-
-    Attributes:
-        header: names of the columns.
-        skip: lines before the first sample.
-        separator: of columns.
-        decimal: sign of decimals.
-    """
+    """Format of a table: names of the columns, lines before the first sample, separator of columns, sign of decimals."""
 
     header: tuple[str, ...]
     skip: int

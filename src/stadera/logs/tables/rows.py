@@ -70,11 +70,8 @@ def is_interleaved(batch: Batch, layout: Layout, few: float = 0.5) -> bool:
 
 
 def aligned(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
-    """Yields the joints' rows, with the IMU's values interpolated at their stamps; blank where the IMU has a gap.
-
-    Args:
-        batches: in SI units.
-        layout: of their rows.
+    """Yields the joints' rows, with the IMU's values interpolated at their stamps; blank where the IMU has a gap. The
+    batches are in SI units.
     """
     from stadera.logs.bags.alignment import Alignment, Track
     from stadera.logs.bags.settings import DEFAULTS

@@ -31,11 +31,10 @@ def write_mjcf(
     which overrides them.
 
     Args:
-        source: the file.
         target: the file to be written; if it is in another folder, relative asset folders become absolute.
         inertias: by moving link, in the link's frame (the body's axes, origin at the joint's anchor).
-        origins: by moving link, the body's origin in the link's frame [m].
-        fixed: by moving link, the bodies fixed to it.
+        origins: by moving link, the body's origin in the link's frame [m]. fixed: by moving link, the bodies fixed to
+            it.
         dynamics: by joint; the offset goes into a comment.
 
     Raises:
