@@ -21,11 +21,9 @@ from stadera.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class Guard:
-    """Checks the logs of a robot.
+    """Checks logs of a robot for the joints needed in them.
 
     Attributes:
-        robot: its model.
-        joints: needed in a log.
         on_feet: True if the robot stands or walks; False if its trunk is held, legs in the air.
         imu_frame: frame of the IMU's values; None for the log's own, else the model's.
         rounds: of detection and correction at most; a wrong unit hides other faults until it is corrected.

@@ -30,11 +30,8 @@ def rows_at_once(columns: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Consecutive rows of a table.
-
-    Attributes:
-        values: (columns, rows), one row of the array for each of `Layout.columns`.
-        blank: (columns, rows), cells without a value; None if there are none.
+    """Consecutive rows of a table: values (columns, rows), as `Layout.columns`, and which cells have none; None for
+    none.
     """
 
     values: Array

@@ -15,11 +15,8 @@ class RowClock:
     """Makes the time of consecutive chunks of one log strictly increasing.
 
     A sample at most GAP_FACTOR mean steps earlier than the previous one is skipped: a repeated row, or one out of
-    order. If it is further back, the clock was set back, by an unknown amount: what follows is placed after a gap.
-
-    Attributes:
-        source: name of the log, for messages.
-        most_wrong: share of the steps so far that may stand still or run back [1]; above it the column is not a clock.
+    order. If it is further back, the clock was set back, by an unknown amount: what follows is placed after a gap. If
+    more than this share of the steps so far stands still or runs back, the column is not a clock.
     """
 
     source: str
@@ -31,14 +28,8 @@ class RowClock:
     _wrong: int = 0
 
     def __call__(self, time: Array, samples: NDArray[np.int64]) -> tuple[Array, Bools, tuple[str, ...]]:
-        """Corrects a chunk. Returns its time, the samples to keep, and notes.
-
-        Args:
-            time: (samples,) [s].
-            samples: their indices in the log.
-
-        Raises:
-            RecordingError: too many samples repeat or run back.
+        """Corrects a chunk's time (samples,) [s], given the samples' indices in the log. Returns time, the samples to
+        keep, and notes. Raises RecordingError: too many samples repeat or run back.
         """
         raw, time, kept = time, time + self._shift, np.ones(len(time), dtype=bool)
         falls = np.diff(raw, prepend=self._previous) <= 0

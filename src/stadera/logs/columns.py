@@ -34,14 +34,12 @@ class Layout:
         joints: in the order requested, or else in that of the table's columns.
         channels: by channel, one column for each joint; channels that were not recorded are absent.
         imu: by quantity, its three or four columns; empty without a complete IMU.
-        force: by foot, the x, y, z columns.
-        contact: by foot, its column.
+        force, contact: by foot, the x, y, z columns, and its column.
         notes: columns that were excluded and why, and columns that were recognised and converted.
         imu_frame: frame of the IMU's values, None if the log does not name it.
-        sources: the log's own column names where they differ.
-        factors: factors to SI units, by column, where they are not 1.
-        stamped: True if the unit of time is given.
-        rate_hz: rows per second of a log without a column of time.
+        sources, factors: the log's own column names, and factors to SI units, by column, where they differ and are not
+            1.
+        stamped: True if the unit of time is given. rate_hz: rows per second of a log without a column of time.
         pd: gains for computing efforts from the desired positions among the channels.
         others: joints besides the requested ones, by channel their columns: position, and velocity if all have one.
         other_joints: their names.

@@ -33,14 +33,8 @@ SECOND_DIFFERENCE: Array = np.concatenate([_SECOND_HALF[::-1], [-205 / 72], _SEC
 
 @dataclass(frozen=True, eq=False)
 class Kernels:
-    """Filter and its derivatives on one window, each (2 half + 1,), to be correlated with samples.
-
-    Attributes:
-        value: the filter itself.
-        first: its first derivative [1/s].
-        second: its second derivative [1/s²].
-        late: the filter applied to the signal a fixed time earlier.
-        half: samples needed on each side of a sample.
+    """Filter, its first and second derivative [1/s, 1/s²], and the filter applied to the signal a fixed time earlier,
+    on one window, each (2 half + 1,), to be correlated with samples.
     """
 
     value: Array
@@ -51,11 +45,10 @@ class Kernels:
 
 
 def kernels(rate_hz: float, cutoff_hz: float | None, *, derivatives: bool = True, delay: float = 0.0) -> Kernels:
-    """Computes the kernels for a sampling rate; without a cut-off the filter is the identity.
+    """Computes the kernels for a sampling rate [Hz]; without a cut-off, the frequency of -3 dB [Hz], the filter is the
+    identity.
 
     Args:
-        rate_hz: sampling rate [Hz].
-        cutoff_hz: frequency where the amplitude is 1/√2 (-3 dB) [Hz]; None for no filter.
         derivatives: False omits the taps that the central differences need; the derivatives are then zero.
         delay: by which `late` looks back [s]; negative looks ahead.
 

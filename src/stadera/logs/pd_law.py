@@ -57,14 +57,7 @@ class PdGains:
 
     def effort(self, position: Array, velocity: Array, joints: Sequence[str], desired: dict[str, Array]) -> Array:
         """τ = kp (q_d - q) + kd (q̇_d - q̇) + τ_d, (samples, n) [N·m]: the torque commanded by the controller.
-
-        Args:
-            position, velocity: (samples, n) [rad, rad/s], measured.
-            joints: names of the n joints.
-            desired: (samples, n) by name in `DESIRED`; q̇_d and τ_d are 0 if absent.
-
-        Raises:
-            RecordingError: three gains are given, and a joint's name does not identify hip, thigh or calf.
+        `desired` is (samples, n) by name in `DESIRED`; q̇_d and τ_d are 0 if absent. Raises as `by_part`.
         """
         pairs = by_part(list(zip(self.kp, self.kd, strict=True)), joints, "one pair kp,kd")
         kp, kd = np.array(pairs).T

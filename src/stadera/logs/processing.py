@@ -23,16 +23,13 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Processed:
-    """Signals of the selected joints, all through the same filter.
+    """Signals of the selected joints, all through the same filter, with notes of the log and of the report, whose last
+    chunk covers the whole log.
 
     Attributes:
         time: (samples,) [s]; steps are uneven where samples were dropped.
-        joints: names of the n joints.
         position, velocity, acceleration: (samples, n) [rad, rad/s, rad/s²].
         effort: (samples, n) [N·m], None where not recorded.
-        report: on the processing so far; the last chunk's covers the whole log.
-        source: of the log.
-        notes: the log's own and the report's.
     """
 
     time: Array

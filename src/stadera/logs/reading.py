@@ -45,10 +45,7 @@ class Reading:
         gear: str | Gear | None = None,
     ) -> Reading:
         """Parses the options' texts: a preset's name or a map's path, "deg,ms", "20,0.5", gear ratios "6.33".
-
-        Raises:
-            RecordingError: no such preset or file, an invalid map, or invalid gains or ratios.
-            UnknownNameError: no such unit.
+        RecordingError for an invalid one, UnknownNameError for an unknown unit.
         """
         if isinstance(columns, str | Path):
             from stadera.logs.foreign.column_map import column_map

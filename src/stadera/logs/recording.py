@@ -44,12 +44,8 @@ class Imu:
 
 @dataclass(frozen=True, eq=False)
 class OtherJoints:
-    """Motion of joints that belong to no leg.
-
-    Attributes:
-        names: of the k joints.
-        position: (samples, k) [rad or m].
-        velocity: (samples, k) [rad/s or m/s], None if not recorded.
+    """Motion of k joints that belong to no leg: position (samples, k) [rad or m] and velocity [rad/s or m/s], None if
+    not recorded.
     """
 
     names: tuple[str, ...]

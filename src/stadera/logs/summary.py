@@ -36,14 +36,13 @@ class Range:
 
 @dataclass(frozen=True)
 class LogSummary:
-    """Summary of a log: names of joints and feet, recorded channels, ranges of all signals, the reader's notes, and
+    """Summary of a log.
 
     Attributes:
-        start, end: first and last time stamp [s].
-        period: median step between the first stamps [s].
+        start, end: first and last time stamp [s]. period: median step between the first stamps [s].
         uneven: share of all steps that differ from the period by more than a tenth of it.
-        gaps: steps of more than five periods: begin and duration of each [s]; the first 1000.
-        gap_count: number of all gaps.
+        gaps: steps of more than five periods: begin and duration of each [s]; the first 1000. gap_count: of all.
+        channels: recorded ones of the joints. ranges: of every signal.
         imu_frame: frame of the IMU's values, None if the log does not state it.
     """
 

@@ -27,12 +27,7 @@ def example(name: str) -> Path:
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics to read from a log with topics; None for the only one of its type.
-
-    Attributes:
-        joint: of sensor_msgs/JointState.
-        imu: of sensor_msgs/Imu.
-    """
+    """The topics of sensor_msgs/JointState and Imu to read from a log with topics; None for the only one of its type."""
 
     joint: str | None = None
     imu: str | None = None
@@ -94,13 +89,9 @@ class FirstChunk:
 
 @dataclass(frozen=True)
 class OpenedLog(LogFile):
-    """A log on disk whose first chunk is kept in memory until someone reads on, so that checks made on it before do not
-    read it again.
-
-    Chunks of fewer rows are cut from it, so they are full where the file has rows with blank cells.
-
-    Attributes:
-        beginnings: by joints read; filled by `stadera.logs.stream`.
+    """A log on disk whose first chunk (by joints read; `stadera.logs.stream` fills it) is kept in memory until someone
+    reads on, so that checks made on it before do not read it again. Chunks of fewer rows are cut from it, so they are
+    full where the file has rows with blank cells.
     """
 
     beginnings: dict[tuple[str, ...] | None, FirstChunk] = field(

@@ -44,13 +44,11 @@ class _Candidate:
 def choose(
     bag: Bag, found: Mapping[str, Topic], topics: Topics, joints: Sequence[str] | None, settings: BagSettings
 ) -> Choice:
-    """Chooses the topics of joints and IMU.
+    """Chooses the topics of joints and IMU. Raises RecordingError: a topic does not exist or has another type, there is
+    none of joints, or several match.
 
     Of several topics of joints, Unitree's slow copies are excluded, then those without the requested joints. Of several
     IMUs, the one in the joints' namespace is read.
-
-    Raises:
-        RecordingError: a topic does not exist or has another type, there is none of joints, or several match.
     """
     source = str(bag.path)
     states = _states(found, bag.container.encoding, topics.joint)

@@ -22,10 +22,9 @@ class HeaderClock:
     """Stamps from headers with steps of their clock removed; times of recording if the stamps repeat or run back.
 
     Attributes:
-        steps: number of steps of the headers' clock that were removed.
-        furthest: the largest of them [s].
+        steps, furthest: number of steps of the headers' clock that were removed, and the largest of them [s].
         silent: True if the headers' stamps are not those of a clock, and times of recording are used.
-        delay: least delay in the latest complete window [s], and in the first.
+        delay, first_delay: least delay in the latest complete window [s], and in the first.
     """
 
     def __init__(self, settings: BagSettings = DEFAULTS) -> None:
@@ -103,11 +102,8 @@ class TickClock:
     """Stamps for messages without any: the times of recording, corrected by the robot's millisecond counter.
 
     A stamp more than `counter_late` after the least delay is a late message or a step of the recorder's clock, and gets
-    the counter's time. A counter that stands still or restarts is ignored.
-
-    Attributes:
-        repaired: number of stamps that were changed.
-        furthest: the largest change [s].
+    the counter's time. A counter that stands still or restarts is ignored. `repaired` stamps were changed, the
+    `furthest` by [s].
     """
 
     def __init__(self, settings: BagSettings = DEFAULTS) -> None:

@@ -52,15 +52,8 @@ class Bundle(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """The values of one message.
-
-    Attributes:
-        topic: of the message.
-        received: time of recording [ns].
-        stamp: time of measurement [ns].
-        frame: of the IMU, without a leading slash; may be empty.
-        columns: names of the flat table.
-        values: (columns,); NaN where the message marks them as unknown.
+    """The values (columns,) of one message, NaN where it marks them as unknown, and the columns' names in the flat
+    table; when it was recorded and measured [ns]; the frame of the IMU, without a leading slash, may be empty.
     """
 
     topic: str
@@ -90,12 +83,8 @@ class Topic(NamedTuple):
 
 
 class Container(Protocol):
-    """Protocol of a bag's file format.
-
-    Attributes:
-        name: of the format, for messages.
-        suffix, magic: file name suffix and first bytes.
-        encoding: of its messages, "cdr" or "ros1".
+    """Protocol of a bag's file format: its name for messages, file name suffix, first bytes, and encoding, "cdr" or
+    "ros1".
     """
 
     name: str
@@ -118,14 +107,8 @@ class Container(Protocol):
 
 @dataclass
 class Bag:
-    """The files of a bag, in order.
-
-    Attributes:
-        path: of the file or folder.
-        container: the format of its files.
-        files: its files.
-        budget: limits for reading it.
-        damage: parts that could not be read, one sentence each; grows while messages are read.
+    """The files of a bag, in order, their format, the limits for reading them, and the parts that could not be read,
+    one sentence each; these grow while messages are read.
     """
 
     path: Path
@@ -185,18 +168,16 @@ def salvaged(
     damage: list[str],
     budget: Budget,
 ) -> Iterator[Part]:
-    """Yields the parts of a file's records, as far as they can be read.
+    """Yields the parts of a file's records, as far as they can be read, within a budget, else LimitError.
 
     The libraries raise errors of many kinds on damaged bytes: all are caught here.
 
     Args:
-        path: the file.
         records: in the file's order. An error ends them, since the next record cannot be located.
         unpack: splits a record into parts: a chunk into its messages, others into themselves. On an error the record is
             skipped.
         read_so_far: describes how much of the file was read, given the number of records, for the report.
         damage: receives a sentence for each part that could not be read.
-        budget: limits for reading; raises LimitError if they are exceeded.
     """
     read, broken, reason = 0, 0, ""
     while True:

@@ -111,11 +111,8 @@ def stamped(reading: Reading) -> Reading:
 
 
 class _Samples:
-    """Values of a bag's messages; damaged messages are counted. Iterated one by one, in the order of recording except
-    between topics of a bundle, or several at once.
-
-    Attributes:
-        damaged: by topic, number of messages that could not be read.
+    """Values of a bag's messages; damaged messages are counted by topic. Iterated one by one, in the order of recording
+    except between topics of a bundle, or several at once.
     """
 
     def __init__(self, bag: Bag, decoders: dict[str, Decoder]) -> None:

@@ -13,13 +13,8 @@ from stadera.logs.columns import TIME
 
 
 class Merging:
-    """Merges one pass of messages.
-
-    Args:
-        start: layout determined from the first messages.
-        topic: of the joints. imu_topic: of the IMU; None if the joints' messages include it.
-        columns: of the flat table, chosen from `start.columns`, time first.
-        settings: of bags.
+    """Merges one pass of messages by the layout of the first, of the joints' topic and the IMU's, None if the joints'
+    messages include it, into columns of the flat table, chosen from `start.columns`, time first.
 
     Attributes:
         tracks: the streams; the first one's stamps are used.

@@ -134,17 +134,12 @@ def motor_names(joints: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def offsets(kind: str, definition: str, *, aligned: bool = True, most: int = 10_000) -> dict[str, int]:
-    """Position of each number in a message's body [bytes], by path, such as "motor_state.3.q".
+    """Position of each number in a message's body [bytes], by path, such as "motor_state.3.q". Raises RecordingError:
+    the definition lacks fields of a LowState.
 
     In CDR numbers are aligned to their own size (OMG CDR), in ROS 1's encoding they are not. Fields after one of
     unknown size are skipped. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are converted to those of
-    ROS 2.
-
-    Args:
-        most: largest number of fields in a message; Unitree's have under a thousand.
-
-    Raises:
-        RecordingError: the definition lacks fields of a LowState.
+    ROS 2. Unitree's messages have under a thousand numbers, and `most` is a limit.
     """
     from rosbags.typesys import get_types_from_msg
 

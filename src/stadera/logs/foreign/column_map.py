@@ -32,16 +32,14 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class ColumnMap:
-    """Assignment of a log's columns.
+    """Assignment of a kind of log's columns, and the units of the log.
 
     Attributes:
-        name: of the preset, or of the map's file.
+        name: of the preset, or of the map's file. about: the kind of log.
         columns: by column of the flat table, with {joint} and {axis} for all joints and axes, its possible sources, the
             likeliest first.
         chosen: more of these that apply only if the map is requested by name, since the names could be another robot's.
         joints: names to which {i} and {n} refer.
-        units: of the log.
-        about: description of the kind of log.
     """
 
     name: str

@@ -21,16 +21,12 @@ _GROUPS = {"joint": ("--joint-topic", "joints"), "imu": ("--imu-topic", "IMUs")}
 
 @dataclass(frozen=True)
 class Translation:
-    """Sources of the flat table's columns.
+    """The log's column and the factor to SI units, absent if 1, for each column of the flat table.
 
     Attributes:
-        sources: the log's column for each column of the flat table.
-        factors: factors to SI units by column of the flat table; absent if 1.
-        stamped: True if the unit of time is given.
-        rate_hz: rows per second of a log without time.
+        stamped: True if the unit of time is given. rate_hz: rows per second of a log without time.
         notes: columns that were recognised and converted, one sentence each.
-        recognised: True if the names identify the columns.
-        topics: True if the names contain topics to choose from.
+        recognised: True if the names identify the columns. topics: True if the names contain topics to choose from.
     """
 
     sources: Mapping[str, str]
@@ -60,17 +56,8 @@ class _Found:
 def translated(
     names: Sequence[str], source: str, reading: Reading, topics: Topics, joints: Collection[str] = ()
 ) -> Translation:
-    """Translates the columns of a log.
-
-    Args:
-        names: of its columns.
-        source: the log, for messages.
-        reading: a map of the columns, if given, and their units.
-        topics: the topics to choose, if the names contain topics.
-        joints: names that are joints although they do not look like it.
-
-    Raises:
-        RecordingError: the map does not fit, or there are several topics and none was chosen.
+    """Translates the columns of a log, by a map or by presets. `joints` are joints although their names do not look
+    like it. Raises RecordingError: the map does not fit, or there are several topics and none was chosen.
     """
     labels = labelled(names)
     plain = {name: labels[name][0] if name in labels else name for name in names}

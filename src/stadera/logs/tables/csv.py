@@ -27,7 +27,7 @@ _SEPARATORS = (";", "\t", "|")
 
 @dataclass(frozen=True)
 class Dialect:
-    """Format of a table: names of the columns, lines before the first sample, separator of columns, sign of decimals."""
+    """Format of a table: names of columns, lines before the first sample, separator of columns, sign of decimals."""
 
     header: tuple[str, ...]
     skip: int

@@ -28,12 +28,9 @@ _DEEPEST = 20  # nested structs
 
 
 def check_pages(path: Path, columns: Collection[str], budget: Budget) -> None:
-    """Checks the pages of these columns.
-
-    Raises:
-        LimitError: a page's stated unpacked size exceeds the budget.
-        RecordingError: a page is longer than its column.
-        IndexError, KeyError, TypeError, ValueError: the footer or a page's header is damaged.
+    """Checks the pages of these columns. Raises LimitError if a page's stated unpacked size exceeds the budget,
+    RecordingError if it is longer than its column; IndexError, KeyError, TypeError, ValueError if footer or header are
+    damaged.
     """
     with path.open("rb") as file:
         for chunk in _chunks(_footer(file)):
