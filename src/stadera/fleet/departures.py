@@ -61,11 +61,9 @@ class ScatterSettings:
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """A stretch of logs that departs from the others.
+    """A stretch of logs, the first to the last of a series, that departs from the others.
 
     Attributes:
-        series: the series that contains it.
-        first, last: indices of its logs.
         change: of the level relative to the other logs of the searched stretch [unit of the series].
         std: of the change, from the logs' scatter or the bars, depending on the statistic used [same].
         bars: change divided by its standard deviation according to the stated bars alone [1].

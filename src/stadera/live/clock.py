@@ -26,9 +26,6 @@ class StreamClock:
     publisher restarted. Messages off the clock are skipped as those of a second publisher, unless messages on it have
     stopped: then the clock continues with them, shifted by the difference in arrival, for all topics alike.
 
-    Args:
-        settings: `clock_step` and `other_publisher`.
-
     Attributes:
         shift: added to stamps [ns]. steps: number of times the clock was set.
     """

@@ -21,12 +21,8 @@ _REFUSED = (*FATAL, "contradiction", "not_on_feet")
 
 @dataclass(frozen=True)
 class Checked:
-    """Result of checking a stretch.
-
-    Attributes:
-        wrong: why nothing can be weighed, one sentence with the option that corrects it; empty if it can.
-        notes: other findings, and corrections made.
-        anew: True if what was learnt so far is to be discarded.
+    """Result of checking a stretch: why nothing can be weighed, one sentence with the option that corrects it, empty if
+    it can; other findings and corrections made; and whether what was learnt so far is to be discarded.
     """
 
     wrong: str = ""
@@ -36,10 +32,7 @@ class Checked:
 
 class StreamGuard:
     """Checks a stream, in stretches of `seconds` [s], after `changes` of all samples; `fix` corrects unambiguous
-    faults.
-
-    Attributes:
-        wrong: see `Checked`; of the last stretch.
+    faults. `wrong` is that of the last stretch, see `Checked`.
     """
 
     def __init__(

@@ -34,22 +34,13 @@ _SOURCE = "live"
 
 
 class Intake:
-    """Receives messages.
-
-    Args:
-        robot: the robot whose joints are sought.
-        topics: the requested ones; None for those that match by type.
-        settings: see `LiveSettings`.
-        reading: units of the messages, if they are not SI.
+    """Receives messages for a robot's joints: of the requested topics, None for those that match by type.
 
     Attributes:
         topics: the topics read; None before they are determined.
-        seen: by name, every topic with a message.
-        announced: by name, types of topics that are known to exist.
+        seen: by name, every topic with a message. announced: by name, types of topics that are known to exist.
         fresh: True if the next samples do not continue the previous ones, and may have another rate.
-        clock: of the stamps.
-        lost: numbers of skipped messages and rows, by reason.
-        notes: events, one sentence each.
+        lost: numbers of skipped messages and rows, by reason. notes: events, one sentence each.
     """
 
     def __init__(

@@ -53,11 +53,8 @@ class Endpoints:
     config: Path | None = None
 
     def open(self) -> zenoh.Session:
-        """Opens a session; connections are made, and restored, in the background.
-
-        Raises:
-            MissingExtraError: zenoh is not installed.
-            StaderaError: Zenoh rejects an endpoint or the file.
+        """Opens a session; connections are made, and restored, in the background. MissingExtraError if zenoh is not
+        installed, StaderaError if it rejects an endpoint or the file.
         """
         try:
             import zenoh
@@ -89,11 +86,9 @@ class ZenohLink:
     """Topics of a session, in and out.
 
     Args:
-        endpoints: see `Endpoints`.
         topics: the requested ones.
         put: receives every message of a known type, in Zenoh's thread; None to read none.
-        requests: by key, the handler of a request, passed to `ask` with the reply function.
-        ask: queues a request.
+        requests: by key, the handler of a request, passed to `ask`, which queues it, with the reply function.
 
     Attributes:
         announced: by name, types of the topics that publishers have announced.

@@ -21,12 +21,8 @@ _POLL = 0.05  # s, after which a failure of the worker ends the session
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Source of the messages.
-
-    Attributes:
-        endpoints: of Zenoh; results are published there even if a log is replayed.
-        topics: the requested ones.
-        log: to be replayed instead of receiving messages, `rate` times as fast as recorded; None for messages.
+    """Source of the messages: topics at Zenoh endpoints, where results are published even if a log is replayed instead,
+    `rate` times as fast as recorded.
     """
 
     endpoints: Endpoints

@@ -38,17 +38,14 @@ class LiveSession:
     """Weighs one robot.
 
     Args:
-        robot: with its present leg parameters.
         topics: the requested ones; None for those that match by type.
         imu_frame: frame of the IMU's values; None for the messages' own, else the model's.
-        settings: see `LiveSettings`.
         watch: called with all samples.
         reading: units of the messages, and changes of all samples, such as gear ratios.
         fix: correct unambiguous faults of the first seconds (units, signs, orders), with a note.
 
     Attributes:
-        intake: of the messages.
-        estimator: of the trunk; None before the first samples.
+        intake: of the messages. estimator: of the trunk; None before the first samples.
     """
 
     def __init__(
@@ -124,11 +121,8 @@ class LiveSession:
         )
 
     def state(self, now: float | None = None, until: float | None = None) -> LiveState:
-        """The present state.
-
-        Args:
-            now: on the clock of the arrivals [s]; None for this machine's.
-            until: arrival up to which all messages were processed; None for now. Topics count as silent only up to it.
+        """The present state, on the clock of the arrivals [s], None for this machine's. Topics count as silent only up
+        to `until`, the arrival up to which all messages were processed; None for now.
         """
         now = time.monotonic() if now is None else now
         estimator, intake = self.estimator or self._idle, self.intake

@@ -13,11 +13,8 @@ from stadera.weigh.schema import change_dict, payload_dict, trunk_dict
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """Age of the estimate.
-
-    Attributes:
-        processing: from the arrival of the newest message used until now [s]. stamp: from its stamp until now on this
-            machine's clock [s], meaningful if the clocks agree. NaN before the first.
+    """Age of the estimate [s]: from the arrival of the newest message used until now, and from its stamp until now on
+    this machine's clock, meaningful if the clocks agree. NaN before the first.
     """
 
     processing: float = float("nan")
@@ -29,20 +26,16 @@ class LiveState:
     """State at one instant.
 
     Attributes:
-        robot: its name. link: the trunk's name, whose frame is used for all values.
+        link: the trunk's name, whose frame is used for all values.
         time: of the newest sample used [s], NaN before the first; on the stamps' clock until that was first set.
         stamp: of that sample on its own clock [ns], 0 before the first.
         status: of the estimator, see `stadera.trunk.protocol.Status`.
         trunk: including everything attached; the model's values where nothing was observed.
         payload: mass added since the tare; None without one.
-        changes: of the load.
-        trust: whether the values hold.
         rates: messages a second, by topic.
         lost: number of messages that did not reach the estimator, by reason: "network", "queue", "damaged", "left out"
             (repeated stamps, a second publisher, missing values).
-        lag: see `Lag`.
-        waiting_for: missing input, one sentence each; empty while samples arrive.
-        notes: events, one sentence each.
+        waiting_for: missing input, one sentence each; empty while samples arrive. notes: events, one sentence each.
     """
 
     robot: str

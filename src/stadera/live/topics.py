@@ -39,13 +39,8 @@ class Arrival(NamedTuple):
 
 @dataclass
 class SeenTopic:
-    """Statistics of a topic.
-
-    Attributes:
-        kind: ROS type. count: number of messages. damaged: number of unreadable ones. lost: number of messages that
-            were sent and did not arrive, by their sequence numbers.
-        last: arrival of the newest [s]. rate: messages a second, over the last second. numbered: whether they have
-            sequence numbers.
+    """Statistics of a topic: its messages, unreadable ones, and those lost, sent but not arrived by their sequence
+    numbers if they are `numbered`; arrival of the newest [s], and messages a second, over the last second.
     """
 
     kind: str

@@ -33,18 +33,12 @@ _LINK, _TRUNK, _FORCE, _SUPPORT = [150, 160, 175], [150, 160, 175, 90], [224, 14
 
 
 class Viewer:
-    """Draws one robot; a context manager that closes the recording.
+    """Draws one robot; a context manager that closes the recording. MissingExtraError if rerun is not installed,
+    StaderaError if the viewer does not start.
 
     Args:
-        robot: the model.
-        spawn: open the viewer.
-        save: write its recording to this .rrd file.
-        period: interval of the timelines' entries [s].
-        deviations: number of standard deviations in a band.
-
-    Raises:
-        MissingExtraError: rerun is not installed.
-        StaderaError: the viewer does not start.
+        spawn: open the viewer. save: write its recording to this .rrd file.
+        period: interval of the timelines' entries [s]. deviations: number of standard deviations in a band.
     """
 
     def __init__(

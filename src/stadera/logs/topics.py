@@ -27,7 +27,7 @@ def example(name: str) -> Path:
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics of sensor_msgs/JointState and Imu to read from a log with topics; None for the only one of its type."""
+    """The topics of sensor_msgs/JointState and Imu to read, of logs with topics; None for the only one of its type."""
 
     joint: str | None = None
     imu: str | None = None

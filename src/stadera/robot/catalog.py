@@ -46,9 +46,8 @@ def resolve(source: str | PathLike[str]) -> tuple[str | None, Path]:
     Names of the catalogue take precedence, in any case; a file of such a name is reached as ./name.
 
     Raises:
-        UnknownNameError: neither a name of the catalogue nor an existing file.
+        UnknownNameError: neither a name of the catalogue nor an existing file. ModelError: a path to no file.
         MissingExtraError: the package that contains the file is not installed.
-        ModelError: a path (with a slash or a suffix) to a file that does not exist.
     """
     text = str(source)
     if isinstance(source, str) and text.lower() in CATALOG:
@@ -66,11 +65,8 @@ def resolve(source: str | PathLike[str]) -> tuple[str | None, Path]:
 
 
 def find_file(name: str) -> Path:
-    """The model file of a named robot.
-
-    Raises:
-        UnknownNameError: no such name.
-        MissingExtraError: the package that contains it is not installed.
+    """The model file of a named robot. UnknownNameError if there is none, MissingExtraError if its package is not
+    installed.
     """
     if name not in CATALOG:
         raise UnknownNameError("robot", name, CATALOG)

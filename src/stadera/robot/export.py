@@ -34,8 +34,6 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     absolute path of its assets. The file is read back and compared before it replaces an existing one.
 
     Args:
-        robot: the robot to write.
-        path: the file to write.
         payload: an additional link fixed to the trunk, not included in the trunk's values. None for none.
         note: information for readers of the file, written as a comment at its top; none if empty.
 

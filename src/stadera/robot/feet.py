@@ -24,17 +24,11 @@ class Foot:
 
 
 def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], near: float = 0.2) -> Foot:
-    """Finds the foot of `link`.
+    """Finds the foot of `link`; ModelError if there is none.
 
-    Uses a frame on it whose name contains foot or toe (the farthest out, if several), with the sphere nearest to it;
-    else the farthest sphere; else the far end of the farthest other primitive shape.
-
-    Args:
-        near: distance of a sphere from the frame within which it is the foot, as a share of the frame's from the knee
-            [1].
-
-    Raises:
-        ModelError: none of these exists.
+    Uses a frame on it whose name contains foot or toe (the farthest out, if several), with the sphere nearest to it,
+    within `near` times the frame's distance from the knee; else the farthest sphere; else the far end of the farthest
+    other primitive shape.
     """
     own = [shape for shape in shapes if shape.link == link]
     spheres = [shape for shape in own if shape.kind == "sphere"]

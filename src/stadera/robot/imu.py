@@ -18,12 +18,7 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class ImuMount:
-    """Pose of the IMU frame in the trunk frame: r_trunk = rotation @ r_imu + translation.
-
-    Attributes:
-        rotation: (3, 3). translation: (3,) [m].
-        name: of the frame.
-    """
+    """Pose of the named IMU frame in the trunk frame: r_trunk = rotation (3, 3) @ r_imu + translation (3,) [m]."""
 
     rotation: Array
     translation: Array
@@ -58,13 +53,10 @@ class ImuMount:
 def force_at_origin(
     specific_force: Array, angular_velocity: Array, lever: Array, angular_acceleration: Array | None = None
 ) -> Array:
-    """Specific force at the trunk's origin (..., 3) [m/s²], trunk axes.
+    """Specific force at the trunk's origin (..., 3) [m/s²] from that at the IMU, all in trunk axes.
 
-    Args:
-        specific_force: (..., 3) [m/s²], at the IMU, trunk axes.
-        angular_velocity: (..., 3) [rad/s], trunk axes.
-        lever: (3,) [m], position of the IMU in the trunk frame.
-        angular_acceleration: (..., 3) [rad/s²]; None if unknown: the term α x r is then not removed.
+    Without the angular acceleration (..., 3) [rad/s²] the term α x r is not removed. The lever (3,) [m] is the position
+    of the IMU in the trunk frame.
     """
     w = angular_velocity
     centripetal = w * w.dot(lever)[..., None] - lever * (w * w).sum(axis=-1)[..., None]  # ω x (ω x r)

@@ -16,18 +16,10 @@ from stadera.types import Array
 
 
 def forward_kinematics(tree: Tree, q: ArrayLike) -> tuple[Array, Array]:
-    """Poses of all links in the trunk frame.
+    """Poses of all links in the trunk frame, for joint angles q (N, n) [rad] in the tree's order, else ModelError.
 
-    Args:
-        tree: n joints, n + 1 links.
-        q: joint angles in the tree's order [rad], shape (N, n).
-
-    Returns:
-        Rotations (N, n + 1, 3, 3) and translations (N, n + 1, 3) [m] of the links' frames; the trunk's are identity
-        and zero.
-
-    Raises:
-        ModelError: q has another shape.
+    Returns rotations (N, n + 1, 3, 3) and translations (N, n + 1, 3) [m] of the links' frames; the trunk's are identity
+    and zero.
     """
     angles = checked_angles(tree, q)
     samples, n = angles.shape

@@ -56,11 +56,8 @@ def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -
 
 
 def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
-    """Reads a URDF or MJCF, distinguished by the root element.
-
-    Raises:
-        LimitError: the file exceeds the limits.
-        ModelError: not a file, not XML, or XML of another kind.
+    """Reads a URDF or MJCF, distinguished by the root element. LimitError if it exceeds the limits, ModelError if it is
+    not a file, not XML, or XML of another kind.
     """
     root = parse_xml(path, limits)
     if root.tag == "robot":
@@ -79,11 +76,8 @@ def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
 
 
 def parse_xml(path: Path, limits: Limits = DEFAULTS) -> ET.Element:
-    """The root element of a robot file, <robot> or <mujoco>; for a xacro that of its expansion.
-
-    Raises:
-        LimitError: more elements, or deeper nesting, than the limits allow.
-        ModelError: not a file, not XML, or XML of another kind.
+    """The root element of a robot file, <robot> or <mujoco>; for a xacro that of its expansion. Raises as
+    `read_model_file`.
     """
     require_input(path, ModelError)
     with foreign(path, "a robot is a URDF or an MJCF file, and this is not XML", ModelError):

@@ -61,11 +61,8 @@ class Tree:
         return tuple(reversed(chain))
 
     def restricted(self, joints: tuple[str, ...]) -> Tree:
-        """The tree of these joints only, including their ancestors; the trunk stays.
-
-        Raises:
-            UnknownNameError: a name is not a joint of this tree.
-            ModelError: a joint's parent joint is left out.
+        """The tree of these joints only, including their ancestors; the trunk stays. UnknownNameError if one is not in
+        this tree, ModelError if a joint's parent joint is left out.
         """
         require_known("joint", joints, self.joints)
         keep = sorted(map(self.joints.index, joints))

@@ -19,8 +19,7 @@ class StanceSettings:
     Attributes:
         extensions: height of the HFE joint above the foot, as a share of the stretched leg [1]; tried in turn, for
             limits may forbid some.
-        grid: number of starts of Newton's method for HAA, HFE, KFE.
-        steps: number of steps of Newton's method.
+        grid: number of starts of Newton's method for HAA, HFE, KFE. steps: number of its steps.
         largest_step: of a joint in one step [rad].
         solved: residual below which a solution is accepted [m and sine of an angle].
     """

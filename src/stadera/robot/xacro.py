@@ -24,11 +24,8 @@ def is_xacro(path: Path) -> bool:
 
 
 def expanded(path: Path) -> str:
-    """The text of a URDF or MJCF, a xacro expanded with its arguments' defaults.
-
-    Raises:
-        MissingExtraError: the file is a xacro, and the package is not installed.
-        ModelError: xacro cannot expand it, for example because of an argument without a default or a missing package.
+    """The text of a URDF or MJCF, a xacro expanded with its arguments' defaults. MissingExtraError if the package is
+    not installed, ModelError if it cannot be expanded, such as for an argument without a default or a missing package.
     """
     if not is_xacro(path):
         return path.read_text(encoding="utf-8-sig")

@@ -38,12 +38,9 @@ class _Counted(ET.TreeBuilder):
 
 
 def tree_of(path: Path, text: str | None = None, limits: Limits = DEFAULTS) -> ET.Element:
-    """The root element of a file, or of a text in its place.
-
-    Raises:
-        LimitError: more elements, or deeper nesting, than the limits allow.
-        ModelError: it has a DOCTYPE.
-        ElementTree.ParseError, LookupError: not XML, an unknown encoding.
+    """The root element of a file, or of a text in its place. LimitError if there are more elements, or deeper nesting,
+    than the limits allow, ModelError for a DOCTYPE; ElementTree.ParseError, LookupError if it is not XML or has an
+    unknown encoding.
     """
     parser = ET.XMLParser(target=_Counted(path, limits))
     for piece in _pieces(path) if text is None else [text]:

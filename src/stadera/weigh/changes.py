@@ -21,11 +21,8 @@ from stadera.weigh.rest import RestBlock, constant_variance, difference_variance
 
 @dataclass(frozen=True, eq=False)
 class LevelLimits:
-    """Limits above which a block deviates from its load's mean.
-
-    Attributes:
-        mass, deviations: least difference [kg], and in standard deviations.
-        errors: covariance of the constant errors.
+    """Limits above which a block deviates from its load's mean: least difference [kg], and in standard deviations,
+    given the covariance of the constant errors.
     """
 
     mass: float

@@ -14,13 +14,12 @@ from stadera.weigh.weigh import weigh
 
 @dataclass(frozen=True)
 class Inspection:
-    """Result of inspecting a log.
+    """Result of inspecting a log: faults of its first chunk, in which most show, and notes on joints that belong to no
+    leg.
 
     Attributes:
-        findings: faults of its first chunk, in which most faults show.
         refusal: why weighing fails, one line; empty if it succeeds.
         trust: of the weighing; None if it was refused, or if the robot is in the air.
-        notes: on joints that belong to no leg.
     """
 
     findings: tuple[Finding, ...]

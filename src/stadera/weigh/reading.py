@@ -35,12 +35,8 @@ _VERDICTS: dict[str, Verdict] = {
 
 
 def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
-    """Chooses the method for a log: in motion with an IMU and at least 50 samples a second, otherwise at rest.
-
-    The method in motion includes standing still. If the tare is another log, that log needs an IMU as well.
-
-    Raises:
-        RecordingError: the log cannot be read, or lacks one of the robot's joints.
+    """Chooses the method for a log: in motion, standing included, with an IMU and at least 50 samples a second,
+    otherwise at rest. A tare's log needs an IMU as well. Raises RecordingError as `read_head`.
     """
     first = read_head(source, robot.tree.joints)
     if first.imu is None:

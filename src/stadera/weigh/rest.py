@@ -36,12 +36,10 @@ _FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # the parts that differ between
 
 @dataclass(frozen=True, eq=False)
 class RestBlock:
-    """A short period at rest, or several of one load.
+    """A short period at rest, or several of one load, from the first to the last sample [s].
 
     Attributes:
-        begin, end: times of its first and last sample [s].
-        count: number of samples.
-        mass: mean over the samples [kg].
+        mass: mean over `count` samples [kg].
         variance: of the mean due to white noise [kg²]: the larger of the stated one and that of the samples' scatter.
         sensitivity: (39,), s: of the mass to constant errors.
         load: (4,) [N], mean vertical forces.

@@ -87,12 +87,8 @@ class Balance:
 
 @dataclass(frozen=True, eq=False)
 class Vertical:
-    """Direction of the vertical in trunk axes at the end of the log, and its source.
-
-    Attributes:
-        source: "imu", or "forces" (of the feet) without an IMU.
-        up: (3,), unit vector, trunk axes.
-        std: (3,), of the components, constant errors included.
+    """Unit vector upwards (3,) in trunk axes at the end of the log, and the standard deviations of its components,
+    constant errors included; from the "imu", or the "forces" of the feet without one.
     """
 
     source: Literal["imu", "forces"]

@@ -78,19 +78,8 @@ class WeighSettings:
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """Validated request for one weighing.
-
-    Attributes:
-        robot: with its present leg parameters; its trunk is the prior.
-        source: the log.
-        tare: a range of the log's time [s] or another log in which the robot carries no payload; None for no tare.
-        method: name from `METHODS`.
-        imu_frame: frame of the IMU's values; None for the one named in the log, else the model's.
-        stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method "orientation".
-        force: return a result even if it cannot be trusted, marked as such.
-        settings: see `WeighSettings`.
-        progress: called with the step's name, samples done and total.
-        watch: called with samples (IMU values in trunk axes) and the estimator, in motion only.
+    """Validated request for one weighing; arguments as in `stadera.weigh`. Robot and log as they are after all
+    corrections.
 
     Raises:
         UnknownNameError: no such method.

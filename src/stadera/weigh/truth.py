@@ -16,12 +16,9 @@ from stadera.inertia import InertialParameters
 
 @dataclass(frozen=True)
 class TruthAt:
-    """True trunk parameters, payload included, from a time on; trunk frame.
-
-    Attributes:
-        time: [s].
-        mass: [kg]. com: [m]. inertia: (Ixx, Ixy, Ixz, Iyy, Iyz, Izz) about the trunk's origin [kg·m²].
-        payload_mass: [kg], payload_com: [m], None where there is no payload.
+    """True trunk parameters, payload included, from a time [s] on, trunk frame: mass [kg], centre of mass [m], inertia
+    (Ixx, Ixy, Ixz, Iyy, Iyz, Izz) about the trunk's origin [kg·m²], and the payload's mass and centre, None where there
+    is none.
     """
 
     time: float
