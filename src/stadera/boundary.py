@@ -45,13 +45,10 @@ def said(error: Exception) -> str:
 def require_input(
     path: Path, kind: type[StaderaError] = RecordingError, *, folder: bool = False, hint: str = ""
 ) -> None:
-    """Checks that `path` is a readable file or, if `folder` is true, a folder.
+    """Checks that `path` is a readable file or, if `folder` is true, a folder, else raises `kind`. `hint` is appended
+    to "no such file".
 
-    Pipes, sockets and devices are refused, since readers open a file more than once. `hint` is appended to "no such
-    file".
-
-    Raises:
-        StaderaError: of class `kind`, if the path does not exist, cannot be read or is not a file.
+    Pipes, sockets and devices are refused, since readers open a file more than once.
     """
     if not _is_text(str(path)):
         raise kind(f"{path}: cannot be read: its name is not UTF-8, which other libraries need; rename it")

@@ -23,12 +23,10 @@ _PIPE_WIDTH = 140
 
 
 def show(*renderables: RenderableType) -> None:
-    """Prints tables and texts on stdout; with fixed width and without colours if it is not a terminal.
+    """Prints tables and texts on stdout; with fixed width and without colours if it is not a terminal. StaderaError if
+    it cannot be written to, such as a full disk.
 
     If the reader of a pipe stops reading, the rest is discarded without an error.
-
-    Raises:
-        StaderaError: stdout cannot be written to, such as a full disk.
     """
     from rich.console import Console
 

@@ -23,13 +23,8 @@ COLUMNS = ("log", "robot", "tare", "legs", "name")
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """Options common to all logs.
-
-    Attributes:
-        identify: identify legs, from logs of robots on a stand, instead of weighing trunks.
-        method, stiffness, imu_frame, force, fix: as in `stadera.weigh`.
-        topics: to read, for logs with several.
-        reading: assignment and units of columns.
+    """Options common to all logs: those of `stadera.weigh`, topics and columns to read, or to identify legs, from logs
+    of robots on a stand, instead of weighing trunks.
 
     Raises:
         UnknownNameError, IdentificationError: as in `stadera.weigh`, before any log is read.
@@ -53,18 +48,14 @@ class FleetOptions:
 
 @dataclass(frozen=True)
 class LogJob:
-    """One log with its instructions.
+    """One log, an absolute path or URL, with its instructions. Raises StaderaError: an invalid tare, or a tare or legs
+    combined with `identify`.
 
     Attributes:
-        log: absolute path, or URL.
         robot: name of a robot, or path of a model file; None to use the log's metadata.
         tare: "T0:T1" [s], or the address of another log; None for no tare.
         legs: path of a JSON from `stadera identify`; None for the model's legs.
         name: of the individual robot in the table; None for the model's name.
-        options: common to all logs.
-
-    Raises:
-        StaderaError: an invalid tare, or a tare or legs combined with `identify`.
     """
 
     log: str
@@ -89,13 +80,11 @@ def jobs_of(
     names: str | None = None,
     options: FleetOptions | None = None,
 ) -> list[LogJob]:
-    """Makes a job for each log, in the given order, without duplicates.
+    """Makes a job for each log of paths, URLs, or globs of them, in the given order, without duplicates.
 
     Args:
-        logs: paths, URLs, or globs of them.
-        robot, tare, legs: common to all logs, see `LogJob`.
+        robot, tare, legs, options: common to all logs, see `LogJob`.
         names: regular expression whose first group, searched for in a log's address, names the individual robot.
-        options: None for the defaults.
 
     Raises:
         RecordingError: a glob matches nothing, or `names` does not match an address.

@@ -14,14 +14,8 @@ from stadera.robot.model import Robot
 
 
 def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLegs]:
-    """Merges each robot's legs; robots by their name in the table.
-
-    Args:
-        table: of logs from which legs were identified.
-        jobs: define the logs and each robot's model.
-
-    Raises:
-        StaderaError: a robot has no usable log, or logs with several models.
+    """Merges the legs of each robot, by its name in the table, of the jobs' logs. Raises StaderaError: a robot has no
+    usable log, or logs with several models.
     """
     of_log = {row["log"]: row["robot"] for row in table.rows if row["status"] == "ok"}
     first: dict[str, LogJob] = {}

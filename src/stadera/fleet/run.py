@@ -30,15 +30,13 @@ def run_fleet(
     watch: Watch | None = None,
     saved_every: float = 30.0,
 ) -> FleetTable:
-    """Weighs a fleet's logs, or identifies legs from them, and writes the table.
+    """Weighs a fleet's logs, or identifies legs from them, and writes the table every `saved_every` [s] and at the end.
 
     Args:
         jobs: one for each log; the table itself, which a glob may have matched, is ignored. Rows of other logs in an
             existing table are kept, before these.
         out: path of the table, .parquet; logs that it already contains are skipped.
         pool: where logs are processed; None for one process per core.
-        watch: see `Watch`.
-        saved_every: interval between two saves of the table [s].
 
     Raises:
         StaderaError: the table cannot be written or read, or there is no scheduler. Never raised for a log, whose row

@@ -31,13 +31,8 @@ JOINT: Mapping[str, tuple[str, str, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class FleetSeries:
-    """One quantity of one robot over its logs, in order of time.
-
-    Attributes:
-        robot, title, unit: as displayed; the title of a joint's parameter begins with the joint.
-        joint: None for the trunk's quantities.
-        value, std: (logs,), in `unit`.
-        rows: of the table, one for each log.
+    """One quantity of one robot over its logs, in order of time: values and standard deviations (logs,), in `unit`; the
+    joint, None for the trunk's quantities, with which the title of its parameter begins; and the rows of the table.
     """
 
     robot: str

@@ -61,11 +61,8 @@ def size_of(address: str) -> int:
 
 @contextmanager
 def fetched(address: str) -> Iterator[Path]:
-    """Yields the log on this machine's disk for as long as it is used.
-
-    Raises:
-        RecordingError: it does not exist, or cannot be fetched.
-        MissingExtraError: see `expanded`.
+    """Yields the log on this machine's disk for as long as it is used. RecordingError if it cannot be fetched,
+    MissingExtraError as `expanded`.
     """
     if not is_url(address):
         if not Path(address).exists():

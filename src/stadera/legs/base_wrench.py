@@ -115,13 +115,8 @@ class LegWrenches:
 
 
 class BaseWrenchRegressor(LegModel):
-    """Computes the rows of one robot.
-
-    Args:
-        robot: the model of the legs: inertias, rotors, friction and offsets of the joints.
-
-    Attributes:
-        armature: (4, 3, 1) [kg·m²], rotor inertia of the joints.
+    """Computes the rows of one robot, from inertias, rotors, friction and offsets of its model. `armature` is (4, 3, 1)
+    [kg·m²].
     """
 
     def __init__(self, robot: Robot) -> None:

@@ -39,11 +39,7 @@ def joint_columns(robot: Robot) -> NDArray[np.int_]:
 
 @dataclass(frozen=True, eq=False)
 class JointFriction:
-    """Friction and torque offsets of a robot's legs, each (4, 3), by leg and joint.
-
-    Attributes:
-        viscous: [N·m·s/rad]. coulomb: [N·m]. offset: [N·m].
-    """
+    """Friction [N·m·s/rad, N·m] and torque offsets [N·m] of a robot's legs, each (4, 3), by leg and joint."""
 
     viscous: Array
     coulomb: Array
@@ -57,10 +53,8 @@ class JointFriction:
         return cls(*np.moveaxis(terms, -1, 0))
 
     def torque(self, velocity: Array, sliding: Array | None = None) -> Array:
-        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m].
-
-        Args:
-            sliding: velocities that determine the direction of Coulomb friction; None for `velocity`.
+        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m]. The velocities
+        `sliding` determine the direction of Coulomb friction; None for `velocity`.
         """
         torque = self.viscous * velocity + self.offset
         if self.coulomb.any():
@@ -70,13 +64,8 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class FrictionModel:
-    """Selection of the joint-side columns.
-
-    Args:
-        terms: any of armature, viscous, coulomb, offset; empty for rigid bodies alone.
-
-    Raises:
-        UnknownNameError: a term that is not one of the four.
+    """Selection of the joint-side columns: any of armature, viscous, coulomb, offset; empty for rigid bodies alone.
+    Raises UnknownNameError for other terms.
     """
 
     terms: tuple[str, ...] = ()

@@ -107,12 +107,8 @@ class LegDynamics:
         self._coupling = (np.arange(6)[None, :, None], self._in_v[:, None, :])
 
     def at(self, position: Array, velocity: Array, angular_velocity: Array, specific_force: Array) -> LegState:
-        """Computes the legs' state.
-
-        Args:
-            position, velocity: (n,) [rad, rad/s], of the joints in the tree's order.
-            angular_velocity: (3,) [rad/s], of the trunk, and
-            specific_force: (3,) [m/s²], of the trunk's origin, both in trunk axes.
+        """Computes the legs' state from positions and velocities (n,) [rad, rad/s] of the joints in the tree's order,
+        and the trunk's angular velocity (3,) [rad/s] and specific force of its origin (3,) [m/s²], in its axes.
         """
         model, data = self._model, self._data
         self._q[7:] = position

@@ -105,16 +105,14 @@ class JointTorqueRegressor:
     def rows(
         self, joints: JointMotion, torque: Array, trunk: TrunkMotion | None = None, std: Array | float = 1.0
     ) -> Iterator[Rows]:
-        """Yields one `Rows` for each output, in the order of `outputs`.
+        """Yields one `Rows` for each output, in the order of `outputs`. Raises IdentificationError: shapes that do not
+        fit the tree.
 
         Args:
             joints: motion of the tree's joints, (samples, joints).
             torque: (samples, outputs) [N·m, N]: actuator torques of the joints, and the external wrench on the trunk.
             trunk: motion of the trunk; None for a level trunk held still.
             std: noise of the torque, one number or one for each output [N·m, N].
-
-        Raises:
-            IdentificationError: shapes that do not fit the tree.
         """
         if torque.shape != (len(joints), len(self.outputs)):
             raise IdentificationError(

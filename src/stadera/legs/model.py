@@ -200,16 +200,14 @@ class LegModel:
     def forces_at_rest(
         self, position: Array, effort: Array, specific_force: Array, unfelt: float = 1e-3
     ) -> tuple[Array, Array]:
-        """Contact forces of a robot at rest from its joint torques: f = J^-T (h - τ), without friction.
+        """Contact forces [N] of a robot at rest from its joint torques, f = J^-T (h - τ), without friction, and points
+        of contact [m], both (samples, 4, 3), trunk frame.
 
         In a near-singular leg, directions that do not affect the torques get no force (least squares).
 
         Args:
             position, effort: (samples, 4, 3) [rad, N·m], by leg.
             specific_force: (samples, 3) [m/s²], trunk axes; the feet's spheres touch the ground along it.
-
-        Returns:
-            Forces [N] and points of contact [m], both (samples, 4, 3), trunk frame.
         """
         statics = self.statics(position, specific_force / np.linalg.norm(specific_force, axis=1, keepdims=True), unfelt)
         torque = statics.torque(specific_force) - effort.transpose(1, 2, 0)
@@ -230,12 +228,9 @@ def nominal_feet(robot: Robot) -> Array:
 
 
 def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
-    """Jacobians of the feet with respect to their own leg's three joints, trunk frame [m/rad], shape (N, 4, 3, 3).
-
-    `foot velocity = J @ joint velocity` for a trunk that stands still; the last axis is HAA, HFE, KFE.
-
-    Raises:
-        ModelError: q has another shape.
+    """Jacobians of the feet with respect to their own leg's three joints (HAA, HFE, KFE, the last axis), trunk frame
+    [m/rad], (N, 4, 3, 3): `foot velocity = J @ joint velocity` for a trunk that stands still. ModelError for another
+    shape of q.
     """
     model = LegModel.of(robot)
     pose = model.pose(checked_angles(robot.tree, q)[:, model.columns])
@@ -243,12 +238,9 @@ def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
 
 
 def inverse_transposed(jacobians: Array, axis: int = -1) -> tuple[Array, Array]:
-    """J^-T (3, samples, leg, joint), and det J [m³] (samples, leg).
+    """J^-T (3, samples, leg, joint), and det J [m³] (samples, leg), the joints along `axis` of J.
 
     The columns of J^-T are (j_k+1 x j_k+2) / det J; infinite or NaN where a leg is singular.
-
-    Args:
-        axis: of the joints, where it is not the last.
     """
     J = jacobians
     dual = cross(J.take([1, 2, 0], axis), J.take([2, 0, 1], axis))

@@ -27,12 +27,8 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class TrunkMotion:
-    """Motion of the trunk, in its own frame and at its origin.
-
-    Attributes:
-        specific_force: acceleration minus gravity [m/s²], (samples, 3), or (3,) if constant.
-        angular_velocity: [rad/s], likewise.
-        angular_acceleration: [rad/s²], likewise.
+    """Motion of the trunk, in its own frame and at its origin: specific force (acceleration minus gravity) [m/s²],
+    angular velocity [rad/s] and acceleration [rad/s²], each (samples, 3), or (3,) if constant.
     """
 
     specific_force: Array
