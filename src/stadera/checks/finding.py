@@ -23,22 +23,15 @@ FATAL = (
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault of a log.
+    """A fault of a log."""
 
-    Attributes:
-        cause: one word: one of FATAL, or dropout, stuck, orientation, pushing, torque_step, not_on_feet,
-            contradiction.
-        message: the fault and the evidence for it, one sentence.
-        option: command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`.
-        mend: correction applied by `--fix`; None if there is none.
-        span: begin and end of the part of the log that has it [s]; None for all of it.
-    """
-
+    # one word: one of FATAL, or dropout, stuck, orientation, pushing, torque_step, not_on_feet, contradiction
     cause: str
-    message: str
+    message: str  # the fault and the evidence for it, one sentence
+    # command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`
     option: str = ""
-    mend: Mend | None = None
-    span: tuple[float, float] | None = None
+    mend: Mend | None = None  # correction applied by `--fix`; None if there is none
+    span: tuple[float, float] | None = None  # begin and end of the part of the log that has it [s]; None for all of it
 
     @property
     def fatal(self) -> bool:

@@ -25,21 +25,13 @@ Result = TypeVar("Result")
 
 
 class LegStates(NamedTuple):
-    """State of legs at some instants, trunk frame; components first and instants last.
+    """State of legs at some instants, trunk frame; components first and instants last."""
 
-    Attributes:
-        contact: (3, 4, instants) [m], points of contact.
-        speed: (3, 4, instants) [m/s], of the points of contact relative to the trunk.
-        torque: (4, 3, instants) [N·m], required by the legs' weight, by joint.
-        to_force: (3, 4, 3, instants) [1/m], J^-T.
-        moment: (3, 4, instants) [kg·m], first moments.
-    """
-
-    contact: Array
-    speed: Array
-    torque: Array
-    to_force: Array
-    moment: Array
+    contact: Array  # (3, 4, instants) [m], points of contact
+    speed: Array  # (3, 4, instants) [m/s], of the points of contact relative to the trunk
+    torque: Array  # (4, 3, instants) [N·m], required by the legs' weight, by joint
+    to_force: Array  # (3, 4, 3, instants) [1/m], J^-T
+    moment: Array  # (3, 4, instants) [kg·m], first moments
 
 
 _LEG_AXIS = (1, 1, 0, 1, 1)

@@ -21,19 +21,13 @@ from stadera.robot.model import Robot
 
 @dataclass(frozen=True, eq=False)
 class Guard:
-    """Checks logs of a robot for the joints needed in them.
-
-    Attributes:
-        on_feet: True if the robot stands or walks; False if its trunk is held, legs in the air.
-        imu_frame: frame of the IMU's values; None for the log's own, else the model's.
-        rounds: of detection and correction at most; a wrong unit hides other faults until it is corrected.
-    """
+    """Checks logs of a robot for the joints needed in them."""
 
     robot: Robot
     joints: Sequence[str]
-    on_feet: bool = True
-    imu_frame: str | None = None
-    rounds: int = 4
+    on_feet: bool = True  # True if the robot stands or walks; False if its trunk is held, legs in the air
+    imu_frame: str | None = None  # frame of the IMU's values; None for the log's own, else the model's
+    rounds: int = 4  # of detection and correction at most; a wrong unit hides other faults until it is corrected
 
     def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
         """Faults of units and signs in a log's first chunk."""

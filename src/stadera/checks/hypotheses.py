@@ -32,23 +32,14 @@ _SIDES: dict[tuple[int, ...], str] = {
 
 @dataclass(frozen=True, eq=False)
 class FaultHypothesis:
-    """A possible fault of a log.
+    """A possible fault of a log."""
 
-    Attributes:
-        cause: one word: imu_frame, torque_signs, torque_unit, joint_order, joint_signs, gyro_unit.
-        text: description of the fault, a clause.
-        undo: makes the log without the fault, joints in the tree's order.
-        option: command-line option that corrects it.
-        mend: correction of the recordings; None if it needs more information.
-        rare: True if it needs more gain in motion, see `CheckLimits.rare`.
-    """
-
-    cause: str
-    text: str
-    undo: Callable[[Instants], Instants]
-    option: str = ""
-    mend: Mend | None = None
-    rare: bool = False
+    cause: str  # one word: imu_frame, torque_signs, torque_unit, joint_order, joint_signs, gyro_unit
+    text: str  # description of the fault, a clause
+    undo: Callable[[Instants], Instants]  # makes the log without the fault, joints in the tree's order
+    option: str = ""  # command-line option that corrects it
+    mend: Mend | None = None  # correction of the recordings; None if it needs more information
+    rare: bool = False  # True if it needs more gain in motion, see `CheckLimits.rare`
 
     @property
     def torques_alone(self) -> bool:

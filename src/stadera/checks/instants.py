@@ -20,23 +20,17 @@ _WHOLE = 1.5  # an instant longer than this many times its nominal length contai
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Instants of a log, joints in the requested order.
+    """Instants of a log, joints in the requested order."""
 
-    Attributes:
-        time: (instants,) [s], midpoints.
-        group: (instants,), index of the stretch without gaps, of up to a second, that contains each instant.
-        position, effort: (instants, n) [rad, N·m], means.
-        rate: (instants, n) [rad/s], slopes of the positions; NaN where an instant has too few samples.
-        velocity: (instants, n) [rad/s], means of the recorded velocities; None if there are none.
-        specific_force, angular_velocity: (instants, 3) [m/s², rad/s], trunk axes, means; None without an IMU.
-    """
-
-    time: Array
+    time: Array  # (instants,) [s], midpoints
+    # (instants,), index of the stretch without gaps, of up to a second, that contains each instant
     group: NDArray[np.int64]
+    # position, effort: (instants, n) [rad, N·m], means
     position: Array
-    rate: Array
+    rate: Array  # (instants, n) [rad/s], slopes of the positions; NaN where an instant has too few samples
     effort: Array
-    velocity: Array | None = None
+    velocity: Array | None = None  # (instants, n) [rad/s], means of the recorded velocities; None if there are none
+    # specific_force, angular_velocity: (instants, 3) [m/s², rad/s], trunk axes, means; None without an IMU
     specific_force: Array | None = None
     angular_velocity: Array | None = None
 

@@ -12,130 +12,96 @@ class CheckLimits:
 
     They are wide: clean logs of HyQ and Go2, with harsh sensor errors and loads up to 60 % of the robot, stay within
     them, while every fault injected in the tests exceeds them.
-
-    Attributes:
-        lightest, heaviest: mean load on the feet as a share of the robot's mass.
-        hanging: share of the robot's mass below which it is not on its feet.
-        force_angle: between the feet's forces and the accelerometer's vertical [rad].
-        plane_angle: between the feet's plane and the accelerometer's vertical [rad]; includes a slope.
-        pull: apparent pull of a leg at the ground, as a share of the weight.
-        sliding: horizontal force of a foot as a share of its load; `sliding_floor`: plus this share of the weight.
-        off_centre: distance of the centre of mass from the model's, as a share of half the diagonal between the feet.
-        outside: mean angle beyond a joint's limit [rad].
-        block: averaging time before tilts are compared [s].
-        quiet: deviation of the specific force from gravity in a block whose tilt is used [m/s²].
-        fewest_blocks: number of such blocks needed to compare tilts.
-        tilt: of the IMU above which tilts are compared [rad].
-        unlike, like: similarity of the tilts of feet's plane and IMU below which they contradict each other, and above
-            which they agree after rotating or mirroring the plane.
-        gravity: deviation of the mean specific force from gravity [m/s²].
-        upright: angle between the verticals from orientation and accelerometer [rad].
-        stuck: time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s].
-        lively: share of steps with a change above which a signal counts as newly measured at each sample.
-        samples: number to which signals are thinned out, for checks that do not need instants.
-        instant: over which signals are averaged and differentiated [s]; a step of a trot has five or more.
-        instants, trial_instants: numbers to which a log is thinned out, and again for testing hypotheses on averages.
-        much_better: largest share of the cost that remains under a confirmed hypothesis.
-        same, similar: differences in cost within which the simpler hypothesis is chosen, and within which both are
-            named.
-        slide: usual sliding speed of a loaded foot, in leg lengths per second: encoder noise, and rolling.
-        carries: share of the weight above which a foot is certainly loaded, despite the torques of its swing.
-        lively_motion: multiple of `slide` above which the robot moves.
-        unbalance: usual residual wrench, as a share of the weight.
-        lively_share: share of instants with motion above which the robot is not at rest.
-        gain, gain_at_rest: decrease of an instant's cost (see `motion`) that confirms a hypothesis. In clean logs of
-            eight robots no hypothesis gains more than 0.05 in motion, and 0.2 at rest, where constant errors count.
-        rare: factor on it for two legs swapped in the torques or the positions only: an unlikely mistake, and legs that
-            move alike mimic it.
-        deviations: of that gain from zero, in standard deviations, from the means of `segment` instants, since gains of
-            neighbours are correlated.
-        alike: share of the largest gain above which another hypothesis is named with it.
-        order_instants, order_fewest: most and least number of instants to test the order of the legs' torques.
-        order_repeated: number of successive instants that share one model error: a tenth of a second.
-        order_gain: -2 log of the likelihood's ratio above which the torques are those of other legs: 2 ln(23 / 0.001),
-            one in a thousand with 23 orders. In clean logs, swaying, crawling and trotting, every other order loses.
-        order_certain: the same with an unknown force from outside in every second, above which such a force is not
-            mistaken for the order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
-        step_span, step_side: time before and after a possible step of a torque that is tested, most and least [s].
-        step_every: time between tests [s].
-        step_gain: z² of a step above which it is one: 2 ln(12 x 250 / 0.001) for joints and times of a minute. Clean
-            crawls, sways and trots stay below 20.
-        step_least: least size, as a share of the torque's limit. step_seen: share of a step's effect on the rows that
-            no load and no other error explains, below which it is not seen. step_alike: difference in z² within
-            which other joints are named with it.
-        step_lively: share of instants with motion before and after. step_scatter: scatter of the rows, in % of the
-            weight, above which they are too rough for the test.
-        pushing: force of two feet against each other as a share of their load that swapped torques would explain;
-            push_left: share of it that may remain once they are swapped. In clean logs it is below 0.05, in a
-            real walk of a Go2 0.2.
-        slow: step between samples above which time is not in seconds [s].
-        turns: angle beyond the limits above which a position is in degrees, if it is within them once converted [rad].
-        turning: root mean square of velocities above which they are compared with slopes of positions [rad/s].
-        correlation: between velocities and slopes below which they do not belong to the same joint.
-        standing_torques: correlation of torques with those of a standing robot above which it is on its feet.
-        unit_tolerance: relative deviation of a ratio from that of two units.
     """
 
+    # lightest, heaviest: mean load on the feet as a share of the robot's mass
     lightest: float = 0.6
     heaviest: float = 2.2
-    hanging: float = 0.15
-    force_angle: float = radians(10.0)
+    hanging: float = 0.15  # share of the robot's mass below which it is not on its feet
+    force_angle: float = radians(10.0)  # between the feet's forces and the accelerometer's vertical [rad]
+    # between the feet's plane and the accelerometer's vertical [rad]; includes a slope
     plane_angle: float = radians(30.0)
-    pull: float = 0.08
+    pull: float = 0.08  # apparent pull of a leg at the ground, as a share of the weight
+    # horizontal force of a foot as a share of its load; `sliding_floor`: plus this share of the weight
     sliding: float = 1.5
     sliding_floor: float = 0.1
+    # distance of the centre of mass from the model's, as a share of half the diagonal between the feet
     off_centre: float = 0.35
-    outside: float = 0.1
-    block: float = 0.25
-    quiet: float = 1.0
-    fewest_blocks: int = 4
-    tilt: float = radians(1.5)
+    outside: float = 0.1  # mean angle beyond a joint's limit [rad]
+    block: float = 0.25  # averaging time before tilts are compared [s]
+    quiet: float = 1.0  # deviation of the specific force from gravity in a block whose tilt is used [m/s²]
+    fewest_blocks: int = 4  # number of such blocks needed to compare tilts
+    tilt: float = radians(1.5)  # of the IMU above which tilts are compared [rad]
+    # unlike, like: similarity of the tilts of feet's plane and IMU below which they contradict each other, and above
+    # which they agree after rotating or mirroring the plane
     unlike: float = 0.3
     like: float = 0.7
-    gravity: float = 0.6
-    upright: float = radians(10.0)
-    stuck: float = 0.05
-    lively: float = 0.9
-    samples: int = 4000
-    instant: float = 0.04
+    gravity: float = 0.6  # deviation of the mean specific force from gravity [m/s²]
+    upright: float = radians(10.0)  # angle between the verticals from orientation and accelerometer [rad]
+    stuck: float = 0.05  # time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s]
+    lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
+    samples: int = 4000  # number to which signals are thinned out, for checks that do not need instants
+    instant: float = 0.04  # over which signals are averaged and differentiated [s]; a step of a trot has five or more
+    # instants, trial_instants: numbers to which a log is thinned out, and again for testing hypotheses on averages
     instants: int = 1500
     trial_instants: int = 200
-    much_better: float = 0.25
+    much_better: float = 0.25  # largest share of the cost that remains under a confirmed hypothesis
+    # same, similar: differences in cost within which the simpler hypothesis is chosen, and within which both are named
     same: float = 0.02
     similar: float = 0.3
-    slide: float = 0.03
+    slide: float = 0.03  # usual sliding speed of a loaded foot, in leg lengths per second: encoder noise, and rolling
+    # share of the weight above which a foot is certainly loaded, despite the torques of its swing
     carries: float = 0.15
-    lively_motion: float = 3.0
-    unbalance: float = 0.05
-    lively_share: float = 0.3
+    lively_motion: float = 3.0  # multiple of `slide` above which the robot moves
+    unbalance: float = 0.05  # usual residual wrench, as a share of the weight
+    lively_share: float = 0.3  # share of instants with motion above which the robot is not at rest
+    # gain, gain_at_rest: decrease of an instant's cost (see `motion`) that confirms a hypothesis. In clean logs of
+    # eight robots no hypothesis gains more than 0.05 in motion, and 0.2 at rest, where constant errors count.
     gain: float = 0.08
     gain_at_rest: float = 0.3
+    # factor on it for two legs swapped in the torques or the positions only: an unlikely mistake, and legs that move
+    # alike mimic it
     rare: float = 8.0
+    # of that gain from zero, in standard deviations, from the means of `segment` instants, since gains of neighbours
+    # are correlated
     deviations: float = 2.5
     segment: int = 12
-    alike: float = 0.9
+    alike: float = 0.9  # share of the largest gain above which another hypothesis is named with it
+    # order_instants, order_fewest: most and least number of instants to test the order of the legs' torques
     order_instants: int = 375
     order_fewest: int = 50
-    order_repeated: float = 2.5
+    order_repeated: float = 2.5  # number of successive instants that share one model error: a tenth of a second
+    # -2 log of the likelihood's ratio above which the torques are those of other legs: 2 ln(23 / 0.001), one in a
+    # thousand with 23 orders. In clean logs, swaying, crawling and trotting, every other order loses.
     order_gain: float = 20.0
+    # the same with an unknown force from outside in every second, above which such a force is not mistaken for the
+    # order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
     order_certain: float = 150.0
+    # step_span, step_side: time before and after a possible step of a torque that is tested, most and least [s]
     step_span: float = 2.5
     step_side: float = 1.0
-    step_every: float = 0.24
+    step_every: float = 0.24  # time between tests [s]
+    # z² of a step above which it is one: 2 ln(12 x 250 / 0.001) for joints and times of a minute. Clean crawls, sways
+    # and trots stay below 20.
     step_gain: float = 30.0
-    step_least: float = 0.03
+    step_least: float = 0.03  # least size, as a share of the torque's limit
+    # share of a step's effect on the rows that no load and no other error explains, below which it is not seen
     step_seen: float = 0.02
-    step_alike: float = 10.0
-    step_lively: float = 0.6
-    step_scatter: float = 3.0
+    step_alike: float = 10.0  # difference in z² within which other joints are named with it
+    step_lively: float = 0.6  # share of instants with motion before and after
+    step_scatter: float = 3.0  # scatter of the rows, in % of the weight, above which they are too rough for the test
+    # force of two feet against each other as a share of their load that swapped torques would explain; push_left: share
+    # of it that may remain once they are swapped. In clean logs it is below 0.05, in a real walk of a Go2 0.2.
     pushing: float = 0.25
     push_left: float = 0.25
-    slow: float = 0.5
+    slow: float = 0.5  # step between samples above which time is not in seconds [s]
+    # angle beyond the limits above which a position is in degrees, if it is within them once converted [rad]
     turns: float = 0.7
+    # root mean square of velocities above which they are compared with slopes of positions [rad/s]
     turning: float = 0.2
-    correlation: float = 0.5
-    standing_torques: float = 0.8
-    unit_tolerance: float = 0.3
+    correlation: float = 0.5  # between velocities and slopes below which they do not belong to the same joint
+    standing_torques: float = 0.8  # correlation of torques with those of a standing robot above which it is on its feet
+    unit_tolerance: float = 0.3  # relative deviation of a ratio from that of two units
 
     def __post_init__(self) -> None:
         require_positive("check limit", self, [field.name for field in fields(self)])
@@ -143,73 +109,51 @@ class CheckLimits:
 
 @dataclass(frozen=True)
 class WindowLimits:
-    """Limits of the checks over windows, wide enough for the noise, lags and quantisation of real logs.
+    """Limits of the checks over windows, wide enough for the noise, lags and quantisation of real logs."""
 
-    Attributes:
-        length: of a window [s]. fewest: least number of samples in a window. usual: number of samples from which
-            usual values are taken, to 2 %. most: steps of one joint that are examined.
-        rate: to which a log is thinned out for its legs [Hz]. levelled: over which the specific force is averaged for
-            the vertical [s].
-        step: time over which velocity and change of position are compared [s].
-        moving: speed of a joint above which they are compared [rad/s], at least `above` times the noise of a joint at
-            rest.
-        still: share of the other's magnitude below which one of the two stands still.
-        correlation: least correlation of the two. Velocities that are 20 ms late keep 0.95 at a trot of 2 Hz.
-        gain: least and largest gain between the two.
-        spike: multiple of the usual difference between the two above which a sample is an outlier; few: share of
-            outliers.
-        jump: step of a position beyond the velocity [rad]; undone: samples within which the end of a spike reverses it.
-        kept: share of the step that must remain then.
-        beyond: multiple of a drive's limit above which a torque is impossible; models often state a third of the true
-            limit.
-        weights: torque that no drive gives, in robot weights times leg length.
-        own_limit: relative tolerance within which the largest torque is the drive's own limit, which is not a fault.
-        repeats: number of samples at the largest torque that is no coincidence, at least `crowd` times the number at
-            the next.
-        lively: share of steps with a change above which a signal counts as newly measured at each sample.
-        white, coloured: sample-to-sample correlation of a torque that is only noise, and of the other torques.
-        raised: height of a swinging foot above its lowest position, as a share of the leg's length, and its speed
-            relative to the standing feet [m/s].
-        carries: apparent load of a raised foot, as a share of the weight, and as a share of its load when low.
-        share: of a window that raised and low samples of a foot must each cover; often: share of such windows with the
-            fault.
-        slip: relative speed of standing feet beyond which they slip [m/s].
-        repeated: samples at 100 Hz that share one error. evidence: χ² above which another gyro is the right one.
-        better: remaining share of the feet's relative motion if they rotate less than the gyro reads.
-        left_out: largest share of the log that may be excluded because of faults in part of it.
-    """
-
-    length: float = 1.0
-    fewest: int = 20
-    usual: int = 4096
-    most: int = 20
-    rate: float = 100.0
-    levelled: float = 0.5
-    step: float = 0.02
+    length: float = 1.0  # of a window [s]
+    fewest: int = 20  # least number of samples in a window
+    usual: int = 4096  # number of samples from which usual values are taken, to 2 %
+    most: int = 20  # steps of one joint that are examined
+    rate: float = 100.0  # to which a log is thinned out for its legs [Hz]
+    levelled: float = 0.5  # over which the specific force is averaged for the vertical [s]
+    step: float = 0.02  # time over which velocity and change of position are compared [s]
+    # speed of a joint above which they are compared [rad/s], at least `above` times the noise of a joint at rest
     moving: float = 0.1
     above: float = 5.0
-    still: float = 0.2
+    still: float = 0.2  # share of the other's magnitude below which one of the two stands still
+    # least correlation of the two. Velocities that are 20 ms late keep 0.95 at a trot of 2 Hz.
     correlation: float = 0.7
-    gain: tuple[float, float] = (0.7, 1.4)
+    gain: tuple[float, float] = (0.7, 1.4)  # least and largest gain between the two
+    # multiple of the usual difference between the two above which a sample is an outlier; few: share of outliers
     spike: float = 10.0
     few: float = 0.05
+    # step of a position beyond the velocity [rad]; undone: samples within which the end of a spike reverses it
     jump: float = 0.03
     undone: int = 8
-    kept: float = 0.7
+    kept: float = 0.7  # share of the step that must remain then
+    # multiple of a drive's limit above which a torque is impossible; models often state a third of the true limit
     beyond: float = 4.0
-    weights: float = 3.0
+    weights: float = 3.0  # torque that no drive gives, in robot weights times leg length
+    # relative tolerance within which the largest torque is the drive's own limit, which is not a fault
     own_limit: float = 0.02
+    # number of samples at the largest torque that is no coincidence, at least `crowd` times the number at the next
     repeats: int = 5
     crowd: float = 5.0
-    lively: float = 0.9
+    lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
+    # white, coloured: sample-to-sample correlation of a torque that is only noise, and of the other torques
     white: float = 0.2
     coloured: float = 0.7
+    # height of a swinging foot above its lowest position, as a share of the leg's length, and its speed relative to the
+    # standing feet [m/s]
     raised: tuple[float, float] = (0.03, 0.15)
+    # apparent load of a raised foot, as a share of the weight, and as a share of its load when low
     carries: tuple[float, float] = (0.15, 1.5)
+    # of a window that raised and low samples of a foot must each cover; often: share of such windows with the fault
     share: float = 0.1
     often: float = 0.5
-    slip: float = 0.3
-    repeated: float = 10.0
-    evidence: float = 20.0
-    better: float = 0.4
-    left_out: float = 0.3
+    slip: float = 0.3  # relative speed of standing feet beyond which they slip [m/s]
+    repeated: float = 10.0  # samples at 100 Hz that share one error
+    evidence: float = 20.0  # χ² above which another gyro is the right one
+    better: float = 0.4  # remaining share of the feet's relative motion if they rotate less than the gyro reads
+    left_out: float = 0.3  # largest share of the log that may be excluded because of faults in part of it

@@ -41,14 +41,10 @@ _FEWEST = 6  # instants needed to fit a second's trunk
 
 @dataclass(frozen=True, eq=False)
 class MotionCosts:
-    """Costs of a log with an IMU by instant, computed on first use.
+    """Costs of a log with an IMU by instant, computed on first use."""
 
-    Attributes:
-        footing: the instants. limits: with the usual values.
-    """
-
-    footing: Footing
-    limits: CheckLimits
+    footing: Footing  # the instants
+    limits: CheckLimits  # with the usual values
 
     @cached_property
     def balance(self) -> Array:
@@ -72,15 +68,10 @@ class MotionCosts:
 
 @dataclass(frozen=True)
 class Gain:
-    """Reduction of the costs by a hypothesis.
+    """Reduction of the costs by a hypothesis."""
 
-    Attributes:
-        mean: over the instants.
-        deviations: the mean divided by its standard deviation, from the scatter of half seconds.
-    """
-
-    mean: float
-    deviations: float
+    mean: float  # over the instants
+    deviations: float  # the mean divided by its standard deviation, from the scatter of half seconds
 
     @classmethod
     def of(cls, now: MotionCosts, other: MotionCosts) -> Gain:

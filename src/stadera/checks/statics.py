@@ -28,17 +28,11 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Tilts:
-    """Tilt of the trunk about its mean attitude, from the IMU and from the plane through the feet.
+    """Tilt of the trunk about its mean attitude, from the IMU and from the plane through the feet."""
 
-    Attributes:
-        size: from the IMU [rad].
-        similarity: of the two: 1 the same, 0 unrelated, -1 opposite.
-        turned: the largest similarity after rotating the plane by a multiple of 90° or mirroring it.
-    """
-
-    size: float = 0.0
-    similarity: float = 1.0
-    turned: float = 1.0
+    size: float = 0.0  # from the IMU [rad]
+    similarity: float = 1.0  # of the two: 1 the same, 0 unrelated, -1 opposite
+    turned: float = 1.0  # the largest similarity after rotating the plane by a multiple of 90° or mirroring it
 
     def contradict(self, limits: CheckLimits) -> bool:
         """True if the plane tilts like the IMU only after rotating or mirroring it."""
@@ -69,38 +63,22 @@ class Tilts:
 
 @dataclass(frozen=True, eq=False)
 class Consistency:
-    """Figures computed from all sensors together, trunk axes.
+    """Figures computed from all sensors together, trunk axes."""
 
-    Attributes:
-        robot: the model.
-        limits: beyond which a figure is impossible.
-        carried: magnitude of the total contact force [N], in any direction.
-        weighs: upward part of it [kg].
-        loads: (4,) [N], of each foot along the accelerometer's vertical. sideways: (4,) [N], across it.
-        force_angle: between forces and accelerometer [rad].
-        plane_angle: between the feet's plane and the accelerometer [rad].
-        plane_force_angle: between the feet's plane and the forces [rad].
-        off_centre: (3,) [m], horizontal distance of the centre of mass from the model's.
-        outside: (n,) [rad], mean angle beyond the joints' limits.
-        tilts: of IMU and feet's plane.
-        size: half the diagonal between the feet in the nominal stance [m].
-        imu: False if there is none, and the forces' direction replaces the accelerometer's.
-    """
-
-    robot: Robot
-    limits: CheckLimits
-    carried: float
-    weighs: float
-    loads: Array
-    sideways: Array
-    force_angle: float
-    plane_angle: float
-    plane_force_angle: float
-    off_centre: Array
-    outside: Array
-    tilts: Tilts
-    size: float
-    imu: bool = True
+    robot: Robot  # the model
+    limits: CheckLimits  # beyond which a figure is impossible
+    carried: float  # magnitude of the total contact force [N], in any direction
+    weighs: float  # upward part of it [kg]
+    loads: Array  # (4,) [N], of each foot along the accelerometer's vertical
+    sideways: Array  # (4,) [N], across it
+    force_angle: float  # between forces and accelerometer [rad]
+    plane_angle: float  # between the feet's plane and the accelerometer [rad]
+    plane_force_angle: float  # between the feet's plane and the forces [rad]
+    off_centre: Array  # (3,) [m], horizontal distance of the centre of mass from the model's
+    outside: Array  # (n,) [rad], mean angle beyond the joints' limits
+    tilts: Tilts  # of IMU and feet's plane
+    size: float  # half the diagonal between the feet in the nominal stance [m]
+    imu: bool = True  # False if there is none, and the forces' direction replaces the accelerometer's
 
     @property
     def weight(self) -> float:

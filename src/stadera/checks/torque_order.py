@@ -117,19 +117,14 @@ class _Rows:
     b and the columns of C that depend on the torques are sums over the legs, each linear in the torques τ_m that the
     leg is given. So the rows of any order of torques are sums of columns of leg l with torques m, and their products
     follow from those of these columns, summed over the instants once.
-
-    Attributes:
-        products: (c, c), after θ is eliminated, of the columns: b without torques; `fixed` errors that do not depend on
-            the torques; by m, l and joint -E τ; by m and l E τ̇; and by m, l and displaced joint ∂b/∂q.
-        fixed: number of errors that do not depend on the torques.
-        count: number of rows less θ's.
-        root: (p, p), root of the errors' covariance.
     """
 
+    # (c, c), after θ is eliminated, of the columns: b without torques; `fixed` errors that do not depend on the
+    # torques; by m, l and joint -E τ; by m and l E τ̇; and by m, l and displaced joint ∂b/∂q
     products: Array
-    fixed: int
-    count: int
-    root: Array
+    fixed: int  # number of errors that do not depend on the torques
+    count: int  # number of rows less θ's
+    root: Array  # (p, p), root of the errors' covariance
 
     @classmethod
     def of(cls, rows: InstantRows, group: NDArray[np.int64], *, pushed: bool = False) -> _Rows:
@@ -155,23 +150,16 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class InstantRows:
-    """Rows of the trunk at some instants, in units of 1 % of the weight.
+    """Rows of the trunk at some instants, in units of 1 % of the weight."""
 
-    Attributes:
-        both: (6 n, c), columns as in `_Rows.products`; of each leg with its recorded torques alone, if only those were
-            asked for. fixed: number of errors that do not depend on the torques.
-        matrix: (6 n, 10), A, with θ in units of the robot's mass and leg length.
-        root: (p, p), root of the errors' covariance.
-        by_offset: (6 n, 12), effect on b of offsets of the torques, each of the size of its limit.
-        limit: (12,) [N·m], by leg and joint.
-    """
-
+    # (6 n, c), columns as in `_Rows.products`; of each leg with its recorded torques alone, if only those were asked
+    # for
     both: Array
-    fixed: int
-    matrix: Array
-    root: Array
-    by_offset: Array
-    limit: Array
+    fixed: int  # number of errors that do not depend on the torques
+    matrix: Array  # (6 n, 10), A, with θ in units of the robot's mass and leg length
+    root: Array  # (p, p), root of the errors' covariance
+    by_offset: Array  # (6 n, 12), effect on b of offsets of the torques, each of the size of its limit
+    limit: Array  # (12,) [N·m], by leg and joint
 
     @classmethod
     def of(cls, footing: Footing, *, recorded: bool = False) -> InstantRows:
@@ -212,16 +200,11 @@ class InstantRows:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Of rows from which θ was eliminated.
+    """Of rows from which θ was eliminated."""
 
-    Attributes:
-        cost: -2 log L.
-        variance: s² k of a row.
-        value, vector: eigenvalues and vectors of Cᵀ C, with p in units of its usual size.
-    """
-
-    cost: float
-    variance: float
+    cost: float  # -2 log L
+    variance: float  # s² k of a row
+    # value, vector: eigenvalues and vectors of Cᵀ C, with p in units of its usual size
     value: Array
     vector: Array
 

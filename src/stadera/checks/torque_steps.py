@@ -25,19 +25,12 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True)
 class TorqueStep:
-    """A step of a torque sensor.
+    """A step of a torque sensor."""
 
-    Attributes:
-        joints: the joint that explains it best, and those that explain it about as well.
-        time: [s], to within about half a second.
-        size: of the first joint [N·m], later minus earlier offset of the recorded torque.
-        deviations: z of the first joint.
-    """
-
-    joints: tuple[str, ...]
-    time: float
-    size: float
-    deviations: float
+    joints: tuple[str, ...]  # the joint that explains it best, and those that explain it about as well
+    time: float  # [s], to within about half a second
+    size: float  # of the first joint [N·m], later minus earlier offset of the recorded torque
+    deviations: float  # z of the first joint
 
 
 def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:

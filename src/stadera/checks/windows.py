@@ -35,20 +35,14 @@ _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the cha
 
 @dataclass(frozen=True)
 class WindowFault:
-    """A fault in part of a log.
+    """A fault in part of a log."""
 
-    Attributes:
-        channel: velocity, position, effort, imu or legs. what: joint, leg or sensor.
-        evidence: description of the fault, a clause that continues `what`.
-        windows: (k, 2) begin and end of the affected windows [s], each as a pair, in order.
-        lasting: True if it affects everything after it, not only these windows.
-    """
-
-    channel: str
-    what: str
-    evidence: str
+    channel: str  # velocity, position, effort, imu or legs
+    what: str  # joint, leg or sensor
+    evidence: str  # description of the fault, a clause that continues `what`
+    # (k, 2) begin and end of the affected windows [s], each as a pair, in order
     windows: tuple[tuple[float, float], ...]
-    lasting: bool = False
+    lasting: bool = False  # True if it affects everything after it, not only these windows
 
     @property
     def message(self) -> str:
@@ -60,14 +54,10 @@ class WindowFault:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Division of a log into windows.
+    """Division of a log into windows."""
 
-    Attributes:
-        edges: (windows + 1,) [s]. of_sample: (samples,), index of each sample's window.
-    """
-
-    edges: Array
-    of_sample: NDArray[np.int64]
+    edges: Array  # (windows + 1,) [s]
+    of_sample: NDArray[np.int64]  # (samples,), index of each sample's window
 
     @classmethod
     def of(cls, time: Array, length: float) -> Windows:

@@ -41,19 +41,12 @@ Kind = Literal["since", "once", "while"]
 
 @dataclass(frozen=True)
 class ScatterSettings:
-    """Settings for the scatter of a robot's logs, see the module's text; all dimensionless.
+    """Settings for the scatter of a robot's logs, see the module's text; all dimensionless."""
 
-    Attributes:
-        fewest: number of logs needed to estimate a scatter.
-        left_out: share of the differences of successive logs that is trimmed, the largest ones.
-        worth: degrees of freedom of κ² for each difference, from simulation of normal errors.
-        least: lower limit of κ; logs that agree better are copies.
-    """
-
-    fewest: int = 6
-    left_out: float = 0.1
-    worth: float = 0.45
-    least: float = 1e-3
+    fewest: int = 6  # number of logs needed to estimate a scatter
+    left_out: float = 0.1  # share of the differences of successive logs that is trimmed, the largest ones
+    worth: float = 0.45  # degrees of freedom of κ² for each difference, from simulation of normal errors
+    least: float = 1e-3  # lower limit of κ; logs that agree better are copies
 
     def __post_init__(self) -> None:
         require_positive("setting of a fleet's scatter", self, self.__dataclass_fields__)
@@ -61,22 +54,15 @@ class ScatterSettings:
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """A stretch of logs, the first to the last of a series, that departs from the others.
-
-    Attributes:
-        change: of the level relative to the other logs of the searched stretch [unit of the series].
-        std: of the change, from the logs' scatter or the bars, depending on the statistic used [same].
-        bars: change divided by its standard deviation according to the stated bars alone [1].
-        chance: probability of a departure of this size anywhere in an unchanged fleet.
-    """
+    """A stretch of logs, the first to the last of a series, that departs from the others."""
 
     series: FleetSeries
     first: int
     last: int
-    change: float
-    std: float
-    bars: float
-    chance: float
+    change: float  # of the level relative to the other logs of the searched stretch [unit of the series]
+    std: float  # of the change, from the logs' scatter or the bars, depending on the statistic used [same]
+    bars: float  # change divided by its standard deviation according to the stated bars alone [1]
+    chance: float  # probability of a departure of this size anywhere in an unchanged fleet
 
     @property
     def kind(self) -> Kind:

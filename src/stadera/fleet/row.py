@@ -39,17 +39,13 @@ class Task:
 
 @dataclass(frozen=True)
 class Done:
-    """Outcome of a log.
+    """Outcome of a log."""
 
-    Attributes:
-        key: hash of its content, the package's version and everything else the row depends on; None if the log could
-            not be read completely, so that another try may succeed.
-        row: None if the result under this key exists already.
-        sides: by name (see `stadera.fleet.table.SIDES`), rows of identified joints and legs.
-    """
-
+    # hash of its content, the package's version and everything else the row depends on; None if the log could not be
+    # read completely, so that another try may succeed
     key: str | None
-    row: Row | None
+    row: Row | None  # None if the result under this key exists already
+    # by name (see `stadera.fleet.table.SIDES`), rows of identified joints and legs
     sides: Mapping[str, tuple[Row, ...]] = field(default_factory=lambda: dict.fromkeys(SIDES, ()))
 
 

@@ -45,64 +45,44 @@ __all__ = ["BaseWrenchRegressor", "LegMotions", "LegWrenches", "LinkMotions", "c
 
 
 class LegMotions(NamedTuple):
-    """Motion of the robot over some samples, components first.
+    """Motion of the robot over some samples, components first."""
 
-    Attributes:
-        position, velocity, acceleration: (samples, 4, 3) of the joints, by leg, from the trunk outwards.
-        angular_velocity, angular_acceleration, specific_force: (3, samples), of the trunk, its origin and axes.
-        normal: (3, samples), unit vector of the ground's normal, trunk axes.
-        sliding: (samples, 4, 3), velocities that determine friction's direction; None for `velocity`.
-    """
-
+    # position, velocity, acceleration: (samples, 4, 3) of the joints, by leg, from the trunk outwards
     position: Array
     velocity: Array
     acceleration: Array
+    # angular_velocity, angular_acceleration, specific_force: (3, samples), of the trunk, its origin and axes
     angular_velocity: Array
     angular_acceleration: Array
     specific_force: Array
-    normal: Array
-    sliding: Array | None = None
+    normal: Array  # (3, samples), unit vector of the ground's normal, trunk axes
+    sliding: Array | None = None  # (samples, 4, 3), velocities that determine friction's direction; None for `velocity`
 
 
 class LinkMotions(NamedTuple):
-    """Motion of the links in trunk axes, (3, samples, 4, 3) by leg and link.
+    """Motion of the links in trunk axes, (3, samples, 4, 3) by leg and link."""
 
-    Attributes:
-        turn: (3, 3, samples, 4, 3), rotation from the links' axes to the trunk's.
-        joints: position of each link's joint [m].
-        angular_velocity, angular_acceleration: [rad/s], [rad/s²].
-        force, moment: inertial force [N] and moment [N·m] of the link, the moment about the trunk's origin.
-    """
-
-    turn: Array
-    joints: Array
+    turn: Array  # (3, 3, samples, 4, 3), rotation from the links' axes to the trunk's
+    joints: Array  # position of each link's joint [m]
+    # angular_velocity, angular_acceleration: [rad/s], [rad/s²]
     angular_velocity: Array
     angular_acceleration: Array
+    # force, moment: inertial force [N] and moment [N·m] of the link, the moment about the trunk's origin
     force: Array
     moment: Array
 
 
 @dataclass(frozen=True, eq=False)
 class LegWrenches:
-    """Torques, inertial wrenches and contact maps of the legs at some samples, trunk axes; legs in the robot's order.
+    """Torques, inertial wrenches and contact maps of the legs at some samples, trunk axes; legs in the robot's order."""
 
-    Attributes:
-        torque: (samples, 4, 3) [N·m], h: required by rigid bodies, rotors, friction and offsets.
-        inertial: (6, samples, 4) [N, N·m], w_l: wrench of the legs' inertia about the trunk's origin.
-        to_wrench: (6, samples, 4, 3), E: wrench on the trunk for a unit of h - τ.
-        feet: (3, samples, 4) [m], centres of the feet.
-        volume: (samples, 4) [m³], det J: near zero where a leg is singular.
-        axis: (3, samples, 4, 3), unit vectors of the joints.
-        links: motion of each link, and its inertial wrench.
-    """
-
-    torque: Array
-    inertial: Array
-    to_wrench: Array
-    feet: Array
-    volume: Array
-    axis: Array
-    links: LinkMotions
+    torque: Array  # (samples, 4, 3) [N·m], h: required by rigid bodies, rotors, friction and offsets
+    inertial: Array  # (6, samples, 4) [N, N·m], w_l: wrench of the legs' inertia about the trunk's origin
+    to_wrench: Array  # (6, samples, 4, 3), E: wrench on the trunk for a unit of h - τ
+    feet: Array  # (3, samples, 4) [m], centres of the feet
+    volume: Array  # (samples, 4) [m³], det J: near zero where a leg is singular
+    axis: Array  # (3, samples, 4, 3), unit vectors of the joints
+    links: LinkMotions  # motion of each link, and its inertial wrench
 
     def target(self, effort: Array) -> Array:
         """b by leg (6, samples, 4), from efforts (samples, 4, 3) [N·m]."""

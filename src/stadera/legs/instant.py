@@ -30,21 +30,13 @@ _PERMUTATION = np.stack([-skew(axis) for axis in np.eye(3)]).reshape(3, 9)  # a 
 
 @dataclass(frozen=True, eq=False)
 class LegState:
-    """State of the legs at one sample, trunk frame; legs in the robot's order, joints HAA, HFE, KFE.
+    """State of the legs at one sample, trunk frame; legs in the robot's order, joints HAA, HFE, KFE."""
 
-    Attributes:
-        feet: (4, 3) [m], centres of the feet.
-        axes: (4, 3, 3), `axes[leg, :, joint]` is the joint's axis.
-        at_origin: (4, 3, 3) [m/rad], Jacobians of the last links' points at the trunk's origin.
-        bias: (4, 3) [N·m], h.
-        moment: (3,) [kg·m], first moment of all leg links.
-    """
-
-    feet: Array
-    axes: Array
-    at_origin: Array
-    bias: Array
-    moment: Array
+    feet: Array  # (4, 3) [m], centres of the feet
+    axes: Array  # (4, 3, 3), `axes[leg, :, joint]` is the joint's axis
+    at_origin: Array  # (4, 3, 3) [m/rad], Jacobians of the last links' points at the trunk's origin
+    bias: Array  # (4, 3) [N·m], h
+    moment: Array  # (3,) [kg·m], first moment of all leg links
 
     def jacobians(self, points: Array) -> Array:
         """Jacobians (4, 3, 3) [m/rad] of points (4, 3) [m] fixed to the legs' last links."""
@@ -54,18 +46,13 @@ class LegState:
 
 @dataclass(frozen=True, eq=False)
 class LegMotion:
-    """Motion of the legs at one sample, and their inertia; trunk axes.
+    """Motion of the legs at one sample, and their inertia; trunk axes."""
 
-    Attributes:
-        velocity: (4, 3) [m/s], of the feet's centres relative to a trunk whose origin is at rest: ω x p + J q̇.
-        free_acceleration: (4, 3) [m/s²], of the feet's centres minus gravity, without accelerations of joints and ω.
-        inertia: (4, 3, 3) [kg·m²], M.
-        coupling: (4, 6, 3), C: force [N] and moment [N·m] on the trunk, at its origin, per unit of joint acceleration.
-    """
-
-    velocity: Array
+    velocity: Array  # (4, 3) [m/s], of the feet's centres relative to a trunk whose origin is at rest: ω x p + J q̇
+    # (4, 3) [m/s²], of the feet's centres minus gravity, without accelerations of joints and ω
     free_acceleration: Array
-    inertia: Array
+    inertia: Array  # (4, 3, 3) [kg·m²], M
+    # (4, 6, 3), C: force [N] and moment [N·m] on the trunk, at its origin, per unit of joint acceleration
     coupling: Array
 
 

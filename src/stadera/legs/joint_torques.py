@@ -48,17 +48,12 @@ _WORTH_COMPILED = 4096
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Structure of one output's row.
+    """Structure of one output's row."""
 
-    Attributes:
-        columns: names of all columns that can be nonzero, friction's last.
-        picks: for each link, the coefficients (of ten) that are computed; the other columns depend on these.
-        mixing: (computed and friction, columns), maps the computed columns to all.
-    """
-
-    columns: tuple[str, ...]
+    columns: tuple[str, ...]  # names of all columns that can be nonzero, friction's last
+    # for each link, the coefficients (of ten) that are computed; the other columns depend on these
     picks: tuple[tuple[int, tuple[int, ...]], ...]
-    mixing: Array
+    mixing: Array  # (computed and friction, columns), maps the computed columns to all
 
     @property
     def rigid(self) -> int:

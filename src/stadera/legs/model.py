@@ -33,21 +33,13 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class LegPose:
-    """Pose of the legs at some samples, trunk frame; legs in the robot's order, joints from the trunk outwards.
+    """Pose of the legs at some samples, trunk frame; legs in the robot's order, joints from the trunk outwards."""
 
-    Attributes:
-        turn: (3, 3, samples, 4, 3), rotation from the links' axes to the trunk's.
-        arms: (3, samples, 4, 3) [m], from the previous joint to each joint; from the trunk's origin to the first.
-        joints: (3, samples, 4, 3) [m], positions of the joints, which are the links' origins.
-        axis: (3, samples, 4, 3), unit vectors of the joints.
-        feet: (3, samples, 4) [m], centres of the feet.
-    """
-
-    turn: Array
-    arms: Array
-    joints: Array
-    axis: Array
-    feet: Array
+    turn: Array  # (3, 3, samples, 4, 3), rotation from the links' axes to the trunk's
+    arms: Array  # (3, samples, 4, 3) [m], from the previous joint to each joint; from the trunk's origin to the first
+    joints: Array  # (3, samples, 4, 3) [m], positions of the joints, which are the links' origins
+    axis: Array  # (3, samples, 4, 3), unit vectors of the joints
+    feet: Array  # (3, samples, 4) [m], centres of the feet
 
     @classmethod
     def of(cls, parts: PoseParts) -> LegPose:
@@ -71,23 +63,14 @@ class PoseParts(NamedTuple):
 
 
 class LegStatics(NamedTuple):
-    """Statics of the legs at some samples, trunk frame; samples last.
+    """Statics of the legs at some samples, trunk frame; samples last."""
 
-    Attributes:
-        pose: of the legs.
-        contact: (3, 4, samples) [m], points of contact.
-        jacobian: (3, 4, 3, samples) [m/rad], J of the points of contact, components first, then leg and joint.
-        to_force: (3, 4, 3, samples) [1/m], J^-T; in near-singular legs the least-squares inverse.
-        carried: (3, 4, 3, samples) [kg·m], H: joint torques at rest are h = Σ_i H_i a_i.
-        moment: (3, 4, samples) [kg·m], first moment of each leg.
-    """
-
-    pose: PoseParts
-    contact: Array
-    jacobian: Array
-    to_force: Array
-    carried: Array
-    moment: Array
+    pose: PoseParts  # of the legs
+    contact: Array  # (3, 4, samples) [m], points of contact
+    jacobian: Array  # (3, 4, 3, samples) [m/rad], J of the points of contact, components first, then leg and joint
+    to_force: Array  # (3, 4, 3, samples) [1/m], J^-T; in near-singular legs the least-squares inverse
+    carried: Array  # (3, 4, 3, samples) [kg·m], H: joint torques at rest are h = Σ_i H_i a_i
+    moment: Array  # (3, 4, samples) [kg·m], first moment of each leg
 
     def torque(self, specific_force: Array) -> Array:
         """h (4, 3, samples) [N·m] that the legs' weight requires at specific forces (samples, 3) [m/s²]."""

@@ -40,16 +40,13 @@ DEFAULT = "tcp/localhost:7447"
 
 @dataclass(frozen=True)
 class Endpoints:
-    """Connection to the Zenoh network.
+    """Connection to the Zenoh network."""
 
-    Attributes:
-        connect, listen: endpoints such as "tcp/192.168.123.18:7447". Without any of them and without a file: `DEFAULT`.
-        config: base Zenoh configuration file (JSON5); None for Zenoh's defaults without multicast scouting, which would
-            reach every robot on the network.
-    """
-
+    # connect, listen: endpoints such as "tcp/192.168.123.18:7447". Without any of them and without a file: `DEFAULT`.
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
+    # base Zenoh configuration file (JSON5); None for Zenoh's defaults without multicast scouting, which would reach
+    # every robot on the network
     config: Path | None = None
 
     def open(self) -> zenoh.Session:

@@ -22,22 +22,16 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Posture at one instant, world axes: z upwards, the ground at zero, origin below the trunk's.
+    """Posture at one instant, world axes: z upwards, the ground at zero, origin below the trunk's."""
 
-    Attributes:
-        time: [s]. rotation: (3, 3), of the trunk. origin: (3,) [m], of the trunk.
-        rotations: (links, 3, 3), origins: (links, 3) [m], of all links, trunk first.
-        contacts: (4, 3) [m]. forces: (4, 3) [N], of the ground on the feet. stance: (4,), loaded feet.
-    """
-
-    time: float
-    rotation: Array
-    origin: Array
-    rotations: Array
-    origins: Array
-    contacts: Array
-    forces: Array
-    stance: Bools
+    time: float  # [s]
+    rotation: Array  # (3, 3), of the trunk
+    origin: Array  # (3,) [m], of the trunk
+    rotations: Array  # (links, 3, 3), of all links, trunk first
+    origins: Array  # (links, 3) [m], of all links
+    contacts: Array  # (4, 3) [m]
+    forces: Array  # (4, 3) [N], of the ground on the feet
+    stance: Bools  # (4,), loaded feet
 
 
 class Postures:

@@ -21,20 +21,15 @@ KINDS = (*JOINT_KINDS, IMU)
 
 
 class Arrival(NamedTuple):
-    """A message as it arrived.
+    """A message as it arrived."""
 
-    Attributes:
-        topic, kind: ROS name and type. data: CDR.
-        received: time of sending if known, else of arrival [ns]. arrived: on this machine's monotonic clock [s].
-        sent: its attachment; None without one.
-    """
-
+    # topic, kind: ROS name and type
     topic: str
     kind: str
-    received: int
-    data: bytes
-    arrived: float
-    sent: Sent | None = None
+    received: int  # time of sending if known, else of arrival [ns]
+    data: bytes  # CDR
+    arrived: float  # on this machine's monotonic clock [s]
+    sent: Sent | None = None  # its attachment; None without one
 
 
 @dataclass

@@ -28,37 +28,26 @@ REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
 
 @dataclass(frozen=True)
 class Layout:
-    """Assignment of a table's columns.
+    """Assignment of a table's columns."""
 
-    Attributes:
-        joints: in the order requested, or else in that of the table's columns.
-        channels: by channel, one column for each joint; channels that were not recorded are absent.
-        imu: by quantity, its three or four columns; empty without a complete IMU.
-        force, contact: by foot, the x, y, z columns, and its column.
-        notes: columns that were excluded and why, and columns that were recognised and converted.
-        imu_frame: frame of the IMU's values, None if the log does not name it.
-        sources, factors: the log's own column names, and factors to SI units, by column, where they differ and are not
-            1.
-        stamped: True if the unit of time is given. rate_hz: rows per second of a log without a column of time.
-        pd: gains for computing efforts from the desired positions among the channels.
-        others: joints besides the requested ones, by channel their columns: position, and velocity if all have one.
-        other_joints: their names.
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # in the order requested, or else in that of the table's columns
+    # by channel, one column for each joint; channels that were not recorded are absent
     channels: Mapping[str, tuple[str, ...]]
-    imu: Mapping[str, tuple[str, ...]]
+    imu: Mapping[str, tuple[str, ...]]  # by quantity, its three or four columns; empty without a complete IMU
+    # force, contact: by foot, the x, y, z columns, and its column
     force: Mapping[str, tuple[str, ...]]
     contact: Mapping[str, str]
-    notes: tuple[str, ...] = ()
-    imu_frame: str | None = None
+    notes: tuple[str, ...] = ()  # columns that were excluded and why, and columns that were recognised and converted
+    imu_frame: str | None = None  # frame of the IMU's values, None if the log does not name it
+    # sources, factors: the log's own column names, and factors to SI units, by column, where they differ and are not 1
     sources: Mapping[str, str] = field(default_factory=dict)
     factors: Mapping[str, float] = field(default_factory=dict)
-    stamped: bool = False
-    rate_hz: float | None = None
-    pd: PdGains | None = None
+    stamped: bool = False  # True if the unit of time is given
+    rate_hz: float | None = None  # rows per second of a log without a column of time
+    pd: PdGains | None = None  # gains for computing efforts from the desired positions among the channels
+    # joints besides the requested ones, by channel their columns: position, and velocity if all have one
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    other_joints: tuple[str, ...] = ()
+    other_joints: tuple[str, ...] = ()  # their names
 
     @property
     def columns(self) -> tuple[str, ...]:

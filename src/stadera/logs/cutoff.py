@@ -14,20 +14,13 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class CutoffSettings:
-    """Criteria for motion in a spectrum.
+    """Criteria for motion in a spectrum."""
 
-    Attributes:
-        power_share: share of the velocity's power that the filter must pass unchanged.
-        lowest_hz: lowest cut-off suggested [Hz]: Coulomb friction changes sign abruptly, whatever the motion's
-            frequency.
-        stretch: length of the stretches whose spectra are averaged [s]; 10 s resolve 0.1 Hz.
-        noise_factor: multiple of the noise floor below which position power counts as noise.
-    """
-
-    power_share: float = 0.99
+    power_share: float = 0.99  # share of the velocity's power that the filter must pass unchanged
+    # lowest cut-off suggested [Hz]: Coulomb friction changes sign abruptly, whatever the motion's frequency
     lowest_hz: float = 5.0
-    stretch: float = 10.0
-    noise_factor: float = 4.0
+    stretch: float = 10.0  # length of the stretches whose spectra are averaged [s]; 10 s resolve 0.1 Hz
+    noise_factor: float = 4.0  # multiple of the noise floor below which position power counts as noise
 
 
 def suggest_cutoff(

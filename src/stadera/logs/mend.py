@@ -22,25 +22,18 @@ GYRO, ACCELEROMETER = "gyro", "accelerometer"
 
 @dataclass(frozen=True)
 class Mend:
-    """One correction; fields at their defaults change nothing.
+    """One correction; fields at their defaults change nothing."""
 
-    Attributes:
-        text: description for a note.
-        factors: by quantity ("time", a channel of the joints, "gyro", "accelerometer").
-        joint_factors: factors by channel and joint.
-        swapped: by channel and joint, the joint whose columns contain the values.
-        turn: rows of the rotation that takes the IMU's values to the right axes.
-        gravity: add gravity to the specific force, according to the IMU's orientation.
-        quaternion: "wxyz" if w is first; "inverse" if it is that of the world in the IMU's frame.
-    """
-
-    text: str
+    text: str  # description for a note
+    # by quantity ("time", a channel of the joints, "gyro", "accelerometer")
     factors: Mapping[str, float] = field(default_factory=dict)
-    joint_factors: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    joint_factors: Mapping[tuple[str, str], float] = field(default_factory=dict)  # factors by channel and joint
+    # by channel and joint, the joint whose columns contain the values
     swapped: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    # rows of the rotation that takes the IMU's values to the right axes
     turn: tuple[tuple[float, float, float], ...] = ()
-    gravity: bool = False
-    quaternion: str = ""
+    gravity: bool = False  # add gravity to the specific force, according to the IMU's orientation
+    quaternion: str = ""  # "wxyz" if w is first; "inverse" if it is that of the world in the IMU's frame
 
     def sources(self, joints: Iterable[str]) -> tuple[str, ...]:
         """Joints whose columns are needed for these joints' values."""
@@ -83,13 +76,11 @@ class Mend:
 class Gear:
     """Gear ratios for torques of motors: a joint's torque is the motor's times the ratio.
 
-    Attributes:
-        ratios: one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE), including the joint's lever.
-
     Raises:
         RecordingError: neither one nor three ratios, or a ratio that is not positive.
     """
 
+    # one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE), including the joint's lever
     ratios: tuple[float, ...]
 
     def __post_init__(self) -> None:

@@ -24,16 +24,12 @@ PD_DOUBT = (
 class PdGains:
     """Gains of the joints' position controllers.
 
-    Attributes:
-        kp: [N·m/rad], one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE).
-        kd: [N·m·s/rad], as many.
-
     Raises:
         RecordingError: neither one nor three gains, different numbers of kp and kd, a gain below 0, or kp all 0.
     """
 
-    kp: tuple[float, ...]
-    kd: tuple[float, ...]
+    kp: tuple[float, ...]  # [N·m/rad], one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE)
+    kd: tuple[float, ...]  # [N·m·s/rad], as many
 
     def __post_init__(self) -> None:
         if len(self.kp) not in (1, 3) or len(self.kd) != len(self.kp):

@@ -17,22 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reading:
-    """Interpretation of a log's columns.
+    """Interpretation of a log's columns."""
 
-    Attributes:
-        columns: assignment of columns; None to recognise them by their names.
-        units: of the columns, if neither their names nor the map states them.
-        pd: gains for computing efforts from desired positions; None to use recorded efforts.
-        limits: for reading.
-        changes: applied to what is read, in order: gear ratios, corrections of faults.
-        others: joints of no leg, an arm's or a lidar's, to read besides the requested ones if they are recorded.
-    """
-
-    columns: ColumnMap | None = None
-    units: Units = field(default_factory=Units)
-    pd: PdGains | None = None
-    limits: Limits = DEFAULTS
-    changes: tuple[Change, ...] = ()
+    columns: ColumnMap | None = None  # assignment of columns; None to recognise them by their names
+    units: Units = field(default_factory=Units)  # of the columns, if neither their names nor the map states them
+    pd: PdGains | None = None  # gains for computing efforts from desired positions; None to use recorded efforts
+    limits: Limits = DEFAULTS  # for reading
+    changes: tuple[Change, ...] = ()  # applied to what is read, in order: gear ratios, corrections of faults
+    # joints of no leg, an arm's or a lidar's, to read besides the requested ones if they are recorded
     others: tuple[str, ...] = ()
 
     @classmethod

@@ -21,19 +21,12 @@ compared with the sampling rate; longer gaps would contain invented data.
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampling of a log.
+    """Sampling of a log."""
 
-    Attributes:
-        period: mean step [s], over the even steps of an even log, or over all steps except gaps of an uneven one.
-        even: True if it can be filtered without interpolation.
-        tolerance: deviation of a step of an even log, as a share of the period.
-        gap_factor: number of periods above which a step of an uneven log is a gap.
-    """
-
-    period: float
-    even: bool
-    tolerance: float
-    gap_factor: float
+    period: float  # mean step [s], over the even steps of an even log, or over all steps except gaps of an uneven one
+    even: bool  # True if it can be filtered without interpolation
+    tolerance: float  # deviation of a step of an even log, as a share of the period
+    gap_factor: float  # number of periods above which a step of an uneven log is a gap
 
     @property
     def rate_hz(self) -> float:
@@ -75,16 +68,11 @@ def sampling_of(
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A stretch of signals without a gap: a segment, or a part of one.
+    """A stretch of signals without a gap: a segment, or a part of one."""
 
-    Attributes:
-        time: (samples,) [s].
-        values: (channels, samples), each signal contiguous in memory.
-        start, end: whether it is the first, and the last, part of its segment.
-    """
-
-    time: Array
-    values: Array
+    time: Array  # (samples,) [s]
+    values: Array  # (channels, samples), each signal contiguous in memory
+    # start, end: whether it is the first, and the last, part of its segment
     start: bool
     end: bool
 

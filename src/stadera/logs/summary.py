@@ -36,30 +36,24 @@ class Range:
 
 @dataclass(frozen=True)
 class LogSummary:
-    """Summary of a log.
-
-    Attributes:
-        start, end: first and last time stamp [s]. period: median step between the first stamps [s].
-        uneven: share of all steps that differ from the period by more than a tenth of it.
-        gaps: steps of more than five periods: begin and duration of each [s]; the first 1000. gap_count: of all.
-        channels: recorded ones of the joints. ranges: of every signal.
-        imu_frame: frame of the IMU's values, None if the log does not state it.
-    """
+    """Summary of a log."""
 
     source: str
     samples: int
+    # start, end: first and last time stamp [s]
     start: float
     end: float
-    period: float
-    uneven: float
+    period: float  # median step between the first stamps [s]
+    uneven: float  # share of all steps that differ from the period by more than a tenth of it
+    # steps of more than five periods: begin and duration of each [s]; the first 1000
     gaps: tuple[tuple[float, float], ...]
-    gap_count: int
+    gap_count: int  # of all
     joints: tuple[str, ...]
     feet: tuple[str, ...]
-    channels: tuple[str, ...]
+    channels: tuple[str, ...]  # recorded ones of the joints
     has_imu: bool
-    imu_frame: str | None
-    ranges: tuple[Range, ...]
+    imu_frame: str | None  # frame of the IMU's values, None if the log does not state it
+    ranges: tuple[Range, ...]  # of every signal
     notes: tuple[str, ...]
 
     @property

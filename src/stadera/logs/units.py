@@ -57,15 +57,10 @@ _STEPS = (1e-5, 10.0)
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a log that does not state them; UnknownNameError for unknown ones.
+    """Units of a log that does not state them; UnknownNameError for unknown ones."""
 
-    Attributes:
-        of: unit by quantity (a key of `FACTORS`); SI for the others.
-        rate_hz: rows per second of a log without a column of time; None if there is time.
-    """
-
-    of: Mapping[str, str] = field(default_factory=dict)
-    rate_hz: float | None = None
+    of: Mapping[str, str] = field(default_factory=dict)  # unit by quantity (a key of `FACTORS`); SI for the others
+    rate_hz: float | None = None  # rows per second of a log without a column of time; None if there is time
 
     def __post_init__(self) -> None:
         for quantity, unit in self.of.items():

@@ -14,22 +14,15 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model file that has been read but not yet interpreted as a quadruped.
-
-    Attributes:
-        model: `pinocchio.Model`; its joint 1 is the trunk's free-flyer, and every link of the file has a BODY frame.
-        trunk: name of the trunk link. links: name of the link that each joint moves, by joint name.
-        masses: mass of every single link of the file [kg], before any merging.
-        shapes: primitive shapes, each on a link of the file and in that link's frame.
-    """
+    """A model file that has been read but not yet interpreted as a quadruped."""
 
     path: Path
     name: str
-    model: Any
-    trunk: str
-    links: Mapping[str, str]
-    masses: Mapping[str, float]
-    shapes: tuple[Shape, ...]
+    model: Any  # `pinocchio.Model`; its joint 1 is the trunk's free-flyer, and every link of the file has a BODY frame
+    trunk: str  # name of the trunk link
+    links: Mapping[str, str]  # name of the link that each joint moves, by joint name
+    masses: Mapping[str, float]  # mass of every single link of the file [kg], before any merging
+    shapes: tuple[Shape, ...]  # primitive shapes, each on a link of the file and in that link's frame
 
     def __post_init__(self) -> None:
         for link, mass in self.masses.items():

@@ -11,22 +11,15 @@ from stadera.robot.model import JointLimits, Robot
 
 @dataclass(frozen=True)
 class ModelLimits:
-    """Limits beyond which a number is in another unit. The lightest and heaviest known quadrupeds weigh 0.2 and 590 kg.
+    """Limits beyond which a number is in another unit. The lightest and heaviest known quadrupeds weigh 0.2 and 590 kg."""
 
-    Attributes:
-        lightest, heaviest: robot [kg].
-        distance: between joints, and from a joint to a centre of mass [m].
-        leg: longest and shortest distance from hip to foot [m].
-        gyration: largest radius of gyration of a link [m].
-        angle: largest limit of a joint's position [rad].
-    """
-
+    # lightest, heaviest: robot [kg]
     lightest: float = 0.1
     heaviest: float = 2000.0
-    distance: float = 3.0
-    leg: tuple[float, float] = (0.02, 4.0)
-    gyration: float = 3.0
-    angle: float = 12.0 * np.pi
+    distance: float = 3.0  # between joints, and from a joint to a centre of mass [m]
+    leg: tuple[float, float] = (0.02, 4.0)  # longest and shortest distance from hip to foot [m]
+    gyration: float = 3.0  # largest radius of gyration of a link [m]
+    angle: float = 12.0 * np.pi  # largest limit of a joint's position [rad]
 
 
 def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, ...]:

@@ -14,21 +14,15 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class StanceSettings:
-    """Settings for finding the nominal stance.
+    """Settings for finding the nominal stance."""
 
-    Attributes:
-        extensions: height of the HFE joint above the foot, as a share of the stretched leg [1]; tried in turn, for
-            limits may forbid some.
-        grid: number of starts of Newton's method for HAA, HFE, KFE. steps: number of its steps.
-        largest_step: of a joint in one step [rad].
-        solved: residual below which a solution is accepted [m and sine of an angle].
-    """
-
+    # height of the HFE joint above the foot, as a share of the stretched leg [1]; tried in turn, for limits may forbid
+    # some
     extensions: tuple[float, ...] = (0.8, 0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)
-    grid: tuple[int, int, int] = (3, 4, 5)
-    steps: int = 30
-    largest_step: float = 0.3
-    solved: float = 1e-8
+    grid: tuple[int, int, int] = (3, 4, 5)  # number of starts of Newton's method for HAA, HFE, KFE
+    steps: int = 30  # number of its steps
+    largest_step: float = 0.3  # of a joint in one step [rad]
+    solved: float = 1e-8  # residual below which a solution is accepted [m and sine of an angle]
 
     def __post_init__(self) -> None:
         require_positive("stance setting", self, ("steps", "largest_step", "solved"))

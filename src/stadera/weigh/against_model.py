@@ -27,28 +27,20 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class AgreementLimits:
-    """When a difference from the model makes a weighing doubtful.
+    """When a difference from the model makes a weighing doubtful."""
 
-    Attributes:
-        lighter: than the model, share of the robot's mass; models and gains of all torques err by half as much.
-        heavier: than the model, share of it: quadrupeds are built for loads of a third to a half of their mass.
-        least: force of one leg that may be wrong, share of the weight.
-        above: what a load right above a foot may leave of the difference in mass and first moment, relative; one
-            half way from the middle to the foot leaves 0.32.
-        plain: force from which that holds, share of the weight; a smaller one has to fit as much better.
-        missing: the same where something would have been taken away.
-        stepped: standard deviation of a distance between feet that have stepped [m].
-        rate: at which feet are looked at [Hz].
-    """
-
+    # than the model, share of the robot's mass; models and gains of all torques err by half as much
     lighter: float = 0.12
+    # than the model, share of it: quadrupeds are built for loads of a third to a half of their mass
     heavier: float = 0.7
-    least: float = 0.08
+    least: float = 0.08  # force of one leg that may be wrong, share of the weight
+    # what a load right above a foot may leave of the difference in mass and first moment, relative; one half way from
+    # the middle to the foot leaves 0.32
     above: float = 0.28
-    plain: float = 0.15
-    missing: float = 0.35
-    stepped: float = 0.015
-    rate: float = 20.0
+    plain: float = 0.15  # force from which that holds, share of the weight; a smaller one has to fit as much better
+    missing: float = 0.35  # the same where something would have been taken away
+    stepped: float = 0.015  # standard deviation of a distance between feet that have stepped [m]
+    rate: float = 20.0  # at which feet are looked at [Hz]
 
     def __post_init__(self) -> None:
         require_positive("limit of differences from the model", self, [field.name for field in fields(self)])

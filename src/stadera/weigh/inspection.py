@@ -16,15 +16,11 @@ from stadera.weigh.weigh import weigh
 class Inspection:
     """Result of inspecting a log: faults of its first chunk, in which most show, and notes on joints that belong to no
     leg.
-
-    Attributes:
-        refusal: why weighing fails, one line; empty if it succeeds.
-        trust: of the weighing; None if it was refused, or if the robot is in the air.
     """
 
     findings: tuple[Finding, ...]
-    refusal: str = ""
-    trust: Trust | None = None
+    refusal: str = ""  # why weighing fails, one line; empty if it succeeds
+    trust: Trust | None = None  # of the weighing; None if it was refused, or if the robot is in the air
     notes: tuple[str, ...] = ()
 
     @property

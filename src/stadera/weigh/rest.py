@@ -36,24 +36,17 @@ _FIGURES = re.compile(r"[-+]?\d[\d.]*|'[^']*'")  # the parts that differ between
 
 @dataclass(frozen=True, eq=False)
 class RestBlock:
-    """A short period at rest, or several of one load, from the first to the last sample [s].
-
-    Attributes:
-        mass: mean over `count` samples [kg].
-        variance: of the mean due to white noise [kg²]: the larger of the stated one and that of the samples' scatter.
-        sensitivity: (39,), s: of the mass to constant errors.
-        load: (4,) [N], mean vertical forces.
-        noticed: end of the block that confirmed the change to this load [s]; NaN for the first load.
-    """
+    """A short period at rest, or several of one load, from the first to the last sample [s]."""
 
     begin: float
     end: float
     count: int
-    mass: float
+    mass: float  # mean over `count` samples [kg]
+    # of the mean due to white noise [kg²]: the larger of the stated one and that of the samples' scatter
     variance: float
-    sensitivity: Array
-    load: Array
-    noticed: float = np.nan
+    sensitivity: Array  # (39,), s: of the mass to constant errors
+    load: Array  # (4,) [N], mean vertical forces
+    noticed: float = np.nan  # end of the block that confirmed the change to this load [s]; NaN for the first load
 
     @property
     def time(self) -> float:

@@ -45,22 +45,17 @@ class TruthAt:
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of one run: its settings and
-
-    Attributes:
-        slope: of the ground [rad].
-        stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method 'orientation'.
-        moments: the trunk at the start and after each change.
-        drawn: all random model and sensor errors, as `Drawn.to_dict`; None for other kinds of errors.
-    """
+    """Ground truth of one run: its settings and"""
 
     robot: str
     scenario: str
     errors: str
     seed: int
-    slope: float
+    slope: float  # of the ground [rad]
+    # of the trunk controller about the trunk's axes [N·m/rad], for the method 'orientation'
     stiffness: tuple[float, ...]
-    moments: tuple[TruthAt, ...]
+    moments: tuple[TruthAt, ...]  # the trunk at the start and after each change
+    # all random model and sensor errors, as `Drawn.to_dict`; None for other kinds of errors
     drawn: Mapping[str, Any] | None = None
 
     def at(self, time: float) -> TruthAt:

@@ -17,22 +17,16 @@ Columns = tuple[str, ...]
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """A bag's first messages and the layout derived from them. Columns are named as in the flat table.
-
-    Attributes:
-        joints: for each publisher of joints, identified by its samples' columns, the columns that ever have a value.
-            The publisher whose stamps are used comes first.
-        imu: columns of the IMU's own topic; None without a usable one. imu_frame: frame_id of its messages, None if
-            empty.
-        imu_fault: why an existing IMU cannot be used; empty if it can.
-        clock_offset: of the IMU's stamps relative to the joints', from the times of recording [s]; NaN without an IMU.
-    """
+    """A bag's first messages and the layout derived from them. Columns are named as in the flat table."""
 
     samples: tuple[Sample, ...]
+    # for each publisher of joints, identified by its samples' columns, the columns that ever have a value. The
+    # publisher whose stamps are used comes first.
     joints: Mapping[frozenset[str], Columns]
-    imu: Columns | None
-    imu_frame: str | None
-    imu_fault: str
+    imu: Columns | None  # columns of the IMU's own topic; None without a usable one
+    imu_frame: str | None  # frame_id of its messages, None if empty
+    imu_fault: str  # why an existing IMU cannot be used; empty if it can
+    # of the IMU's stamps relative to the joints', from the times of recording [s]; NaN without an IMU
     clock_offset: float
 
     @property

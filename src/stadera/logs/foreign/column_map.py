@@ -32,22 +32,17 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class ColumnMap:
-    """Assignment of a kind of log's columns, and the units of the log.
+    """Assignment of a kind of log's columns, and the units of the log."""
 
-    Attributes:
-        name: of the preset, or of the map's file. about: the kind of log.
-        columns: by column of the flat table, with {joint} and {axis} for all joints and axes, its possible sources, the
-            likeliest first.
-        chosen: more of these that apply only if the map is requested by name, since the names could be another robot's.
-        joints: names to which {i} and {n} refer.
-    """
-
-    name: str
+    name: str  # of the preset, or of the map's file
+    # by column of the flat table, with {joint} and {axis} for all joints and axes, its possible sources, the likeliest
+    # first
     columns: Mapping[str, tuple[Source, ...]]
+    # more of these that apply only if the map is requested by name, since the names could be another robot's
     chosen: Mapping[str, tuple[Source, ...]] = field(default_factory=dict)
-    joints: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()  # names to which {i} and {n} refer
     units: Units = field(default_factory=Units)
-    about: str = ""
+    about: str = ""  # the kind of log
 
     def asked(self) -> ColumnMap:
         """The map including the names that apply only on request."""

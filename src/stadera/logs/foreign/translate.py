@@ -21,21 +21,15 @@ _GROUPS = {"joint": ("--joint-topic", "joints"), "imu": ("--imu-topic", "IMUs")}
 
 @dataclass(frozen=True)
 class Translation:
-    """The log's column and the factor to SI units, absent if 1, for each column of the flat table.
-
-    Attributes:
-        stamped: True if the unit of time is given. rate_hz: rows per second of a log without time.
-        notes: columns that were recognised and converted, one sentence each.
-        recognised: True if the names identify the columns. topics: True if the names contain topics to choose from.
-    """
+    """The log's column and the factor to SI units, absent if 1, for each column of the flat table."""
 
     sources: Mapping[str, str]
     factors: Mapping[str, float] = field(default_factory=dict)
-    stamped: bool = False
-    rate_hz: float | None = None
-    notes: tuple[str, ...] = ()
-    recognised: bool = True
-    topics: bool = False
+    stamped: bool = False  # True if the unit of time is given
+    rate_hz: float | None = None  # rows per second of a log without time
+    notes: tuple[str, ...] = ()  # columns that were recognised and converted, one sentence each
+    recognised: bool = True  # True if the names identify the columns
+    topics: bool = False  # True if the names contain topics to choose from
 
 
 @dataclass(frozen=True)
