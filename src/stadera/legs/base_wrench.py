@@ -74,7 +74,7 @@ class LinkMotions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LegWrenches:
-    """Torques, inertial wrenches and contact maps of the legs at some samples, trunk axes; legs in the robot's order."""
+    """Torques, inertial wrenches and contact maps of the legs (in the robot's order) at some samples, trunk axes."""
 
     torque: Array  # (samples, 4, 3) [N·m], h: required by rigid bodies, rotors, friction and offsets
     inertial: Array  # (6, samples, 4) [N, N·m], w_l: wrench of the legs' inertia about the trunk's origin

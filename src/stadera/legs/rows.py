@@ -19,23 +19,16 @@ class Rows:
     a certain moment and inertia of the parent. Then `matrix = reduced @ mixing`, with fewer columns to compute, filter
     and sum up.
 
-    Attributes:
-        columns: names of the parameters of the matrix's columns; parameters not named have zero columns.
-        reduced: (rows, k), the matrix itself if there is no mixing.
-        target: (rows,).
-        std: noise of the target, one number or (rows,), in the target's unit; positive.
-        mixing: (k, columns); None for the identity.
-
     Raises:
         IdentificationError: inconsistent shapes, or a std that is not positive and finite. Finite values of matrix and
             target are checked when they are summed up.
     """
 
-    columns: tuple[str, ...]
-    reduced: Array
-    target: Array
-    std: float | Array = 1.0
-    mixing: Array | None = None
+    columns: tuple[str, ...]  # names of the parameters of the matrix's columns; parameters not named have zero columns
+    reduced: Array  # (rows, k), the matrix itself if there is no mixing
+    target: Array  # (rows,)
+    std: float | Array = 1.0  # noise of the target, one number or (rows,), in the target's unit; positive
+    mixing: Array | None = None  # (k, columns); None for the identity
 
     def __post_init__(self) -> None:
         rows, width = len(self.target), len(self.columns if self.mixing is None else self.mixing)

@@ -25,19 +25,15 @@ from stadera.types import Array
 class Processed:
     """Signals of the selected joints, all through the same filter, with notes of the log and of the report, whose last
     chunk covers the whole log.
-
-    Attributes:
-        time: (samples,) [s]; steps are uneven where samples were dropped.
-        position, velocity, acceleration: (samples, n) [rad, rad/s, rad/s²].
-        effort: (samples, n) [N·m], None where not recorded.
     """
 
-    time: Array
+    time: Array  # (samples,) [s]; steps are uneven where samples were dropped
     joints: tuple[str, ...]
+    # position, velocity, acceleration: (samples, n) [rad, rad/s, rad/s²]
     position: Array
     velocity: Array
     acceleration: Array
-    effort: Array | None
+    effort: Array | None  # (samples, n) [N·m], None where not recorded
     report: PreprocessingReport
     source: str = "recording"
     notes: tuple[str, ...] = ()

@@ -16,29 +16,24 @@ LONGEST_DELAY = 0.2
 class Preprocessing:
     """Settings for preparing a log for regressors.
 
-    Attributes:
-        cutoff_hz: -3 dB frequency of the low-pass filter [Hz]. None for no filter: recorded velocities and
-            accelerations are used unchanged, and missing ones are computed by central differences.
-        drop_below: samples with all joint velocities below this are removed [rad/s]; 0 keeps all.
-        derive_from: with a filter, the signal that is differentiated: "position" (for velocity and acceleration) or
-            "velocity" (for the acceleration).
-        effort_delay: delay of the effort at the joint relative to its stamp [s]: positive for commands that reach the
-            motor late, negative for sensors that report late.
-        resample: "auto" resamples a log with uneven stamps to an even grid; or "always", "never".
-        tolerance: largest deviation of an even log's steps, as a share of a period.
-        gap_factor: number of periods above which a step is a gap.
-
     Raises:
         RecordingError: a setting is out of its range.
     """
 
+    # -3 dB frequency of the low-pass filter [Hz]. None for no filter: recorded velocities and accelerations are used
+    # unchanged, and missing ones are computed by central differences.
     cutoff_hz: float | None
-    drop_below: float = 0.01
+    drop_below: float = 0.01  # samples with all joint velocities below this are removed [rad/s]; 0 keeps all
+    # with a filter, the signal that is differentiated: "position" (for velocity and acceleration) or "velocity" (for
+    # the acceleration)
     derive_from: Literal["position", "velocity"] = "position"
+    # delay of the effort at the joint relative to its stamp [s]: positive for commands that reach the motor late,
+    # negative for sensors that report late
     effort_delay: float = 0.0
+    # "auto" resamples a log with uneven stamps to an even grid; or "always", "never"
     resample: Literal["auto", "always", "never"] = "auto"
-    tolerance: float = 0.01
-    gap_factor: float = GAP_FACTOR
+    tolerance: float = 0.01  # largest deviation of an even log's steps, as a share of a period
+    gap_factor: float = GAP_FACTOR  # number of periods above which a step is a gap
 
     def __post_init__(self) -> None:
         """Validates the settings."""
@@ -61,33 +56,19 @@ class Preprocessing:
 
 @dataclass(frozen=True)
 class PreprocessingReport:
-    """Report on the preprocessing of a log, up to and including the chunk that carries it.
+    """Report on the preprocessing of a log, up to and including the chunk that carries it."""
 
-    Attributes:
-        rate_hz: of the result [Hz].
-        cutoff_hz: -3 dB [Hz], None where not filtered.
-        resampled: True if values were interpolated to an even grid.
-        samples_in: samples read.
-        segments: stretches without a gap.
-        short_segments: segments shorter than the filter's window, which were dropped.
-        window: samples that the filter and the differences need for each output sample.
-        drop_below: threshold of rest [rad/s].
-        effort_delay: by which the effort was shifted [s].
-        filtered: samples after filtering, before removal of those at rest.
-        at_rest: samples removed because all joints were slower than the threshold.
-    """
-
-    rate_hz: float
-    cutoff_hz: float | None
-    resampled: bool
-    window: int
-    drop_below: float
-    effort_delay: float = 0.0
-    samples_in: int = 0
-    segments: int = 0
-    short_segments: int = 0
-    filtered: int = 0
-    at_rest: int = 0
+    rate_hz: float  # of the result [Hz]
+    cutoff_hz: float | None  # -3 dB [Hz], None where not filtered
+    resampled: bool  # True if values were interpolated to an even grid
+    window: int  # samples that the filter and the differences need for each output sample
+    drop_below: float  # threshold of rest [rad/s]
+    effort_delay: float = 0.0  # by which the effort was shifted [s]
+    samples_in: int = 0  # samples read
+    segments: int = 0  # stretches without a gap
+    short_segments: int = 0  # segments shorter than the filter's window, which were dropped
+    filtered: int = 0  # samples after filtering, before removal of those at rest
+    at_rest: int = 0  # samples removed because all joints were slower than the threshold
 
     @property
     def samples_out(self) -> int:

@@ -22,26 +22,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ExtraJoints:
-    """The k joints outside the legs that can move, in topological order.
+    """The k joints outside the legs that can move, in topological order."""
 
-    Attributes:
-        joints: names.
-        parents: of each joint, the index of the joint whose link carries it; -1 for the trunk.
-        rotations, translations: (k, 3, 3) and (k, 3) [m], pose of each joint's frame in its parent link's at zero.
-        axes: (k, 3), unit vectors, in the joints' own frames.
-        sliding: (k,), True for a prismatic joint, whose position is in m.
-        bodies: of each link, in its joint's frame, with everything fixed to it.
-        reference: (k,) [rad or m], the position at which the robot's trunk contains the links.
-    """
-
-    joints: tuple[str, ...]
-    parents: tuple[int, ...]
+    joints: tuple[str, ...]  # names
+    parents: tuple[int, ...]  # of each joint, the index of the joint whose link carries it; -1 for the trunk
+    # rotations, translations: (k, 3, 3) and (k, 3) [m], pose of each joint's frame in its parent link's at zero
     rotations: Array
     translations: Array
-    axes: Array
-    sliding: tuple[bool, ...]
-    bodies: tuple[InertialParameters, ...]
-    reference: Array
+    axes: Array  # (k, 3), unit vectors, in the joints' own frames
+    sliding: tuple[bool, ...]  # (k,), True for a prismatic joint, whose position is in m
+    bodies: tuple[InertialParameters, ...]  # of each link, in its joint's frame, with everything fixed to it
+    reference: Array  # (k,) [rad or m], the position at which the robot's trunk contains the links
 
     def at(self, positions: Mapping[str, float]) -> ExtraJoints:
         """The same joints with another reference; joints that are not named keep theirs."""

@@ -25,23 +25,14 @@ LEG_NAMES: tuple[str, ...] = ("LF", "RF", "LH", "RH")
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Kinematic tree as arrays: a trunk and revolute joints, in topological order.
+    """Kinematic tree as arrays: a trunk and revolute joints, in topological order."""
 
-    Attributes:
-        links: names; `links[0]` is the trunk, and `joints[i]` moves `links[i + 1]`.
-        joints: names of the n joints.
-        parents: `parents[i]` is the index in `links` of the parent link of joint i.
-        rotations: (n, 3, 3), R of joint i's frame in its parent link's frame, at zero angle.
-        translations: (n, 3) [m], origin of joint i's frame in its parent link's frame.
-        axes: (n, 3), unit vector of joint i's rotation, in its own frame.
-    """
-
-    links: tuple[str, ...]
-    joints: tuple[str, ...]
-    parents: tuple[int, ...]
-    rotations: Array
-    translations: Array
-    axes: Array
+    links: tuple[str, ...]  # names; `links[0]` is the trunk, and `joints[i]` moves `links[i + 1]`
+    joints: tuple[str, ...]  # names of the n joints
+    parents: tuple[int, ...]  # `parents[i]` is the index in `links` of the parent link of joint i
+    rotations: Array  # (n, 3, 3), R of joint i's frame in its parent link's frame, at zero angle
+    translations: Array  # (n, 3) [m], origin of joint i's frame in its parent link's frame
+    axes: Array  # (n, 3), unit vector of joint i's rotation, in its own frame
 
     def __post_init__(self) -> None:
         n = len(self.joints)

@@ -11,7 +11,7 @@ from stadera.robot.model import JointLimits, Robot
 
 @dataclass(frozen=True)
 class ModelLimits:
-    """Limits beyond which a number is in another unit. The lightest and heaviest known quadrupeds weigh 0.2 and 590 kg."""
+    """Limits beyond which a number is in another unit; the lightest and heaviest quadrupeds weigh 0.2 and 590 kg."""
 
     # lightest, heaviest: robot [kg]
     lightest: float = 0.1

@@ -63,22 +63,14 @@ class Balance:
     """Balance of the robot at the end of the log.
 
     `pressure` and `robot_com` are in the level plane through the trunk's origin, x where the trunk's x points.
-
-    Attributes:
-        to_level: (3, 3), from trunk axes to level ones.
-        feet: (4, 3) [m], contacts, trunk frame.
-        stance: (4,) bool.
-        force: (4,) [N], vertical.
-        pressure: (2,) [m], centre of pressure: mean position of the feet weighted by their forces.
-        robot_com: (2,) [m], estimated centre of mass of the whole robot; NaN where not observed.
     """
 
-    to_level: Array
-    feet: Array
-    stance: Bools
-    force: Array
-    pressure: Array
-    robot_com: Array
+    to_level: Array  # (3, 3), from trunk axes to level ones
+    feet: Array  # (4, 3) [m], contacts, trunk frame
+    stance: Bools  # (4,) bool
+    force: Array  # (4,) [N], vertical
+    pressure: Array  # (2,) [m], centre of pressure: mean position of the feet weighted by their forces
+    robot_com: Array  # (2,) [m], estimated centre of mass of the whole robot; NaN where not observed
 
     def level(self, point: Array) -> Array:
         """Projects points of the trunk frame (..., 3) into the level plane, (..., 2) [m]."""
