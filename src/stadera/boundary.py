@@ -68,6 +68,14 @@ def require_input(
         pass
 
 
+def begins_with(path: Path, magic: bytes) -> bool:
+    """True for a file with these first bytes."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(magic)) == magic
+
+
 def _is_text(name: str) -> bool:
     try:
         name.encode()

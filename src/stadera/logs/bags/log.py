@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stadera.boundary import foreign
+from stadera.boundary import begins_with, foreign
 from stadera.errors import RecordingError
 from stadera.limits import LimitError
 from stadera.logs.bags.beginning import Beginning, beginning_of, first_samples
@@ -36,22 +36,12 @@ _EARLIEST, _LATEST = -(1 << 61), 1 << 62
 """Range of a stamp [ns], up to the year 2116. Differences of such stamps do not overflow."""
 
 
-@dataclass(frozen=True)
 class BagLog:
     """Reads bags of one format: a file, or a folder of files."""
 
-    container: Container
-    settings: BagSettings = DEFAULTS
-
-    @property
-    def name(self) -> str:
-        """Name of the format, for messages."""
-        return self.container.name
-
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """File name suffixes of this format."""
-        return (self.container.suffix,)
+    def __init__(self, container: Container, settings: BagSettings = DEFAULTS) -> None:
+        self.container, self.settings = container, settings
+        self.name, self.suffixes = container.name, (container.suffix,)
 
     def accepts(self, path: Path) -> bool:
         """True for a file that begins with the format's magic bytes, or a folder with files of its suffix."""
@@ -59,8 +49,7 @@ class BagLog:
         if path.is_dir():
             files = (p for p in path.iterdir() if p.is_file())
             return any(p.suffix == suffix or f"{suffix}.zst" in p.name for p in files)
-        with path.open("rb") as file:
-            return file.read(len(magic)) == magic
+        return begins_with(path, magic)
 
     def stream(
         self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None

@@ -7,6 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from stadera.boundary import begins_with
 from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.bags.container import Bundle, Message, Topic, salvaged
@@ -26,9 +27,8 @@ class McapFile:
         """See `Container`."""
         from mcap.records import Channel, Schema
 
-        with path.open("rb") as file:
-            if file.read(len(self.magic)) != self.magic:
-                raise RecordingError(f"{path}: not an MCAP file")
+        if not begins_with(path, self.magic):
+            raise RecordingError(f"{path}: not an MCAP file")
         records: list[McapRecord | Pieces] = [*(_summary(path) or _records(path, [], budget, only_channels=True))]
         types = {r.id: Topic(r.name, r.data.decode(errors="replace")) for r in records if isinstance(r, Schema)}
         channels = [r for r in records if isinstance(r, Channel) and r.message_encoding == self.encoding]

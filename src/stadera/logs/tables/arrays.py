@@ -8,7 +8,7 @@ foot's force; else they are numbered, name[0] to name[k-1]. Pickled objects are 
 import subprocess
 import sys
 import zipfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,15 +18,13 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.boundary import foreign
+from stadera.boundary import begins_with, foreign
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.batches import Batch, rows_at_once, within
-from stadera.logs.columns import CHANNELS, layout
+from stadera.logs.batches import Batch, rows_at_once
+from stadera.logs.columns import CHANNELS
 from stadera.logs.pd_law import DESIRED
-from stadera.logs.recording import Recording
-from stadera.logs.tables.rows import table_recordings
-from stadera.logs.topics import LogFile
+from stadera.logs.tables.rows import OpenTable, TableReader
 from stadera.types import Array
 
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
@@ -67,7 +65,7 @@ def _split(name: str, width: int, joints: Sequence[str]) -> list[str]:
     return [f"{name}.{axis}" for axis in axes] if width == len(axes) else [f"{name}[{k}]" for k in range(width)]
 
 
-class NpzTable:
+class NpzTable(TableReader):
     """Reads NumPy's .npz, with memory independent of its length for arrays in C order."""
 
     name = "NumPy table"
@@ -80,22 +78,13 @@ class NpzTable:
         with zipfile.ZipFile(path) as archive:
             return any(name.endswith(".npy") for name in archive.namelist())
 
-    def header(self, path: Path) -> tuple[str, ...]:
-        """Names of the columns."""
-        return tuple(_npz_columns(Budget(path)))
-
-    def stream(
-        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
-    ) -> Iterator[Recording]:
-        """See `stadera.logs.stream`."""
-        path, budget = str(log.path), Budget(log.path, log.reading.limits)
+    def opened(self, budget: Budget) -> OpenTable:
+        """See `TableReader`."""
         columns = _npz_columns(budget)
-        found = layout(tuple(columns), path, joints, require, log.reading, log.topics, self.name)
-        batches = _npz_batches([columns[name] for name in found.recorded], budget)
-        return table_recordings(within(batches, budget, rows), found, path, rows)
+        return OpenTable(tuple(columns), lambda names, rows: _npz_batches([columns[n] for n in names], budget))
 
 
-class MatTable:
+class MatTable(TableReader):
     """Reads MATLAB's .mat up to version 7, as a whole; fields of structs are named struct.field."""
 
     name = "MATLAB table"
@@ -103,27 +92,19 @@ class MatTable:
 
     def accepts(self, path: Path) -> bool:
         """True for a file with the header of MATLAB version 5 to 7."""
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(10) == b"MATLAB 5.0"
+        return begins_with(path, b"MATLAB 5.0")
 
-    def header(self, path: Path) -> tuple[str, ...]:
-        """Names of the columns."""
-        budget = Budget(path)
-        return tuple(_mat_columns(_mat_arrays(budget), budget))
-
-    def stream(
-        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
-    ) -> Iterator[Recording]:
-        """See `stadera.logs.stream`."""
-        path, budget = str(log.path), Budget(log.path, log.reading.limits)
+    def opened(self, budget: Budget) -> OpenTable:
+        """See `TableReader`."""
         arrays = _mat_arrays(budget)
         columns = _mat_columns(arrays, budget)
-        found = layout(tuple(columns), path, joints, require, log.reading, log.topics, self.name)
-        values = [_column(arrays[columns[name].array], columns[name].index) for name in found.recorded]
-        _check_lengths({name: len(value) for name, value in zip(found.recorded, values, strict=True)}, path)
-        return table_recordings([_batch(np.stack(values))], found, path, rows)
+
+        def whole(names: tuple[str, ...], rows: int | None) -> list[Batch]:
+            values = {name: _column(arrays[columns[name].array], columns[name].index) for name in names}
+            _check_lengths({name: len(value) for name, value in values.items()}, str(budget.path))
+            return [_batch(np.stack(tuple(values.values())))]
+
+        return OpenTable(tuple(columns), whole)
 
 
 def _batch(values: Array) -> Batch:

@@ -4,19 +4,16 @@ zstd.
 
 import csv
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from stadera.boundary import foreign
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.batches import Batch, within
-from stadera.logs.columns import layout
-from stadera.logs.recording import Recording
+from stadera.logs.batches import Batch
 from stadera.logs.tables.arrow import batch_of
-from stadera.logs.tables.rows import table_recordings
-from stadera.logs.topics import LogFile
+from stadera.logs.tables.rows import OpenTable, TableReader
 
 BLOCK_BYTES = 1 << 20
 _PIECE_BYTES = 1 << 12
@@ -35,7 +32,7 @@ class Dialect:
     decimal: str = "."
 
 
-class CsvTable:
+class CsvTable(TableReader):
     """Reads the flat table from CSV, a megabyte at a time."""
 
     name = "CSV table"
@@ -52,20 +49,10 @@ class CsvTable:
             return False
         return bool(head) and b"\0" not in head
 
-    def header(self, path: Path) -> tuple[str, ...]:
-        """Names of the columns."""
-        return _dialect(path).header
-
-    def stream(
-        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
-    ) -> Iterator[Recording]:
-        """See `stadera.logs.stream`."""
-        path, budget = log.path, Budget(log.path, log.reading.limits)
-        dialect = _dialect(path)
-        budget.require_columns(dialect.header)
-        found = layout(dialect.header, str(path), joints, require, log.reading, log.topics, self.name)
-        batches = within(_batches(path, dialect, found.recorded), budget, rows)
-        return table_recordings(batches, found, str(path), rows)
+    def opened(self, budget: Budget) -> OpenTable:
+        """See `TableReader`."""
+        dialect = _dialect(budget.path)
+        return OpenTable(dialect.header, lambda columns, rows: _batches(budget.path, dialect, columns))
 
 
 def _head(path: Path, size: int) -> bytes:

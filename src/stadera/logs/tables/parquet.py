@@ -1,18 +1,15 @@
 """The flat table as Parquet."""
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 
-from stadera.boundary import foreign
+from stadera.boundary import begins_with, foreign
 from stadera.limits import Budget
-from stadera.logs.batches import MOST_ROWS, Batch, rows_at_once, within
-from stadera.logs.columns import IMU_FRAME, layout
-from stadera.logs.recording import Recording
+from stadera.logs.batches import MOST_ROWS, Batch, rows_at_once
+from stadera.logs.columns import IMU_FRAME
 from stadera.logs.tables.arrow import batch_of
 from stadera.logs.tables.pages import check_pages
-from stadera.logs.tables.rows import table_recordings
-from stadera.logs.topics import LogFile
+from stadera.logs.tables.rows import OpenTable, TableReader
 
 MAGIC = b"PAR1"
 BUFFER_BYTES = 1 << 16
@@ -20,7 +17,7 @@ _ROWS = 8192  # decoded at once: Arrow keeps what the largest batch has taken
 _DAMAGED = "damaged Parquet file"
 
 
-class ParquetTable:
+class ParquetTable(TableReader):
     """Reads the flat table from Parquet, page by page: memory does not grow with the size of the row groups."""
 
     name = "Parquet table"
@@ -28,26 +25,12 @@ class ParquetTable:
 
     def accepts(self, path: Path) -> bool:
         """A file that begins with Parquet's magic bytes."""
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
+        return begins_with(path, MAGIC)
 
-    def header(self, path: Path) -> tuple[str, ...]:
-        """Names of the columns."""
-        return _schema(path)[0]
-
-    def stream(
-        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
-    ) -> Iterator[Recording]:
-        """See `stadera.logs.stream`."""
-        path, budget = log.path, Budget(log.path, log.reading.limits)
-        names, frame = _schema(path)
-        budget.require_columns(names)
-        found = layout(names, str(path), joints, require, log.reading, log.topics, self.name)
-        found = replace(found, imu_frame=frame)
-        batches = within(_batches(path, found.recorded, rows or MOST_ROWS, budget), budget, rows)
-        return table_recordings(batches, found, str(path), rows)
+    def opened(self, budget: Budget) -> OpenTable:
+        """See `TableReader`."""
+        names, frame = _schema(budget.path)
+        return OpenTable(names, lambda columns, rows: _batches(columns, rows or MOST_ROWS, budget), frame)
 
 
 def _schema(path: Path) -> tuple[tuple[str, ...], str | None]:
@@ -60,9 +43,10 @@ def _schema(path: Path) -> tuple[tuple[str, ...], str | None]:
         return tuple(schema.names), frame or None
 
 
-def _batches(path: Path, columns: tuple[str, ...], rows: int, budget: Budget) -> Iterator[Batch]:
+def _batches(columns: tuple[str, ...], rows: int, budget: Budget) -> Iterator[Batch]:
     from pyarrow import parquet
 
+    path = budget.path
     with foreign(path, _DAMAGED), parquet.ParquetFile(path, buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
         check_pages(path, columns, budget)
         for batch in file.iter_batches(

@@ -1,18 +1,61 @@
-"""Converts rows of a table to recordings: computes or converts stamps, merges rows with different stamps."""
+"""Tables as logs: converts their rows to recordings, computes or converts stamps, merges rows with different stamps."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 
-from stadera.logs.batches import Batch, in_si, recordings
-from stadera.logs.columns import TIME, Layout
+from stadera.limits import Budget
+from stadera.logs.batches import Batch, in_si, recordings, within
+from stadera.logs.columns import TIME, Layout, layout
 from stadera.logs.recording import Recording
+from stadera.logs.topics import LogFile
 from stadera.logs.units import FACTORS, unix_unit
 from stadera.types import Array, Bools
 
 INTERLEAVED = "rows without joint positions are left out; the IMU is interpolated at the stamps of the others"
+
+
+@dataclass(frozen=True, eq=False)
+class OpenTable:
+    """A file whose header was read."""
+
+    names: tuple[str, ...]  # of the columns
+    batches: Callable[[tuple[str, ...], int | None], Iterable[Batch]]  # of some columns, for recordings of so many rows
+    imu_frame: str | None = None
+
+
+class TableReader(ABC):
+    """Reader of one format of tables, see `stadera.logs.reader.Reader`."""
+
+    name: str
+    suffixes: tuple[str, ...]
+
+    @abstractmethod
+    def accepts(self, path: Path) -> bool:
+        """True if the content at `path` has this format."""
+
+    @abstractmethod
+    def opened(self, budget: Budget) -> OpenTable:
+        """Reads the header of the budget's file."""
+
+    def header(self, path: Path) -> tuple[str, ...]:
+        """Names of the columns."""
+        return self.opened(Budget(path)).names
+
+    def stream(
+        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
+    ) -> Iterator[Recording]:
+        """See `stadera.logs.stream`."""
+        path, budget = str(log.path), Budget(log.path, log.reading.limits)
+        table = self.opened(budget)
+        budget.require_columns(table.names)
+        found = layout(table.names, path, joints, require, log.reading, log.topics, self.name)
+        batches = within(table.batches(found.recorded, rows), budget, rows)
+        return table_recordings(batches, replace(found, imu_frame=table.imu_frame), path, rows)
 
 
 def table_recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
