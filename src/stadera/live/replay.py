@@ -9,9 +9,9 @@ import numpy as np
 from stadera.checks import Guard
 from stadera.live.worker import Worker
 from stadera.logs import stream, take
+from stadera.logs.join import with_velocity
 from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording
-from stadera.logs.velocity import with_velocity
 from stadera.robot.model import Robot
 from stadera.weigh.extra_joints import with_extra_joints
 

@@ -13,10 +13,10 @@ from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.clock import RowClock
 from stadera.logs.columns import Layout
+from stadera.logs.join import with_velocity
 from stadera.logs.pd_law import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.recording import Imu, OtherJoints, Recording
 from stadera.logs.units import largest_of
-from stadera.logs.velocity import with_velocity
 from stadera.types import Array, Bools
 
 MOST_ROWS = 32768

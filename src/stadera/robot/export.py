@@ -21,9 +21,8 @@ from stadera.robot.load import load_robot, parse_xml, read_model_file
 from stadera.robot.mjcf import write as mjcf
 from stadera.robot.model import JointDynamics, Robot
 from stadera.robot.modelfile import ModelFile
-from stadera.robot.payload_link import PayloadLink
 from stadera.robot.urdf import write as urdf
-from stadera.robot.xml import named, remark
+from stadera.robot.xml import PayloadLink, named, remark
 
 
 def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None, note: str = "") -> None:

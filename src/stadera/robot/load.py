@@ -22,8 +22,7 @@ from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, S
 from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import fitted_shapes
-from stadera.robot.xacro import parsed
-from stadera.robot.xmltree import require_depth, require_size
+from stadera.robot.xmltree import parsed, require_depth, require_size
 from stadera.types import Array
 
 _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit

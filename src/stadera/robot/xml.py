@@ -1,13 +1,17 @@
 """XML documents that keep their comments, for the writers of both formats."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from xml.dom import minidom
 
+import numpy as np
+
 from stadera.boundary import foreign
 from stadera.errors import ModelError
+from stadera.inertia import InertialParameters
 from stadera.robot.model import JointDynamics
-from stadera.robot.xacro import expanded, is_xacro
+from stadera.robot.xmltree import expanded, is_xacro
 from stadera.types import Array
 
 _UNITS = {"armature": "kg m^2", "offset": "N m"}
@@ -117,3 +121,32 @@ def remark(document: minidom.Document, *lines: str) -> None:
     """Inserts a comment before the root."""
     text = "\n  ".join(lines)
     document.insertBefore(comment(document, f"\n  {text}\n"), document.documentElement)
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadLink:
+    """The link to add: its ten parameters in the trunk frame (with a zero tensor about its centre of mass a point
+    mass), its name, and one sentence on the accuracy of the values for readers of the file, or empty. Raises
+    ModelError: the mass is not positive.
+    """
+
+    body: InertialParameters
+    name: str = "payload"
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.body.mass > 0:
+            raise ModelError(f"a payload needs a positive mass to be a link, got {self.body.mass:.6g} kg")
+
+    @property
+    def tensor(self) -> Array:
+        """Inertia about its centre of mass, trunk axes, (3, 3) [kg·m²]; rounding errors of a point mass are set to
+        zero.
+        """
+        tensor = self.body.inertia_com
+        return np.where(np.abs(tensor) < 1e-12 * np.abs(self.body.inertia).max(), 0.0, tensor)
+
+    @property
+    def comment(self) -> str:
+        """The comment before the link."""
+        return f" {self.name}: the load that was weighed. {self.note} "

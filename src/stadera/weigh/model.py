@@ -12,7 +12,7 @@ import numpy as np
 from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Robot
-from stadera.robot.payload_link import PayloadLink
+from stadera.robot.xml import PayloadLink
 from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.types import Array, Bools
 from stadera.weigh.result import Weighing

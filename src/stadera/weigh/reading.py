@@ -14,8 +14,8 @@ from stadera.checks import FATAL, Finding, contradictions, diagnose
 from stadera.checks.leg_windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
+from stadera.logs.join import with_velocity
 from stadera.logs.reader import read_head
-from stadera.logs.velocity import with_velocity
 from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trust import Verdict

@@ -17,7 +17,7 @@ from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Shape
 from stadera.robot.modelfile import ModelFile
-from stadera.robot.xacro import expanded, is_xacro
+from stadera.robot.xmltree import expanded, is_xacro
 from stadera.types import Array
 
 _DUMMY_MASS_RATIO = 1e-3  # a root this light compared with its fixed child is only the root of the tree

@@ -7,8 +7,7 @@ from xml.dom import minidom
 from stadera.inertia import InertialParameters
 from stadera.robot import xml
 from stadera.robot.model import JointDynamics
-from stadera.robot.payload_link import PayloadLink
-from stadera.robot.xml import element, named, numbers
+from stadera.robot.xml import PayloadLink, element, named, numbers
 from stadera.types import Array
 
 
