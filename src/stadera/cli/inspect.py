@@ -43,7 +43,7 @@ def inspect(
         show(*log_contents(summary, _fitting(summary.joints)))
         return
     from stadera.robot import load_robot
-    from stadera.weigh.inspection import inspected
+    from stadera.weigh.weigh import inspected
 
     model = load_robot(robot, limits_of(options.limit))
     summary = summarize(stream(log))

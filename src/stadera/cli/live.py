@@ -16,7 +16,7 @@ from stadera.cli import options as opt
 from stadera.cli.gate import REPLAY
 from stadera.cli.options import LogOptions, argument, option
 from stadera.cli.terminal import show
-from stadera.cli.viewing import watching
+from stadera.cli.weigh import watching
 
 if TYPE_CHECKING:
     from stadera.live import LiveState

@@ -178,7 +178,7 @@ class LogOptions:
         """
         from stadera.cli.terminal import progress, show
         from stadera.errors import RecordingError
-        from stadera.fleet.metadata import robot_named_in
+        from stadera.fleet.source import robot_named_in
         from stadera.logs.reader import read_head
         from stadera.robot.guess import guessed
 

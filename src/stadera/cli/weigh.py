@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,11 +12,11 @@ from stadera.cli import parse
 from stadera.cli.options import argument, grouped, option
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
-from stadera.cli.viewing import watching
 
 if TYPE_CHECKING:
     from stadera.limits import Limits
     from stadera.robot import Robot
+    from stadera.weigh.settings import Watch
 
 
 @grouped
@@ -91,3 +93,21 @@ def robot_with_legs(name: str, legs: Path | None, limits: Limits) -> Robot:
 
     robot = load_robot(name, limits)
     return robot if legs is None else with_identified_legs(robot, legs)
+
+
+@contextmanager
+def watching(robot: Robot, view: bool, save: Path | None) -> Iterator[Watch | None]:
+    """Yields a viewer's `watch`, None if none was requested; the file is complete when the block ends without an
+    error.
+    """
+    if not view and save is None:
+        yield None
+        return
+    from stadera.files import written_together
+    from stadera.live.view import Viewer
+
+    with (
+        written_together([] if save is None else [save]) as drafts,
+        Viewer(robot, spawn=view, save=drafts[0] if drafts else None) as viewer,
+    ):
+        yield viewer.watch

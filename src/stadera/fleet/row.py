@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import stadera
 from stadera.errors import StaderaError, UntrustedError
 from stadera.fleet.jobs import LogJob, robot_of
-from stadera.fleet.metadata import robot_named_in
-from stadera.fleet.source import digest, fetched, is_url
+from stadera.fleet.source import digest, fetched, is_url, robot_named_in
 from stadera.fleet.table import COLUMNS, SIDES
 from stadera.logs.topics import LogFile
 from stadera.weigh.settings import tare_of

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from stadera.live.link import Endpoints, ZenohLink
 from stadera.live.messages import RESET, TARE
-from stadera.live.recorder import MessageRecorder
-from stadera.live.replay import replay
+from stadera.live.replay import MessageRecorder, replay
 from stadera.live.session import LiveSession
 from stadera.live.state import LiveState
 from stadera.live.worker import Worker

@@ -7,8 +7,7 @@ from difflib import get_close_matches
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.joint_words import matched, places
-from stadera.logs.foreign.guess import hint
-from stadera.logs.foreign.translate import Translation, translated
+from stadera.logs.foreign.translate import Translation, hint, translated
 from stadera.logs.pd_law import DESIRED, PdGains
 from stadera.logs.reading import AS_RECORDED, Reading
 from stadera.logs.topics import Topics

@@ -1,4 +1,4 @@
-"""Cuts and concatenates recordings in time."""
+"""Operations on recordings: selects samples, concatenates, adds velocities."""
 
 from collections.abc import Sequence
 from dataclasses import replace

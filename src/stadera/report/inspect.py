@@ -17,7 +17,7 @@ from stadera.report.terminal import notes, rich_table
 if TYPE_CHECKING:
     from stadera.logs.summary import LogSummary
     from stadera.robot.model import Robot
-    from stadera.weigh.inspection import Inspection
+    from stadera.weigh.weigh import Inspection
 
 
 def robot_contents(robot: Robot) -> Iterator[RenderableType]:

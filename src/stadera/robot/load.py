@@ -16,12 +16,11 @@ from stadera.inertia import InertialParameters
 from stadera.limits import DEFAULTS, Limits
 from stadera.robot.catalog import resolve
 from stadera.robot.extra import ExtraJoints
-from stadera.robot.feet import find_foot
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
 from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
 from stadera.robot.sense import check_sense, checked_limits
-from stadera.robot.shapes import fitted_shapes
+from stadera.robot.shapes import find_foot, fitted_shapes
 from stadera.robot.xmltree import parsed, require_depth, require_size
 from stadera.types import Array
 

@@ -1,4 +1,4 @@
-"""XML documents that keep their comments, for the writers of both formats."""
+"""XML documents that keep their comments, and a payload's link, for the writers of both formats."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,6 @@
-"""Reads XML of robot models within limits: elements, nesting depth, and no entities, which can expand without bound."""
+"""Reads XML of robot models, a xacro after expansion by the package xacro (the extra of that name), within limits of
+elements and nesting depth, and without entities, which can expand without bound.
+"""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator

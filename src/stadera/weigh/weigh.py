@@ -1,16 +1,17 @@
-"""Weighs a robot from a log: chooses the estimator, runs it, and refuses a result that cannot be trusted."""
+"""Weighs a robot from a log: chooses the estimator, runs it, refuses a result that cannot be trusted; inspects logs."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from os import PathLike
 
-from stadera.checks import Guard
-from stadera.errors import UntrustedError
+from stadera.checks import Finding, Guard
+from stadera.errors import StaderaError, UntrustedError
 from stadera.logs import LogFile
 from stadera.logs.reader import Log, as_log, read_head
 from stadera.logs.topics import OpenedLog
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.threads import one_thread
+from stadera.trust import Trust
 from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.extra_joints import with_extra_joints
@@ -94,3 +95,41 @@ def _in_time_of(source: Source, tare: tuple[float, float], robot: Robot) -> tupl
 def _opened(log: Source) -> Source:
     """The log, its first chunk read once for all checks."""
     return OpenedLog.at(log) if isinstance(log, LogFile) else log
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Result of inspecting a log: faults of its first chunk, in which most show, and notes on joints that belong to no
+    leg.
+    """
+
+    findings: tuple[Finding, ...]
+    refusal: str = ""  # why weighing fails, one line; empty if it succeeds
+    trust: Trust | None = None  # of the weighing; None if it was refused, or if the robot is in the air
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sound(self) -> bool:
+        """True if no fault was found and weighing succeeds."""
+        return not self.findings and self.trust is not None and self.trust.verdict == "good"
+
+
+def inspected(
+    robot: Robot, log: Log, imu_frame: str | None = None, *, fix: bool = False, progress: Progress | None = None
+) -> Inspection:
+    """Checks a log, and weighs from it unless the robot is in the air. Arguments as in `stadera.weigh`. Raises
+    RecordingError: the log cannot be read.
+    """
+    notes = with_extra_joints(robot, as_log(log))[2]
+    guard = Guard(robot, robot.tree.joints, imu_frame=imu_frame)
+    source = as_log(log)
+    if fix:
+        source = guard.mended(source)
+    findings = guard.findings(source)
+    if any(finding.cause == "not_on_feet" for finding in findings):
+        return Inspection(findings, notes=notes)
+    try:
+        trust = weigh(robot, source, imu_frame=imu_frame, progress=progress).trust
+        return Inspection(findings, trust=trust, notes=notes)
+    except StaderaError as error:
+        return Inspection(findings, str(error), notes=notes)

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from stadera.boundary import begins_with
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.bags.container import Bundle, Message, Topic, salvaged
+from stadera.logs.bags.container import Bundle, Message, Topic, salvaged, unpacked
 from stadera.logs.bags.mcap_chunk import Pieces, split
-from stadera.logs.bags.unpack import unpacked
 
 if TYPE_CHECKING:
     from mcap.records import McapRecord

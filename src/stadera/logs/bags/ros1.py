@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.bags.container import Message, Topic, salvaged
-from stadera.logs.bags.unpack import unpacked
+from stadera.logs.bags.container import Message, Topic, salvaged, unpacked
 
 if TYPE_CHECKING:
     from rosbags.rosbag1.reader import Header

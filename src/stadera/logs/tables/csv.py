@@ -12,8 +12,7 @@ from stadera.boundary import foreign
 from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.batches import Batch
-from stadera.logs.tables.arrow import batch_of
-from stadera.logs.tables.rows import OpenTable, TableReader
+from stadera.logs.tables.rows import OpenTable, TableReader, batch_of
 
 BLOCK_BYTES = 1 << 20
 _PIECE_BYTES = 1 << 12

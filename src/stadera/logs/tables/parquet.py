@@ -7,9 +7,8 @@ from stadera.boundary import begins_with, foreign
 from stadera.limits import Budget
 from stadera.logs.batches import MOST_ROWS, Batch, rows_at_once
 from stadera.logs.columns import IMU_FRAME
-from stadera.logs.tables.arrow import batch_of
 from stadera.logs.tables.pages import check_pages
-from stadera.logs.tables.rows import OpenTable, TableReader
+from stadera.logs.tables.rows import OpenTable, TableReader, batch_of
 
 MAGIC = b"PAR1"
 BUFFER_BYTES = 1 << 16

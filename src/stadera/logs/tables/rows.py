@@ -1,13 +1,17 @@
 """Tables as logs: converts their rows to recordings, computes or converts stamps, merges rows with different stamps."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.batches import Batch, in_si, recordings, within
 from stadera.logs.columns import TIME, Layout, layout
@@ -15,6 +19,9 @@ from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
 from stadera.logs.units import FACTORS, unix_unit
 from stadera.types import Array, Bools
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 INTERLEAVED = "rows without joint positions are left out; the IMU is interpolated at the stamps of the others"
 
@@ -145,3 +152,36 @@ def _complete(batch: Batch, layout: Layout) -> tuple[Bools, Bools]:
     is_imu = np.array([name in imu for name in layout.columns])
     stamped = ~blank[0]
     return stamped & ~blank[~is_imu].any(axis=0), stamped & ~blank[is_imu].any(axis=0)
+
+
+def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batch:
+    """Selects these columns of a record batch. A null is a blank cell. Raises RecordingError: a column is not numeric.
+    Integers are rounded to the nearest double.
+    """
+    values = np.empty((len(columns), table.num_rows))
+    blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None
+    for i, name in enumerate(columns):
+        cells = _numbers(table.column(name), name, source)
+        valid, numbers = cells.buffers()  # `to_numpy` would import pandas
+        if not len(cells) or numbers is None:
+            continue
+        values[i] = np.frombuffer(numbers, np.float64, len(cells), 8 * cells.offset)
+        if blank is not None and cells.null_count:
+            bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=cells.offset + len(cells), bitorder="little")
+            blank[i] = bits[cells.offset :] == 0
+            values[i, blank[i]] = np.nan
+    return Batch(values, blank)
+
+
+def _numbers(column: pa.Array, name: str, source: str) -> pa.Array:
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_float64(kind):
+        return column
+    numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_null)
+    if not any(test(kind) for test in numeric):
+        raise RecordingError(f"{source}: column {name!r} holds {kind}, not numbers")
+    if pa.types.is_boolean(kind):
+        column = column.cast(pa.int8())
+    return column.cast(pa.float64(), safe=False)
