@@ -7,7 +7,7 @@ import pytest
 from stadera.errors import RecordingError
 from stadera.logs import Recording, write_table
 from stadera.robot import load_robot
-from stadera.robot.guess import guessed
+from stadera.robot.load import guessed
 
 
 def test_joints_of_one_robot_alone_say_whose_they_are() -> None:

@@ -76,7 +76,7 @@ def _is_robot(target: str) -> bool:
 
 def _fitting(joints: tuple[str, ...]) -> list[str]:
     """Robots known by name that the log fits, with its legs where they are not all."""
-    from stadera.robot.guess import fitting
+    from stadera.robot.load import fitting
 
     with progress() as watch:
         found = fitting(joints, watch)

@@ -180,7 +180,7 @@ class LogOptions:
         from stadera.errors import RecordingError
         from stadera.fleet.source import robot_named_in
         from stadera.logs.reader import read_head
-        from stadera.robot.guess import guessed
+        from stadera.robot.load import guessed
 
         if given is not None:
             return given

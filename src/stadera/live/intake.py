@@ -12,9 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.live.clock import StreamClock
 from stadera.live.settings import LiveSettings
-from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, chosen
+from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, StreamClock, chosen
 from stadera.logs.bags.beginning import beginning_of
 from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import Message, Sample, Topic

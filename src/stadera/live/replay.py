@@ -17,7 +17,7 @@ from stadera.logs.join import with_velocity
 from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
-from stadera.weigh.extra_joints import with_extra_joints
+from stadera.weigh.reading import with_extra_joints
 
 
 def replay(

@@ -1,4 +1,4 @@
-"""Loads a robot by name from the catalogue, or from a URDF or MJCF file."""
+"""Loads a robot by name from the catalogue, or from a URDF or MJCF file; tells by its joints whose a log is."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection
@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from stadera.boundary import foreign, require_input
-from stadera.errors import MissingExtraError, ModelError
+from stadera.errors import MissingExtraError, ModelError, RecordingError, StaderaError
 from stadera.inertia import InertialParameters
 from stadera.limits import DEFAULTS, Limits
-from stadera.robot.catalog import resolve
+from stadera.robot.catalog import CATALOG, resolve
 from stadera.robot.extra import ExtraJoints
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
@@ -22,7 +22,7 @@ from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import find_foot, fitted_shapes
 from stadera.robot.xmltree import parsed, require_depth, require_size
-from stadera.types import Array
+from stadera.types import Array, Progress
 
 _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit
 
@@ -258,3 +258,38 @@ def _dynamics(model: Any, name: str) -> JointDynamics:
     v = model.joints[model.getJointId(name)].idx_v
     armature, damping, coulomb = model.armature[v], model.damping[v], model.upperDryFrictionLimit[v]
     return JointDynamics(armature=float(armature), viscous=float(damping), coulomb=float(coulomb))
+
+
+def fitting(joints: Collection[str], progress: Progress | None = None) -> dict[str, tuple[str, ...]]:
+    """Robots known by name, of those installed, of which all joints of one leg or more are there, with these legs."""
+    found = {}
+    for k, name in enumerate(CATALOG):
+        if progress:
+            progress("comparing with known robots", k, len(CATALOG))
+        try:
+            robot = load_robot(name)
+        except StaderaError:  # not installed
+            continue
+        if legs := tuple(leg.name for leg in robot.legs if set(leg.joints) <= set(joints)):
+            found[name] = legs
+    return found
+
+
+def guessed(joints: Collection[str], source: str, progress: Progress | None = None) -> str:
+    """The only robot known by name that has the joints of the log `source`. Raises RecordingError: none, or several of
+    which the names say nothing more; lists them.
+    """
+    found = fitting(joints, progress)
+    most = max((len(legs) for legs in found.values()), default=0)
+    names = [name for name, legs in found.items() if len(legs) == most]
+    if len(names) == 1:
+        return names[0]
+    if not names:
+        shown = ", ".join(list(joints)[:3]) or "none"
+        raise RecordingError(
+            f"{source}: no robot known by name has its joints ({shown}, ...): add --robot with the path of a URDF "
+            f"or MJCF, or one of {', '.join(CATALOG)}, whose joints are then found by leg and part"
+        )
+    raise RecordingError(
+        f"{source}: the joints are those of {', '.join(names)}: add --robot {names[0]}, or whichever it is"
+    )

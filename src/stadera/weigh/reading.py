@@ -3,6 +3,9 @@
 A log whose encoders, torques and IMU contradict each other throughout is refused. If it is consistent in a single
 stretch, only that stretch is used: a robot that lies or hangs before it stands up, or falls at the end, does not obey
 the model of a robot on its feet.
+
+Joints that belong to no leg, of an arm or a lidar that turns, move as recorded, and the trunk's values are those with
+them where they are at the log's beginning. A log that lacks them has them held at the model's zero.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,7 +18,8 @@ from stadera.checks.leg_windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
 from stadera.logs.join import with_velocity
-from stadera.logs.reader import read_head
+from stadera.logs.reader import HEAD_ROWS, read_head
+from stadera.logs.recording import OtherJoints
 from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trust import Verdict
@@ -25,6 +29,7 @@ from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
 WITH_IMU, WITHOUT_IMU = "contact", "poses"
 """Default methods at rest."""
 
+_COMPLETE = 0.9  # share of the samples that must have the joints of no leg for these to be used
 _VERDICTS: dict[str, Verdict] = {
     "contradiction": "bad",
     "not_on_feet": "bad",
@@ -195,3 +200,53 @@ def _single(consistent: Sequence[bool]) -> tuple[int, int]:
     found = np.flatnonzero(consistent)
     unbroken = len(found) and found[-1] - found[0] + 1 == len(found)
     return (int(found[0]), int(found[-1]) + 1) if unbroken else (0, 0)
+
+
+def with_extra_joints(robot: Robot, *logs: Source) -> tuple[Robot, tuple[Source, ...], tuple[str, ...]]:
+    """Returns the robot posed as at the beginning of the first of the logs that has its joints outside the legs, the
+    logs with instructions to read these joints, and notes. A robot without such joints is returned unchanged.
+    """
+    extra = robot.extra
+    if extra is None:
+        return robot, logs, ()
+    read = [_reading_others(robot, log, extra.joints) for log in logs]
+    notes: list[str] = []
+    for log, recorded in read:
+        if lacking := [joint for joint in extra.joints if recorded is None or joint not in recorded.names]:
+            notes.append(f"{_listed(lacking)} of no leg: not in {log.name}, held at the model's zero")
+    posed = posed_as(robot, next((recorded for _, recorded in read if recorded is not None), None))
+    if posed is not robot and posed.extra is not None:
+        angles = ", ".join(f"{value:.3g}" for value in posed.extra.reference)
+        notes.append(
+            f"{_listed(extra.joints)} of no leg: they move as recorded, with the model's inertia; the trunk's "
+            f"values are those with them at {angles} (rad or m), as at the beginning"
+        )
+    return posed, tuple(log for log, _ in read), tuple(dict.fromkeys(notes))
+
+
+def posed_as(robot: Robot, recorded: OtherJoints | None) -> Robot:
+    """The robot with its joints outside the legs where they are at the beginning of a recording, if it has them."""
+    if recorded is None:
+        return robot
+    return robot.posed(dict(zip(recorded.names, recorded.position[0].tolist(), strict=True)))
+
+
+def _reading_others(robot: Robot, log: Source, joints: tuple[str, ...]) -> tuple[Source, OtherJoints | None]:
+    """The log that also reads these joints, and what it begins with; the log itself if it lacks them or has gaps."""
+    if isinstance(log, Recording):
+        other: Source = log.with_others(joints)
+    else:
+        other = replace(log, reading=replace(log.reading, others=joints))
+    try:
+        first = next(stream(other, joints=robot.tree.joints, rows=HEAD_ROWS), None)
+        if first is not None and first.others is not None:
+            whole = next(stream(log, joints=robot.tree.joints, rows=HEAD_ROWS))
+            if len(first) >= _COMPLETE * len(whole):
+                return other, first.others
+    except RecordingError:
+        pass  # whoever reads the log says why
+    return log, None
+
+
+def _listed(joints: list[str] | tuple[str, ...]) -> str:
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(joints)}"

@@ -14,9 +14,8 @@ from stadera.threads import one_thread
 from stadera.trust import Trust
 from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
-from stadera.weigh.extra_joints import with_extra_joints
 from stadera.weigh.in_motion import weigh_in_motion
-from stadera.weigh.reading import choose_method
+from stadera.weigh.reading import choose_method, with_extra_joints
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice
 
