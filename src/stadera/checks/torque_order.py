@@ -223,10 +223,8 @@ class Likelihood:
 def _by_torques(
     wrenches: LegWrenches, displaced: Sequence[LegWrenches], torque: Array, rate: Array, of_leg: Sequence[slice]
 ) -> list[Array]:
-    """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.products`.
-
-    Args:
-        of_leg: the leg whose torques all legs are given, for each set of columns; all legs for each with its own.
+    """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.products`, for each leg in
+    `of_leg`, whose torques all legs are given; all legs for each with its own.
     """
     E = wrenches.to_wrench
     given = [np.broadcast_to(torque[:, legs], torque.shape) for legs in of_leg]

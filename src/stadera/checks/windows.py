@@ -80,13 +80,7 @@ class Windows:
 
 
 def joint_faults(recording: Recording, robot: Robot, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Yields faults of single joints.
-
-    Args:
-        recording: with the robot's joints; velocities only if they were measured.
-        robot: its model.
-        limits: see `WindowLimits`.
-    """
+    """Yields faults of single joints; of velocities only if they were measured."""
     if len(recording) < limits.fewest:
         return
     windows = Windows.of(recording.time, limits.length)

@@ -71,10 +71,10 @@ def layout(
     topics: Topics | None = None,
     kind: str = "table",
 ) -> Layout:
-    """Assigns a table's columns.
+    """Assigns a table's columns, given its header.
 
     Args:
-        names: the table's header. source, kind: of the log, for messages.
+        source, kind: of the log, for messages.
         joints: the joints to read, in this order; None for all that have a position.
         require: what each of these joints needs: any of position, velocity, acceleration, effort; and "imu".
         reading: assignment and units of columns, if their names do not state them.
@@ -82,7 +82,6 @@ def layout(
 
     Raises:
         RecordingError: a column is duplicate, missing or misspelled; names it and the closest ones.
-        UnknownNameError: `require` contains something else.
     """
     if other := next((item for item in require if item not in REQUIRABLE), None):
         raise UnknownNameError("channel", other, REQUIRABLE)

@@ -26,8 +26,8 @@ class CutoffSettings:
 def suggest_cutoff(
     recording: Recording, joints: Sequence[str] | None = None, settings: CutoffSettings | None = None
 ) -> float | None:
-    """Suggests a cut-off [Hz] that passes the motion unchanged and rejects noise; None if accelerations are recorded,
-    which only simulations do, so that no filter is needed.
+    """Suggests a cut-off [Hz] for these joints (None: all) that passes the motion unchanged and rejects noise; None if
+    accelerations are recorded, which only simulations do, so that no filter is needed.
 
     The power spectrum P(f) of every joint's position (Welch) has a floor, the median over the upper half of the band,
     due to encoder noise and resolution. Power above it, up to the highest cut-off that the sampling rate allows, is
@@ -35,13 +35,8 @@ def suggest_cutoff(
     frequency below which 99 % of that power lies, for the fastest joint; at least 5 Hz and at most an eighth of the
     sampling rate.
 
-    Args:
-        recording: the log, or the beginning of a long one.
-        joints: the joints to consider; None for all.
-
     Raises:
-        RecordingError: fewer than two samples.
-        UnknownNameError: a joint that is not recorded.
+        RecordingError: fewer than two samples. UnknownNameError: a joint that is not recorded.
     """
     if recording.acceleration is not None:
         return None

@@ -48,12 +48,8 @@ def kernels(rate_hz: float, cutoff_hz: float | None, *, derivatives: bool = True
     """Computes the kernels for a sampling rate [Hz]; without a cut-off, the frequency of -3 dB [Hz], the filter is the
     identity.
 
-    Args:
-        derivatives: False omits the taps that the central differences need; the derivatives are then zero.
-        delay: by which `late` looks back [s]; negative looks ahead.
-
-    Raises:
-        RecordingError: a cut-off that is not positive or above an eighth of the sampling rate.
+    Without `derivatives` the taps that the central differences need are omitted, and the derivatives zero. `late` looks
+    back by `delay` [s]; negative looks ahead. Raises as `low_pass`.
     """
     taps = np.ones(1) if cutoff_hz is None else low_pass(rate_hz, cutoff_hz)
     rows = [taps, np.zeros(1), np.zeros(1), taps]
@@ -83,10 +79,11 @@ def shift(steps: float) -> Array:
 def low_pass(
     rate_hz: float, cutoff_hz: float, stop_band_db: float = 70.0, width: float = 4.34, tolerance: float = 5e-4
 ) -> Array:
-    """A symmetric windowed-sinc low-pass filter with unit gain at rest and -3 dB at the cut-off.
+    """A symmetric windowed-sinc low-pass filter with unit gain at rest and -3 dB at the cut-off. RecordingError for a
+    cut-off that is not positive or above an eighth of the sampling rate.
 
-    With a Kaiser window for 70 dB, amplitudes up to half the cut-off pass within 0.05 %; above one and a half times
-    the cut-off they are below 0.05 %.
+    With a Kaiser window for 70 dB, amplitudes up to half the cut-off pass within 0.05 %; above one and a half times the
+    cut-off they are below 0.05 %.
 
     Args:
         stop_band_db: of the Kaiser window [dB].
@@ -94,9 +91,6 @@ def low_pass(
             cut-off.
         tolerance: by how much the rates of two parts of one log may differ [1]: stamps rounded to 1 ms, over 1000
             samples at 500 Hz.
-
-    Raises:
-        RecordingError: a cut-off that is not positive or above an eighth of the sampling rate (within the tolerance).
     """
     if not 0 < cutoff_hz <= (1 + tolerance) * rate_hz / RATES_PER_CUTOFF:
         raise RecordingError(

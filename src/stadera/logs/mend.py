@@ -74,10 +74,8 @@ class Mend:
 
 @dataclass(frozen=True)
 class Gear:
-    """Gear ratios for torques of motors: a joint's torque is the motor's times the ratio.
-
-    Raises:
-        RecordingError: neither one nor three ratios, or a ratio that is not positive.
+    """Gear ratios for torques of motors: a joint's torque is the motor's times the ratio. One or three, above 0, else
+    RecordingError.
     """
 
     # one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE), including the joint's lever

@@ -43,11 +43,9 @@ class Processed:
 
 
 def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[str] | None = None) -> Processed:
-    """Preprocesses a whole recording; keeps these joints, in this order (None: all).
-
-    Raises:
-        RecordingError: too few samples for the filter, or a cut-off too high for the rate.
-        UnknownNameError: a joint that is not recorded.
+    """Preprocesses a whole recording; keeps these joints, in this order (None: all). RecordingError if there are too
+    few samples for the filter, or its cut-off is too high for the rate; UnknownNameError for a joint that is not
+    recorded.
     """
     parts = tuple(preprocess_stream([recording], settings, joints))
     return parts[0] if len(parts) == 1 else _joined(parts)

@@ -35,12 +35,7 @@ HEAD_ROWS = 256
 
 
 class Reader(Protocol):
-    """Protocol of a reader of one format.
-
-    Attributes:
-        name: of the format, for messages.
-        suffixes: lower-case, of its files; may be empty.
-    """
+    """Protocol of a reader of one format: its name for messages, and lower-case suffixes of its files; may be empty."""
 
     @property
     def name(self) -> str: ...
@@ -105,7 +100,6 @@ def stream(
         log: a path, a LogFile, which selects topics of a bag, or a recording in memory.
         joints: the joints to read, in this order; None for all.
         require: what each of these joints needs: velocity, acceleration, effort; and "imu".
-        rows: samples in a chunk.
 
     Raises:
         RecordingError: immediately if the file does not exist, has an unknown format or lacks a column; during

@@ -14,11 +14,7 @@ LONGEST_DELAY = 0.2
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """Settings for preparing a log for regressors.
-
-    Raises:
-        RecordingError: a setting is out of its range.
-    """
+    """Settings for preparing a log for regressors. Raises RecordingError: a setting is out of its range."""
 
     # -3 dB frequency of the low-pass filter [Hz]. None for no filter: recorded velocities and accelerations are used
     # unchanged, and missing ones are computed by central differences.

@@ -20,19 +20,12 @@ from stadera.types import Array
 def smooth_rows(
     chunks: Iterable[tuple[Array, Array]], rate_hz: float, cutoff_hz: float, every: int | None = None
 ) -> Iterator[tuple[Array, Array]]:
-    """Filters consecutive chunks of rows over time without delay; yields time (kept,) and values (kept, ...).
+    """Filters consecutive chunks of rows, time (samples,) [s], even except for gaps, and values (samples, ...), without
+    delay; yields time (kept,) and values (kept, ...).
 
     Chunks give the same result as the whole; nothing is filtered across a gap. Rows without a full window (2.17 /
-    cut-off before and after [s]) are dropped.
-
-    Args:
-        chunks: time (samples,) [s], even except for gaps, and values (samples, ...).
-        rate_hz: of the samples [Hz]. cutoff_hz: -3 dB [Hz].
-        every: keeps one row in this many, counted from the first of each stretch; None: so that the rate is twice the
-            cut-off.
-
-    Raises:
-        RecordingError: a cut-off that is not positive or above an eighth of the rate, or `every` below one.
+    cut-off before and after [s]) are dropped. One row in `every` is kept, counted from the first of each stretch; None:
+    so that the rate is twice the cut-off. RecordingError for a cut-off as in `low_pass`, or `every` below one.
     """
     kernel = low_pass(rate_hz, cutoff_hz)
     step = max(1, int(rate_hz / (2 * cutoff_hz))) if every is None else every

@@ -230,11 +230,8 @@ class _Readable(Protocol):
 
 
 def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
-    """Unpacks a chunk or message stored with a compression "zstd", "lz4", "bz2"; "" or "none".
-
-    Raises:
-        LimitError: it unpacks to more than the budget allows.
-        RecordingError: another compression. The libraries raise errors of many kinds on damaged data.
+    """Unpacks a chunk or message stored with a compression "zstd", "lz4", "bz2"; "" or "none". LimitError if it unpacks
+    to more than the budget allows, RecordingError for another compression; the libraries raise errors of many kinds.
     """
     match compression:
         case "" | "none":

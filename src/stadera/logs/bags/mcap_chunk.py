@@ -58,11 +58,9 @@ def _nanoseconds(times: list[int]) -> NDArray[np.int64]:
 
 
 def split(data: bytes, checksum: int) -> list[McapRecord | Pieces]:
-    """The schemas, channels and messages of a chunk; `checksum` is the stated one, 0 for none.
-
-    Raises:
-        RecordingError: the checksum differs, or a record does not end within the chunk. The library raises errors of
-            many kinds on damaged schemas and channels.
+    """The schemas, channels and messages of a chunk; `checksum` is the stated one, 0 for none. RecordingError if it
+    differs, or a record does not end within the chunk; the library raises errors of many kinds on damaged schemas and
+    channels.
     """
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Schema

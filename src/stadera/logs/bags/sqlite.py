@@ -60,11 +60,9 @@ def _rows(path: Path, topics: Collection[str], budget: Budget) -> Iterator[tuple
 
 
 def _open(path: Path, budget: Budget) -> sqlite3.Connection:
-    """Opens the database such that no value is longer and no query takes longer than the budget allows.
-
-    Raises:
-        RecordingError: topics or messages are not plain tables: a view or virtual table computes its rows, possibly
-            without end.
+    """Opens the database such that no value is longer and no query takes longer than the budget allows. Raises
+    RecordingError: topics or messages are not plain tables: a view or virtual table computes its rows, possibly without
+    end.
     """
     database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(int(budget.limits.unpacked), _LONGEST))

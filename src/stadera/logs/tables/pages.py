@@ -69,11 +69,7 @@ def _check_chunk(file: BinaryIO, start: int, size: int, budget: Budget) -> None:
 
 
 class _Thrift:
-    """Reads Thrift's compact protocol. Raises IndexError or ValueError for other data.
-
-    Attributes:
-        at: number of bytes read.
-    """
+    """Reads Thrift's compact protocol, so far up to `at`. Raises IndexError or ValueError for other data."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self.at = data, 0
