@@ -46,11 +46,8 @@ def output_gate(inputs: Iterable[AnyPath]) -> Iterator[OutputGate]:
 
 def require_writable(path: AnyPath) -> Path:
     """Checks that a file can be written to `path`, and returns it with symbolic links resolved. Call it before the
-    computation that produces the content.
-
-    Raises:
-        StaderaError: the folder does not exist or is not writable; the path exists and is not a regular file, or is an
-            input of the command.
+    computation that produces the content. StaderaError if the folder does not exist or is not writable, or the path
+    exists and is not a regular file, or is an input of the command.
     """
     path = Path(path)
     if os.path.abspath(path).startswith(_SPECIAL) and not os.path.abspath(path).startswith("/dev/shm/"):
@@ -82,14 +79,12 @@ def _require_replaceable(path: Path, found: os.stat_result) -> None:
 
 @contextmanager
 def written_together(paths: Sequence[AnyPath]) -> Iterator[tuple[Path, ...]]:
-    """Context that yields draft files, which replace the targets when the block ends without an error.
+    """Context that yields draft files, which replace the targets when the block ends without an error. StaderaError for
+    a path that cannot be written (see `require_writable`), one given twice, or a draft left empty.
 
     After an error no target is created or changed. Each draft keeps its target's suffix, for writers that choose the
     format by it, and its permissions. Drafts are flushed to disk before the first target is replaced, so a full disk
     leaves the old files intact.
-
-    Raises:
-        StaderaError: a path that cannot be written (see `require_writable`), a path given twice, or a draft left empty.
     """
     targets = [require_writable(path) for path in paths]
     if twice := next((path for path, target in zip(paths, targets, strict=True) if targets.count(target) > 1), None):

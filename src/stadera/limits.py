@@ -27,24 +27,17 @@ class LimitError(StaderaError):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits for reading one file, each far above what logs and models of robots need.
+    """Limits for reading one file, each far above what logs and models of robots need."""
 
-    Attributes:
-        unpacked: bytes that one message, chunk, page or array may unpack to, and that a whole log may take in memory
-            unless `ratio` allows more. Writers' chunks and pages have 1 to 16 MB.
-        ratio: of a whole log in memory to its file size. Typical logs have 1 to 20.
-        columns: of a table, or joints in the state messages of a bag. A quadruped has under 100.
-        elements: of a robot's model file, including the copies it asks for. Humanoids have under 5,000.
-        depth: of nested elements in a model file, and of the chain of joints.
-        seconds: of processor time for one file, plus `seconds_per_megabyte` for each megabyte. The slowest kind,
-            messages decoded in Python, takes 0.2 s/MB on a desktop computer.
-    """
-
+    # bytes that one message, chunk, page or array may unpack to, and that a whole log may take in memory unless `ratio`
+    # allows more. Writers' chunks and pages have 1 to 16 MB.
     unpacked: float = 256e6
-    ratio: float = 50.0
-    columns: float = 10_000
-    elements: float = 20_000
-    depth: float = 100
+    ratio: float = 50.0  # of a whole log in memory to its file size. Typical logs have 1 to 20.
+    columns: float = 10_000  # of a table, or joints in the state messages of a bag. A quadruped has under 100.
+    elements: float = 20_000  # of a robot's model file, including the copies it asks for. Humanoids have under 5,000.
+    depth: float = 100  # of nested elements in a model file, and of the chain of joints
+    # of processor time for one file, plus `seconds_per_megabyte` for each megabyte. The slowest kind, messages decoded
+    # in Python, takes 0.2 s/MB on a desktop computer.
     seconds: float = 10.0
     seconds_per_megabyte: float = 10.0
 

@@ -50,19 +50,13 @@ class FleetOptions:
 class LogJob:
     """One log, an absolute path or URL, with its instructions. Raises StaderaError: an invalid tare, or a tare or legs
     combined with `identify`.
-
-    Attributes:
-        robot: name of a robot, or path of a model file; None to use the log's metadata.
-        tare: "T0:T1" [s], or the address of another log; None for no tare.
-        legs: path of a JSON from `stadera identify`; None for the model's legs.
-        name: of the individual robot in the table; None for the model's name.
     """
 
     log: str
-    robot: str | None = None
-    tare: str | None = None
-    legs: str | None = None
-    name: str | None = None
+    robot: str | None = None  # name of a robot, or path of a model file; None to use the log's metadata
+    tare: str | None = None  # "T0:T1" [s], or the address of another log; None for no tare
+    legs: str | None = None  # path of a JSON from `stadera identify`; None for the model's legs
+    name: str | None = None  # of the individual robot in the table; None for the model's name
     options: FleetOptions = field(default_factory=FleetOptions)
 
     def __post_init__(self) -> None:
@@ -100,13 +94,10 @@ def read_manifest(
     path: str | PathLike[str], robot: str | None = None, options: FleetOptions | None = None
 ) -> list[LogJob]:
     """Reads jobs from a CSV with a header: `log`, and optionally `robot` (else this one), `tare`, `legs` and `name`,
-    see `LogJob`.
+    see `LogJob`. RecordingError, with the line, if it cannot be read or lacks a column, UnknownNameError for an unknown
+    column.
 
     `log` may be a glob; relative paths are relative to the manifest. An empty cell counts as missing.
-
-    Raises:
-        RecordingError: the manifest cannot be read or lacks a column; names the line.
-        UnknownNameError: an unknown column.
     """
     path, options = Path(path), options or FleetOptions()
     jobs: dict[str, LogJob] = {}

@@ -38,23 +38,17 @@ _CONFIG = {
 class Pool:
     """Settings of the processes that run the tasks.
 
-    Attributes:
-        workers: processes of a local cluster; None for one per core, 0 for this process, without Dask.
-        scheduler: address of a Dask scheduler to use, "tcp://host:8786"; None for a local cluster.
-        memory: limit of a local worker [bytes], above which it is restarted and its task tried again; weighing needs
-            430 MB, and 615 MB in the first process on a machine, which compiles.
-        connect: time limit for connecting to a scheduler [s].
-        first_worker: time limit for the first worker to connect [s].
-
     Raises:
         StaderaError: a negative number of workers, one combined with a scheduler, or no memory.
     """
 
-    workers: int | None = None
-    scheduler: str | None = None
+    workers: int | None = None  # processes of a local cluster; None for one per core, 0 for this process, without Dask
+    scheduler: str | None = None  # address of a Dask scheduler to use, "tcp://host:8786"; None for a local cluster
+    # limit of a local worker [bytes], above which it is restarted and its task tried again; weighing needs 430 MB, and
+    # 615 MB in the first process on a machine, which compiles
     memory: int = 2_000_000_000
-    connect: float = 10.0
-    first_worker: float = 60.0
+    connect: float = 10.0  # time limit for connecting to a scheduler [s]
+    first_worker: float = 60.0  # time limit for the first worker to connect [s]
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 0:
@@ -86,13 +80,10 @@ class Failure:
 def run_tasks(
     run: Callable[[Task], Found], tasks: Mapping[str, Task], pool: Pool
 ) -> Generator[tuple[str, Found | Failure], None, None]:
-    """Yields names and outcomes as they arrive. Ending the iteration early stops the work.
+    """Yields names and outcomes of `run`, a function of a module, importable by the workers, or a partial of one, as
+    they arrive. Ending the iteration early stops the work.
 
     Local workers are spawned, so a script that calls this needs the usual `if __name__ == "__main__"`.
-
-    Args:
-        run: a function of a module, importable by the workers, or a partial of one.
-        tasks: by name.
 
     Raises:
         MissingExtraError: Dask is needed and not installed.

@@ -62,18 +62,13 @@ _KEYS = b"stadera.keys"
 
 @dataclass(frozen=True)
 class FleetTable(Result):
-    """Results of a fleet's logs.
+    """Results of a fleet's logs."""
 
-    Attributes:
-        rows: by column, see `COLUMNS`.
-        joints, legs: by column, see `JOINTS` and `LEGS`; empty if trunks were weighed.
-        keys: of each row, None for one that is to be tried again.
-    """
-
-    rows: tuple[dict[str, Any], ...]
+    rows: tuple[dict[str, Any], ...]  # by column, see `COLUMNS`
+    # joints, legs: by column, see `JOINTS` and `LEGS`; empty if trunks were weighed
     joints: tuple[dict[str, Any], ...] = ()
     legs: tuple[dict[str, Any], ...] = ()
-    keys: tuple[str | None, ...] = ()
+    keys: tuple[str | None, ...] = ()  # of each row, None for one that is to be tried again
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the table, and those of joints and legs if there are any; all files or none. Raises StaderaError: the

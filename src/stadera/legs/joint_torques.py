@@ -70,19 +70,14 @@ def inertial_columns(links: tuple[str, ...]) -> tuple[str, ...]:
 class JointTorqueRegressor:
     """Computes one set of rows for each joint: inertial parameters of the links it moves, and its friction columns.
 
-    Attributes:
-        tree: of the whole robot, or of one leg.
-        friction: the joint-side columns to add, see `FrictionModel`.
-        trunk_rows: also compute the six rows of the external wrench on the trunk, `force.*`, `moment.*`.
-
     Columns that are always zero for this tree are left out (a knee's torque does not depend on the hip's mass),
     separately for a rotating and a non-rotating trunk. Of the others only linearly independent ones are computed: a
     hip's 23 columns have rank 17 in any motion. They are determined once, from random motion.
     """
 
-    tree: Tree
-    friction: FrictionModel = field(default_factory=FrictionModel)
-    trunk_rows: bool = False
+    tree: Tree  # of the whole robot, or of one leg
+    friction: FrictionModel = field(default_factory=FrictionModel)  # the joint-side columns to add, see `FrictionModel`
+    trunk_rows: bool = False  # also compute the six rows of the external wrench on the trunk, `force.*`, `moment.*`
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
@@ -151,10 +146,7 @@ class JointTorqueRegressor:
 
 @dataclass(frozen=True, eq=False)
 class _Structure:
-    """What a regressor's rows have in common in any motion; the same for all regressors of a tree.
-
-    Attributes: see `JointTorqueRegressor`.
-    """
+    """What a regressor's rows have in common in any motion; the same for all regressors of a tree."""
 
     tree: Tree
     friction: FrictionModel

@@ -19,9 +19,8 @@ class Rows:
     a certain moment and inertia of the parent. Then `matrix = reduced @ mixing`, with fewer columns to compute, filter
     and sum up.
 
-    Raises:
-        IdentificationError: inconsistent shapes, or a std that is not positive and finite. Finite values of matrix and
-            target are checked when they are summed up.
+    IdentificationError for inconsistent shapes, or a std that is not positive and finite. Finite values of matrix and
+    target are checked when they are summed up.
     """
 
     columns: tuple[str, ...]  # names of the parameters of the matrix's columns; parameters not named have zero columns

@@ -80,15 +80,12 @@ class Endpoints:
 
 
 class ZenohLink:
-    """Topics of a session, in and out.
+    """Topics of a session, in and out. `announced` has, by name, types of the topics that publishers have announced.
 
     Args:
         topics: the requested ones.
         put: receives every message of a known type, in Zenoh's thread; None to read none.
         requests: by key, the handler of a request, passed to `ask`, which queues it, with the reply function.
-
-    Attributes:
-        announced: by name, types of the topics that publishers have announced.
     """
 
     def __init__(

@@ -31,19 +31,17 @@ def replay(
     imu_frame: str | None = None,
     fix: bool = False,
 ) -> None:
-    """Passes a log's samples to a worker in real time; returns at its end, or when `stop` is set.
+    """Passes a log's samples to a worker in real time, or `rate` times as fast, infinite for as fast as the estimator;
+    returns at its end, or when `stop` is set.
 
     Args:
-        log: with velocities or positions, torques and an IMU.
-        rate: factor on the speed; infinite for as fast as the estimator.
         piece: duration of the parts of the log passed on at once [s].
         queue: largest number of waiting pieces, if the log is faster than the estimator.
-        imu_frame: frame of the IMU's values; None for the log's own, else the model's.
-        fix: correct unambiguous faults.
+        imu_frame, fix: as in `stadera.weigh`.
 
     Raises:
-        RecordingError: the log cannot be read, or lacks a joint's torque or the IMU.
-        UntrustedError: units or signs of the log are wrong.
+        RecordingError: the log cannot be read, or lacks a joint's torque or the IMU. UntrustedError: its units or signs
+            are wrong.
     """
     begun: tuple[float, float] | None = None
     source = Guard(robot, robot.tree.joints, imu_frame=imu_frame).admitted(as_log(log), fix=fix, force=False)

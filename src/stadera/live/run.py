@@ -38,11 +38,8 @@ def run(
     sinks: Sequence[Callable[[LiveState], None]] = (),
     record: Path | None = None,
 ) -> LiveState:
-    """Runs until `stop` is set or the log ends, and returns the last state.
-
-    Args:
-        sinks: called with every state, in the worker's thread.
-        record: file for received and sent messages, complete on return; None for none.
+    """Runs until `stop` is set or the log ends, and returns the last state. The sinks are called with every state, in
+    the worker's thread; the record of received and sent messages is complete on return.
 
     Raises:
         MissingExtraError: zenoh is not installed. StaderaError: Zenoh cannot be started.

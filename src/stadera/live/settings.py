@@ -9,46 +9,32 @@ from stadera.trunk.settings import TrunkSettings
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """Settings of a live session.
+    """Settings of a live session."""
 
-    Attributes:
-        queue: largest number of waiting messages; beyond it the oldest are dropped and counted. 4 s of two topics at
-            500 Hz.
-        batch: time over which messages are collected before processing [s]: a block of the estimator.
-        period: interval of the states sent [s]; changes are sent at once.
-        head: messages of joints that determine the columns and the rate.
-        silent: time without a message after which a topic counts as silent [s]: fifty samples of the slowest stream.
-        clock_step: difference between a stamp and its topic's clock above which the clock was set, or the message is
-            from another publisher [s]; smaller differences are slewed.
-        other_publisher: time after the last message of a publisher, or on a clock, after which another one is accepted
-            [s].
-        rate_change: factor between two rates above which sampling restarts.
-        lost: periods between two samples above which messages were lost; stamps jitter by up to one.
-        changes: number of latest changes of the load in every state.
-        clocks_apart: difference below which two clocks are taken as synchronised [s]: a day.
-        least_rate: samples a second below which the motion is not resolved.
-        guarded: length of the stretch at the beginning in which units, signs and order of legs are checked [s]: a
-            few steps, or periods of a sway.
-        bags: for decoding and merging. Streams wait for each other at most half a second, any number of stamps that
-            repeat or run back is skipped, and delays of two topics may differ by those of a network.
-        trunk: settings of the estimator.
-    """
-
+    # largest number of waiting messages; beyond it the oldest are dropped and counted. 4 s of two topics at 500 Hz.
     queue: int = 4000
-    batch: float = 0.02
-    period: float = 0.1
-    head: int = 50
+    batch: float = 0.02  # time over which messages are collected before processing [s]: a block of the estimator
+    period: float = 0.1  # interval of the states sent [s]; changes are sent at once
+    head: int = 50  # messages of joints that determine the columns and the rate
+    # time without a message after which a topic counts as silent [s]: fifty samples of the slowest stream
     silent: float = 1.0
+    # difference between a stamp and its topic's clock above which the clock was set, or the message is from another
+    # publisher [s]; smaller differences are slewed
     clock_step: float = 0.1
+    # time after the last message of a publisher, or on a clock, after which another one is accepted [s]
     other_publisher: float = 0.25
-    rate_change: float = 1.5
-    lost: float = 2.5
-    changes: int = 20
-    clocks_apart: float = 86400.0
-    least_rate: float = 50.0
+    rate_change: float = 1.5  # factor between two rates above which sampling restarts
+    lost: float = 2.5  # periods between two samples above which messages were lost; stamps jitter by up to one
+    changes: int = 20  # number of latest changes of the load in every state
+    clocks_apart: float = 86400.0  # difference below which two clocks are taken as synchronised [s]: a day
+    least_rate: float = 50.0  # samples a second below which the motion is not resolved
+    # length of the stretch at the beginning in which units, signs and order of legs are checked [s]: a few steps, or
+    # periods of a sway
     guarded: float = 2.0
+    # for decoding and merging. Streams wait for each other at most half a second, any number of stamps that repeat or
+    # run back is skipped, and delays of two topics may differ by those of a network.
     bags: BagSettings = field(default_factory=lambda: BagSettings(patience=0.5, out_of_order=1.0, drift=0.05))
-    trunk: TrunkSettings = field(default_factory=TrunkSettings)
+    trunk: TrunkSettings = field(default_factory=TrunkSettings)  # settings of the estimator
 
     def __post_init__(self) -> None:
         require_positive("live setting", self, [f.name for f in fields(self) if f.name not in ("bags", "trunk")])

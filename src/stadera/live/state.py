@@ -23,35 +23,24 @@ class Lag:
 
 @dataclass(frozen=True, eq=False)
 class LiveState:
-    """State at one instant.
-
-    Attributes:
-        link: the trunk's name, whose frame is used for all values.
-        time: of the newest sample used [s], NaN before the first; on the stamps' clock until that was first set.
-        stamp: of that sample on its own clock [ns], 0 before the first.
-        status: of the estimator, see `stadera.trunk.protocol.Status`.
-        trunk: including everything attached; the model's values where nothing was observed.
-        payload: mass added since the tare; None without one.
-        rates: messages a second, by topic.
-        lost: number of messages that did not reach the estimator, by reason: "network", "queue", "damaged", "left out"
-            (repeated stamps, a second publisher, missing values).
-        waiting_for: missing input, one sentence each; empty while samples arrive. notes: events, one sentence each.
-    """
+    """State at one instant."""
 
     robot: str
-    link: str
-    time: float
-    stamp: int
-    status: str
-    trunk: TrunkParameters
-    payload: Payload | None
+    link: str  # the trunk's name, whose frame is used for all values
+    time: float  # of the newest sample used [s], NaN before the first; on the stamps' clock until that was first set
+    stamp: int  # of that sample on its own clock [ns], 0 before the first
+    status: str  # of the estimator, see `stadera.trunk.protocol.Status`
+    trunk: TrunkParameters  # including everything attached; the model's values where nothing was observed
+    payload: Payload | None  # mass added since the tare; None without one
     changes: tuple[LoadChange, ...]
     trust: Trust
-    rates: Mapping[str, float]
+    rates: Mapping[str, float]  # messages a second, by topic
+    # number of messages that did not reach the estimator, by reason: "network", "queue", "damaged", "left out"
+    # (repeated stamps, a second publisher, missing values)
     lost: Mapping[str, int]
     lag: Lag
-    waiting_for: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    waiting_for: tuple[str, ...] = ()  # missing input, one sentence each; empty while samples arrive
+    notes: tuple[str, ...] = ()  # events, one sentence each
 
     @property
     def is_trusted(self) -> bool:

@@ -136,10 +136,8 @@ class StreamClock:
         self._heard: dict[str, _Heard] = {}
 
     def at(self, topic: str, stamp: int, arrived: float) -> int | None:
-        """The stamp [ns] on the clock; None for a message that is off it.
-
-        Args:
-            topic: of the message. stamp: [ns]. arrived: on this machine's monotonic clock [s].
+        """The stamp [ns] on the clock; None for a message that is off it. `arrived` is on this machine's monotonic
+        clock [s].
         """
         shifted = stamp + self.shift
         heard = self._heard.setdefault(topic, _Heard(shifted, arrived, shifted / NS - arrived))

@@ -24,11 +24,8 @@ _Item = Arrival | Recording | _Request
 
 
 class Worker:
-    """Feeds a session in a separate thread. `put` and `ask` never wait, and may be called from any thread.
-
-    Args:
-        session: not to be used by others between `start` and `stop`.
-        keep: called with every message before it is processed.
+    """Feeds a session, not to be used by others between `start` and `stop`, in a separate thread. `put` and `ask` never
+    wait, and may be called from any thread. `keep` is called with every message before it is processed.
 
     Attributes:
         sinks: called in the worker's thread with a state every `period`, and at once after a change.

@@ -22,7 +22,7 @@ PD_DOUBT = (
 
 @dataclass(frozen=True)
 class PdGains:
-    """Gains of the joints' position controllers: one pair or three, at least 0 and not all kp 0, else RecordingError."""
+    """Gains of the joints' position controllers: one pair or three, from 0 and not all kp 0, else RecordingError."""
 
     kp: tuple[float, ...]  # [N·m/rad], one for all joints, or one each for hip, thigh and calf (HAA, HFE, KFE)
     kd: tuple[float, ...]  # [N·m·s/rad], as many

@@ -26,15 +26,13 @@ from stadera.robot.xml import PayloadLink, named, remark
 
 
 def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None, note: str = "") -> None:
-    """Writes `robot.source` with the robot's inertias and joint dynamics to `path`: URDF to URDF, MJCF to MJCF.
+    """Writes `robot.source` with the robot's inertias and joint dynamics to `path`: URDF to URDF, MJCF to MJCF. The
+    payload is an additional link fixed to the trunk, not included in the trunk's values; the note a comment at the top
+    of the file.
 
     URDF cannot represent rotor inertia (armature) and torque offsets, MJCF cannot represent offsets: a comment at the
     top of the file lists them. Mesh paths (package://...) are unchanged; an MJCF written to another folder states the
     absolute path of its assets. The file is read back and compared before it replaces an existing one.
-
-    Args:
-        payload: an additional link fixed to the trunk, not included in the trunk's values. None for none.
-        note: information for readers of the file, written as a comment at its top; none if empty.
 
     Raises:
         ModelError: the robot has no source file, the suffix is not that of the source's format, a value that the format

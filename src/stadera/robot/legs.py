@@ -26,15 +26,12 @@ class Chain:
 
 
 def find_legs(file: ModelFile) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
-    """The four legs in the order LF, RF, LH, RH, and notes on assumptions made.
+    """The four legs in the order LF, RF, LH, RH, and notes on assumptions made; ModelError if there are not four.
 
     A leg is a chain of exactly three revolute joints that starts at the trunk (branches, such as rotors, are ignored).
     Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); if these are unclear or clash, from the
     position of its hip (x forward, y left in the trunk frame). If names and positions disagree, the names are used,
     because a log's columns carry them, and a note says so.
-
-    Raises:
-        ModelError: there are not four such chains.
     """
     chains = [_longest_chain(file.model, child) for child in file.model.children[_TRUNK_JOINT]]
     legs = {tuple(chain): _name_from_words(file, chain) for chain in chains if _is_leg(file.model, chain)}

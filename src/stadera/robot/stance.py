@@ -31,15 +31,13 @@ class StanceSettings:
 
 
 def standing_configuration(robot: Robot, settings: StanceSettings | None = None) -> Array:
-    """Joint angles of a plausible stance, in the tree's order [rad], shape (n,).
+    """Joint angles of a plausible stance, in the tree's order [rad], (n,); ModelError if there is none within the
+    limits.
 
     In each leg the foot is below the HFE joint in x, the leg's plane is vertical (HFE axis horizontal) and the feet are
     at one height, 80 % of the extended leg below the hips (or as close to it as the limits allow). Of the solutions
     within the limits, the one with HAA closest to the middle of its range is chosen, and among those the one with the
     knee towards the robot's middle.
-
-    Raises:
-        ModelError: there is no such stance within the joints' limits.
     """
     return _standing(robot, settings or StanceSettings()).copy()
 

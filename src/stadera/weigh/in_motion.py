@@ -54,11 +54,7 @@ def weigh_in_motion(request: Request) -> Weighing:
 
 
 def trust_now(estimator: TrunkEstimator, learnt: float | None = None) -> Trust:
-    """The estimator's trust in its result, lowered if it refuses the latest samples.
-
-    Args:
-        learnt: time of the last sample used [s]; None for the estimator's own.
-    """
+    """The estimator's trust in its result, lowered if it refuses the latest samples, those after `learnt` [s]."""
     trust, estimate = estimator.trust, estimator.estimate()
     if estimate.status is not Status.REFUSED or trust.verdict == "bad":
         return trust

@@ -48,14 +48,12 @@ def weighed_model(result: Weighing) -> WeighedModel:
 
 
 def payload_link(payload: Payload, trunk_com: Array, cube: float = 0.1) -> PayloadLink:
-    """Makes the payload's link for a model file.
+    """Makes the payload's link for a model file. IdentificationError if its mass is not significantly above zero, or
+    its centre of mass was not observed.
 
     An unobserved inertia is replaced by that of a cube with this edge [m], a lidar's size, and the note says so:
     simulators reject or diverge with a body that has mass and no inertia. Components of the centre of mass that were
     not observed are those of `trunk_com` (3,) [m].
-
-    Raises:
-        IdentificationError: its mass is not significantly above zero, or its centre of mass was not observed.
     """
     hidden = np.isnan(payload.com)
     if not payload.mass > SIGNIFICANT * payload.mass_std or hidden.all():
