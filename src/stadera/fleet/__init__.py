@@ -6,26 +6,15 @@ from stadera.lazy import lazy_names
 
 if TYPE_CHECKING:
     from stadera.fleet.jobs import FleetOptions, LogJob, jobs_of, read_manifest
-    from stadera.fleet.pool import Failure, Pool, run_tasks
+    from stadera.fleet.pool import Pool
     from stadera.fleet.run import run_fleet
     from stadera.fleet.table import FleetTable, read_fleet
 
-__all__ = [
-    "Failure",
-    "FleetOptions",
-    "FleetTable",
-    "LogJob",
-    "Pool",
-    "jobs_of",
-    "read_fleet",
-    "read_manifest",
-    "run_fleet",
-    "run_tasks",
-]
+__all__ = ["FleetOptions", "FleetTable", "LogJob", "Pool", "jobs_of", "read_fleet", "read_manifest", "run_fleet"]
 
 _HOMES = {
     "jobs": "FleetOptions LogJob jobs_of read_manifest",
-    "pool": "Failure Pool run_tasks",
+    "pool": "Pool",
     "run": "run_fleet",
     "table": "FleetTable read_fleet",
 }

@@ -2,7 +2,6 @@
 
 from stadera.legs.friction import FRICTION_TERMS, FRICTION_UNITS, FrictionModel
 from stadera.legs.joint_torques import JointTorqueRegressor, inertial_columns
-from stadera.legs.model import LegModel
 from stadera.legs.motion import JointMotion, TrunkMotion
 from stadera.legs.rows import Rows, stack
 
@@ -12,7 +11,6 @@ __all__ = [
     "FrictionModel",
     "JointMotion",
     "JointTorqueRegressor",
-    "LegModel",
     "Rows",
     "TrunkMotion",
     "inertial_columns",

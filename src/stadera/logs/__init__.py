@@ -8,9 +8,9 @@ if TYPE_CHECKING:
     from stadera.logs.cutoff import suggest_cutoff
     from stadera.logs.join import concatenate, take
     from stadera.logs.processing import Processed, preprocess, preprocess_stream
-    from stadera.logs.reader import READERS, Log, Reader, as_log, as_logs, read, reader_of, stream
+    from stadera.logs.reader import READERS, as_log, as_logs, read, reader_of, stream
     from stadera.logs.recording import Imu, Recording
-    from stadera.logs.settings import Preprocessing, PreprocessingReport
+    from stadera.logs.settings import Preprocessing
     from stadera.logs.smoothing import smooth_rows
     from stadera.logs.tables.write import write_table
     from stadera.logs.topics import LogFile, Topics
@@ -18,12 +18,9 @@ if TYPE_CHECKING:
 __all__ = [
     "READERS",
     "Imu",
-    "Log",
     "LogFile",
     "Preprocessing",
-    "PreprocessingReport",
     "Processed",
-    "Reader",
     "Recording",
     "Topics",
     "as_log",
@@ -44,9 +41,9 @@ _HOMES = {
     "cutoff": "suggest_cutoff",
     "join": "concatenate take",
     "processing": "Processed preprocess preprocess_stream",
-    "reader": "Log READERS Reader as_log as_logs read reader_of stream",
+    "reader": "READERS as_log as_logs read reader_of stream",
     "recording": "Imu Recording",
-    "settings": "Preprocessing PreprocessingReport",
+    "settings": "Preprocessing",
     "smoothing": "smooth_rows",
     "tables.write": "write_table",
     "topics": "LogFile Topics",

@@ -2,17 +2,6 @@
 
 from stadera.robot.catalog import CATALOG
 from stadera.robot.load import load_robot
-from stadera.robot.model import LEG_NAMES, Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
+from stadera.robot.model import LEG_NAMES, JointDynamics, JointLimits, Robot, Shape
 
-__all__ = [
-    "CATALOG",
-    "LEG_NAMES",
-    "Frame",
-    "JointDynamics",
-    "JointLimits",
-    "Leg",
-    "Robot",
-    "Shape",
-    "Tree",
-    "load_robot",
-]
+__all__ = ["CATALOG", "LEG_NAMES", "JointDynamics", "JointLimits", "Robot", "Shape", "load_robot"]
