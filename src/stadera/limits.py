@@ -5,13 +5,11 @@ stops at these limits with an error that names the limit and how to raise it: `-
 `Limits(name=value)`.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from stadera.errors import StaderaError, UnknownNameError, require_positive
 
@@ -45,7 +43,7 @@ class Limits:
         require_positive("limit", self, [field.name for field in fields(self)])
 
     @classmethod
-    def parse(cls, texts: Iterable[str]) -> Limits:
+    def parse(cls, texts: Iterable[str]) -> Self:
         """Parses texts such as "seconds=600". Raises StaderaError: wrong format, unknown limit, or a value that is not
         a positive number.
         """

@@ -1,11 +1,9 @@
 """Verdict on whether a result can be trusted, based on how well the model fits the log."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import Literal
+from typing import Literal, Self
 
 Verdict = Literal["good", "doubtful", "bad"]
 _ORDER: tuple[Verdict, ...] = ("good", "doubtful", "bad")
@@ -29,7 +27,7 @@ class Trust:
     by_leg: Mapping[str, float] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
 
-    def at_most(self, verdict: Verdict, reason: str) -> Trust:
+    def at_most(self, verdict: Verdict, reason: str) -> Self:
         """A copy whose verdict is at most `verdict`, with one more reason, which comes first if it decides."""
         worse = max(self.verdict, verdict, key=_ORDER.index)
         reasons = (*self.reasons, reason) if worse == self.verdict else (reason, *self.reasons)

@@ -4,12 +4,10 @@ Fault hypotheses exchange legs, turn signs of joints or rotate the IMU, so most 
 computed for another hypothesis before: `Known` keeps it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +92,7 @@ class Footing:
     blocks: Instants
     known: Known = field(default_factory=Known)
 
-    def under(self, change: Callable[[Instants], Instants]) -> Footing:
+    def under(self, change: Callable[[Instants], Instants]) -> Self:
         """The footing at the same instants, of changed values."""
         return replace(self, blocks=change(self.blocks))
 

@@ -1,9 +1,8 @@
 """Reduces a log for the checks: means and slopes over instants of 40 ms, thinned out evenly by whole seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +37,7 @@ class Instants:
         return len(self.time)
 
     @classmethod
-    def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Instants:
+    def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Self:
         """Computes the instants of a recording that has these joints; missing efforts are zero."""
         chosen = [recording.index(joint) for joint in joints]
         steps = np.diff(recording.time)
@@ -85,12 +84,12 @@ class Instants:
             self.angular_velocity is not None and self.specific_force is not None and bool(np.isfinite(self.rate).all())
         )
 
-    def thinned(self, most: int) -> Instants:
+    def thinned(self, most: int) -> Self:
         """Thinned out evenly to at most `most` instants, by whole seconds."""
         rows = _thinned(len(self), most)
         return self if len(rows) == len(self) else self.at(rows)
 
-    def at(self, rows: NDArray[np.int64]) -> Instants:
+    def at(self, rows: NDArray[np.int64]) -> Self:
         """A selection of the instants."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})

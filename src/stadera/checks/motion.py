@@ -19,10 +19,9 @@ The cost of an instant is log(1 + square / usual²), which limits the influence 
 swinging legs. The usual value cancels when a log is compared with itself under a hypothesis: `Gain`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +73,7 @@ class Gain:
     deviations: float  # the mean divided by its standard deviation, from the scatter of half seconds
 
     @classmethod
-    def of(cls, now: MotionCosts, other: MotionCosts) -> Gain:
+    def of(cls, now: MotionCosts, other: MotionCosts) -> Self:
         """Compares costs with those under a hypothesis. A part available for only one of them is ignored."""
         counted = [np.isfinite(a) & np.isfinite(b) for a, b in ((now.feet, other.feet), (now.balance, other.balance))]
         gain = np.where(counted[0], now.feet - other.feet, 0.0) + np.where(counted[1], now.balance - other.balance, 0.0)

@@ -9,10 +9,9 @@ impossible ones, and its `cost` measures how unlikely they are together.
 The legs' accelerations are neglected: their effect cancels over steps, and is zero at rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,7 @@ class Tilts:
         return self.size > limits.tilt and self.similarity < limits.unlike and self.turned > limits.like
 
     @classmethod
-    def of(cls, time: Array, specific_force: Array, contact: Array, limits: CheckLimits) -> Tilts:
+    def of(cls, time: Array, specific_force: Array, contact: Array, limits: CheckLimits) -> Self:
         """Computed from the means of blocks with little acceleration, trunk's x-y; zero if there are too few."""
         block = blocks_of(time, limits.block)
         deviation = np.zeros(block[-1] + 1)

@@ -12,10 +12,9 @@ Joint by joint, in windows of a second:
 Checks of the legs together are in `stadera.checks.leg_windows`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +59,7 @@ class Windows:
     of_sample: NDArray[np.int64]  # (samples,), index of each sample's window
 
     @classmethod
-    def of(cls, time: Array, length: float) -> Windows:
+    def of(cls, time: Array, length: float) -> Self:
         """Divides the time into equal windows of about this length [s]."""
         count = max(1, round(float(time[-1] - time[0]) / length))
         edges = np.linspace(time[0], time[-1], count + 1)

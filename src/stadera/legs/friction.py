@@ -5,9 +5,8 @@
 linear in (I_a, b, τ_c, τ_0). All code that identifies or uses Coulomb friction takes its direction from here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,7 @@ class JointFriction:
     offset: Array
 
     @classmethod
-    def of(cls, robot: Robot) -> JointFriction:
+    def of(cls, robot: Robot) -> Self:
         """Friction and offsets of a robot's model."""
         dynamics = [[robot.dynamics[joint] for joint in leg.joints] for leg in robot.legs]
         terms = np.array([[(d.viscous, d.coulomb, d.offset) for d in leg] for leg in dynamics])
@@ -77,7 +76,7 @@ class FrictionModel:
         object.__setattr__(self, "terms", tuple(t for t in FRICTION_TERMS if t in self.terms))
 
     @classmethod
-    def full(cls) -> FrictionModel:
+    def full(cls) -> Self:
         """All four terms."""
         return cls(FRICTION_TERMS)
 

@@ -2,11 +2,10 @@
 torques.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
+from typing import Self
 
 import numpy as np
 
@@ -86,7 +85,7 @@ class Gear:
             raise RecordingError(f"gear ratios are one or three, for hip, thigh and calf, above 0: got {self.ratios}")
 
     @classmethod
-    def parse(cls, text: str) -> Gear:
+    def parse(cls, text: str) -> Self:
         """Parses ratios from "6.33" or "6.33,6.33,9.55". Raises RecordingError: another format."""
         try:
             return cls(tuple(float(part) for part in text.split(",")))

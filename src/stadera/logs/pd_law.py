@@ -1,10 +1,9 @@
 """Computes joint torques from a position controller's commands, for logs without measured ones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import Self
 
 import numpy as np
 
@@ -34,7 +33,7 @@ class PdGains:
             raise RecordingError(f"gains need to be at least 0 and some kp above, got {self}")
 
     @classmethod
-    def parse(cls, text: str) -> PdGains:
+    def parse(cls, text: str) -> Self:
         """Parses gains from "20,0.5" or, for hip, thigh and calf, "20,0.5/30,1/40,1.5". Raises RecordingError: another
         format.
         """

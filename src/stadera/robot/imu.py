@@ -5,9 +5,8 @@ The IMU at r (trunk frame) reads the specific force a_imu; at the trunk's origin
     a = a_imu - ω x (ω x r) - α x r
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -25,7 +24,7 @@ class ImuMount:
     name: str
 
     @classmethod
-    def of(cls, robot: Robot, frame: str | None = None) -> ImuMount:
+    def of(cls, robot: Robot, frame: str | None = None) -> Self:
         """Mount of the named frame; for None, of the trunk's only frame with "imu" in its name, else of the trunk
         frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
         """

@@ -1,13 +1,11 @@
 """Ground truth of a prepared log, kept in a separate file: used by reports and never by estimators."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from stadera.boundary import foreign, require_input
 from stadera.constants import ROUNDING
@@ -29,7 +27,7 @@ class TruthAt:
     payload_com: tuple[float, float, float] | None = None
 
     @classmethod
-    def of(cls, time: float, trunk: InertialParameters, bare: InertialParameters) -> TruthAt:
+    def of(cls, time: float, trunk: InertialParameters, bare: InertialParameters) -> Self:
         """Computes the entry from the trunk with and without payload."""
         load = trunk - bare
         loaded = load.mass > ROUNDING

@@ -1,13 +1,11 @@
 """Files of a bag: topics and messages of one file or a folder; damaged files are read as far as possible."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +117,7 @@ class Bag:
     damage: list[str] = field(default_factory=list)
 
     @classmethod
-    def at(cls, path: Path, container: Container, limits: Limits = DEFAULTS) -> Bag:
+    def at(cls, path: Path, container: Container, limits: Limits = DEFAULTS) -> Self:
         """Opens a file, or a folder's files in the order of the numbers in their names. Raises RecordingError: a file
         of the folder is compressed as a whole.
         """

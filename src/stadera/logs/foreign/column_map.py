@@ -1,7 +1,5 @@
 """Maps a log's columns to those of the flat table, given a user's TOML file or a preset of this package."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -9,7 +7,7 @@ from functools import cache
 from importlib import resources
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from stadera.boundary import foreign, require_input
 from stadera.errors import RecordingError, StaderaError
@@ -44,7 +42,7 @@ class ColumnMap:
     units: Units = field(default_factory=Units)
     about: str = ""  # the kind of log
 
-    def asked(self) -> ColumnMap:
+    def asked(self) -> Self:
         """The map including the names that apply only on request."""
         merged = {key: (*self.columns.get(key, ()), *more) for key, more in self.chosen.items()}
         return replace(self, columns={**self.columns, **merged}, chosen={})
