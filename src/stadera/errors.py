@@ -1,6 +1,6 @@
 """Exceptions raised by stadera. Messages name the faulty value and list the valid choices."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from math import isfinite
 
@@ -19,6 +19,11 @@ class UnknownNameError(StaderaError):
         place = f"{where}: " if where else ""
         choices = ", ".join(self.valid) if self.valid else "none"
         super().__init__(f"{place}unknown {kind} {name!r}; valid: {choices}{hint}")
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Names with commas between, at most so many, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def require_known(kind: str, names: Iterable[str], valid: Iterable[str], where: str = "") -> None:

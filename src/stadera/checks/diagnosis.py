@@ -22,6 +22,7 @@ from stadera.checks.statics import Consistency, ConsistencyModel, block_means, b
 from stadera.checks.torque_order import pushing_at_rest, swapped_in_motion
 from stadera.checks.torque_steps import torque_step
 from stadera.checks.units import gravity_findings, gyro_findings, position_findings, time_findings, velocity_findings
+from stadera.errors import listed
 from stadera.logs.mend import Mend, upwards
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.sampling import GAP_FACTOR
@@ -109,7 +110,7 @@ def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
     if recording.effort is not None:
         silent = [j for j, values in zip(recording.joints, recording.effort.T, strict=True) if not values.any()]
         if silent:
-            yield Finding("no_torque", f"the torque of {_listed(silent)} is zero throughout")
+            yield Finding("no_torque", f"the torque of {listed([*map(repr, silent)], 4)} is zero throughout")
     groups: dict[tuple[float, float], list[str]] = {}
     for name, values in _signals(recording):
         if (span := _longest_repeat(recording.time, values, limits)) is not None:
@@ -117,8 +118,8 @@ def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
     for (begin, end), names in groups.items():
         yield Finding(
             "stuck",
-            f"{_listed(names)} stand{'s' * (len(names) == 1)} still bit for bit from {begin:.3f} to {end:.3f} s, and "
-            f"change{'s' * (len(names) == 1)} with every sample elsewhere: a sensor that dropped out",
+            f"{listed([*map(repr, names)], 4)} stand{'s' * (len(names) == 1)} still bit for bit from {begin:.3f} to "
+            f"{end:.3f} s, and change{'s' * (len(names) == 1)} with every sample elsewhere: a sensor that dropped out",
             span=(begin, end),
         )
 
@@ -196,12 +197,12 @@ def _contradictions(blocks: Instants, model: ConsistencyModel) -> Iterator[Findi
         yield from _in_motion(footing, model)
     elif (found := explain(blocks, model)) is not None:
         others = "".join(f", or {other.text}" for other in found.others)
-        text = f"{found.hypothesis.text}{others}: as recorded, {_listing(faults)}; otherwise {_fit(found.without)}"
+        text = f"{found.hypothesis.text}{others}: as recorded, {listed(faults, 3)}; otherwise {_fit(found.without)}"
         mend = None if found.others else found.hypothesis.mend
         yield Finding(found.hypothesis.cause, text, found.hypothesis.option, mend)
     else:
         who = "encoders, torques and IMU" if now.imu else "encoders and torques"
-        yield Finding("contradiction", f"{who} contradict each other: {_listing(faults)}{_outlier(now)}")
+        yield Finding("contradiction", f"{who} contradict each other: {listed(faults, 3)}{_outlier(now)}")
 
 
 def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
@@ -293,14 +294,5 @@ def _thin(values: Array, most: int) -> Array:
     return values[:: -(-len(values) // most)]
 
 
-def _listing(faults: list[str]) -> str:
-    more = f" and {len(faults) - 3} more" if len(faults) > 3 else ""
-    return ", ".join(faults[:3]) + more
-
-
 def _fit(figures: Consistency) -> str:
     return f"it would weigh {figures.weighs:.3g} kg, the model {figures.robot.mass:.3g} kg, and nothing contradicts"
-
-
-def _listed(names: list[str], most: int = 4) -> str:
-    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")

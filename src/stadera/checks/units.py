@@ -9,6 +9,7 @@ from stadera.checks.finding import Finding
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
+from stadera.errors import listed
 from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
 from stadera.logs.recording import Imu, Recording
 from stadera.robot.model import Leg, Robot
@@ -165,9 +166,8 @@ def _velocity_signs(slope: Array, related: Bools, moves: Bools, joints: Sequence
         )
 
 
-def _names(chosen: Bools, joints: Sequence[str], most: int = 3) -> str:
-    names = [repr(joint) for joint, one in zip(joints, chosen, strict=True) if one]
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+def _names(chosen: Bools, joints: Sequence[str]) -> str:
+    return listed([repr(joint) for joint, one in zip(joints, chosen, strict=True) if one], 3)
 
 
 # -- the IMU ---------------------------------------------------------------------------------------------------------

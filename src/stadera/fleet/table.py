@@ -12,9 +12,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from stadera.errors import MissingExtraError, StaderaError
+from stadera.errors import StaderaError
 from stadera.files import written_together
-from stadera.results import Result
+from stadera.results import Result, data_frame
 
 _VALUES = ("trunk_mass", "com_x", "com_y", "com_z", "payload_mass")
 COLUMNS: dict[str, str] = {
@@ -101,11 +101,7 @@ class FleetTable(Result):
 
     def to_dataframe(self) -> Any:
         """The rows as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""
-        try:
-            import pandas as pd  # type: ignore[import-untyped]
-        except ImportError:
-            raise MissingExtraError("pandas", "dataframe", "a data frame") from None
-        return pd.DataFrame(list(self.rows), columns=list(COLUMNS))
+        return data_frame({name: [row[name] for row in self.rows] for name in COLUMNS})
 
 
 def read_fleet(path: str | PathLike[str]) -> FleetTable:

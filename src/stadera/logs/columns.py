@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
-from stadera.errors import RecordingError, UnknownNameError
+from stadera.errors import RecordingError, UnknownNameError, listed
 from stadera.joint_words import matched, places
 from stadera.logs.foreign.translate import Translation, hint, translated
 from stadera.logs.pd_law import DESIRED, PdGains
@@ -268,6 +268,5 @@ def _is_joint_column(name: str) -> bool:
     return any(name.endswith(f".{channel}") for channel in CHANNELS)
 
 
-def _listed(names: Sequence[str], most: int = 16) -> str:
-    shown = ", ".join((name or "(no name)") if len(name) <= 60 else name[:57] + "..." for name in names[:most])
-    return shown + (f" and {len(names) - most} more" if len(names) > most else "")
+def _listed(names: Sequence[str]) -> str:
+    return listed([(name or "(no name)") if len(name) <= 60 else name[:57] + "..." for name in names], 16)

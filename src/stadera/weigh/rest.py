@@ -121,24 +121,6 @@ class _OpenBlock:
         yield RestBlock(self.begin, self.end, n, self.mass, max(white, scatter) / n, sensitivity, self.load / n)
 
 
-class _OpenRefusal:
-    """A period without rest that has not ended yet."""
-
-    def __init__(self, begin: float) -> None:
-        self._begin = begin
-        self._count: Counter[str] = Counter()
-        self._first: dict[str, str] = {}
-
-    def add(self, reason: str) -> None:
-        kind = _FIGURES.sub("#", reason)
-        self._count[kind] += 1
-        self._first.setdefault(kind, reason)
-
-    def until(self, end: float) -> Refusal:
-        """The refusal, with its most frequent reason."""
-        return Refusal(self._begin, end, self._first[self._count.most_common(1)[0][0]])
-
-
 class _RestFinder:
     """Sorts measurements into blocks at rest and the periods between them."""
 
@@ -148,14 +130,18 @@ class _RestFinder:
         self.blocks: list[RestBlock] = []
         self.refusals: list[Refusal] = []
         self._block: _OpenBlock | None = None
-        self._refusal: _OpenRefusal | None = None
+        self._moves_since: float | None = None
+        self._reasons: Counter[str] = Counter()  # against rest since then, by kind
+        self._first: dict[str, str] = {}  # of each kind
 
     def add(self, m: Measurement) -> None:
         forces = self._forces_of.at(m)
         if reason := _complaint(self._gate, m, forces):
             self._close_block()
-            self._refusal = self._refusal or _OpenRefusal(m.time)
-            self._refusal.add(reason)
+            self._moves_since = m.time if self._moves_since is None else self._moves_since
+            kind = _FIGURES.sub("#", reason)
+            self._reasons[kind] += 1
+            self._first.setdefault(kind, reason)
             return
         self._close_refusal(m.time)
         if self._block is not None and m.time - self._block.begin >= self._length:
@@ -173,9 +159,10 @@ class _RestFinder:
             self._block = None
 
     def _close_refusal(self, end: float) -> None:
-        if self._refusal is not None:
-            self.refusals.append(self._refusal.until(end))
-            self._refusal = None
+        if self._moves_since is not None:
+            usual = self._first[self._reasons.most_common(1)[0][0]]
+            self.refusals.append(Refusal(self._moves_since, end, usual))
+            self._moves_since, self._reasons, self._first = None, Counter(), {}
 
 
 def times_at_rest(measurements: Iterable[Measurement], forces_of: ContactForceEstimator, length: float) -> Rest:

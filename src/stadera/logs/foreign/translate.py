@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from stadera.errors import RecordingError
+from stadera.errors import RecordingError, listed
 from stadera.joint_words import places, words
 from stadera.logs.foreign.column_map import TEMPLATE_HINT, ColumnMap, Source, preset, preset_names
 from stadera.logs.foreign.pattern import Hit, hits
@@ -198,15 +198,15 @@ def _topic_of(group: str, found: Sequence[_Found], topics: Topics, source: str) 
 
 def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[str, str], source: str) -> None:
     """Checks that a requested map fits and that the columns it names exist."""
-    listed = ", ".join(list(plain)[:8]) + (f" and {len(plain) - 8} more" if len(plain) > 8 else "")
+    known = listed(list(plain), 8)
     absent = (flat for flat in chosen.columns if "{" not in flat and flat not in found and flat != "time")
     if flat := next(absent, None):
         column = chosen.columns[flat][0].pattern
-        raise RecordingError(f"{source}: no column {column!r}, which {chosen.name} has as {flat!r} (columns: {listed})")
+        raise RecordingError(f"{source}: no column {column!r}, which {chosen.name} has as {flat!r} (columns: {known})")
     if not any(flat.endswith(".position") for flat in found):
         order = '; numbered joints need their order: joints = ["..."]' if _lacks_an_order(chosen) else ""
         raise RecordingError(
-            f"{source}: no column is a joint's position by {chosen.name}{order}; columns: {listed}; {TEMPLATE_HINT}"
+            f"{source}: no column is a joint's position by {chosen.name}{order}; columns: {known}; {TEMPLATE_HINT}"
         )
 
 
