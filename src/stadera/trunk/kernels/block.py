@@ -652,7 +652,9 @@ def clean(table: Array, usual: Array, joints: int, state: Array, out: Array, squ
     `state[BLOCKS]` counts the blocks before.
     """
     n, columns = table.shape
-    out[:] = table
+    for k in range(n):
+        for c in range(columns):
+            out[k, c] = table[k, c]
     if n < 4:
         return
     state[BLOCKS] += 1.0
@@ -797,7 +799,8 @@ def inputs(
         for j in range(12):
             to, sure = 4 * (j % 3) + j // 3, tanh(sliding[k, j] / velocity)
             given[k, 48 + to], given[k, 60 + to] = sure, sqrt(max(1.0 - sure * sure, 0.0))
-    given[n] = given[middle]
+    for c in range(108):
+        given[n, c] = given[middle, c]
     for j in range(12):
         to = 4 * (j % 3) + j // 3
         given[n, 36 + to], given[n, 48 + to] = mean[j], tanh(v[middle, j] / velocity)
@@ -903,7 +906,8 @@ def sums(
         singular = first_singular(ws, MIDDLES + 25 * moved + 6, limits[0], singular)
     if singular < 4:
         return singular
-    variance[:] = noise
+    for c in range(len(noise)):
+        variance[c] = noise[c]
     in_the_air(height, along, heavy, limits, standing, out)
     step = (table[n, 0] - table[1, 0]) / (n - 1) if n > 1 else 0.02
     for k in range(n):
@@ -1010,7 +1014,8 @@ def calibrate(total: Array, imu: Array, turn: Array, elapsed: float, state: Arra
         signals[c] = mean + gain * away
         if c >= 3:
             removed[c - 3] = (1.0 - gain) * away
-    signals[6:] = total[SIGNALS + 6 : SIGNALS + 12]
+    for c in range(6, 12):
+        signals[c] = total[SIGNALS + c]
     return vector(removed, 0)
 
 
@@ -1171,7 +1176,8 @@ def rows(
         joint: (6, 12), q̈, q̇, s, 1, τ̇ and h - τ of the joints. air: (4,), legs in the air throughout.
     """
     elapsed: float = second[END] - first[END]
-    total[:] = first[:SUMS] + second[SUMS : 2 * SUMS]
+    for k in range(SUMS):
+        total[k] = first[k] + second[SUMS + k]
     averaged, differentiated = first[AVERAGED] + second[AVERAGED], first[DIFFERENTIATED] + second[DIFFERENTIATED]
     gyro = (variance[24] + variance[25] + variance[26]) / 3.0
     accelerometer = (variance[27] + variance[28] + variance[29]) / 3.0

@@ -198,7 +198,8 @@ def look_back(
         if ratio * student[w] > best:
             best = ratio * student[w]
             out[0, 0], out[0, 1] = n, 1.0 if reported else 0.0
-            out[1], out[2] = size, variance
+            for i in range(4):
+                out[1, i], out[2, i] = size[i], variance[i]
     return best
 
 
@@ -374,7 +375,8 @@ def spreads(
         if count == 0:
             continue
         for i in range(4):
-            work[:count] = squares[i, :count]
+            for k in range(count):
+                work[k] = squares[i, k]
             limit = WILD**2 * middle(work, count) / MEDIAN
             mean_square = 0.0
             for k in range(count):

@@ -78,7 +78,8 @@ def eliminate(A: Array, least: float) -> None:
 def solved(U: Array, right: Array, work: Array, out: Array) -> None:
     """x of Uᵀ U x = right."""
     n = len(U)
-    work[:], out[:] = right, 0.0
+    for k in range(n):
+        work[k], out[k] = right[k], 0.0
     for k in range(n):
         row, value = U[k], work[k] / U[k, k]
         for c in range(n):

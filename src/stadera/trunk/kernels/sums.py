@@ -148,6 +148,15 @@ def weight_of(square: float, odd: Array) -> float:
 
 
 @part
+def lower(columns: Array, reduced: Array, weight: float) -> None:
+    """Multiplies rows by a weight."""
+    for i in range(len(reduced)):
+        reduced[i] *= weight
+        for c in range(columns.shape[1]):
+            columns[i, c] *= weight
+
+
+@part
 def count(columns: Array, left: Array, total: Array, normal: Array) -> None:
     """Adds rows and their residuals to the sums of `Scatter`."""
     for j in range(4):
@@ -225,8 +234,7 @@ def digest(
         mean_of(solution, errors, estimate)
         weight = weight_of(residual(columns, reduced, estimate, left), odd)
         if weight < 1.0:
-            columns *= weight
-            reduced *= weight
+            lower(columns, reduced, weight)
             white *= weight * weight
     if counted:
         mean_of(aged, errors, estimate)
@@ -234,7 +242,9 @@ def digest(
         count(columns, left, total, normal)
     rest = columns.copy()
     fold(triangle, rest, root, summed)
-    residue[:] = rest[:, 10:]
+    for i in range(n):
+        for c in range(residue.shape[1]):
+            residue[i, c] = rest[i, 10 + c]
     solve(summed, inverse, solved)
     mean_of(solved, errors, mean)
     add_moments(columns, root * root, earlier, stiction, moments)
