@@ -316,3 +316,4 @@ def test_a_state_is_plain_json_and_text(robot: Robot, unloaded: list[Arrival]) -
         "waiting_for",
     } <= set(state.to_dict())
     assert state.figures()["trunk mass [kg]"].count("±") == 1
+    assert str(state.to_dict()["spikes"]) == state.figures()["outliers replaced"]

@@ -110,6 +110,8 @@ def assert_same_rows(made: Robot, data: Samples, n: int) -> None:
             assert_near(b.rows.errors[:, place], a.rows.errors[:, place], error)
         for field in ("air", "terms", "rate", "residual"):
             assert_near(getattr(b.rows.swing, field), getattr(a.rows.swing, field), field)
+    assert compiled.spikes == reference.spikes
+    assert (compiled.spikes > 0) == (n > 1)  # of three samples none can be judged
 
 
 def test_refusals_are_alike() -> None:

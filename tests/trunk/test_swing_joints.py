@@ -119,6 +119,11 @@ def test_single_wild_samples_are_replaced_and_impacts_stay() -> None:
     impact.specific_force[5, 2] += 100.0
     impact.velocity[5, 1] -= 3.0
     assert filtered.clean(impact) is impact
+    assert filtered.replaced == 2
+    edge = block(34)  # belongs to the block before, and is counted there
+    edge.effort[0, 3] += 300.0
+    assert filtered.clean(edge) is not edge
+    assert filtered.replaced == 2
 
 
 def test_the_impulse_of_a_hard_touchdown_is_kept() -> None:

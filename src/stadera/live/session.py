@@ -152,6 +152,7 @@ class LiveSession:
             lag=Lag(now - self._arrived, behind if abs(behind) < self.settings.clocks_apart else np.nan),
             waiting_for=self._lacking(now if until is None else until),
             notes=tuple(intake.notes),
+            spikes=estimator.spikes,
         )
 
     def _trust(self, estimator: TrunkEstimator) -> Trust:

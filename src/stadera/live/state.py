@@ -41,6 +41,7 @@ class LiveState:
     lag: Lag
     waiting_for: tuple[str, ...] = ()  # missing input, one sentence each; empty while samples arrive
     notes: tuple[str, ...] = ()  # events, one sentence each
+    spikes: int = 0  # samples of which single wild values were replaced since the estimates began
 
     @property
     def is_trusted(self) -> bool:
@@ -63,6 +64,7 @@ class LiveState:
             "lag": {"processing": _number(self.lag.processing), "stamp": _number(self.lag.stamp)},
             "waiting_for": list(self.waiting_for),
             "notes": list(self.notes),
+            "spikes": self.spikes,
         }
 
     def figures(self) -> dict[str, str]:
@@ -87,6 +89,7 @@ class LiveState:
         shown["trust"] = f"{self.trust.verdict}, misfit {misfit}"
         shown |= {f"rate of {topic} [Hz]": f"{rate:.1f}" for topic, rate in self.rates.items()}
         shown["lost"] = ", ".join(f"{where} {count}" for where, count in self.lost.items() if count) or "none"
+        shown["outliers replaced"] = f"{self.spikes}"
         shown["lag [ms]"] = number(1e3 * self.lag.processing, 3, "none yet")
         return shown
 

@@ -115,4 +115,5 @@ def _health(state: LiveState) -> Text:
     rates = ", ".join(f"{topic} {rate:.0f} Hz" for topic, rate in state.rates.items()) or "no messages"
     lost = ", ".join(f"{count} {where}" for where, count in state.lost.items() if count) or "none"
     lag = f"; lag {number(1e3 * state.lag.processing, 2)} ms" if isfinite(state.lag.processing) else ""
-    return Text(f"{rates}; lost: {lost}{lag}", style="dim")
+    spikes = f"; outliers replaced: {state.spikes}" if state.spikes else ""
+    return Text(f"{rates}; lost: {lost}{spikes}{lag}", style="dim")

@@ -85,6 +85,11 @@ class CompiledFront(Front):
         """Standard deviation of the torques' white noise, (12,) [N·m]."""
         return np.asarray(np.sqrt(self._noise[:12]))
 
+    @property
+    def spikes(self) -> int:
+        """Number of samples of which single wild values were replaced."""
+        return int(self._state[self._compiled.SPIKES])
+
     def interrupt(self) -> None:
         """Announces that the next samples do not continue the previous ones."""
         self._continues = False

@@ -292,6 +292,11 @@ class TrunkEstimator:
         """The last hundred gaps between samples: end time and duration of each [s]."""
         return tuple(self._gaps)
 
+    @property
+    def spikes(self) -> int:
+        """Number of samples of which single wild values were replaced, see `stadera.trunk.spikes`."""
+        return self._front.spikes
+
     # -- inside -----------------------------------------------------------------------------------------------------
     @property
     def _current(self) -> Segment:

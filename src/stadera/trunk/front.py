@@ -51,6 +51,11 @@ class Front:
         """Standard deviation of the torques' white noise, (12,) [N·m]."""
         return self._maker.noise.torque
 
+    @property
+    def spikes(self) -> int:
+        """Number of samples of which single wild values were replaced."""
+        return self._spikes.replaced
+
     def interrupt(self) -> None:
         """Announces that the next samples do not continue the previous ones."""
         self._maker.restart()

@@ -27,11 +27,15 @@ _LEARNT = 5  # blocks before any spike is replaced
 
 
 class SpikeFilter:
-    """Removes spikes block by block."""
+    """Removes spikes block by block.
+
+    Attributes:
+        replaced: number of samples of which values were replaced so far.
+    """
 
     def __init__(self) -> None:
         self._usual: Array | None = None
-        self._blocks = 0
+        self._blocks = self.replaced = 0
 
     def clean(self, samples: Samples) -> Samples:
         """Returns the samples without spikes; a block has one more sample before and after it."""
@@ -55,6 +59,7 @@ class SpikeFilter:
                     deviation[:, : samples.position.shape[1]] > impossible
                 ).any(axis=1, keepdims=True)
             if cleaned := bool(wild.any()):
+                self.replaced += int(wild[1:-1].any(axis=1).sum())  # the others belong to other blocks
                 expected = np.empty_like(values)
                 expected[1:-1] = 0.5 * (values[:-2] + values[2:])
                 expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]

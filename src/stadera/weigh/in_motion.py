@@ -151,6 +151,7 @@ class _LogPass:
             torque_lag=estimator.torque_lag,
             notes=tuple(dict.fromkeys(note for read in logs for note in read.notes)),
             evidence=estimator.evidence,
+            spikes=estimator.spikes,
         )
 
     # -- inside -----------------------------------------------------------------------------------------------

@@ -114,6 +114,7 @@ class Weighing(Result):
         balance, vertical: at the end of the last rest; None in motion.
         notes: remarks, one sentence each.
         evidence: the log's information on the trunk, for `stadera.trunk.merge`; None at rest.
+        spikes: number of samples of which single wild values were replaced; None at rest.
     """
 
     robot: Robot
@@ -134,6 +135,7 @@ class Weighing(Result):
     vertical: Vertical | None = None
     notes: tuple[str, ...] = ()
     evidence: TrunkEvidence | None = None
+    spikes: int | None = None
 
     @property
     def mass(self) -> float:

@@ -42,6 +42,7 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
         "changes": [change_dict(change, mark) for change in result.changes],
         "timeline": timeline_dict(result.timeline),
         "torque_lag": None if result.torque_lag is None else quantity(*result.torque_lag),
+        "spikes": result.spikes,
         "vertical": None if result.vertical is None else _vertical(result.vertical),
         "refused": [{"begin": r.begin, "end": r.end, "reason": r.reason} for r in result.refusals],
         "notes": list(result.notes),

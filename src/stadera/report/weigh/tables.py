@@ -55,6 +55,11 @@ def lag_text(lag: tuple[float, float]) -> str:
     return f"torques arrive {with_std(1e3 * lag[0], 1e3 * lag[1])} ms late, which is allowed for"
 
 
+def spikes_text(count: int) -> str:
+    """Number of samples with spikes."""
+    return f"{count} {'sample' if count == 1 else 'samples'} with single wild values, which were replaced"
+
+
 def bodies_table(result: Weighing, truth: Truth | None = None) -> TableData:
     """Mass and centre of mass of the model file's trunk, the estimated trunk, the payload, and the truth."""
     return TableData.of(f"Weighed by the method {result.method!r}", _HEAD, _bodies(result, truth))
@@ -152,6 +157,8 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
         yield Text(missing, style="dim")
     if result.torque_lag is not None:
         yield Text(lag_text(result.torque_lag), style="dim")
+    if result.spikes:
+        yield Text(spikes_text(result.spikes), style="dim")
     yield from notes(result.notes)
     yield from _refusals(result)
     yield Text(

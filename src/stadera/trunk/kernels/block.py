@@ -59,8 +59,9 @@ BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
 WILD, RESTLESS, FASTEST = 10.0, 4.0, 30.0  # times the usual noise, twice; rad/s
 SPIKE_MEMORY, LEARNT = 100.0, 5.0  # blocks; blocks before a spike is replaced
 
-# state of what comes before the rows: blocks seen by the filter of spikes; lines between feet, vertical, if it is known
-BLOCKS, LINES, UPWARDS, UP_KNOWN, STATE = 0, 1, 10, 13, 14
+# state of what comes before the rows: blocks seen by the filter of spikes, and samples that it replaced; lines between
+# feet, vertical, if it is known
+BLOCKS, SPIKES, LINES, UPWARDS, UP_KNOWN, STATE = 0, 1, 2, 11, 14, 15
 
 
 # -- vectors -----------------------------------------------------------------------------------------------------------
@@ -621,10 +622,13 @@ def expected(table: Array, k: int, c: int) -> float:
 
 
 @part
-def replace_spikes(table: Array, usual: Array, joints: int, out: Array) -> None:
-    """Replaces wild peaks that are alone or in an impossible sample."""
+def replace_spikes(table: Array, usual: Array, joints: int, out: Array) -> int:
+    """Replaces wild peaks that are alone or in an impossible sample. Returns the number of samples with such peaks,
+    without the first and the last one, which belong to other blocks.
+    """
     n, channels = table.shape
     restless, around, impossible = np.zeros((n + 2, channels)), np.zeros(n + 2), np.zeros(n)
+    replaced = np.zeros(n, dtype=np.int64)
     fastest = FASTEST * (table[1, 0] - table[0, 0])
     for c in range(1, channels):
         limit = RESTLESS * sqrt(usual[c])
@@ -644,12 +648,14 @@ def replace_spikes(table: Array, usual: Array, joints: int, out: Array) -> None:
                     others += around[at] - restless[at, c]
                 if others == 0.0 or impossible[k] > 0.0:
                     out[k, c] = expected(table, k, c)
+                    replaced[k] = 1
+    return int(replaced[1 : n - 1].sum())
 
 
 @part
 def clean(table: Array, usual: Array, joints: int, state: Array, out: Array, squares: Array) -> None:
     """Writes the samples without spikes, as `SpikeFilter.clean`, and mean squares of their third differences;
-    `state[BLOCKS]` counts the blocks before.
+    `state[BLOCKS]` counts the blocks before, `state[SPIKES]` the samples replaced.
     """
     n, columns = table.shape
     for k in range(n):
@@ -674,7 +680,7 @@ def clean(table: Array, usual: Array, joints: int, state: Array, out: Array, squ
             for c in range(columns):
                 wild |= peak(table, end, c) > limit[c]
         if wild:
-            replace_spikes(table, usual, joints, out)
+            state[SPIKES] += replace_spikes(table, usual, joints, out)
     squared_differences(out, squares)
     for c in range(1, columns):
         usual[c] += (squares[c] + 1e-12 - usual[c]) / min(blocks, SPIKE_MEMORY)
