@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,3 +24,20 @@ def test_rows_of_a_robot_that_never_lifted_a_leg_do_not_say_that_its_joints_cann
     usual = np.sqrt(np.diag(model.covariance))
     assert (errors.std[coulomb] < 0.01 * usual[coulomb]).all()
     assert errors.std[PLACES["stiction"]] == pytest.approx(HELD * usual[coulomb])
+
+
+@pytest.mark.parametrize("moved", [False, True], ids=["at rest", "after swings"])
+def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
+    """Identified friction is subtracted while a joint slides, and holds up to its whole size while it does not."""
+    robot = load_robot("hyq")
+    joints = [joint for leg in robot.legs for joint in leg.joints]
+    known = robot.with_dynamics({joint: replace(robot.dynamics[joint], coulomb=5.0) for joint in joints})
+    model = ErrorModel(known, ModelErrors(coulomb=1e-3), 0.7)
+    swing = SwingJoints(model, SwingDetection())
+    if moved:
+        terms = np.tile(np.array([[0.0], [1.0], [1.0], [1.0]]), 12)
+        swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1))
+    rows = RowSums(np.zeros((1 + ERRORS, 1 + ERRORS)), 100, 5.0)
+    for summed in (None, rows):
+        errors = Errors(model, swing, 1.0, summed)
+        assert errors.std[PLACES["stiction"]] == pytest.approx(HELD * 5.0, rel=0.01)

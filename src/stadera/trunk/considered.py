@@ -197,28 +197,37 @@ class Errors:
         self.mean[JOINTS] = joints
         compiled = kernel("stadera.trunk.kernels.errors")
         if compiled is not None and rows is not None and rows.blocks:
-            dry = np.full(12, -1.0) if swing.rows else model.variance[PLACES["coulomb"]]
-            self._update(compiled, (learned.copy(), *model.scaled(scale)), dry, rows)
+            prior = learned.copy(), *model.scaled(scale)
+            self._update(compiled, prior, model.dry, None if swing.rows else model.variance[PLACES["coulomb"]], rows)
             return
         known = Covariance.of(model, scale, learned)
         if rows is not None:
             known = rows.update(self.mean, known)
         coulomb = PLACES["coulomb"]
         # rows under load tell friction as far as the direction of sliding is known, and noise at rest mimics that
-        square = model.variance[coulomb]
+        square = model.dry**2 + model.variance[coulomb]
         if swing.rows:
-            square = self.mean[coulomb] ** 2 + known.variance[coulomb]
+            square = (model.dry + self.mean[coulomb]) ** 2 + known.variance[coulomb]
         self.known = known.held(HELD * np.sqrt(square))
         self.std: Array = np.sqrt(self.known.variance)
 
-    def _update(self, compiled: ModuleType, prior: tuple[Array, Array, Array], dry: Array, rows: RowSums) -> None:
-        """The same by `stadera.trunk.kernels.errors`: of joints, static friction and all variances, updated."""
+    def _update(
+        self, compiled: ModuleType, prior: tuple[Array, Array, Array], dry: Array, unsure: Array | None, rows: RowSums
+    ) -> None:
+        """The same by `stadera.trunk.kernels.errors`: of joints, static friction and all variances, updated.
+
+        Args:
+            unsure: (12,), variance of Coulomb friction where no swing has told it.
+        """
         joints, sticking, variance = prior
         shown, self.std = np.empty((SHOWN.stop, ERRORS)), np.empty(ERRORS)
         self.known = Covariance(joints, sticking, variance, shown)
         numbers = np.array([rows.blocks, rows.repeated, _QUIETEST, HELD])
         places = PLACES["coulomb"].start, STICKING.start
-        compiled.update(self.mean, joints, sticking, variance, shown, self.std, rows.remainder, dry, numbers, *places)
+        friction = np.vstack([dry, np.full(12, -1.0) if unsure is None else unsure])
+        compiled.update(
+            self.mean, joints, sticking, variance, shown, self.std, rows.remainder, friction, numbers, *places
+        )
 
     @property
     def covariance(self) -> Array:

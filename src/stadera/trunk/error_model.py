@@ -12,6 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from stadera.constants import GRAVITY
+from stadera.legs.friction import JointFriction
 from stadera.robot.model import Robot
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array
@@ -81,6 +82,7 @@ class ErrorModel:
     Attributes:
         limit: (12,) effort limits by leg and joint [N·m]; where the model has none, the torque that carries the robot's
             weight on one stretched leg.
+        dry: (12,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is not.
         covariance: (ERRORS, ERRORS).
         length: of a leg [m].
     """
@@ -95,7 +97,8 @@ class ErrorModel:
         std[PLACES["rotor"]] = sizes.rotor * leg_mass * length**2
         for name in ("viscous", "coulomb", "offset"):
             std[PLACES[name]] = getattr(sizes, name) * self.limit
-        std[PLACES["stiction"]] = HELD * sizes.coulomb * self.limit
+        self.dry = np.abs(JointFriction.of(robot).coulomb).ravel()
+        std[PLACES["stiction"]] = HELD * np.hypot(self.dry, sizes.coulomb * self.limit)
         for name in ("torque_lag", "gain", "encoder", "contact", "link_mass", "link_com", "imu_lever", "imu_rotation"):
             std[PLACES[name]] = getattr(sizes, name)
         for name in ("accelerometer", "velocity_lag", "common_gain"):

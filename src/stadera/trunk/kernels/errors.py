@@ -322,7 +322,7 @@ def learn(S: Array, normal: Array, joints: Array, sticking: Array, variance: Arr
 
 @compiled(
     "void(float64[::1], float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[::1], float64[:,::1], "
-    "float64[::1], float64[::1], int64, int64)"
+    "float64[:,::1], float64[::1], int64, int64)"
 )
 def update(
     mean: Array,
@@ -332,7 +332,7 @@ def update(
     shown: Array,
     std: Array,
     remainder: Array,
-    dry: Array,
+    friction: Array,
     numbers: Array,
     coulomb: int,
     begin: int,
@@ -344,7 +344,7 @@ def update(
             updated.
         shown: see `Covariance`, std: (n,), both written.
         remainder: (1 + n, 1 + n), of the rows.
-        dry: (12,), squared size of Coulomb friction; negative for that of the mean and its variance.
+        friction: (2, 12), Coulomb friction that the model has; variance of its error, negative for that found here.
         numbers: of blocks; `RowSums.repeated`; the least variance of the residual; the share of `HELD`.
         coulomb, begin: first places of Coulomb and of static friction.
     """
@@ -361,9 +361,11 @@ def update(
         for j in range(k):
             mean[i] += S[i, j] * along[j] / loud
     learn(S, normal, joints, sticking, variance, begin, shown)
-    size = np.empty(len(dry))
-    for j in range(len(dry)):
-        square = dry[j] if dry[j] >= 0.0 else mean[coulomb + j] ** 2 + variance[coulomb + j]
+    size = np.empty(friction.shape[1])
+    for j in range(len(size)):
+        found = friction[1, j] < 0.0
+        square = (friction[0, j] + (mean[coulomb + j] if found else 0.0)) ** 2
+        square += variance[coulomb + j] if found else friction[1, j]
         size[j] = numbers[3] * sqrt(square)
     hold(variance, shown, sticking, size, begin)
     for e in range(n):
