@@ -26,7 +26,7 @@ from stadera.results import data_frame
 from stadera.robot.model import JointDynamics, Robot
 
 _INERTIA = tuple(name.removeprefix("I") for name in ORDER[4:])
-_READ = ("armature", "viscous", "coulomb")
+_READ = ("armature", "viscous", "coulomb", "offset")
 UNITS = {
     "mass": "kg",
     "com": "m",
@@ -76,10 +76,12 @@ def identification_frame(result: Identification) -> Any:
 
 
 def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
-    """Returns the robot with the links' inertias and the joints' rotor inertia and friction of an identification.
+    """Returns the robot with the links' inertias and the joints' rotor inertia, friction and torque offsets of an
+    identification.
 
-    Legs that were not identified keep the model's values. Torque offsets are ignored, since they change from day to day
-    and weighing estimates them. Negative friction or rotor inertia, which noise can cause, is set to zero.
+    Legs that were not identified keep the model's values. Torque offsets change from day to day: weighing starts at
+    those identified and estimates the difference. Negative friction or rotor inertia, which noise can cause, is set to
+    zero.
 
     Args:
         path: JSON written by `identify --json`.
@@ -183,7 +185,8 @@ def _body(entry: dict[str, Any]) -> InertialParameters:
 
 
 def _known(entry: dict[str, Any]) -> dict[str, float]:
-    return {term: max(_number(entry[term]), 0.0) for term in _READ if term in entry}
+    found = {term: _number(entry[term]) for term in _READ if term in entry}
+    return {term: value if term == "offset" else max(value, 0.0) for term, value in found.items()}
 
 
 def _number(entry: dict[str, Any]) -> float:
