@@ -39,7 +39,7 @@ RobotOfLog = Annotated[
     str | None, option("R", "A robot's name, or a path to a URDF or MJCF [default: as the log says].", "--robot")
 ]
 LegsFile = Annotated[
-    Path | None, option("F.json", "Legs, friction and rotor inertia from `identify --json`.", "--legs")
+    Path | None, option("F.json", "Links, friction, rotor inertia, torque offsets from `identify --json`.", "--legs")
 ]
 Method = Annotated[
     str | None,
