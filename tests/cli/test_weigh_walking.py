@@ -115,13 +115,13 @@ def test_legs_as_identified(tmp_path: Path) -> None:
     }
     entry["inertia"] |= {name: {"value": 0.0} for name in ("xy", "xz", "yz")}
     path = tmp_path / "legs.json"
-    terms = {"armature": {"value": 0.02}, "coulomb": {"value": -0.1}, "offset": {"value": 3.0}}
+    terms = {"armature": {"value": 0.02}, "coulomb": {"value": -0.1}, "offset": {"value": -3.0}}
     path.write_text(json.dumps({"links": {link: entry}, "joints": {joint: terms}}))
     found = with_identified_legs(robot, path)
     assert found.inertias[link].com == pytest.approx(body.com + 0.01)
     assert found.dynamics[joint].armature == 0.02
     assert found.dynamics[joint].coulomb == 0.0
-    assert found.dynamics[joint].offset == robot.dynamics[joint].offset
+    assert found.dynamics[joint].offset == -3.0
 
 
 def test_legs_that_are_no_identification(tmp_path: Path, log: Path) -> None:
