@@ -71,6 +71,15 @@ def test_a_load_is_found_soon_and_placed() -> None:
     assert abs(time - jump.blocks * BLOCK - 4.0) < 0.15
 
 
+def test_a_load_put_on_after_a_second_is_found_once_averages_can_be_compared() -> None:
+    settings = ChangeSettings()
+    load = np.array([5.0, -0.5, 0.2, 0.3, *np.zeros(6)])
+    time, jump = looked(rows(5.0, 5.0, load, 1.0, 1), settings, 5.0)[0]
+    soonest = settings.history + settings.pending * BLOCK
+    assert soonest <= time < soonest + 0.5
+    assert abs(time - jump.blocks * BLOCK - 1.0) < 0.15
+
+
 @pytest.mark.parametrize("noise", [1.0, 10.0, 60.0])
 def test_noise_of_any_size_is_no_change(noise: float) -> None:
     """How much averages vary is learnt: nothing of the noise is stated."""
