@@ -55,7 +55,8 @@ from stadera.types import Array
 
 _LOST_GROUND = 0.2  # s, of a gap, after which ground normal and gravity are estimated anew
 _OFTEN = 3  # blocks between two checks of a change that is still within its error bars
-_REFRESHED = 10  # blocks between two updates of p̂, Σ and the fit
+_REFRESHED = 10  # blocks, at least, between two updates of p̂, Σ and the fit, but for the first ones
+_GROWN, _LONGEST = 0.04, 25  # growth of the rows after which they are updated again; blocks between two, at most
 _PAYLOAD = 0.3  # of the widest prior: standard deviation of the trunk after a change
 _SHIFTED = 0.005  # of the robot's mass: a smaller change of mass is reported as a shift
 _EVALUATED = 1.0  # s, of rows before the fit is evaluated
@@ -151,7 +152,8 @@ class TrunkEstimator:
         self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
         self._summing = summing(robot_weight(self.robot), self._length, self._scatter)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
-        self._blocks, self._learnt, self._since, self._seen_for = 0, np.nan, np.nan, 0.0
+        self._blocks, self._refresh_at = 0, 0
+        self._learnt, self._since, self._seen_for = np.nan, np.nan, 0.0
         self._status, self._reason = Status.WAITING, ""
         self._good: _Reading | None = None
         self._settled = False
@@ -388,10 +390,12 @@ class TrunkEstimator:
         if len(self._recent) > 2 * self.settings.changes.pending:
             self._recent.popleft()
             self._known.popleft()
-        if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
+        if self._blocks >= self._refresh_at:
             self._refresh()
+            wait = min(max(_REFRESHED, int(_GROWN * self._blocks)), _LONGEST) if self._blocks >= _REFRESHED else 1
+            self._refresh_at = self._blocks + wait
         held = self._fit is not None and self._fit.misfit > self.settings.bad
-        if self._blocks % _REFRESHED == _REFRESHED // 2:  # not in the block that also evaluates the fit
+        if self._refresh_at - self._blocks == _REFRESHED // 2:  # not in the block that also evaluates the fit
             self._detector.learn(self._aged, self._errors)
         jump = self._detector.look(rows, self._aged, self._known[0], self._errors, self._scatter.value, held)
         if jump is not None:
