@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stadera.constants import GRAVITY
 from stadera.errors import ModelError, RecordingError, StaderaError
 from stadera.inertia import InertialParameters
 from stadera.lab.baselines.solvers import KalmanTrunk, LeastSquaresTrunk, RlsTrunk
@@ -232,6 +233,24 @@ def test_a_small_sway_shows_the_height() -> None:
     estimator.add(before(samples(motion(replace(STILL, tilt=0.04, sway=0.01)), STANDARD, 1), 2.0))
     assert estimator.estimate().observed.all()
     assert abs(error(estimator, trunk())[3]) < 4.0 * estimator.estimate().std[3] < 0.06
+
+
+def test_impacts_that_the_rate_does_not_resolve_do_not_make_the_trunk_lighter() -> None:
+    """One sample of 15 to 30 g every fifth of a second, as an unfiltered accelerometer reads them at 200 Hz."""
+    walk = walked(robot(), Walk(seconds=4.0, rate_hz=200.0))
+    s = samples(walk, STANDARD, 1)
+    struck = s.specific_force.copy()
+    struck[40::40] += GRAVITY * np.random.default_rng(2).uniform(15.0, 30.0, (len(struck[40::40]), 3))
+    estimator = TrunkEstimator(robot())
+    estimator.add(replace(s, specific_force=struck))
+    found = estimator.estimate()
+    assert 10 < estimator.impacts < 60
+    assert abs(found.value[0] - trunk().mass) < min(2.0 * found.std[0], 0.02 * robot().mass)
+    assert not estimator.changes
+    estimator = TrunkEstimator(robot(), settings=TrunkSettings(impact=1e9))
+    estimator.add(replace(s, specific_force=struck))
+    assert not estimator.impacts
+    assert estimator.estimate().value[0] < trunk().mass - 0.03 * robot().mass  # what they would do
 
 
 def test_finds_by_how_much_torques_are_late() -> None:

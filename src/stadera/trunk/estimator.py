@@ -57,6 +57,7 @@ _LOST_GROUND = 0.2  # s, of a gap, after which ground normal and gravity are est
 _OFTEN = 3  # blocks between two checks of a change that is still within its error bars
 _REFRESHED = 10  # blocks, at least, between two updates of p̂, Σ and the fit, but for the first ones
 _GROWN, _LONGEST = 0.04, 25  # growth of the rows after which they are updated again; blocks between two, at most
+_SAMPLING = 11 + PLACES["sampling"].start
 _PAYLOAD = 0.3  # of the widest prior: standard deviation of the trunk after a change
 _SHIFTED = 0.005  # of the robot's mass: a smaller change of mass is reported as a shift
 _EVALUATED = 1.0  # s, of rows before the fit is evaluated
@@ -100,6 +101,9 @@ class TrunkEstimator:
         start: prior of the trunk, which also supplies components that are never observed; None for the model's trunk.
         settings: None for the defaults.
         mount: of the IMU, instead of `imu_frame`.
+
+    Attributes:
+        impacts: number of blocks left out, see `TrunkSettings.impact`.
 
     Raises:
         ImplausibleError: the prior is not plausible.
@@ -152,7 +156,7 @@ class TrunkEstimator:
         self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
         self._summing = summing(robot_weight(self.robot), self._length, self._scatter)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
-        self._blocks, self._refresh_at = 0, 0
+        self._blocks, self._refresh_at, self.impacts = 0, 0, 0
         self._learnt, self._since, self._seen_for = np.nan, np.nan, 0.0
         self._status, self._reason = Status.WAITING, ""
         self._good: _Reading | None = None
@@ -378,6 +382,11 @@ class TrunkEstimator:
         swing = made.swing
         if swing.air.any():
             self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._front.torque_noise)
+        if np.abs(made.columns[:3, _SAMPLING]).max() > self.settings.impact * robot_weight(self.robot):
+            self.impacts += 1
+            if 2 * self.impacts > self._blocks:
+                self._refuse("the log's rate does not resolve the impacts that its accelerometer shows")
+            return
         p = self._errors.mean
         keep = exp(-made.elapsed / self.settings.memory)
         rows, known = self._summing.add(made, self._current, self._aged, p, keep)

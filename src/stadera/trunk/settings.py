@@ -121,7 +121,7 @@ class ChangeSettings:
     """
 
     least_change: float = 0.015
-    deviations: float = 3.5
+    deviations: float = 3.75
     windows: tuple[int, ...] = (6, 12, 18, 25, 50, 100)
     confirmed: int = 8
     confirmed_long: int = 5
@@ -170,6 +170,10 @@ class TrunkSettings:
         settled: time of data after which an estimate counts as converged [s].
         scale_spread: standard deviation of the logarithm of the model errors' scale before any data [1]. The sizes in
             `ModelErrors` come from few robots; they are taken to be right for others within a factor of three (95 %).
+        impact: half the difference between the forces of odd and of even samples above which a block is left out, share
+            of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
+            such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
+            contains.
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
     """
 
@@ -181,6 +185,7 @@ class TrunkSettings:
     reported_within: float = 2.0
     settled: float = 0.5
     scale_spread: float = 0.55
+    impact: float = 0.25
     doubtful: float = 3.0
     bad: float = 9.0
 
