@@ -382,10 +382,7 @@ class TrunkEstimator:
         swing = made.swing
         if swing.air.any():
             self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._front.torque_noise)
-        if np.abs(made.columns[:3, _SAMPLING]).max() > self.settings.impact * robot_weight(self.robot):
-            self.impacts += 1
-            if 2 * self.impacts > self._blocks:
-                self._refuse("the log's rate does not resolve the impacts that its accelerometer shows")
+        if self._struck(made):
             return
         p = self._errors.mean
         keep = exp(-made.elapsed / self.settings.memory)
@@ -401,8 +398,7 @@ class TrunkEstimator:
             self._known.popleft()
         if self._blocks >= self._refresh_at:
             self._refresh()
-            wait = min(max(_REFRESHED, int(_GROWN * self._blocks)), _LONGEST) if self._blocks >= _REFRESHED else 1
-            self._refresh_at = self._blocks + wait
+            self._refresh_at = self._blocks + _wait(self._blocks)
         held = self._fit is not None and self._fit.misfit > self.settings.bad
         if self._refresh_at - self._blocks == _REFRESHED // 2:  # not in the block that also evaluates the fit
             self._detector.learn(self._aged, self._errors)
@@ -412,6 +408,14 @@ class TrunkEstimator:
         elif self._blocks % _OFTEN == 0:
             self._report(made.time)
         self._adopt(made.time)
+
+    def _struck(self, made: BlockRows) -> bool:
+        """True if the block is left out for its impacts; most blocks left out are a reason to refuse."""
+        struck = bool(np.abs(made.columns[:3, _SAMPLING]).max() > self.settings.impact * robot_weight(self.robot))
+        self.impacts += struck
+        if struck and 2 * self.impacts > self._blocks:
+            self._refuse("the log's rate does not resolve the impacts that its accelerometer shows")
+        return struck
 
     def _refresh(self) -> None:
         """Updates p̂ and Σ from legs in the air and residuals."""
@@ -521,6 +525,11 @@ class TrunkEstimator:
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason = Status.REFUSED, reason
+
+
+def _wait(blocks: int) -> int:
+    """Number of blocks until the model errors are updated again."""
+    return min(max(_REFRESHED, int(_GROWN * blocks)), _LONGEST) if blocks >= _REFRESHED else 1
 
 
 def _order(robot: Robot, joints: Sequence[str] | None) -> NDArray[np.int_]:
