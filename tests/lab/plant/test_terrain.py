@@ -40,19 +40,21 @@ def test_impossible_stones_are_refused(wrong: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("degrees", [0.0, 10.0])
 def test_plant_rests_on_stones_and_feels_its_weight(degrees: float) -> None:
-    """A robot that sinks in its knees until its feet carry: forces, points and clearance belong together."""
+    """A robot that sinks in its knees until its feet carry: forces, points and clearance belong together. It rocks for
+    two to three seconds, differently with every rounding, before it rests.
+    """
     robot = load_robot("hyq")
     terrain = Terrain(slope=np.deg2rad(degrees), heading=0.3, stones=Stones(seed=1, height=0.05, size=0.2, level=0.0))
     plant, stance = Plant(robot, terrain), standing_configuration(robot)
     plant.reset(stance)
     forces = []
-    for _ in range(2500):
+    for _ in range(5000):
         plant.step(4000.0 * (stance - plant.joint_position) - 80.0 * plant.joint_velocity)
         forces.append(plant.state.foot_force.sum(axis=0))
     state = plant.state
     assert state.foot_contact.sum() >= 3
     weight = robot.mass * 9.81
-    np.testing.assert_allclose(np.mean(forces[1500:], axis=0), [0.0, 0.0, weight], atol=0.02 * weight)
+    np.testing.assert_allclose(np.mean(forces[4000:], axis=0), [0.0, 0.0, weight], atol=0.002 * weight)
     assert (state.foot_force[state.foot_contact] @ terrain.normal > 0.0).all()
     np.testing.assert_array_equal(np.isnan(state.contact_point[:, 0]), ~state.foot_contact)
     touching = state.contact_point[state.foot_contact]
