@@ -317,3 +317,4 @@ def test_a_state_is_plain_json_and_text(robot: Robot, unloaded: list[Arrival]) -
     } <= set(state.to_dict())
     assert state.figures()["trunk mass [kg]"].count("±") == 1
     assert str(state.to_dict()["spikes"]) == state.figures()["outliers replaced"]
+    assert f"{state.to_dict()['impacts']:.2f}" == state.figures()["left out for impacts [s]"]

@@ -244,7 +244,7 @@ def test_impacts_that_the_rate_does_not_resolve_do_not_make_the_trunk_lighter() 
     estimator = TrunkEstimator(robot())
     estimator.add(replace(s, specific_force=struck))
     found = estimator.estimate()
-    assert 10 < estimator.impacts < 60
+    assert 0.2 < estimator.impacts < 1.2
     assert abs(found.value[0] - trunk().mass) < min(2.0 * found.std[0], 0.02 * robot().mass)
     assert not estimator.changes
     estimator = TrunkEstimator(robot(), settings=TrunkSettings(impact=1e9))

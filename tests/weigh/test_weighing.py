@@ -65,6 +65,7 @@ def test_a_method_named_from_python_is_the_one_that_runs() -> None:
     found = weigh(HYQ, log(), method="walking")
     assert found.torque_lag is not None
     assert found.spikes == found.to_dict()["spikes"] == 0
+    assert found.impacts == found.to_dict()["impacts"] == 0.0
     assert found.vertical is None
     with pytest.raises(IdentificationError, match="used by the method 'orientation' alone, not by walking"):
         weigh(HYQ, log(), method="walking", stiffness=(1.0, 1.0, 1.0))

@@ -153,6 +153,7 @@ class LiveSession:
             waiting_for=self._lacking(now if until is None else until),
             notes=tuple(intake.notes),
             spikes=estimator.spikes,
+            impacts=estimator.impacts,
         )
 
     def _trust(self, estimator: TrunkEstimator) -> Trust:

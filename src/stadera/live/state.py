@@ -42,6 +42,7 @@ class LiveState:
     waiting_for: tuple[str, ...] = ()  # missing input, one sentence each; empty while samples arrive
     notes: tuple[str, ...] = ()  # events, one sentence each
     spikes: int = 0  # samples of which single wild values were replaced since the estimates began
+    impacts: float = 0.0  # s, left out since then because the rate does not resolve impacts
 
     @property
     def is_trusted(self) -> bool:
@@ -65,6 +66,7 @@ class LiveState:
             "waiting_for": list(self.waiting_for),
             "notes": list(self.notes),
             "spikes": self.spikes,
+            "impacts": self.impacts,
         }
 
     def figures(self) -> dict[str, str]:
@@ -90,6 +92,7 @@ class LiveState:
         shown |= {f"rate of {topic} [Hz]": f"{rate:.1f}" for topic, rate in self.rates.items()}
         shown["lost"] = ", ".join(f"{where} {count}" for where, count in self.lost.items() if count) or "none"
         shown["outliers replaced"] = f"{self.spikes}"
+        shown["left out for impacts [s]"] = f"{self.impacts:.2f}"
         shown["lag [ms]"] = number(1e3 * self.lag.processing, 3, "none yet")
         return shown
 

@@ -116,4 +116,5 @@ def _health(state: LiveState) -> Text:
     lost = ", ".join(f"{count} {where}" for where, count in state.lost.items() if count) or "none"
     lag = f"; lag {number(1e3 * state.lag.processing, 2)} ms" if isfinite(state.lag.processing) else ""
     spikes = f"; outliers replaced: {state.spikes}" if state.spikes else ""
-    return Text(f"{rates}; lost: {lost}{spikes}{lag}", style="dim")
+    impacts = f"; left out for impacts: {state.impacts:.2f} s" if state.impacts else ""
+    return Text(f"{rates}; lost: {lost}{spikes}{impacts}{lag}", style="dim")

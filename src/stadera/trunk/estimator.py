@@ -55,8 +55,6 @@ from stadera.types import Array
 
 _LOST_GROUND = 0.2  # s, of a gap, after which ground normal and gravity are estimated anew
 _OFTEN = 3  # blocks between two checks of a change that is still within its error bars
-_REFRESHED = 10  # blocks, at least, between two updates of p̂, Σ and the fit, but for the first ones
-_GROWN, _LONGEST = 0.04, 25  # growth of the rows after which they are updated again; blocks between two, at most
 _SAMPLING = 11 + PLACES["sampling"].start
 _PAYLOAD = 0.3  # of the widest prior: standard deviation of the trunk after a change
 _SHIFTED = 0.005  # of the robot's mass: a smaller change of mass is reported as a shift
@@ -103,7 +101,7 @@ class TrunkEstimator:
         mount: of the IMU, instead of `imu_frame`.
 
     Attributes:
-        impacts: number of blocks left out, see `TrunkSettings.impact`.
+        impacts: time left out for impacts [s], see `TrunkSettings.impact`.
 
     Raises:
         ImplausibleError: the prior is not plausible.
@@ -156,7 +154,8 @@ class TrunkEstimator:
         self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
         self._summing = summing(robot_weight(self.robot), self._length, self._scatter)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
-        self._blocks, self._refresh_at, self.impacts = 0, 0, 0
+        self._impact = self.settings.impact * robot_weight(self.robot)
+        self._blocks, self._refresh_at, self.impacts = 0, 0, 0.0
         self._learnt, self._since, self._seen_for = np.nan, np.nan, 0.0
         self._status, self._reason = Status.WAITING, ""
         self._good: _Reading | None = None
@@ -377,13 +376,13 @@ class TrunkEstimator:
             self._learn(made.rows)
 
     def _learn(self, made: BlockRows) -> None:
-        self._blocks += 1
-        self._seen_for += made.elapsed
         swing = made.swing
         if swing.air.any():
             self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._front.torque_noise)
         if self._struck(made):
             return
+        self._blocks += 1
+        self._seen_for += made.elapsed
         p = self._errors.mean
         keep = exp(-made.elapsed / self.settings.memory)
         rows, known = self._summing.add(made, self._current, self._aged, p, keep)
@@ -398,9 +397,10 @@ class TrunkEstimator:
             self._known.popleft()
         if self._blocks >= self._refresh_at:
             self._refresh()
-            self._refresh_at = self._blocks + _wait(self._blocks)
+            self._refresh_at = self._blocks + self.settings.wait(self._blocks)
         held = self._fit is not None and self._fit.misfit > self.settings.bad
-        if self._refresh_at - self._blocks == _REFRESHED // 2:  # not in the block that also evaluates the fit
+        between = self.settings.updated // 2  # not in the block that also evaluates the fit
+        if self._refresh_at - self._blocks == between:
             self._detector.learn(self._aged, self._errors)
         jump = self._detector.look(rows, self._aged, self._known[0], self._errors, self._scatter.value, held)
         if jump is not None:
@@ -410,12 +410,13 @@ class TrunkEstimator:
         self._adopt(made.time)
 
     def _struck(self, made: BlockRows) -> bool:
-        """True if the block is left out for its impacts; most blocks left out are a reason to refuse."""
-        struck = bool(np.abs(made.columns[:3, _SAMPLING]).max() > self.settings.impact * robot_weight(self.robot))
-        self.impacts += struck
-        if struck and 2 * self.impacts > self._blocks:
+        """True if the block is left out for its impacts; if most of the time is, that is a reason to refuse."""
+        if np.abs(made.columns[:3, _SAMPLING]).max() <= self._impact:
+            return False
+        self.impacts += made.elapsed
+        if self.impacts > self._seen_for:
             self._refuse("the log's rate does not resolve the impacts that its accelerometer shows")
-        return struck
+        return True
 
     def _refresh(self) -> None:
         """Updates p̂ and Σ from legs in the air and residuals."""
@@ -498,7 +499,7 @@ class TrunkEstimator:
             return
         self._settled = time - self._since >= self.settings.settled and misfit <= self.settings.doubtful
         self._status = Status.MOVING
-        if self._blocks < _REFRESHED or self._blocks % _REFRESHED == 0:
+        if self._blocks < self.settings.updated or self._blocks % self.settings.updated == 0:
             self._shape = read.parameters.inertial
 
     def _verdict(self) -> tuple[Verdict, float]:
@@ -525,11 +526,6 @@ class TrunkEstimator:
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason = Status.REFUSED, reason
-
-
-def _wait(blocks: int) -> int:
-    """Number of blocks until the model errors are updated again."""
-    return min(max(_REFRESHED, int(_GROWN * blocks)), _LONGEST) if blocks >= _REFRESHED else 1
 
 
 def _order(robot: Robot, joints: Sequence[str] | None) -> NDArray[np.int_]:

@@ -174,6 +174,8 @@ class TrunkSettings:
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
             contains.
+        updated, updated_late: number of blocks between two updates of model errors and fit, at first and at last.
+        grown: growth of the rows after which they are updated, between these numbers [1].
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
     """
 
@@ -186,9 +188,20 @@ class TrunkSettings:
     settled: float = 0.5
     scale_spread: float = 0.55
     impact: float = 0.25
+    updated: int = 10
+    updated_late: int = 25
+    grown: float = 0.04
     doubtful: float = 3.0
     bad: float = 9.0
 
     def __post_init__(self) -> None:
         if not (0.01 <= self.block <= 0.2 and self.memory > 0.0 and self.changes.least_change >= 0.0):
             raise StaderaError(f"weighing needs a block of 10 to 200 ms, a memory and changes ≥ 0, got {self}")
+        if not (2 <= self.updated <= self.updated_late and self.grown >= 0.0 and self.impact > 0.0):
+            raise StaderaError(f"weighing needs 2 ≤ updated ≤ updated_late, grown ≥ 0 and impact > 0, got {self}")
+
+    def wait(self, blocks: int) -> int:
+        """Number of blocks until model errors and fit are updated, after so many; the first ones update every time."""
+        if blocks < self.updated:
+            return 1
+        return min(max(self.updated, int(self.grown * blocks)), self.updated_late)

@@ -152,6 +152,7 @@ class _LogPass:
             notes=tuple(dict.fromkeys(note for read in logs for note in read.notes)),
             evidence=estimator.evidence,
             spikes=estimator.spikes,
+            impacts=estimator.impacts,
         )
 
     # -- inside -----------------------------------------------------------------------------------------------

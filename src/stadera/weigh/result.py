@@ -115,6 +115,7 @@ class Weighing(Result):
         notes: remarks, one sentence each.
         evidence: the log's information on the trunk, for `stadera.trunk.merge`; None at rest.
         spikes: number of samples of which single wild values were replaced; None at rest.
+        impacts: time left out because the log's rate does not resolve its impacts [s]; None at rest.
     """
 
     robot: Robot
@@ -136,6 +137,7 @@ class Weighing(Result):
     notes: tuple[str, ...] = ()
     evidence: TrunkEvidence | None = None
     spikes: int | None = None
+    impacts: float | None = None
 
     @property
     def mass(self) -> float:

@@ -43,6 +43,7 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
         "timeline": timeline_dict(result.timeline),
         "torque_lag": None if result.torque_lag is None else quantity(*result.torque_lag),
         "spikes": result.spikes,
+        "impacts": result.impacts,
         "vertical": None if result.vertical is None else _vertical(result.vertical),
         "refused": [{"begin": r.begin, "end": r.end, "reason": r.reason} for r in result.refusals],
         "notes": list(result.notes),

@@ -120,6 +120,8 @@ def _facts(result: Weighing) -> dict[str, str]:
         facts["Torques"] = tables.lag_text(result.torque_lag)
     if result.spikes is not None:
         facts["Outliers"] = tables.spikes_text(result.spikes)
+    if result.impacts:
+        facts["Impacts"] = tables.impacts_text(result.impacts)
     if (vertical := result.vertical) is not None:
         facts["Vertical"] = f"{_VERTICAL[vertical.source]}, ±{degrees(vertical.tilt_std):.2g}°"
     return facts

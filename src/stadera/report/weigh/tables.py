@@ -60,6 +60,11 @@ def spikes_text(count: int) -> str:
     return f"{count} {'sample' if count == 1 else 'samples'} with single wild values, which were replaced"
 
 
+def impacts_text(seconds: float) -> str:
+    """Time left out for impacts."""
+    return f"{seconds:.2f} s left out: impacts that the log's rate does not resolve"
+
+
 def bodies_table(result: Weighing, truth: Truth | None = None) -> TableData:
     """Mass and centre of mass of the model file's trunk, the estimated trunk, the payload, and the truth."""
     return TableData.of(f"Weighed by the method {result.method!r}", _HEAD, _bodies(result, truth))
@@ -159,6 +164,8 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
         yield Text(lag_text(result.torque_lag), style="dim")
     if result.spikes:
         yield Text(spikes_text(result.spikes), style="dim")
+    if result.impacts:
+        yield Text(impacts_text(result.impacts), style="dim")
     yield from notes(result.notes)
     yield from _refusals(result)
     yield Text(
