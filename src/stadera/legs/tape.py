@@ -118,7 +118,7 @@ class Traced:
     __rmul__ = __mul__
 
     def __neg__(self) -> Traced:
-        return self.recorder.step("NEGATE", self.place)
+        return self.recorder.step("TIMES_CONSTANT", self.place, constant=-1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,10 @@ from stadera.types import Array
 TILE = 128  # samples at a time: the registers of a leg's regressor fit into the processor's caches
 
 # a, b and c are the operands, k the constant
-ADD, SUBTRACT, TIMES, NEGATE, COSINE, SINE = range(6)
-PLUS_CONSTANT, MINUS_FROM, TIMES_CONSTANT = range(6, 9)
-TIMES_ADD, TIMES_SUBTRACT, SUBTRACT_TIMES = range(9, 12)  # a b + c, a b - c, c - a b
+COSINE, SINE = range(2)
+PLUS_CONSTANT, MINUS_FROM, TIMES_CONSTANT = range(2, 5)
+ADD, SUBTRACT, TIMES = range(5, 8)
+TIMES_ADD, TIMES_SUBTRACT, SUBTRACT_TIMES = range(8, 11)  # a b + c, a b - c, c - a b
 
 # π/2 in three parts, the first two of 33 bits so that their product with a number below 2^20 is exact; and the
 # polynomials of sine and cosine within ±π/4 (fdlibm, Sun Microsystems 1993)
@@ -39,6 +40,59 @@ def sine(angle: float, quarters: float) -> float:
     return -value if turn >= 2.0 else value
 
 
+@compiled(inline="always")
+def of_angle(kind: int, z: Array, a: Array) -> None:
+    """Writes the cosine or sine of a into z, all (TILE,)."""
+    if kind == SINE:
+        for t in range(TILE):
+            z[t] = sine(a[t], 0.0)
+    else:
+        for t in range(TILE):
+            z[t] = sine(a[t], 1.0)
+
+
+@compiled(inline="always")
+def with_constant(kind: int, z: Array, a: Array, k: float) -> None:
+    """Writes an operation on a and a constant into z."""
+    if kind == TIMES_CONSTANT:
+        for t in range(TILE):
+            z[t] = k * a[t]
+    elif kind == PLUS_CONSTANT:
+        for t in range(TILE):
+            z[t] = a[t] + k
+    else:
+        for t in range(TILE):
+            z[t] = k - a[t]
+
+
+@compiled(inline="always")
+def of_two(kind: int, z: Array, a: Array, b: Array) -> None:
+    """Writes an operation on a and b into z."""
+    if kind == ADD:
+        for t in range(TILE):
+            z[t] = a[t] + b[t]
+    elif kind == SUBTRACT:
+        for t in range(TILE):
+            z[t] = a[t] - b[t]
+    else:
+        for t in range(TILE):
+            z[t] = a[t] * b[t]
+
+
+@compiled(inline="always")
+def of_three(kind: int, z: Array, a: Array, b: Array, c: Array) -> None:
+    """Writes a product of a and b in a sum or difference with c into z."""
+    if kind == TIMES_ADD:
+        for t in range(TILE):
+            z[t] = a[t] * b[t] + c[t]
+    elif kind == TIMES_SUBTRACT:
+        for t in range(TILE):
+            z[t] = a[t] * b[t] - c[t]
+    else:
+        for t in range(TILE):
+            z[t] = c[t] - a[t] * b[t]
+
+
 @compiled("void(int64[:, ::1], float64[::1], int64, float64[:, ::1], int64[::1], float64[:, ::1])")
 def run(
     code: NDArray[np.int64], constants: Array, registers: int, inputs: Array, stores: NDArray[np.int64], out: Array
@@ -62,42 +116,14 @@ def run(
         for i in range(len(code)):
             kind, k = code[i, 0], constants[i]
             z, a, b, c = w[code[i, 1]], w[code[i, 2]], w[code[i, 3]], w[code[i, 4]]
-            if kind == ADD:
-                for t in range(TILE):
-                    z[t] = a[t] + b[t]
-            elif kind == SUBTRACT:
-                for t in range(TILE):
-                    z[t] = a[t] - b[t]
-            elif kind == TIMES:
-                for t in range(TILE):
-                    z[t] = a[t] * b[t]
-            elif kind == TIMES_ADD:
-                for t in range(TILE):
-                    z[t] = a[t] * b[t] + c[t]
-            elif kind == TIMES_SUBTRACT:
-                for t in range(TILE):
-                    z[t] = a[t] * b[t] - c[t]
-            elif kind == SUBTRACT_TIMES:
-                for t in range(TILE):
-                    z[t] = c[t] - a[t] * b[t]
-            elif kind == TIMES_CONSTANT:
-                for t in range(TILE):
-                    z[t] = k * a[t]
-            elif kind == PLUS_CONSTANT:
-                for t in range(TILE):
-                    z[t] = a[t] + k
-            elif kind == MINUS_FROM:
-                for t in range(TILE):
-                    z[t] = k - a[t]
-            elif kind == SINE:
-                for t in range(TILE):
-                    z[t] = sine(a[t], 0.0)
-            elif kind == COSINE:
-                for t in range(TILE):
-                    z[t] = sine(a[t], 1.0)
+            if kind <= SINE:
+                of_angle(kind, z, a)
+            elif kind <= TIMES_CONSTANT:
+                with_constant(kind, z, a, k)
+            elif kind <= TIMES:
+                of_two(kind, z, a, b)
             else:
-                for t in range(TILE):
-                    z[t] = -a[t]
+                of_three(kind, z, a, b, c)
         for r in range(len(stores)):
             if stores[r] >= 0:
                 out[r, start : start + m] = w[stores[r], :m]

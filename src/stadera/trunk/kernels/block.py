@@ -653,6 +653,26 @@ def replace_spikes(table: Array, usual: Array, joints: int, out: Array) -> int:
 
 
 @part
+def has_spikes(table: Array, usual: Array) -> bool:
+    """Whether a sample, the first and the last one included, stands out of its neighbours."""
+    n, columns = table.shape
+    limit = np.empty(columns)
+    limit[0] = np.inf  # time
+    for c in range(1, columns):
+        limit[c] = WILD * sqrt(usual[c])
+    wild = False
+    for k in range(1, n - 1):
+        before, now, after = table[k - 1], table[k], table[k + 1]
+        for c in range(columns):
+            rise, fall = now[c] - before[c], after[c] - now[c]
+            wild |= rise * fall < 0.0 and min(abs(rise), abs(fall)) > limit[c]
+    for end in range(0, n, n - 1):
+        for c in range(columns):
+            wild |= peak(table, end, c) > limit[c]
+    return wild
+
+
+@part
 def clean(table: Array, usual: Array, joints: int, state: Array, out: Array, squares: Array) -> None:
     """Writes the samples without spikes, as `SpikeFilter.clean`, and mean squares of their third differences;
     `state[BLOCKS]` counts the blocks before, `state[SPIKES]` the samples replaced.
@@ -665,22 +685,8 @@ def clean(table: Array, usual: Array, joints: int, state: Array, out: Array, squ
         return
     state[BLOCKS] += 1.0
     blocks = state[BLOCKS]
-    if blocks > LEARNT:
-        limit = np.empty(columns)
-        limit[0] = np.inf  # time
-        for c in range(1, columns):
-            limit[c] = WILD * sqrt(usual[c])
-        wild = False
-        for k in range(1, n - 1):
-            before, now, after = table[k - 1], table[k], table[k + 1]
-            for c in range(columns):
-                rise, fall = now[c] - before[c], after[c] - now[c]
-                wild |= rise * fall < 0.0 and min(abs(rise), abs(fall)) > limit[c]
-        for end in range(0, n, n - 1):
-            for c in range(columns):
-                wild |= peak(table, end, c) > limit[c]
-        if wild:
-            state[SPIKES] += replace_spikes(table, usual, joints, out)
+    if blocks > LEARNT and has_spikes(table, usual):
+        state[SPIKES] += replace_spikes(table, usual, joints, out)
     squared_differences(out, squares)
     for c in range(1, columns):
         usual[c] += (squares[c] + 1e-12 - usual[c]) / min(blocks, SPIKE_MEMORY)

@@ -96,6 +96,27 @@ def middle(values: Array, n: int) -> float:
 
 
 @part
+def clipped_mean(squares: Array, n: int, work: Array) -> float:
+    """Mean of the first n squares, clipped at `WILD` standard deviations of Gaussian values with their median."""
+    for k in range(n):
+        work[k] = squares[k]
+    limit = WILD**2 * middle(work, n) / MEDIAN
+    total = 0.0
+    for k in range(n):
+        total += min(squares[k], limit)
+    return total / n
+
+
+@part
+def quantile(values: Array, n: int, share: float) -> float:
+    """The quantile of the first n values, linear between two of them, which are sorted partly."""
+    at = share * (n - 1)
+    low = int(at)
+    below = smallest(values, n, low)
+    return below + (at - low) * (smallest(values, n, min(low + 1, n - 1)) - below)
+
+
+@part
 def single(reduced: Array, i: int, mean: Array, scale: Array) -> float:
     """One block's own difference in component i, in units of `scale`."""
     left: float = reduced[i, 10]
@@ -310,6 +331,32 @@ def suspect(size: Array, scale: Array, likely: bool, persists: bool, keep: float
         out[i] = now if abs(now) > abs(missed[i]) else missed[i]
 
 
+@part
+def of_singles(
+    reduced: Array, i: int, mean: Array, scale: Array, outlier: float, work: Array, usual: Array, running: Array
+) -> None:
+    """Writes what is `usual` (3,) for component i of single blocks, and running sums (n + 1, 2) of their clipped
+    differences times weight and of the weight; arguments as of `spreads`.
+    """
+    n = len(reduced)
+    singles = np.empty(n)
+    for k in range(n):
+        singles[k] = work[k] = single(reduced[k], i, mean, scale)
+    centre = middle(work, n)
+    for k in range(n):
+        work[k] = abs(singles[k] - centre)
+    usual[0] = max(DEVIATION * middle(work, n), 1e-6)
+    for k in range(n):
+        work[k] = reduced[k, i, 11]
+    heaviest = usual[2] = middle(work, n)
+    low, high = centre - outlier * usual[0], centre + outlier * usual[0]
+    for k in range(n):
+        weight = min(reduced[k, i, 11], heaviest)
+        running[k + 1, 0] = running[k, 0] + min(max(singles[k], low), high) * weight
+        running[k + 1, 1] = running[k, 1] + weight
+    usual[1] = running[n, 0] / max(running[n, 1], 1e-12)
+
+
 @compiled(
     "void(float64[:,:,::1], float64[:,:,::1], int64, int64, float64, int64[::1], float64[::1], float64[:,::1], "
     "float64[::1], float64[::1], float64, float64[:,::1], float64[:,::1], float64[:,::1], int64[::1])"
@@ -340,24 +387,9 @@ def spreads(
         usual: (3, 4), written: of single blocks, scatter, Huber mean, largest weight.
         square, expected: (windows, 4), written; counts: (windows,), of averages.
     """
-    singles, running, work = np.empty(n), np.zeros((n + 1, 4, 2)), np.empty(n)
+    running, work = np.zeros((n + 1, 4, 2)), np.empty(n)
     for i in range(4):
-        for k in range(n):
-            singles[k] = single(reduced[begin + k], i, mean, scale)
-            work[k] = singles[k]
-        centre = middle(work, n)
-        for k in range(n):
-            work[k] = abs(singles[k] - centre)
-        usual[0, i] = max(DEVIATION * middle(work, n), 1e-6)
-        for k in range(n):
-            work[k] = reduced[begin + k, i, 11]
-        heaviest = usual[2, i] = middle(work, n)
-        low, high = centre - outlier * usual[0, i], centre + outlier * usual[0, i]
-        for k in range(n):
-            weight = min(reduced[begin + k, i, 11], heaviest)
-            running[k + 1, i, 0] = running[k, i, 0] + min(max(singles[k], low), high) * weight
-            running[k + 1, i, 1] = running[k, i, 1] + weight
-        usual[1, i] = running[n, i, 0] / max(running[n, i, 1], 1e-12)
+        of_singles(reduced[begin : begin + n], i, mean, scale, outlier, work, usual[:, i], running[:, i])
     weight_at = sums.shape[2] - 1
     squares, variances = np.empty((4, n)), np.empty((4, n))
     for w in range(len(windows)):
@@ -375,16 +407,5 @@ def spreads(
         if count == 0:
             continue
         for i in range(4):
-            for k in range(count):
-                work[k] = squares[i, k]
-            limit = WILD**2 * middle(work, count) / MEDIAN
-            mean_square = 0.0
-            for k in range(count):
-                mean_square += min(squares[i, k], limit)
-            square[w, i] = mean_square / count
-            # the quantile between two values, linearly
-            at = share * (count - 1)
-            low = int(at)
-            below = smallest(variances[i], count, low)
-            above = smallest(variances[i], count, min(low + 1, count - 1))
-            expected[w, i] = below + (at - low) * (above - below)
+            square[w, i] = clipped_mean(squares[i], count, work)
+            expected[w, i] = quantile(variances[i], count, share)
