@@ -37,6 +37,7 @@ from stadera.fleet.table import FleetTable
 from stadera.lab.plant import STANDARD
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.sensor_errors import SensorErrors
 from stadera.lab.sensors import measured
 from stadera.logs import Recording, write_table
 from stadera.robot import Robot, load_robot
@@ -56,17 +57,17 @@ class Cost:
     worker_mb: float = 0.0
 
 
-def sensed(exact: Recording, robot: Robot, seed: int) -> Recording:
+def sensed(exact: Recording, robot: Robot, seed: int, errors: SensorErrors = STANDARD) -> Recording:
     """A run as sensors of this seed would have given it."""
     rng, imu = np.random.default_rng([seed, 1]), exact.imu
     assert imu is not None
-    log = measured(exact, robot, STANDARD, seed)
+    log = measured(exact, robot, errors, seed)
 
     def noisy(values: np.ndarray, constant: float, white: float) -> np.ndarray:
         return values + constant * rng.standard_normal(3) + white * rng.standard_normal(values.shape)
 
-    gyro = noisy(imu.angular_velocity, STANDARD.gyro_constant, STANDARD.gyro)
-    force = noisy(imu.linear_acceleration, STANDARD.accelerometer_constant, STANDARD.accelerometer)
+    gyro = noisy(imu.angular_velocity, errors.gyro_constant, errors.gyro)
+    force = noisy(imu.linear_acceleration, errors.accelerometer_constant, errors.accelerometer)
     return replace(log, imu=replace(imu, angular_velocity=gyro, linear_acceleration=force))
 
 

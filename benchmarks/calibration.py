@@ -1,0 +1,216 @@
+"""Do error bars hold if errors are not of the sizes assumed? Half and three times of each, nothing else changed.
+
+`python benchmarks/calibration.py [--runs FOLDER] [--draws 8] [--json F]` gives two tables:
+
+1. **Assumed sizes.** All sizes of `ModelErrors` times 0.5, 1 and 3, on the logs of robots in motion that
+   `stadera reproduce reality --keep FOLDER` left behind (mean torque gain one). Errors, bars and verdicts, by gait.
+2. **Simulated sizes.** HyQ trots and gets a load of 8 kg; its exact motion gets `standard` sensor errors times 0.5, 1
+   and 3, the estimator has its defaults. NEES/n is the mean of eᵀ C⁻¹ e / 4 with e the error of the trunk's mass and
+   centre of mass before the load, C its stated covariance: 1 where bars are right, less where they are too wide.
+
+Shares within 2 σ are of all quantities that were observed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: processes share the cores
+
+import numpy as np
+from rich.console import Console
+
+from fleet import sensed
+from stadera.errors import StaderaError
+from stadera.files import write_text, written_together
+from stadera.lab.plant import STANDARD
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.logs import Recording
+from stadera.logs.reader import read
+from stadera.report.table import TableData
+from stadera.report.terminal import rich_table
+from stadera.robot import Robot, load_robot
+from stadera.trunk import TrunkEstimator
+from stadera.trunk.protocol import TrunkEstimate
+from stadera.trunk.samples import Samples
+from stadera.trunk.settings import ModelErrors, TrunkSettings
+from stadera.types import Array
+from stadera.weigh.truth import Truth, read_truth
+
+FACTORS = (0.5, 1.0, 3.0)
+LOADED_AT = 5.0  # s, of both kinds of runs
+MOVING = {"trot": "trot", "crawl": "crawl", "shake": "sway"}
+ERRORS = "real-unit-gain"
+QUANTITIES = ("trunk mass", "trunk x", "trunk y", "trunk z", "payload mass")
+
+Found = dict[str, Any]
+
+
+def settings(factor: float) -> TrunkSettings:
+    """All sizes of the model errors times a factor; correlations stay."""
+    usual = ModelErrors()
+    sizes = {size.name: factor * getattr(usual, size.name) for size in fields(usual) if size.name != "alike"}
+    return TrunkSettings(model=replace(usual, **sizes))
+
+
+def weighed(robot: Robot, log: Recording, truth: Truth, how: TrunkSettings) -> Found:
+    """Errors of the five quantities [% of the robot, mm], the same over σ, NEES/n of the trunk, and the verdict."""
+    samples, estimator = Samples.of_recording(log, robot), TrunkEstimator(robot, settings=how)
+    estimator.add(samples[samples.time < LOADED_AT])
+    before = estimator.estimate()
+    estimator.tare()
+    estimator.add(samples[samples.time >= LOADED_AT])
+    bare, load, payload = truth.moments[0], truth.moments[-1], estimator.payload
+    error = before.value - np.array([bare.mass, *bare.com])
+    mass, std = (np.nan, np.nan) if payload is None else (payload.mass - load.payload_mass, payload.mass_std)
+    errors = np.array([*error, mass])
+    scale = np.array([100.0 / robot.mass, 1e3, 1e3, 1e3, 100.0 / robot.mass])
+    return {
+        "errors": (scale * errors).tolist(),
+        "sigmas": (errors / np.array([*before.std, std])).tolist(),
+        "nees": _nees(error, before),
+        "verdict": str(estimator.trust.verdict),
+    }
+
+
+def _nees(error: Array, estimate: TrunkEstimate) -> float:
+    seen = estimate.observed
+    return float(error[seen] @ np.linalg.solve(estimate.covariance[np.ix_(seen, seen)], error[seen])) / max(
+        1, seen.sum()
+    )
+
+
+def kept_logs(folder: Path) -> dict[str, list[Path]]:
+    """Logs of robots in motion by gait."""
+    logs = sorted(folder.glob(f"**/*-{ERRORS}-*.parquet"))
+    found = {gait: [log for log in logs if f"-{scenario}-" in log.name] for scenario, gait in MOVING.items()}
+    if not any(found.values()):
+        raise StaderaError(f"no logs in {folder}: `stadera reproduce reality --keep {folder}` makes them")
+    return {gait: logs for gait, logs in found.items() if logs}
+
+
+def weigh_kept(path: Path, factor: float) -> Found | None:
+    """One of these logs; None for a robot that fell."""
+    robot = load_robot(path.name.split("-")[0])
+    log = read(path)
+    if log.time[-1] < LOADED_AT:
+        return None
+    return weighed(robot, log, read_truth(path.with_name(f"{path.stem}.truth.json")), settings(factor))
+
+
+def weigh_sensed(seed: int, factor: float) -> Found:
+    """The trot with sensor errors of a seed."""
+    robot, (exact, truth) = load_robot("hyq"), trot()
+    return weighed(robot, sensed(exact, robot, seed, STANDARD.times(factor)), truth, TrunkSettings())
+
+
+@cache
+def trot() -> tuple[Recording, Truth]:
+    """Exact sensors, a load of 8 kg after five seconds."""
+    robot = load_robot("hyq")
+    load = Load(8.0, "kg")
+    run = simulate(robot, "trot-load", SimulateSettings("ideal", load, duration=10.0, rate=500.0, load_time=LOADED_AT))
+    return run.recording, run.truth
+
+
+def summary(what: str, factor: float, found: Sequence[Found]) -> dict[str, Any]:
+    """One row."""
+    errors, sigmas = (np.abs([run[name] for run in found]).reshape(len(found), -1) for name in ("errors", "sigmas"))
+    payload, trunk = errors[:, 4], errors[:, 0]
+    row: dict[str, Any] = {"what": what, "factor": factor, "runs": len(found)}
+    row |= {f"payload mass {name} [%]": _quantile(payload, q) for name, q in (("median", 0.5), ("95 %", 0.95))}
+    row |= {f"trunk mass {name} [%]": _quantile(trunk, q) for name, q in (("median", 0.5), ("95 %", 0.95))}
+    for k, name in enumerate(QUANTITIES):
+        seen = sigmas[np.isfinite(sigmas[:, k]), k]
+        row[f"{name} within 2 σ"] = float((seen <= 2.0).mean()) if len(seen) else None
+        row[f"{name} rms error/σ"] = float(np.sqrt((seen**2).mean())) if len(seen) else None
+    good = np.array([run["verdict"] == "good" for run in found])
+    row["nees/n"] = float(np.mean([run["nees"] for run in found]))
+    row["good"] = float(good.mean())
+    row["largest σ, verdict good"] = float(np.nanmax(np.where(good[:, None], sigmas, 0.0)))
+    return row
+
+
+def _quantile(values: Array, share: float) -> float | None:
+    values = values[np.isfinite(values)]
+    return float(np.quantile(values, share)) if len(values) else None
+
+
+def tables(folder: Path | None, draws: int, each: Callable[..., Iterator[Found | None]]) -> dict[str, list[Found]]:
+    """Rows of both tables; the first is empty without a folder."""
+    made: dict[str, list[Found]] = {"assumed": [], "simulated": []}
+    for factor in FACTORS if folder else ():
+        for gait, logs in kept_logs(folder or Path()).items():
+            found = [run for run in each(partial(weigh_kept, factor=factor), logs) if run]
+            made["assumed"].append(summary(gait, factor, found))
+    for factor in FACTORS if draws else ():
+        found = [run for run in each(partial(weigh_sensed, factor=factor), range(draws)) if run]
+        made["simulated"].append(summary("standard", factor, found))
+    return made
+
+
+def shown(title: str, rows: Sequence[Found]) -> TableData:
+    """A table for the terminal: masses as median; 95th percentile, bars as share within 2 σ; rms of error over σ."""
+
+    def masses(row: Found, of: str) -> str:
+        return "; ".join(_shown(row[f"{of} mass {name} [%]"]) for name in ("median", "95 %"))
+
+    def bars(row: Found, name: str) -> str:
+        share = row[f"{name} within 2 σ"]
+        return "-" if share is None else f"{100 * share:.0f} %; {_shown(row[f'{name} rms error/σ'])}"
+
+    head = ("", "times", "runs", "payload [%]", "trunk [%]", *QUANTITIES, "NEES/n", "good", "largest σ, good")
+    return TableData.of(
+        title,
+        head,
+        [
+            (
+                row["what"],
+                f"{row['factor']:g}",
+                str(row["runs"]),
+                *(masses(row, of) for of in ("payload", "trunk")),
+                *(bars(row, name) for name in QUANTITIES),
+                f"{row['nees/n']:.2f}",
+                f"{100 * row['good']:.0f} %",
+                f"{row['largest σ, verdict good']:.1f}",
+            )
+            for row in rows
+        ],
+    )
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2g}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--runs", type=Path, help="folder of `stadera reproduce reality --keep`")
+    parser.add_argument("--draws", type=int, default=8, help="of sensor errors; 0 for none")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    with ProcessPoolExecutor(given.workers) as pool:
+        made = tables(given.runs, given.draws, pool.map)
+    console = Console(width=200)
+    for title, rows in made.items():
+        if rows:
+            console.print(
+                rich_table(shown(f"sizes {title}: masses median; 95th %, bars: within 2 σ [%]; rms error/σ", rows))
+            )
+    if given.json:
+        with written_together([given.json]) as (draft,):
+            write_text(draft, json.dumps(made, indent=1))
+
+
+if __name__ == "__main__":
+    main()
