@@ -1,12 +1,15 @@
 """Do error bars hold if errors are not of the sizes assumed? Half and three times of each, nothing else changed.
 
-`python benchmarks/calibration.py [--runs FOLDER] [--draws 8] [--json F]` gives two tables:
+`python benchmarks/calibration.py [--runs FOLDER] [--draws 8] [--real FOLDER] [--json F]` gives three tables:
 
 1. **Assumed sizes.** All sizes of `ModelErrors` times 0.5, 1 and 3, on the logs of robots in motion that
    `stadera reproduce reality --keep FOLDER` left behind (mean torque gain one). Errors, bars and verdicts, by gait.
 2. **Simulated sizes.** HyQ trots and gets a load of 8 kg; its exact motion gets `standard` sensor errors times 0.5, 1
    and 3, the estimator has its defaults. NEES/n is the mean of eᵀ C⁻¹ e / 4 with e the error of the trunk's mass and
    centre of mass before the load, C its stated covariance: 1 where bars are right, less where they are too wide.
+3. **Real legs.** Each log `ROBOT_legs_in_air.csv` in a folder is cut in two, legs are identified from each half, and
+   their parameters compared: differences over both standard deviations, root mean square, 1 where bars are right. The
+   second half of these chirps is the faster one.
 
 Shares within 2 σ are of all quantities that were observed.
 """
@@ -31,6 +34,8 @@ from rich.console import Console
 from fleet import sensed
 from stadera.errors import StaderaError
 from stadera.files import write_text, written_together
+from stadera.identify.legs import identify
+from stadera.identify.settings import IdentifySettings
 from stadera.lab.plant import STANDARD
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -122,6 +127,26 @@ def trot() -> tuple[Recording, Truth]:
     return run.recording, run.truth
 
 
+def halves(path: Path) -> dict[str, Any]:
+    """Parameters of all legs from both halves of a log, by kind: their number, rms and largest difference over σ."""
+    log, robot = read(path), load_robot(path.name.split("_")[0])
+    middle = len(log) // 2
+    found = [
+        identify(robot, log.mapped(lambda _, values, part=part: values[part]), IdentifySettings(split=1.0))
+        for part in (slice(middle), slice(middle, None))
+    ]
+    kinds: dict[str, list[float]] = {"all": []}
+    for legs in zip(*(half.legs for half in found), strict=True):
+        for name, first in legs[0].parameters.items():
+            second = legs[1].parameters[name]
+            if first.std and second.std and not first.is_held and not second.is_held:
+                z = abs(first.value - second.value) / float(np.hypot(first.std, second.std))
+                kinds["all"].append(z)
+                kinds.setdefault(name.rpartition(".")[2], []).append(z)
+    rms = {kind: [len(z), float(np.sqrt(np.mean(np.square(z)))), max(z)] for kind, z in kinds.items()}
+    return {"log": path.name, **rms}
+
+
 def summary(what: str, factor: float, found: Sequence[Found]) -> dict[str, Any]:
     """One row."""
     errors, sigmas = (np.abs([run[name] for run in found]).reshape(len(found), -1) for name in ("errors", "sigmas"))
@@ -196,20 +221,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=Path, help="folder of `stadera reproduce reality --keep`")
     parser.add_argument("--draws", type=int, default=8, help="of sensor errors; 0 for none")
+    parser.add_argument("--real", type=Path, help="folder of logs of real legs in the air")
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     with ProcessPoolExecutor(given.workers) as pool:
         made = tables(given.runs, given.draws, pool.map)
+        real = list(pool.map(halves, sorted(given.real.glob("*_legs_in_air.csv")))) if given.real else []
     console = Console(width=200)
     for title, rows in made.items():
         if rows:
             console.print(
                 rich_table(shown(f"sizes {title}: masses median; 95th %, bars: within 2 σ [%]; rms error/σ", rows))
             )
+    for row in real:
+        kinds = (f"{k} {v[1]:.2f} (of {v[0]}, largest {v[2]:.1f})" for k, v in row.items() if k != "log")
+        console.print(f"halves of {row['log']}, differences over σ, rms: {', '.join(kinds)}")
     if given.json:
         with written_together([given.json]) as (draft,):
-            write_text(draft, json.dumps(made, indent=1))
+            write_text(draft, json.dumps({**made, "real": real}, indent=1))
 
 
 if __name__ == "__main__":

@@ -64,9 +64,11 @@ def residual_noise(
     """Standard deviation of each joint's residuals [N·m], and how many rows count as one independent row.
 
     `fits` are the parameters of each joint by name, `ranks` the number of directions in which they were fitted to the
-    same rows, which reduces the residuals. The correlation is estimated from the first `correlated` rows.
+    same rows, which reduces the residuals. The correlation is estimated from the first `correlated` rows, see
+    `independent_rows`, for the residuals themselves and for each of the joint's own terms.
     """
     kept: list[list[Array]] = [[] for _ in joints]
+    own: list[list[Array]] = [[] for _ in joints]
     count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))
     for every in chunks:
         for k, rows in enumerate(every):
@@ -75,13 +77,37 @@ def residual_noise(
             largest[k] = max(largest[k], np.abs(rows.target).max(initial=0.0))
             if count < correlated:
                 kept[k].append(residual)
+                own[k].append(_own_terms(rows, joints[k]))
         count += len(every[0])
     std, worth = {}, {}
     for k, joint in enumerate(joints):
         floor = 1e-9 * max(largest[k], 1e-9)  # rounding error, for data without noise
         std[joint] = max(float(np.sqrt(squares[k] / max(count - ranks[k], 1))), floor)
-        worth[joint] = correlation_length(np.concatenate(kept[k]) if kept[k] else np.zeros(0))
+        worth[joint] = independent_rows(np.concatenate(kept[k]), np.concatenate(own[k])) if kept[k] else 1.0
     return std, worth
+
+
+def _own_terms(rows: Rows, joint: str) -> Array:
+    """Columns of a joint's friction, rotor inertia and offset, (samples, terms)."""
+    own = [k for k, name in enumerate(rows.columns) if name.startswith(f"{joint}.")]
+    return rows.reduced[:, own] if rows.mixing is None else rows.reduced @ rows.mixing[:, own]
+
+
+def independent_rows(residual: Array, terms: Array) -> float:
+    """Number of rows that count as one independent row, for the residuals (n,) and the worst of the terms (n, k).
+
+    The least-squares error of the factor of a term x is Σ x r / Σ x², so its variance depends on the correlation of the
+    products s = x r, not of the residuals r: τ_s E[s²] / (E[x²] E[r²]) rows are worth one, with τ_s by
+    `correlation_length`. Residuals of a friction law that is not quite that of the drive follow the motion that excites
+    it, and are worth much less than their own correlation suggests: on the real Go2 and Aliengo in the air up to five
+    times less (heteroscedastic and autocorrelated errors: Newey and West 1987).
+    """
+    square, most = float(residual @ residual), correlation_length(residual)
+    for term in terms.T:
+        seen, scale = term * residual, float(term @ term) * square
+        if scale > 0.0:
+            most = max(most, correlation_length(seen) * len(seen) * float(seen @ seen) / scale)
+    return most
 
 
 def correlation_length(values: Array) -> float:
