@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
 from stadera.files import AnyPath
-from stadera.report.figures.model import Bars, Figure, Guide, Panel, Series
+from stadera.report.figures.model import Axis, Bars, Figure, Guide, Panel, Series
 from stadera.report.look import light
 from stadera.report.table import Cell, TableData
 from stadera.types import Array
@@ -80,13 +80,18 @@ def _figure(figure: Figure) -> Drawn:
             _panel(place, panel)
         for place in places[len(row) :]:
             place.set_axis_off()
+    _legend(drawn)
+    return drawn
+
+
+def _legend(drawn: Drawn) -> None:
+    """One legend above all panels, with each name once."""
     handles: dict[str, Any] = {}
     for place in drawn.axes:
         for handle, name in zip(*place.get_legend_handles_labels(), strict=True):
             handles.setdefault(name, handle)
     if handles:
         drawn.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=4, frameon=False)
-    return drawn
 
 
 def _tall(figure: Figure, row: tuple[Panel, ...]) -> float:
@@ -113,13 +118,8 @@ def _panel(place: Axes, panel: Panel) -> None:
 def _axes(place: Axes, panel: Panel) -> None:
     place.set(xlabel=panel.x.title, ylabel=panel.y.title)
     place.set_title(panel.title, loc="left")
-    for axis, side, scale in ((panel.x, "x", place.set_xscale), (panel.y, "y", place.set_yscale)):
-        if axis.log:
-            scale("log")
-        if axis.limits is not None:
-            (place.set_xlim if side == "x" else place.set_ylim)(*axis.limits)
-        if axis.zero:
-            place.set_xlim(left=0.0) if side == "x" else place.set_ylim(bottom=0.0)
+    _range(panel.x, place.set_xscale, place.set_xlim)
+    _range(panel.y, place.set_yscale, place.set_ylim)
     if panel.x.labels:
         place.set_xticks(range(len(panel.x.labels)), panel.x.labels, rotation=30, ha="right")
     if panel.y.labels:
@@ -130,6 +130,16 @@ def _axes(place: Axes, panel: Panel) -> None:
     place.grid(color=light("line"), linewidth=0.5, axis="x" if panel.y.labels else "both")
     place.set_axisbelow(True)
     place.spines[["top", "right"]].set_visible(False)
+
+
+def _range(axis: Axis, set_scale: Callable[[str], None], set_limits: Callable[..., object]) -> None:
+    """Scale and limits of an axis."""
+    if axis.log:
+        set_scale("log")
+    if axis.limits is not None:
+        set_limits(*axis.limits)
+    if axis.zero:
+        set_limits(0.0, None)
 
 
 def _guide(place: Axes, guide: Guide) -> None:

@@ -239,21 +239,22 @@ def _log_row(row: LogRow, shown: Sequence[str], dated: bool) -> Row:
 
     length = None if row["begin"] is None else row["end"] - row["begin"]
     verdict = row["trust"] if row["status"] == "ok" else "failed"
-    values = []
-    for name in shown:
-        factor = TRUNK[name][2]
-        value, std = row[name], row[f"{name}_std"]
-        values.append("" if value is None else with_std(factor * value, factor * (nan if std is None else std)))
     return (
         str(row["log"]).rpartition("/")[2],
         row["robot"] or "unknown",
         *([when(row)] if dated else []),
         text(length, 4),
         Cell(verdict, good={"good": None, "doubtful": False}.get(verdict, False)),
-        *values,
+        *(_trunk_value(row, name) for name in shown),
         "" if row["changes"] is None else str(row["changes"]),
         text(row["misfit"], 2),
     )
+
+
+def _trunk_value(row: LogRow, name: str) -> str:
+    """A value of the trunk with its error bar, in the unit shown; empty if it is missing."""
+    factor, value, std = TRUNK[name][2], row[name], row[f"{name}_std"]
+    return "" if value is None else with_std(factor * value, factor * (nan if std is None else std))
 
 
 def _errors(failed: Sequence[LogRow]) -> list[tuple[str, int]]:

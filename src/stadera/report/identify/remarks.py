@@ -100,16 +100,20 @@ def remarks(result: Identification) -> tuple[Remark, ...]:
     if evaluated_part(result) == "training":
         untested = "nothing was held out: the errors shown are on the training data and say little of the model"
         found.append(Remark("bad", untested))
-    found += [*_on_masses(result), *(Remark("warning", text) for text in result.warnings)]
+    found += _on_masses(result)
+    found += [Remark("warning", text) for text in (*result.warnings, *_on_legs(result))]
+    return tuple(sorted(dict.fromkeys(found), key=lambda remark: _LEVELS.index(remark.level)))
+
+
+def _on_legs(result: Identification) -> Iterator[str]:
+    """Yields the warnings on legs, each once, with the legs' names unless it names a joint or link."""
     parts = tuple(name for leg in result.legs for name in (*leg.leg.joints, *leg.leg.links))
     legs: dict[str, list[str]] = {}
     for leg in result.legs:
         for sentence in leg.warnings:
             legs.setdefault(sentence, []).append(leg.leg.name)
     for sentence, names in legs.items():
-        named = sentence if sentence.startswith(parts) else f"{', '.join(names)}: {sentence}"
-        found.append(Remark("warning", named))
-    return tuple(sorted(dict.fromkeys(found), key=lambda remark: _LEVELS.index(remark.level)))
+        yield sentence if sentence.startswith(parts) else f"{', '.join(names)}: {sentence}"
 
 
 def is_alarming(result: Identification) -> bool:
