@@ -86,7 +86,7 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
     """
     robot = load_robot(case.robot)
     try:
-        log, truth = _log(case, robot, logs)
+        log, truth = real_log(case, robot, logs)
     except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
     if log.imu is None or log.imu.orientation is None:
@@ -102,15 +102,17 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
     return {"fell": None, "robot_mass": robot.mass, "methods": methods}
 
 
-def _log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
+def real_log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
     """The run's log and truth, stored earlier or simulated now."""
+    path = None if logs is None else logs / f"{_name(case)}.parquet"
+    return stored(path, lambda: simulate(robot, case.scenario, case_settings(case, robot)))
+
+
+def case_settings(case: RealityCase, robot: Robot) -> SimulateSettings:
+    """Settings of the run's simulation."""
     draw = _draw(case)
     load = _load(case, robot, draw)
-    settings = SimulateSettings(
-        case.errors, load, duration=HOW.duration, seed=draw, load_time=HOW.loaded_at, hold=HOW.hold
-    )
-    path = None if logs is None else logs / f"{_name(case)}.parquet"
-    return stored(path, lambda: simulate(robot, case.scenario, settings))
+    return SimulateSettings(case.errors, load, duration=HOW.duration, seed=draw, load_time=HOW.loaded_at, hold=HOW.hold)
 
 
 def _identified(case: RealityCase, robot: Robot, logs: Path | None) -> Robot | None:
