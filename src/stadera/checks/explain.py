@@ -32,7 +32,7 @@ class Explanation:
 def explain(blocks: Instants, model: ConsistencyModel) -> Explanation | None:
     """The hypothesis that explains what is impossible on average; None if none does."""
     robot, limits = model.robot, model.limits
-    footing = Footing(robot, blocks.thinned(limits.trial_instants))
+    footing = Footing(robot, blocks.thinned(limits.trial_instants, limits))
     now = model.evaluate(footing)
     scales = torque_scales(robot, now.loads / now.weight, limits.lightest, limits.heaviest)
     fitting: list[tuple[float, FaultHypothesis, Consistency]] = []

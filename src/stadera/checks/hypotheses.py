@@ -22,6 +22,7 @@ _WHICH = {"": CHANNELS, "the torques of ": CHANNELS[3:], "the positions of ": _M
 _BY_NAMES = "--columns MAP.toml with the right names"
 _BY_SIGN = "--columns MAP.toml with factor = -1"
 _BY_FRAME = "--imu-frame NAME"
+_TORQUE_UNITS = (("mNm", 1e-3), ("kNm", 1e3))
 _SIDES: dict[tuple[int, ...], str] = {
     (1, 0, 3, 2): "left and right legs",
     (2, 3, 0, 1): "front and hind legs",
@@ -81,11 +82,7 @@ def torque_scales(robot: Robot, loads: Array, lightest: float, heaviest: float) 
     place, names = places(robot), [leg.name for leg in robot.legs]
     for count in (4, 2, 1):
         for chosen in combinations(range(4), count):
-            carried = float(loads[list(chosen)].sum())
-            factor = (1.0 - float(loads.sum()) + carried) / carried if carried else -1.0
-            if count < 4:  # the load of the others
-                others = float(loads.sum()) - carried
-                factor = others / (4 - count) * count / carried if carried else -1.0
+            factor = _factor(float(loads[list(chosen)].sum()), float(loads.sum()), count)
             if factor <= 0 or lightest < 1.0 / factor < heaviest:
                 continue
             whose = "" if count == 4 else f" of {' and '.join(names[k] for k in chosen)}"
@@ -100,11 +97,18 @@ def places(robot: Robot) -> Places:
 # -- torques ---------------------------------------------------------------------------------------------------------
 
 
+def _factor(carried: float, total: float, count: int) -> float:
+    """Factor on the torques of so many legs with which they carry as much as the others, all four the robot's weight;
+    -1 where they carry nothing.
+    """
+    if not carried:
+        return -1.0
+    return (total - carried) / (4 - count) * count / carried if count < 4 else (1.0 - total + carried) / carried
+
+
 def _scaled(robot: Robot, chosen: Places, factor: float, whose: str) -> FaultHypothesis:
     scale = np.ones(len(robot.tree.joints))
-    unit = next((u for u, f in {"mNm": 1e-3, "kNm": 1e3}.items() if 0.5 < f / factor < 2.0), None)
-    if unit:
-        factor = {"mNm": 1e-3, "kNm": 1e3}[unit]
+    unit, factor = next(((u, f) for u, f in _TORQUE_UNITS if 0.5 < f / factor < 2.0), ("", factor))
     scale[chosen] = factor
     joints = [robot.tree.joints[k] for k in chosen]
     mend = None

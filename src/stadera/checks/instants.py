@@ -12,10 +12,6 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.types import Array
 
-_GROUP = 25  # successive instants, one second, within which nothing is thinned out
-_AT_LEAST = 3  # samples in an instant with slopes
-_WHOLE = 1.5  # an instant longer than this many times its nominal length contains a gap
-
 
 @dataclass(frozen=True, eq=False)
 class Instants:
@@ -42,11 +38,11 @@ class Instants:
         chosen = [recording.index(joint) for joint in joints]
         steps = np.diff(recording.time)
         period = float(np.median(steps)) if len(steps) else limits.instant
-        n = max(round(limits.instant / period), _AT_LEAST) if 2.0 * period <= limits.instant else 1
+        n = max(round(limits.instant / period), limits.instant_samples) if 2.0 * period <= limits.instant else 1
         count = len(recording) // n
-        rows = _thinned(count, limits.instants)
+        rows = _thinned(count, limits.instants, limits)
         time = recording.time[: count * n].reshape(count, n)[rows]
-        whole = np.ptp(time, axis=1) < _WHOLE * n * period
+        whole = np.ptp(time, axis=1) < limits.whole * n * period
         rows, time = rows[whole], time[whole]
 
         def cut(values: Array) -> Array:
@@ -68,7 +64,7 @@ class Instants:
         middle = time.mean(axis=1)
         return cls(
             time=middle,
-            group=_groups(middle, n * period),
+            group=_groups(middle, n * period, limits),
             position=position.mean(axis=1),
             rate=rate,
             effort=cut(effort[:, chosen]).mean(axis=1),
@@ -84,9 +80,9 @@ class Instants:
             self.angular_velocity is not None and self.specific_force is not None and bool(np.isfinite(self.rate).all())
         )
 
-    def thinned(self, most: int) -> Self:
+    def thinned(self, most: int, limits: CheckLimits) -> Self:
         """Thinned out evenly to at most `most` instants, by whole seconds."""
-        rows = _thinned(len(self), most)
+        rows = _thinned(len(self), most, limits)
         return self if len(rows) == len(self) else self.at(rows)
 
     def at(self, rows: NDArray[np.int64]) -> Self:
@@ -95,20 +91,21 @@ class Instants:
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})
 
 
-def _thinned(count: int, most: int) -> NDArray[np.int64]:
+def _thinned(count: int, most: int, limits: CheckLimits) -> NDArray[np.int64]:
     """Indices of at most `most` instants, in whole groups spread evenly."""
     if count <= most:
         return np.arange(count)
-    kept = max(most // _GROUP, 1)
-    groups = np.unique(np.linspace(0, count // _GROUP - 1, kept).astype(np.int64))
-    return np.asarray((groups[:, None] * _GROUP + np.arange(_GROUP)).ravel())
+    kept = max(most // limits.second, 1)
+    groups = np.unique(np.linspace(0, count // limits.second - 1, kept).astype(np.int64))
+    return np.asarray((groups[:, None] * limits.second + np.arange(limits.second)).ravel())
 
 
-def _groups(time: Array, length: float) -> NDArray[np.int64]:
-    """Splits the log into stretches without gaps, of up to _GROUP instants of this length [s]."""
+def _groups(time: Array, length: float, limits: CheckLimits) -> NDArray[np.int64]:
+    """Splits the log into stretches without gaps, of up to a second, of instants of this length [s]."""
     if not len(time):
         return np.empty(0, dtype=np.int64)
-    gap = np.concatenate([[0], np.cumsum(np.diff(time) > _WHOLE * length)])
+    gap = np.concatenate([[0], np.cumsum(np.diff(time) > limits.whole * length)])
     start = np.concatenate([[0], np.flatnonzero(np.diff(gap)) + 1])
     place = np.arange(len(time)) - start[gap]
-    return np.unique(np.column_stack([gap, place // _GROUP]), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    second = np.column_stack([gap, place // limits.second])
+    return np.unique(second, axis=0, return_inverse=True)[1].ravel().astype(np.int64)

@@ -42,6 +42,14 @@ class CheckLimits:
     lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
     samples: int = 4000  # number to which signals are thinned out, for checks that do not need instants
     instant: float = 0.04  # over which signals are averaged and differentiated [s]; a step of a trot has five or more
+    instant_samples: int = 3  # least number of samples in an instant with slopes
+    whole: float = 1.5  # multiple of the nominal length above which an instant contains a gap
+    # number of successive instants, one second, within which nothing is thinned out, and that share a trunk
+    second: int = 25
+    fewest: int = 6  # instants needed to fit a second's trunk
+    # precision of the prior of a second's trunk where torques of other legs are tried, in units of the robot's mass and
+    # leg length
+    loose: float = 0.01
     # instants, trial_instants: numbers to which a log is thinned out, and again for testing hypotheses on averages
     instants: int = 1500
     trial_instants: int = 200

@@ -35,8 +35,6 @@ from stadera.types import Array, Bools
 
 Places = NDArray[np.int64]
 
-_FEWEST = 6  # instants needed to fit a second's trunk
-
 
 @dataclass(frozen=True, eq=False)
 class MotionCosts:
@@ -135,23 +133,25 @@ def _unbalance(footing: Footing, limits: CheckLimits) -> Array:
     moment = cross(footing.states.contact, forces).sum(axis=1) - cross(footing.states.moment.sum(axis=1), a)
     target = np.concatenate([forces.sum(axis=1) - legs.leg_mass * a, moment / length])
     cost = np.full(len(footing.blocks), np.nan)
-    for at, explained in footing.known.once(_balances, footing.specific_force, footing.blocks.group, length):
+    for at, explained in footing.known.once(
+        _balances, footing.specific_force, footing.blocks.group, length, limits.fewest
+    ):
         b = target[:, at].transpose(1, 2, 0).reshape(len(at), -1, 1)
         left = (b - explained @ (explained.transpose(0, 2, 1) @ b)).reshape(*at.shape, 6) / weight
         cost[at] = np.log1p((left**2).sum(axis=2) / limits.unbalance**2)
     return cost
 
 
-def _balances(specific_force: Array, group: Array, length: float) -> list[tuple[Places, Array]]:
-    """For groups of equally many instants: these (groups, n), and an orthonormal basis (groups, 6 n, 4) of what the
-    trunk's mass and first moment explain, zero in directions that they do not affect.
+def _balances(specific_force: Array, group: Array, length: float, fewest: int) -> list[tuple[Places, Array]]:
+    """For groups of equally many instants, at least `fewest`: these (groups, n), and an orthonormal basis (groups, 6 n,
+    4) of what the trunk's mass and first moment explain, zero in directions that they do not affect.
     """
     rows = np.zeros((len(specific_force), 6, 4))
     rows[:, :3, 0] = specific_force
     rows[:, 3:, 1:] = -skews(specific_force) / length
     order, count = np.argsort(group, kind="stable"), np.bincount(group)
     first, found = np.cumsum(count) - count, []
-    for n in np.unique(count[count >= _FEWEST]):
+    for n in np.unique(count[count >= fewest]):
         at = order[first[count == n][:, None] + np.arange(n)]
         basis, size, _ = np.linalg.svd(rows[at].reshape(len(at), -1, 4), full_matrices=False)
         seen = size > 6 * n * np.finfo(float).eps * size[:, :1]

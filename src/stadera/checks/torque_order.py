@@ -45,7 +45,6 @@ _STEP = 1e-4  # rad, of the differences by joint positions
 _SCALES = np.logspace(-3.0, 3.0, 49)  # s², in rows of 1 % of the weight
 _OF_TORQUES = ("gain", "torque_lag", "encoder")
 _OTHERS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer")
-LOOSE = 0.01  # precision of the trunk's prior, in units of the robot's mass and leg length
 _PAIRS = ((0, 1), (2, 3))  # front and hind feet
 
 
@@ -70,19 +69,19 @@ def swapped_in_motion(footing: Footing, limits: CheckLimits) -> SwappedTorques |
     if len(blocks) < limits.order_fewest or MotionCosts(footing, limits).lively <= limits.lively_share:
         return None
     if len(blocks) > limits.order_instants:
-        footing = Footing(footing.robot, blocks.thinned(limits.order_instants))
+        footing = Footing(footing.robot, blocks.thinned(limits.order_instants, limits))
     rows, group = InstantRows.of(footing), footing.blocks.group
 
     def gain(of: _Rows, order: Sequence[int]) -> float:
         return of.cost((0, 1, 2, 3), limits) - of.cost(order, limits)
 
-    free = _Rows.of(rows, group)
+    free = _Rows.of(rows, group, limits)
     recorded = free.cost((0, 1, 2, 3), limits)
     found = [(recorded - free.cost(order, limits), order, what) for order, what in torque_orders(footing.robot)]
     most, order, best = max(found, key=lambda entry: entry[0])
     if most <= limits.order_gain:
         return None
-    certain = gain(_Rows.of(rows, group, pushed=True), order) > limits.order_certain
+    certain = gain(_Rows.of(rows, group, limits, pushed=True), order) > limits.order_certain
     return SwappedTorques(best, most, certain)
 
 
@@ -127,13 +126,13 @@ class _Rows:
     root: Array  # (p, p), root of the errors' covariance
 
     @classmethod
-    def of(cls, rows: InstantRows, group: NDArray[np.int64], *, pushed: bool = False) -> _Rows:
+    def of(cls, rows: InstantRows, group: NDArray[np.int64], limits: CheckLimits, *, pushed: bool = False) -> _Rows:
         """With another trunk in every second, and with `pushed` another constant force and moment from outside."""
         products, count, second = rows.both.T @ rows.both, 0, np.repeat(group, 6)
         for one in np.unique(group):
             at = np.flatnonzero(second == one)
             A = np.hstack([rows.matrix[at], outside(len(at))]) if pushed else rows.matrix[at]
-            weak = LOOSE * np.eye(A.shape[1])
+            weak = limits.loose * np.eye(A.shape[1])
             explained = np.linalg.qr(np.vstack([A, weak]))[0][: len(at)].T @ rows.both[at]
             products -= explained.T @ explained
             count += max(len(at) - A.shape[1], 0)

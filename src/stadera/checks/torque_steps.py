@@ -19,7 +19,7 @@ import numpy as np
 from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import moving
-from stadera.checks.torque_order import LOOSE, InstantRows, Likelihood, sums
+from stadera.checks.torque_order import InstantRows, Likelihood, sums
 from stadera.types import Array, Bools
 
 
@@ -88,7 +88,7 @@ def _tested(rows: InstantRows, recorded: Array, span: slice, at: int, limits: Ch
     A, both = rows.matrix[part], recorded[part]
     after = (np.arange(len(A)) >= 6 * at)[:, None]
     trunk = np.hstack([A, A[:, :4] * after])
-    basis = np.linalg.qr(np.vstack([trunk, LOOSE * np.eye(trunk.shape[1])]))[0][: len(A)]
+    basis = np.linalg.qr(np.vstack([trunk, limits.loose * np.eye(trunk.shape[1])]))[0][: len(A)]
     columns = np.hstack([both, rows.by_offset[part] * after])
     explained = basis.T @ columns
     products, p = columns.T @ columns - explained.T @ explained, both.shape[1]

@@ -20,14 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.checks.limits import WindowLimits
-from stadera.constants import GRAVITY
+from stadera.constants import GRAVITY, MEDIAN_OF_CHI2
 from stadera.legs.model import LegModel
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
-_MEDIAN_OF_CHI2 = 0.455
 _AT_ONCE = 3  # joints examined at a time, which bounds the memory
 _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
 
@@ -134,7 +133,7 @@ def _white(values: Array, limits: WindowLimits) -> Array:
     """Standard deviation of each column's white noise, from third differences, to which smooth motion hardly
     contributes.
     """
-    return np.sqrt(_usual(np.diff(values, 3, axis=0) ** 2, limits) / (20.0 * _MEDIAN_OF_CHI2))
+    return np.sqrt(_usual(np.diff(values, 3, axis=0) ** 2, limits) / (20.0 * MEDIAN_OF_CHI2))
 
 
 def _usual(values: Array, limits: WindowLimits) -> Array:
