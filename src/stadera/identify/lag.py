@@ -51,13 +51,10 @@ def estimate_lag(
     cost = np.zeros(len(lags))
     at_zero = int(np.argmin(np.abs(lags)))
     samples = 0
+    long = [stretch for stretch in processed if stretch.time[-1] - stretch.time[0] > search.latest - search.earliest]
     for regressor in regressors:
-        blocks: list[list[Array]] = [[] for _ in regressor.tree.joints]
-        for stretch in (s for s in processed if s.time[-1] - s.time[0] > search.latest - search.earliest):
-            for parts, block in zip(blocks, _delayed(stretch, regressor, lags, trunk_up, search), strict=True):
-                parts.append(block)
-        for parts in blocks:
-            block = np.concatenate(parts) if parts else np.zeros((0, 0))
+        by_joint = zip(*(_delayed(stretch, regressor, lags, trunk_up, search) for stretch in long), strict=True)
+        for block in map(np.concatenate, by_joint):
             if len(block) > 2 * block.shape[1]:
                 cost += _log_residuals(block, len(lags))
                 samples += len(block)

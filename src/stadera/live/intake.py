@@ -114,14 +114,23 @@ class Intake:
         silent = [name for name in chosen if now - self.seen[name].last > self._settings.silent]
         if silent:
             return tuple(f"messages of {name}, which have stopped" for name in silent)
-        if now - self._progress > self._settings.silent:
-            newest = max(track.newest for track in self._merging.tracks)
-            behind = [t.name for t in self._merging.tracks if newest - t.newest > 1e9 * self._settings.bags.patience]
-            lacking = (
-                f"messages of {' and '.join(behind)}" if behind else "stamps that go on, and values in all messages"
-            )
-            return (lacking,)
-        return ()
+        return (self._unmerged(self._merging),) if now - self._progress > self._settings.silent else ()
+
+    def _unmerged(self, merging: Merging) -> str:
+        """What the messages that arrive lack to give samples."""
+        newest = max(track.newest for track in merging.tracks)
+        behind = [t.name for t in merging.tracks if newest - t.newest > 1e9 * self._settings.bags.patience]
+        return f"messages of {' and '.join(behind)}" if behind else "stamps that go on, and values in all messages"
+
+    @property
+    def losses(self) -> dict[str, int]:
+        """Numbers of lost and skipped messages and rows, by reason."""
+        topics = self.seen.values()
+        return {
+            "network": self.lost["network"] + sum(topic.lost for topic in topics),
+            "damaged": sum(topic.damaged for topic in topics),
+            "left out": self.lost["left out"],
+        }
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _wanted(self, topic: str, kind: str) -> bool:
@@ -242,20 +251,21 @@ class Intake:
             )
 
     def _lacking(self) -> str:
-        there = {**self.announced, **{name: seen.kind for name, seen in self.seen.items()}}
-        listed = ", ".join(f"{name} ({kind or 'type unknown'})" for name, kind in sorted(there.items())) or "none"
         came = {seen.kind for name, seen in self.seen.items() if self._wanted(name, seen.kind)}
-        for what, asked, kinds, usual in (
-            ("joint states", self._asked.joint, JOINT_KINDS, " or ".join(JOINT_KINDS[:2])),
-            ("an IMU", self._asked.imu, (IMU, *LOW_STATES), IMU),
-        ):
-            if not came.intersection(kinds):
-                on = f" on {asked}" if asked else ""
-                return f"{what}{on}: no messages of {usual} yet; topics seen: {listed}"
+        if not came.intersection(JOINT_KINDS):
+            return self._none_of("joint states", self._asked.joint, " or ".join(JOINT_KINDS[:2]))
+        if not came.intersection((IMU, *LOW_STATES)):
+            return self._none_of("an IMU", self._asked.imu, IMU)
         broken = (name for name, seen in self.seen.items() if seen.kind in KINDS and seen.damaged == seen.count)
         if (name := next(broken, None)) is not None:
-            return f"messages of {name} that are a {there[name]}"
+            return f"messages of {name} that are a {self.seen[name].kind}"
         return "enough messages to begin with"
+
+    def _none_of(self, what: str, asked: str | None, usual: str) -> str:
+        there = {**self.announced, **{name: seen.kind for name, seen in self.seen.items()}}
+        seen = ", ".join(f"{name} ({kind or 'type unknown'})" for name, kind in sorted(there.items())) or "none"
+        on = f" on {asked}" if asked else ""
+        return f"{what}{on}: no messages of {usual} yet; topics seen: {seen}"
 
 
 def _slashed(topics: Topics) -> Topics:

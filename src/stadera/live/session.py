@@ -131,12 +131,6 @@ class LiveSession:
         after = () if payload is None else since_tare(changes[tared:], payload)
         stamp = 0 if np.isnan(self._time) else round(1e9 * self._time) - intake.clock.shift
         behind = time.time() - 1e-9 * stamp
-        seen = intake.seen.values()
-        lost = {
-            "network": intake.lost["network"] + sum(topic.lost for topic in seen),
-            "damaged": sum(topic.damaged for topic in seen),
-            "left out": intake.lost["left out"],
-        }
         return LiveState(
             robot=self.robot.name,
             link=self.robot.trunk,
@@ -148,7 +142,7 @@ class LiveSession:
             changes=((*changes[:tared], *after) if payload is not None else changes)[-self.settings.changes :],
             trust=self._trust(estimator),
             rates={name: topic.look(now) for name, topic in sorted(intake.seen.items())},
-            lost=lost,
+            lost=intake.losses,
             lag=Lag(now - self._arrived, behind if abs(behind) < self.settings.clocks_apart else np.nan),
             waiting_for=self._lacking(now if until is None else until),
             notes=tuple(intake.notes),

@@ -131,6 +131,7 @@ def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: 
 
     imu = {key: block(columns) for key, columns in layout.imu.items()}
     channels: dict[str, Any] = {channel: block(columns) for channel, columns in layout.channels.items()}
+    others = {channel: block(columns) for channel, columns in layout.others.items()}
     desired = {name: channels.pop(name) for name in DESIRED if name in channels}
     recording = Recording(
         time=time,
@@ -138,9 +139,7 @@ def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: 
         imu=_imu(imu, layout.imu_frame) if imu else None,
         foot_force={foot: block(columns) for foot, columns in layout.force.items()},
         foot_contact={foot: values[place[column]] > 0.5 for foot, column in layout.contact.items()},
-        others=OtherJoints(layout.other_joints, **{c: block(columns) for c, columns in layout.others.items()})
-        if layout.others
-        else None,
+        others=OtherJoints(layout.other_joints, **others) if others else None,
         source=source,
         notes=notes,
         **channels,

@@ -109,19 +109,15 @@ def _layout(
     renamed = _by_leg_and_part(table.sources, joints or ())
     sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
     known = dict.fromkeys(sources)
-    wanted = tuple(joints) if joints is not None else _joints_in(known, source, help_)
-    idle = _idle(wanted, known) if joints is None else ()
-    wanted = tuple(joint for joint in wanted if joint not in idle)
+    wanted, idle_notes = (tuple(joints), ()) if joints is not None else _all_joints(known, source, help_)
     channels, notes = _channels(known, source, wanted, require, pd, help_)
-    if idle:
-        notes = (*notes, f"left out joints of no leg that have no torque: {_listed(idle)}")
     imu, imu_notes = _imu(known, source, "imu" in require)
     contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
     found = Layout(wanted, channels, imu, _forces(known), contact)
     by_name = tuple(f"joints found by leg and part, {old!r} as {new!r}" for old, new in list(renamed.items())[:1])
     return replace(
         found,
-        notes=(*table.notes, *by_name, *notes, *_kept_out(names, found, sources), *imu_notes),
+        notes=(*table.notes, *by_name, *notes, *idle_notes, *_kept_out(names, found, sources), *imu_notes),
         sources={name: own for name, own in sources.items() if own != name},
         factors={_renamed(name, renamed): factor for name, factor in table.factors.items()},
         stamped=table.stamped,
@@ -139,6 +135,15 @@ def _with_others(found: Layout, names: Sequence[str], others: Sequence[str], tab
     kept = {channel: columns for channel, columns in channels.items() if set(columns) <= set(table.sources)}
     own = {name: table.sources[name] for columns in kept.values() for name in columns if table.sources[name] != name}
     return replace(found, others=kept, other_joints=there, sources={**found.sources, **own})
+
+
+def _all_joints(names: Collection[str], source: str, help_: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The joints of a log without the idle ones, and a note on these."""
+    joints = _joints_in(names, source, help_)
+    if not (idle := _idle(joints, names)):
+        return joints, ()
+    kept = tuple(joint for joint in joints if joint not in idle)
+    return kept, (f"left out joints of no leg that have no torque: {_listed(idle)}",)
 
 
 def _idle(joints: Sequence[str], names: Collection[str]) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,16 +29,12 @@ def concatenate(recordings: Sequence[Recording]) -> Recording:
     if len(recordings) == 1:
         return first
     parts = [recording.arrays() for recording in recordings]
-    if any(other.joints != first.joints for other in recordings) or any(
-        part.keys() != parts[0].keys() for part in parts
-    ):
+    held = [(recording.joints, part.keys()) for recording, part in zip(recordings, parts, strict=True)]
+    if any(other != held[0] for other in held):
         raise RecordingError(f"{first.source}: parts that hold different joints or channels cannot be concatenated")
     joined = first.mapped(lambda name, _: np.concatenate([part[name] for part in parts]))
-    notes, doubts = (
-        tuple(dict.fromkeys(said for part in recordings for said in getattr(part, name)))
-        for name in ("notes", "doubts")
-    )
-    return replace(joined, notes=notes, doubts=doubts)
+    notes, doubts = (chain.from_iterable(getattr(part, name) for part in recordings) for name in ("notes", "doubts"))
+    return replace(joined, notes=tuple(dict.fromkeys(notes)), doubts=tuple(dict.fromkeys(doubts)))
 
 
 def with_velocity(recording: Recording, window: float = 0.02) -> Recording:

@@ -125,14 +125,7 @@ def _with_only(model: Any, joints: Collection[int]) -> tuple[Any, list[int]]:
 
 def _extra(whole: Any, of_legs: Collection[int]) -> ExtraJoints | None:
     """The joints outside the legs that hang from the trunk and turn or slide; the others among them stay at zero."""
-    found: list[int] = []
-    for joint in range(2, whole.njoints):  # in topological order
-        if (
-            joint not in of_legs
-            and whole.parents[joint] in (1, *found)
-            and moving_axis(whole.joints[joint]) is not None
-        ):
-            found.append(joint)
+    found = _hanging(whole, of_legs)
     if not found:
         return None
     model, _ = _with_only(whole, {*of_legs, *found})
@@ -149,6 +142,16 @@ def _extra(whole: Any, of_legs: Collection[int]) -> ExtraJoints | None:
         bodies=tuple(InertialParameters.from_pinocchio(model.inertias[joint]) for joint in order),
         reference=np.zeros(len(order)),
     )
+
+
+def _hanging(whole: Any, of_legs: Collection[int]) -> list[int]:
+    """Joints outside the legs that turn or slide, on the trunk or on another one of them."""
+    found: list[int] = []
+    others = (joint for joint in range(2, whole.njoints) if joint not in of_legs)  # in topological order
+    for joint in others:
+        if whole.parents[joint] in (1, *found) and moving_axis(whole.joints[joint]) is not None:
+            found.append(joint)
+    return found
 
 
 def _tree(file: ModelFile, model: Any, order: list[int]) -> Tree:
@@ -232,15 +235,11 @@ def _limits(file: ModelFile, tree: Tree) -> tuple[dict[str, JointLimits], list[s
     model = file.model
     for name in tree.joints:
         joint = model.joints[model.getJointId(name)]
-        lower, upper = -np.inf, np.inf
-        if joint.nq == 1:
-            lower = _stated(model.lowerPositionLimit[joint.idx_q])
-            upper = _stated(model.upperPositionLimit[joint.idx_q])
-            try:
-                lower, upper, note = checked_limits(name, lower, upper)
-            except ModelError as error:
-                raise ModelError(f"{file.path}: {error}") from error
-            notes += [note] if note else []
+        try:
+            lower, upper, note = _position_limits(model, joint, name)
+        except ModelError as error:
+            raise ModelError(f"{file.path}: {error}") from error
+        notes += [note] if note else []
         velocity = _stated(model.upperVelocityLimit[joint.idx_v])
         effort = _stated(model.upperEffortLimit[joint.idx_v])
         if velocity <= 0 or effort <= 0:
@@ -248,6 +247,14 @@ def _limits(file: ModelFile, tree: Tree) -> tuple[dict[str, JointLimits], list[s
             velocity, effort = velocity if velocity > 0 else np.inf, effort if effort > 0 else np.inf
         limits[name] = JointLimits(lower, upper, velocity, effort)
     return limits, notes
+
+
+def _position_limits(model: Any, joint: Any, name: str) -> tuple[float, float, str]:
+    """Lower and upper limit [rad], and a note on them or none; a joint without end has none."""
+    if joint.nq != 1:
+        return -np.inf, np.inf, ""
+    lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+    return checked_limits(name, _stated(lower), _stated(upper))
 
 
 def _stated(limit: float) -> float:

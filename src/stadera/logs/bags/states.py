@@ -66,10 +66,9 @@ def _arrays(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
         return None
     for part in ("", *_MEASURED):
         inside = fields if not part else dict(types[_part(fields[part])][1]) if part in fields else {}
-        words = {channel: _first(_WORDS[channel], inside) for channel in CHANNELS}
-        if words["position"] is None or not _element(inside[words["position"]]):
+        given = _channels_of(inside)
+        if "position" not in given or not _element(inside[given["position"]]):
             continue
-        given = {channel: word for channel, word in words.items() if word is not None}
 
         def find(content: Any, part: str = part, given: Mapping[str, str] = given) -> States:
             values = getattr(content, part) if part else content
@@ -100,9 +99,8 @@ def _structs(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None
     for field, description in fields.items():
         part = _element(description)
         inside = [name for name, _ in types[part][1]] if part in types else []
-        names, words = _first(_NAMES, inside), {c: _first(_WORDS[c], inside) for c in CHANNELS}
-        if names and words["position"]:
-            given = {channel: word for channel, word in words.items() if word}
+        names, given = _first(_NAMES, inside), _channels_of(inside)
+        if names and "position" in given:
 
             def find(content: Any, field: str = field, names: str = names, given: Mapping[str, str] = given) -> States:
                 parts = getattr(content, field)
@@ -129,6 +127,12 @@ def _named(numbers: Any) -> States:
 
 def _first(wanted: tuple[str, ...], names: Any) -> str | None:
     return next((name for name in wanted if name in names), None)
+
+
+def _channels_of(fields: Any) -> dict[str, str]:
+    """By channel, the field with its values, of those that there are."""
+    words = {channel: _first(_WORDS[channel], fields) for channel in CHANNELS}
+    return {channel: word for channel, word in words.items() if word is not None}
 
 
 def _part(description: Any) -> str:

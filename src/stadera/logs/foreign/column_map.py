@@ -118,11 +118,7 @@ def _sources(table: Mapping[str, Any], name: str) -> dict[str, tuple[Source, ...
 
 
 def _source(column: str, given: Any, name: str) -> Source:
-    fields = {"column": given} if isinstance(given, str) else given
-    if not isinstance(fields, dict) or not isinstance(fields.get("column"), str):
-        raise RecordingError(f'{name}: {column!r} needs the name of a column, or {{ column = "...", unit = "..." }}')
-    if unknown := next((key for key in fields if key not in ("column", "unit", "factor")), None):
-        raise RecordingError(f"{name}: {column!r}: unknown key {unknown!r}; valid: column, unit, factor")
+    fields = _source_fields(column, {"column": given} if isinstance(given, str) else given, name)
     unit, factor = str(fields.get("unit", "")), fields.get("factor", 1.0)
     valid = FACTORS.get(quantity_of(column), {})
     if unit and unit not in valid:
@@ -131,6 +127,15 @@ def _source(column: str, given: Any, name: str) -> Source:
         raise RecordingError(f"{name}: {column!r} needs a factor that is a number and not 0, got {factor!r}")
     _check_places(column, fields["column"], name)
     return Source(fields["column"], unit, float(factor))
+
+
+def _source_fields(column: str, fields: Any, name: str) -> dict[str, Any]:
+    """The fields of a source, once their names are checked."""
+    if not isinstance(fields, dict) or not isinstance(fields.get("column"), str):
+        raise RecordingError(f'{name}: {column!r} needs the name of a column, or {{ column = "...", unit = "..." }}')
+    if unknown := next((key for key in fields if key not in ("column", "unit", "factor")), None):
+        raise RecordingError(f"{name}: {column!r}: unknown key {unknown!r}; valid: column, unit, factor")
+    return fields
 
 
 def _check_places(column: str, pattern: str, name: str) -> None:

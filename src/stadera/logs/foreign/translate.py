@@ -4,7 +4,7 @@ assignments for those that it does not recognise.
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from stadera.errors import RecordingError, listed
@@ -73,11 +73,15 @@ def translated(
 
 
 def _is_flat(names: Collection[str]) -> bool:
-    return "time" in names and any(name.endswith(".position") for name in names)
+    return "time" in names and _has_positions(names)
+
+
+def _has_positions(names: Iterable[str]) -> bool:
+    return any(name.endswith(".position") for name in names)
 
 
 def _is_log(found: Mapping[str, _Found], units: Units) -> bool:
-    return ("time" in found or units.rate_hz is not None) and any(flat.endswith(".position") for flat in found)
+    return ("time" in found or units.rate_hz is not None) and _has_positions(found)
 
 
 def _as_is(
@@ -203,7 +207,7 @@ def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[
     if flat := next(absent, None):
         column = chosen.columns[flat][0].pattern
         raise RecordingError(f"{source}: no column {column!r}, which {chosen.name} has as {flat!r} (columns: {known})")
-    if not any(flat.endswith(".position") for flat in found):
+    if not _has_positions(found):
         order = '; numbered joints need their order: joints = ["..."]' if _lacks_an_order(chosen) else ""
         raise RecordingError(
             f"{source}: no column is a joint's position by {chosen.name}{order}; columns: {known}; {TEMPLATE_HINT}"
@@ -222,22 +226,21 @@ def guessed(names: Sequence[str], reading: Reading) -> Translation:
     found = translated(names, "", reading, Topics())
     if found.recognised:
         return found
-    fitting = [one for name in preset_names() if (one := _fitting(preset(name), names, reading)) is not None]
-    if fitting:
-        return replace(fitting[0], notes=(*fitting[0].notes, "the joints are numbered: check that this is their order"))
+    if (first := next(_all_fitting(names, reading), None)) is not None:
+        _, fitting = first
+        return replace(fitting, notes=(*fitting.notes, "the joints are numbered: check that this is their order"))
     return Translation({"time": own} if (own := found.sources.get("time")) else {})
 
 
 def hint(names: Sequence[str], reading: Reading) -> str:
     """Advice for unrecognised columns, as the end of an error message."""
-    fitting = {name: one for name in preset_names() if (one := _fitting(preset(name), names, reading)) is not None}
+    fitting = dict(_all_fitting(names, reading))
     chosen = [preset(name) for name in fitting if preset(name).chosen]
     ways = []
     if asked := [one.name for one in chosen if one.joints]:
         order = " (joints by number: these differ in their order)" if len(asked) > 1 else ""
         ways.append(f"--columns {' or '.join(asked)}{order}")
-    positions = fitting or any(name.endswith(".position") for name in names)
-    if positions and not any(map(_timed, fitting.values())):
+    if (fitting or _has_positions(names)) and not any(map(_timed, fitting.values())):
         ways.append("--units 200Hz for a steady rate without a column of time")
     unordered = next((one.name for one in chosen if not one.joints), None)
     order = f', in which base = "{unordered}" and joints = ["..."] say their order' if unordered else ""
@@ -246,6 +249,13 @@ def hint(names: Sequence[str], reading: Reading) -> str:
 
 def _timed(found: Translation) -> bool:
     return "time" in found.sources or found.rate_hz is not None
+
+
+def _all_fitting(names: Sequence[str], reading: Reading) -> Iterator[tuple[str, Translation]]:
+    """Yields the presets that fit, and what they translate columns to."""
+    for name in preset_names():
+        if (found := _fitting(preset(name), names, reading)) is not None:
+            yield name, found
 
 
 def _fitting(chosen: ColumnMap, names: Sequence[str], reading: Reading) -> Translation | None:
