@@ -1,6 +1,6 @@
 """Exceptions raised by stadera. Messages name the faulty value and list the valid choices."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from difflib import get_close_matches
 from math import isfinite
 
@@ -38,16 +38,27 @@ def require_known(kind: str, names: Iterable[str], valid: Iterable[str], where: 
             raise UnknownNameError(kind, name, valid, where)
 
 
-def require_positive(what: str, values: object, names: Iterable[str]) -> None:
-    """Checks that these attributes are positive, finite numbers.
+def positive(what: str, value: float, unit: str = "", error: type[StaderaError] = StaderaError) -> float:
+    """Returns a number that is positive and finite.
+
+    Raises:
+        error: it is not; `what` names it in the message.
+    """
+    if not (isfinite(value) and value > 0):
+        raise error(f"{what} must be positive, got {value}{unit and f' {unit}'}")
+    return value
+
+
+def require_positive(what: str, values: object, names: Iterable[str], or_zero: Collection[str] = ()) -> None:
+    """Checks that these attributes are positive, finite numbers; those of `or_zero` may be zero.
 
     Raises:
         StaderaError: an attribute is not; `what` names the object in the message.
     """
     for name in names:
         value = getattr(values, name)
-        if not (isfinite(value) and value > 0):
-            raise StaderaError(f"{what} {name!r} must be positive, got {value}")
+        if not (name in or_zero and value == 0):
+            positive(f"{what} {name!r}", value)
 
 
 class ModelError(StaderaError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from stadera.errors import IdentificationError
 from stadera.excite.clearance import Clearance, ClearanceMap
 from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
-from stadera.robot.model import Robot
+from stadera.robot.model import JointLimits, Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
@@ -70,22 +71,16 @@ class LegBounds:
         indices = [robot.tree.joints.index(joint) for joint in joints]
         pose = standing_configuration(robot)[indices] if rest is None else np.asarray(rest, dtype=float)
         limits = [robot.limits[joint] for joint in joints]
-        for joint, angle, limit in zip(joints, pose, limits, strict=True):
-            if not limit.lower <= angle <= limit.upper:
-                raise IdentificationError(
-                    f"rest pose of joint {joint!r}, {angle:.4g} rad, lies outside its limits "
-                    f"{limit.lower:.4g} to {limit.upper:.4g} rad"
-                )
-        lower = np.array([limit.lower for limit in limits]) + margins.position
-        upper = np.array([limit.upper for limit in limits]) - margins.position
+        _check_within(joints, pose, limits)
+        lower, upper, velocity, effort = np.array([[x.lower, x.upper, x.velocity, x.effort] for x in limits]).T
         return cls(
             robot,
             robot.leg(leg).name,
             pose,
-            np.minimum(pose, np.maximum(lower, pose - margins.reach)),
-            np.maximum(pose, np.minimum(upper, pose + margins.reach)),
-            margins.velocity * np.array([limit.velocity for limit in limits]),
-            margins.effort * np.array([limit.effort for limit in limits]),
+            np.minimum(pose, np.maximum(lower + margins.position, pose - margins.reach)),
+            np.maximum(pose, np.minimum(upper - margins.position, pose + margins.reach)),
+            margins.velocity * velocity,
+            margins.effort * effort,
             Clearance.of(robot, leg, pose, margins.distance, ground),
         )
 
@@ -130,3 +125,12 @@ class LegBounds:
         over = max(float(((q - self.upper) / span).max()), float(((self.lower - q) / span).max()))
         over = max(over, float((np.abs(motion.velocity) / self.velocity).max()) - 1.0)
         return max(over, float((np.abs(self.torque(motion)) / self.effort).max()) - 1.0)
+
+
+def _check_within(joints: Sequence[str], pose: Array, limits: Sequence[JointLimits]) -> None:
+    for joint, angle, limit in zip(joints, pose, limits, strict=True):
+        if not limit.lower <= angle <= limit.upper:
+            raise IdentificationError(
+                f"rest pose of joint {joint!r}, {angle:.4g} rad, lies outside its limits "
+                f"{limit.lower:.4g} to {limit.upper:.4g} rad"
+            )

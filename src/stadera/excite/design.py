@@ -8,7 +8,7 @@ from os import PathLike
 
 import numpy as np
 
-from stadera.errors import IdentificationError, require_positive
+from stadera.errors import IdentificationError, positive, require_positive
 from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.optimise import FourierSearch, optimal_excitation
 from stadera.excite.paper_draw import DrawSettings, check_duration, paper_draw
@@ -65,8 +65,8 @@ class ExciteSettings:
             raise IdentificationError(f"an excitation is played at 10 Hz at least, got {self.rate} Hz")
         if self.draws < 1 or self.seed < 0:
             raise IdentificationError(f"need a seed of at least 0 and at least one draw, got {self.seed}, {self.draws}")
-        if self.stand_height is not None and not (np.isfinite(self.stand_height) and self.stand_height > 0):
-            raise IdentificationError(f"the trunk's height over the ground must be positive, got {self.stand_height} m")
+        if self.stand_height is not None:
+            positive("the trunk's height over the ground", self.stand_height, "m", IdentificationError)
         require_positive("setting of an excitation", self, ("noise", "noise_of_gravity", "look_rate"))
 
 

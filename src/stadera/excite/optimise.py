@@ -22,7 +22,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.optimize import minimize
 
-from stadera.errors import IdentificationError, require_positive
+from stadera.errors import IdentificationError, positive, require_positive
 from stadera.excite.clearance import ClearanceMap
 from stadera.excite.fourier import FourierSeries
 from stadera.excite.paper_draw import FREQUENCIES, check_duration, fitting_factor
@@ -58,8 +58,7 @@ class FourierSearch:
             raise IdentificationError(f"a search needs at least one harmonic, start and iteration, got {self}")
         if self.samples < 4 * self.harmonics:
             raise IdentificationError(f"a search needs at least 4 samples a harmonic, got {self}")
-        if not (np.isfinite(self.top_frequency) and self.top_frequency > 0):
-            raise IdentificationError(f"the highest frequency must be positive, got {self.top_frequency} Hz")
+        positive("the highest frequency", self.top_frequency, "Hz", IdentificationError)
         if not self.penalties or min(self.penalties) <= 0.0:
             raise IdentificationError(f"a search needs penalties above 0, got {self.penalties}")
         names = ("poses", "spare", "clearance_unit", "clearance_rate", "clearance_spare", "tightenings", "step")

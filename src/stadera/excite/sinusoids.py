@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stadera.errors import IdentificationError
+from stadera.errors import IdentificationError, positive
 from stadera.legs.motion import JointMotion
 from stadera.types import Array
 
@@ -113,8 +113,7 @@ class Sinusoids:
 
     def sample(self, rate: float) -> Reference:
         """Samples the whole motion at `rate` [Hz], from zero to the end; IdentificationError unless it is positive."""
-        if not (np.isfinite(rate) and rate > 0):
-            raise IdentificationError(f"a sampling rate must be positive, got {rate} Hz")
+        positive("a sampling rate", rate, "Hz", IdentificationError)
         time = np.arange(int(np.ceil(self.duration * rate - 1e-6)) + 1) / rate
         return Reference(self.joints, time, self.at(time))
 

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stadera.errors import IdentificationError
+from stadera.errors import IdentificationError, positive
 from stadera.excite.bounds import LegBounds
 from stadera.excite.sinusoids import Reference
 from stadera.identify.observability import Observability, observability
@@ -43,8 +43,7 @@ class LegExperiment:
         noise = np.asarray(self.noise, dtype=float)
         if noise.shape != (3,) or not (np.isfinite(noise).all() and (noise > 0).all()):
             raise IdentificationError(f"torque noise needs three positive numbers [N·m], got {noise.tolist()}")
-        if not (np.isfinite(self.rate) and self.rate > 0):
-            raise IdentificationError(f"a sampling rate must be positive, got {self.rate} Hz")
+        positive("a sampling rate", self.rate, "Hz", IdentificationError)
         object.__setattr__(self, "noise", noise)
 
     @classmethod

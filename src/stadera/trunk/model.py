@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from stadera.errors import StaderaError
+from stadera.errors import StaderaError, positive
 from stadera.inertia import InertialParameters
 from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
@@ -39,8 +39,7 @@ class TrunkModel:
         com = np.array(self.com_trunk, dtype=float)
         if com.shape != (3,) or not np.isfinite(com).all():
             raise ImplausibleError(f"a trunk's centre of mass needs three finite numbers, got {self.com_trunk}")
-        if not (np.isfinite(self.mass) and self.mass > 0):
-            raise ImplausibleError(f"a trunk's mass must be positive and finite, got {self.mass} kg")
+        positive("a trunk's mass", self.mass, "kg", ImplausibleError)
         com.flags.writeable = False
         object.__setattr__(self, "mass", float(self.mass))
         object.__setattr__(self, "com_trunk", com)

@@ -30,7 +30,7 @@ from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import nnls
 
 from stadera.constants import ROUNDING
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.inertia import skews
 from stadera.types import Array
 
@@ -46,8 +46,7 @@ class ContactLimits:
     most_normal: float = np.inf  # [N]
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.friction) and self.friction > 0):
-            raise ModelError(f"the friction coefficient must be positive, got {self.friction}")
+        positive("the friction coefficient", self.friction, error=ModelError)
         if not 0 <= self.least_normal < self.most_normal:
             raise ModelError(f"normal forces need 0 ≤ least < most, got {self.least_normal} N and {self.most_normal} N")
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.inertia import InertialParameters
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
@@ -35,8 +35,7 @@ class TrunkGains:
         ratio ζ.
         """
         for value in (linear, angular, damping):
-            if not (np.isfinite(value) and value > 0):
-                raise ModelError(f"frequencies and damping of the trunk must be positive, got {value}")
+            positive("frequencies and damping of the trunk", value, error=ModelError)
         whole = composite(robot, standing_configuration(robot))
         moments = np.diag(whole.inertia_com)
         return cls(

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -67,8 +67,7 @@ class Move:
     duration: float  # [s], positive
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.duration) and self.duration > 0):
-            raise ModelError(f"a move's duration must be positive, got {self.duration} s")
+        positive("a move's duration", self.duration, "s", ModelError)
         turn = pin.log3(self.start.rotation.T @ self.goal.rotation)
         # rows: zero, way; rates at both ends, over the move's duration
         way = np.stack([self.goal.position - self.start.position, turn])

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from stadera.constants import NOTHING
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.trunk.model import TrunkBounds, TrunkModel
 
 
@@ -28,8 +28,7 @@ class SmoothTrunk:
     """
 
     def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:
-        if not (np.isfinite(time_constant) and time_constant > 0):
-            raise ModelError(f"the trunk model's time constant must be positive, got {time_constant} s")
+        positive("the trunk model's time constant", time_constant, "s", ModelError)
         bounds.check(start)
         self.bounds, self.time_constant = bounds, time_constant
         self.rejected = ""

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.legs.friction import JointFriction
 from stadera.legs.instant import LegMotion, LegState
 from stadera.legs.model import foot_jacobians
@@ -67,8 +67,7 @@ class SwingTrajectory:
     ease: float = 0.05  # [s], in which it reaches that speed
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.duration) and self.duration > 0):
-            raise ModelError(f"a swing's duration must be positive, got {self.duration} s")
+        positive("a swing's duration", self.duration, "s", ModelError)
         if not (isfinite(self.clearance + self.descent) and min(self.clearance, self.descent) >= 0):
             raise ModelError(
                 f"a swing's clearance and descent must not be negative, got {self.clearance} m, {self.descent} m/s"

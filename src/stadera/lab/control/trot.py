@@ -17,13 +17,13 @@ controller, it uses measurements only.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, isfinite, sin, tanh
+from math import atan2, cos, hypot, sin, tanh
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.lab.control.gains import composite
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import Gait
@@ -62,8 +62,7 @@ class TrotSettings:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (isfinite(value) and value > 0):
-                raise ModelError(f"a trot's {name} must be positive, got {value}")
+            positive(f"a trot's {name}", value, error=ModelError)
 
     @property
     def step(self) -> float:

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.inertia import InertialParameters
 from stadera.robot.mjcf.read import keep_quiet
 from stadera.robot.model import Robot, Tree
@@ -39,8 +39,7 @@ class ModelOptions:
     drive_state: bool = False
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.timestep) and self.timestep > 0):
-            raise ModelError(f"simulation timestep must be positive, got {self.timestep} s")
+        positive("simulation timestep", self.timestep, "s", ModelError)
 
 
 def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec:

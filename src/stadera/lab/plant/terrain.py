@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.types import Array
 
 _STEEPEST = np.deg2rad(60.0)
@@ -72,8 +72,7 @@ class Terrain:
             raise ModelError(f"terrain heading is not finite: {self.heading}")
         if not (np.isfinite(self.softness) and self.softness >= 0):
             raise ModelError(f"terrain softness must not be negative, got {self.softness} s")
-        if not (np.isfinite(self.friction) and self.friction > 0):
-            raise ModelError(f"terrain friction must be positive, got {self.friction}")
+        positive("terrain friction", self.friction, error=ModelError)
 
     @property
     def rotation(self) -> Array:

@@ -94,12 +94,19 @@ def simulate(
         moments=moments,
         drawn=made.draw.to_dict() if made.draw else None,
     )
-    source = f"simulated {robot.name}, {name}"
+    log, states = _logged(sensors, robot, made, settings, f"simulated {robot.name}, {name}")
+    return Run(log, truth, truth_of(states, robot), made.model)
+
+
+def _logged(
+    sensors: _KeptSensors, robot: Robot, made: _Made, settings: SimulateSettings, source: str
+) -> tuple[Recording, list[TrueState]]:
+    """The log of what the sensors read, and the plant's states at its samples."""
     if made.draw is None:
-        return Run(recording_of(sensors.samples, robot, source), truth, truth_of(sensors.states, robot), made.model)
+        return recording_of(sensors.samples, robot, source), sensors.states
     rate = settings.rate or made.draw.rate
     log = measured_log(TrueMotion.of(sensors.states, robot), robot, made.draw, settings.seed, rate, source)
-    return Run(log, truth, truth_of(sensors.states[:: round(1.0 / (rate * PERIOD))], robot), made.model)
+    return log, sensors.states[:: round(1.0 / (rate * PERIOD))]
 
 
 def stored(path: Path | None, run: Callable[[], Run]) -> tuple[Recording, Truth]:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from stadera.errors import StaderaError, UnknownNameError
+from stadera.errors import StaderaError, UnknownNameError, positive
 from stadera.lab.plant import OutsideForce, SensorErrors, sensor_errors
 from stadera.lab.plant.payload import Payload, RigidMass, VirtualForce
 from stadera.lab.reality import REAL_SETS, RealSizes
@@ -31,8 +31,7 @@ class Load:
     at: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.amount) and self.amount > 0):
-            raise StaderaError(f"a load must be positive, got {self.amount} {self.unit}")
+        positive("a load", self.amount, self.unit)
         if self.unit not in ("kg", "N"):
             raise StaderaError(f"a load is in kg or N, got {self.unit!r}")
         if self.at is not None and not np.isfinite(self.at).all():

@@ -15,11 +15,11 @@ innovations, is ignored. The estimate is then as close as the noise allows, whic
 
 from __future__ import annotations
 
-from math import exp, isfinite, log
+from math import exp, log
 
 import numpy as np
 
-from stadera.errors import ModelError
+from stadera.errors import ModelError, positive
 from stadera.types import Array
 
 STEP, PERIOD = 0.002, 0.001
@@ -37,7 +37,7 @@ def settling_time(step: float = STEP, period: float = PERIOD) -> float:
     """
     if not 0.0 < step < 1.0:
         raise ModelError(f"a step size lies between 0 and 1, got {step}")
-    return -3.0 * positive("period", period) / log(1.0 - step)
+    return -3.0 * positive("a period", period, "s", ModelError) / log(1.0 - step)
 
 
 def step_size(settling: float, period: float) -> float:
@@ -58,7 +58,7 @@ class Settled:
     """
 
     def __init__(self, tolerance: float = TOLERANCE, quicker: float = 5.0, deviations: float = 2.0) -> None:
-        self.tolerance = positive("tolerance", tolerance)
+        self.tolerance = positive("a tolerance", tolerance, error=ModelError)
         self._quicker, self._deviations = quicker, deviations
         self.restart()
 
@@ -82,14 +82,3 @@ class Settled:
         if self._left >= exp(-1.0):
             return False
         return float(np.sum(np.square(self._mean))) < self.tolerance**2 + self._deviations**2 * self._noise
-
-
-def positive(name: str, value: float) -> float:
-    """Returns the value if it is positive.
-
-    Raises:
-        ModelError: it is not positive and finite.
-    """
-    if not (isfinite(value) and value > 0):
-        raise ModelError(f"a {name} must be positive, got {value}")
-    return value

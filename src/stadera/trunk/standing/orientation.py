@@ -37,13 +37,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import IdentificationError, ModelError
+from stadera.errors import IdentificationError, ModelError, positive
 from stadera.inertia import skew
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.convergence import positive, step_size
+from stadera.trunk.standing.convergence import step_size
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom
 from stadera.types import Array
@@ -81,7 +81,7 @@ class PostureLaw:
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "reference", _rotation(self.reference))
         for name in ("frequency", "damping", "gain_margin"):
-            positive(f"posture's {name}", getattr(self, name))
+            positive(f"a posture's {name}", getattr(self, name), error=ModelError)
         if not (np.isfinite(self.lag) and self.lag >= 0):
             raise ModelError(f"a posture's lag must not be negative, got {self.lag} s")
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import StaderaError, UnknownNameError
+from stadera.errors import StaderaError, UnknownNameError, positive
 from stadera.legs.model import nominal_feet
 from stadera.robot.model import LEG_NAMES, Robot
 
@@ -81,8 +81,7 @@ class CrawlSettings:
     def __post_init__(self) -> None:
         for name in (size.name for size in fields(self) if size.name not in ("sequence", "tuning")):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise CrawlError(f"a crawl's {name} must be positive, got {value}")
+            positive(f"a crawl's {name}", value, error=CrawlError)
         for name in self.sequence:
             if name not in LEG_NAMES:
                 raise UnknownNameError("leg", name, LEG_NAMES)

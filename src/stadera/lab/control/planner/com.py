@@ -25,6 +25,7 @@ import proxsuite
 from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
+from stadera.errors import positive
 from stadera.lab.control.planner.feet import PlanError, SupportPolygon
 from stadera.types import Array
 
@@ -57,8 +58,7 @@ class SupportPhase:
     rests: bool  # whether the body should preferably rest: a leg swings
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.duration) and self.duration > 0):
-            raise PlanError(f"a phase's duration must be positive, got {self.duration} s")
+        positive("a phase's duration", self.duration, "s", PlanError)
 
 
 @dataclass(frozen=True, eq=False)
