@@ -44,6 +44,7 @@ from stadera.robot import Robot, load_robot
 
 ROBOTS = ("go2", "hyq", "anymal_c", "b1")
 LOOKED_EVERY = 0.05  # s
+LISTED_EVERY = 1.0  # s, between two searches for new processes, of which each takes milliseconds of a core
 TIMED = ("seconds",)
 """Columns that differ between two runs of the same."""
 
@@ -111,9 +112,11 @@ def call(out: Path, manifest: Path, *options: str, watch: Callable[[psutil.Proce
     command = [sys.executable, "-m", "stadera", "fleet", "--manifest", str(manifest), "--out", str(out), *options]
     begun, cost, seen = time.perf_counter(), Cost(), {}
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as done:
-        whole = psutil.Process(done.pid)
+        whole, due = psutil.Process(done.pid), begun
         while done.poll() is None:
-            look(processes(whole, options), seen, cost)
+            if time.perf_counter() >= due:
+                alive, due = processes(whole, options), time.perf_counter() + LISTED_EVERY
+            look(alive, seen, cost)
             if watch is not None:
                 watch(whole)
             time.sleep(LOOKED_EVERY)

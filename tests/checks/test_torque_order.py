@@ -6,8 +6,11 @@ import re
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
+from stadera.checks.instants import Instants
+from stadera.checks.torque_order import slopes
 from stadera.lab.experiments.faults.forces import FORCES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -110,3 +113,15 @@ def test_a_push_is_not_corrected_as_if_legs_were_swapped(name: str) -> None:
     for finding in diagnose(simulate(robot, "shake", settings).recording, robot):
         assert finding.mend is None
         assert "or something pushes or pulls the robot" in finding.message
+
+
+def test_slopes_are_numpys_gradients_stretch_by_stretch() -> None:
+    """With uneven steps, in stretches of 25, 1, 2, 3 and 25 instants; of one instant there is no slope."""
+    rng, group = np.random.default_rng(0), np.repeat([0, 1, 2, 3, 4], [25, 1, 2, 3, 25])
+    time, values = np.cumsum(rng.uniform(0.03, 0.05, len(group))), rng.normal(size=(len(group), 4, 3))
+    flat = np.zeros((len(group), 12))
+    found = slopes(values, Instants(time, group, flat, flat, flat))
+    for one in np.unique(group):
+        at = group == one
+        expected = np.gradient(values[at], time[at], axis=0) if at.sum() > 1 else np.zeros((1, 4, 3))
+        np.testing.assert_allclose(found[at], expected, rtol=1e-12, atol=1e-12)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stadera.fleet.pool import attempted
+from stadera.fleet.pool import attempted, attempted_by_worker
 
 GROWN = """
 import sys
@@ -61,3 +61,16 @@ def test_what_a_task_leaves_in_a_circle_is_freed_when_it_ends() -> None:
     finally:
         gc.enable()
     assert Circle.left == 0
+
+
+def test_a_worker_looks_through_what_is_loaded_once_and_still_frees_circles() -> None:
+    gc.disable()
+    try:
+        for _ in range(2):
+            assert attempted_by_worker(in_a_circle, 0) == 1
+            assert Circle.left == 0
+            assert gc.get_freeze_count() > 0
+        assert len(gc.get_objects()) < gc.get_freeze_count()
+    finally:
+        gc.unfreeze()
+        gc.enable()

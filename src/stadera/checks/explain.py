@@ -5,8 +5,10 @@ small share, in motion by more than chance. Of several, the one of least cost is
 are named with it.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Self
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import Gain, MotionCosts
 from stadera.checks.statics import Consistency, ConsistencyModel
+from stadera.types import Array, Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +75,12 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     footing = replace(footing, known=Known())  # what is known of other hypotheses is not kept
     now = MotionCosts(footing, limits)
     least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest
+    excerpt = Excerpt.of(footing, limits)
     fitting: list[tuple[Gain, FaultHypothesis, MotionCosts]] = []
     for hypothesis in hypotheses_in_motion(robot):
         without = footing.under(hypothesis.undo)
         costs, needed = MotionCosts(without, limits), least * (limits.rare if hypothesis.rare else 1.0)
-        if Gain.most(now, costs) < needed:
+        if any(Gain.most(now, balance) < needed for balance in _balances(hypothesis, excerpt, costs)):
             continue
         gain = Gain.of(now, costs)
         if gain.mean >= needed and gain.deviations >= limits.deviations and not any(model.evaluate(without).faults()):
@@ -88,6 +92,34 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     others = tuple(other for g, other, _ in fitting[1:3] if g.mean > limits.alike * gain.mean)
     length = footing.legs.length
     return MotionExplanation(best, gain, _speed(now, length, limits), _speed(costs, length, limits), others)
+
+
+@dataclass(frozen=True, eq=False)
+class Excerpt:
+    """A few of the seconds of a log with an IMU, which suffice to rule out most hypotheses."""
+
+    footing: Footing  # at these instants
+    limits: CheckLimits
+    chosen: Bools  # (instants,) of the whole log, those that are in it
+
+    @classmethod
+    def of(cls, footing: Footing, limits: CheckLimits) -> Self:
+        """Every `limits.excerpt`-th second."""
+        chosen = footing.blocks.group % limits.excerpt == 0
+        return cls(Footing(footing.robot, footing.blocks.at(np.flatnonzero(chosen))), limits, chosen)
+
+    def balance(self, hypothesis: FaultHypothesis) -> Array:
+        """Costs of torques that do not balance the trunk under a hypothesis, (instants,); zero elsewhere."""
+        out = np.zeros(len(self.chosen))
+        out[self.chosen] = MotionCosts(self.footing.under(hypothesis.undo), self.limits).balance
+        return out
+
+
+def _balances(hypothesis: FaultHypothesis, excerpt: Excerpt, costs: MotionCosts) -> Iterator[Array]:
+    """Lower bounds of the costs of balance under a hypothesis, the tighter the more they take."""
+    yield np.zeros(len(excerpt.chosen))
+    yield excerpt.balance(hypothesis)
+    yield costs.balance
 
 
 def _speed(costs: MotionCosts, length: float, limits: CheckLimits) -> float:

@@ -53,6 +53,7 @@ class CheckLimits:
     # instants, trial_instants: numbers to which a log is thinned out, and again for testing hypotheses on averages
     instants: int = 1500
     trial_instants: int = 200
+    excerpt: int = 8  # every so many seconds of a log suffice to rule out most hypotheses
     much_better: float = 0.25  # largest share of the cost that remains under a confirmed hypothesis
     # same, similar: differences in cost within which the simpler hypothesis is chosen, and within which both are named
     same: float = 0.02

@@ -83,9 +83,11 @@ class Gain:
         return cls(mean, mean / std if std > 0 else 0.0)
 
     @staticmethod
-    def most(now: MotionCosts, other: MotionCosts) -> float:
-        """Upper bound of the mean, without the other's sliding, of which no cost is below zero."""
-        balance = now.balance - other.balance
+    def most(now: MotionCosts, other: Array) -> float:
+        """Upper bound of the mean, without the other's sliding, and with its balance (instants,), zero where it is not
+        known: no cost is below zero.
+        """
+        balance = now.balance - other
         if not np.isfinite(balance).all():
             return np.inf
         means = _means(np.nan_to_num(now.feet) + balance, now.limits.segment)

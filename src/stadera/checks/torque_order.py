@@ -32,7 +32,7 @@ from stadera.checks.hypotheses import FaultHypothesis, torque_orders
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import MotionCosts
-from stadera.constants import GRAVITY
+from stadera.constants import GRAVITY, NOTHING
 from stadera.inertia import skews
 from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions, LegWrenches
 from stadera.legs.friction import direction
@@ -170,7 +170,7 @@ class InstantRows:
         a, omega = footing.specific_force, b.angular_velocity
         assert omega is not None
         q, qd, torque = (x[:, legs.columns] for x in (b.position, b.rate, b.effort))
-        qdd, alpha, rate = (_slopes(x, b) for x in (qd, omega, torque))
+        qdd, alpha, rate = (slopes(x, b) for x in (qd, omega, torque))
 
         def at(position: Array) -> LegWrenches:
             return legs.at(LegMotions(position, qd, qdd, omega.T, alpha.T, a.T, footing.up.T))
@@ -263,11 +263,19 @@ def _flat(values: Array, scale: Array) -> Array:
     return np.asarray(six.transpose(1, 0, 2).reshape(-1, six.shape[2]))
 
 
-def _slopes(values: Array, blocks: Instants) -> Array:
-    """Derivatives (instants, ...) [1/s], by central differences within each stretch."""
+def slopes(values: Array, blocks: Instants) -> Array:
+    """Derivatives (instants, ...) [1/s], by central differences within each stretch, one-sided at its ends."""
     out = np.zeros_like(values)
-    for group in np.unique(blocks.group):
-        at = np.flatnonzero(blocks.group == group)
-        if len(at) > 1:
-            out[at] = np.gradient(values[at], blocks.time[at], axis=0)
+    if len(blocks) < 2:
+        return out
+    wide = (slice(None), *[None] * (values.ndim - 1))
+    steps, joined = np.diff(blocks.time), np.diff(blocks.group) == 0
+    between = np.diff(values, axis=0) / steps[wide]
+    before, after = np.append(False, joined), np.append(joined, False)
+    # the slope on either side counts as much as the step on the other side is long; the only one, fully
+    left = np.where(before, np.where(after, np.append(steps, 1.0), 1.0), 0.0)
+    right = np.where(after, np.where(before, np.append(1.0, steps), 1.0), 0.0)
+    total = np.maximum(left + right, NOTHING)
+    out[1:] += (left / total)[1:][wide] * between
+    out[:-1] += (right / total)[:-1][wide] * between
     return out

@@ -181,8 +181,10 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
         for end in (values.max(), values.min()):
             at = values == end
             own = abs(abs(float(end)) / robot.limits[joint].effort - 1.0) < limits.own_limit
+            if np.count_nonzero(at) < limits.repeats or own:
+                continue
             others = np.diff(values[~at])
-            if at.sum() < limits.repeats or own or not len(others):
+            if not len(others):
                 continue
             lively = np.count_nonzero(others) >= limits.lively * len(others)
             next_to_it = values[~at][np.argmin(np.abs(values[~at] - end))]  # for a quantised signal the next level

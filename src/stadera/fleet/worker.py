@@ -2,7 +2,10 @@
 
 import signal
 
+from stadera.garbage import collect_rarely
+
 
 def dask_setup(worker: object) -> None:
     """Ignores Ctrl-C, so that the main process shuts the workers down in order."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    collect_rarely()

@@ -20,12 +20,13 @@ class StanceSettings:
     # some
     extensions: tuple[float, ...] = (0.8, 0.75, 0.85, 0.7, 0.9, 0.65, 0.95, 0.6)
     grid: tuple[int, int, int] = (3, 4, 5)  # number of starts of Newton's method for HAA, HFE, KFE
-    steps: int = 30  # number of its steps
+    steps: int = 30  # number of its steps at most
     largest_step: float = 0.3  # of a joint in one step [rad]
+    last_step: float = 1e-9  # of a joint, after which a start is done [rad]; the error that it leaves is its square
     solved: float = 1e-8  # residual below which a solution is accepted [m and sine of an angle]
 
     def __post_init__(self) -> None:
-        require_positive("stance setting", self, ("steps", "largest_step", "solved"))
+        require_positive("stance setting", self, ("steps", "largest_step", "last_step", "solved"))
         if not (all(0.0 < share < 1.0 for share in self.extensions) and min(self.grid) >= 1):
             raise ModelError(f"a stance needs extensions between 0 and 1 and at least one start a joint, got {self}")
 
@@ -89,12 +90,15 @@ def _solve_leg(robot: Robot, leg: Leg, ground: float, settings: StanceSettings) 
     low, high = np.array([_range(robot, joint) for joint in leg.joints]).T
     starts = [np.linspace(a, b, count + 2)[1:-1] for a, b, count in zip(low, high, settings.grid, strict=True)]
     q = np.stack(np.meshgrid(*starts, indexing="ij"), axis=-1).reshape(-1, 3)
-    tree = robot.leg_tree(leg.name)
+    tree, left = robot.leg_tree(leg.name), np.arange(len(q))
     for _ in range(settings.steps):
-        error, slope = _error(tree, leg, q, ground)
+        error, slope = _error(tree, leg, q[left], ground)
         step = (np.linalg.pinv(slope) @ error[:, :, None])[..., 0]
         largest = np.maximum(np.abs(step).max(axis=1), NOTHING)
-        q = q - step * np.minimum(1.0, settings.largest_step / largest)[:, None]
+        q[left] -= step * np.minimum(1.0, settings.largest_step / largest)[:, None]
+        left = left[largest > settings.last_step]
+        if not len(left):
+            break
     q = np.where(q < low, q + 2 * np.pi, np.where(q > high, q - 2 * np.pi, q))
     error, _ = _error(tree, leg, q, ground)
     good = (np.abs(error).max(axis=1) < settings.solved) & ((q >= low) & (q <= high)).all(axis=1)

@@ -187,7 +187,7 @@ class TrunkEstimator:
             t = self._measured(float(t), q, dq, tau, gyro, accel)
         table = self._buffer.gather(t)
         if table is not None:
-            self._take(table)
+            self.add_table(table)
 
     def add(self, samples: Samples) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`.
@@ -195,10 +195,10 @@ class TrunkEstimator:
         Samples that are not finite or go back in time are skipped and reported. Signals are not differentiated across a
         gap.
         """
-        self._take(samples.table)
+        self.add_table(samples.table)
 
-    def _take(self, table: Array) -> None:
-        """Processes samples given by their `Samples.table`."""
+    def add_table(self, table: Array) -> None:
+        """The same, of samples given by their `Samples.table`."""
         for stretch in self._buffer.take(table):
             if stretch.reason:
                 self._refuse(stretch.reason)
@@ -241,6 +241,11 @@ class TrunkEstimator:
         if status is Status.MOVING and self._settled and found.observed[:3].all():
             status = Status.CONVERGED
         return TrunkEstimate(self._learnt, TrunkModel.of(found.inertial), covariance, status, self._reason)
+
+    @property
+    def learnt(self) -> float:
+        """Time of the last samples that the estimate is based on [s]; NaN before any."""
+        return self._learnt
 
     @property
     def refusal(self) -> str:
@@ -377,7 +382,7 @@ class TrunkEstimator:
 
     def _learn(self, made: BlockRows) -> None:
         swing = made.swing
-        if swing.air.any():
+        if np.count_nonzero(swing.air):
             self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._front.torque_noise)
         if self._struck(made):
             return

@@ -119,7 +119,8 @@ class Fit:
         """The verdict alone."""
         if self.misfit > settings.bad:
             return "bad"
-        return "doubtful" if self.misfit > settings.doubtful or swing_misfit > settings.bad or stepped.any() else "good"
+        doubtful = self.misfit > settings.doubtful or swing_misfit > settings.bad or np.count_nonzero(stepped)
+        return "doubtful" if doubtful else "good"
 
     def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
         """Mean square of the residual along each leg's errors, divided by that expected from noise and the errors of

@@ -181,7 +181,7 @@ class Segment:
 
     def with_solution(self, inverse: Array, solution: Array, errors: Array, mean: Array) -> Segment:
         """Stores `inverse`, `solution` and the mean for errors p̂, which are known already, and returns itself."""
-        self.__dict__["_solved"], self.__dict__["_mean"] = (inverse, solution), (errors, mean)
+        self.__dict__.update(inverse=inverse, solution=solution, _mean=(errors, mean))
         return self
 
     @property

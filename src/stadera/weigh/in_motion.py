@@ -177,30 +177,35 @@ class _LogPass:
             self._refuse(float(samples.time[0]), self._time, "before the tare's time")
             samples = samples[before:]
         entry = np.flatnonzero(np.diff(np.floor(samples.time / self._request.settings.entry)) > 0) + 1
-        ends = {int(end) for end in entry} | {len(samples)}
+        ends, table = {int(end) for end in entry} | {len(samples)}, samples.table
+        table[:, 0] += self._shift or 0.0
         if self._range is not None:
             ends.add(int(np.searchsorted(samples.time, self._range[1], side="right")))
         for start, stop in pairwise(sorted(ends | {0})):
-            self._add(samples[start:stop])
+            self._add(samples, table, slice(start, stop))
             if stop in entry:
                 self._enter()
             self._tare_when_due()
 
-    def _add(self, samples: Samples) -> None:
-        self._time = float(samples.time[-1])
-        self.estimator.add(replace(samples, time=samples.time + (self._shift or 0.0)))
+    def _add(self, samples: Samples, table: Array, part: slice) -> None:
+        """Passes on part of some samples; the table is of all of them, on the estimator's clock."""
+        begin, self._time = samples.time[[part.start, part.stop - 1]].tolist()
+        self.estimator.add_table(table[part])
         if self._request.watch is not None:
-            self._request.watch(samples, self.estimator)
+            self._request.watch(samples[part], self.estimator)
         if reason := self.estimator.refusal:
-            self._refuse(float(samples.time[0]), self._time, reason)
+            self._refuse(begin, self._time, reason)
 
     def _enter(self) -> None:
         """Adds an entry to the timeline, once there is an estimate."""
-        estimate = self.estimator.estimate()
-        if not np.isnan(estimate.time):
-            std, payload = estimate.std, self.estimator.payload
-            added = np.full(2, np.nan) if payload is None else np.array([payload.mass, payload.mass_std])
-            self._entries.append((self._time, np.where(np.isnan(std), np.nan, estimate.value), std, added))
+        estimator = self.estimator
+        if np.isnan(estimator.learnt):
+            return
+        trunk, payload = estimator.parameters(), estimator.payload
+        added = np.full(2, np.nan) if payload is None else np.array([payload.mass, payload.mass_std])
+        value = np.array([trunk.inertial.mass, *trunk.inertial.com])
+        std = np.sqrt(trunk.covariance.diagonal())
+        self._entries.append((self._time, np.where(np.isnan(std), np.nan, value), std, added))
 
     def _tare_when_due(self) -> None:
         if self._range is None or self.tared or self._time < self._range[1]:

@@ -6,7 +6,6 @@ from typing import Any
 from xml.dom import minidom
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
@@ -73,6 +72,8 @@ def add_payload(document: minidom.Document, trunk: minidom.Element, origin: Arra
 
 def _inertial(document: minidom.Document, mass: float, com: Array, tensor: Array) -> minidom.Element:
     """Principal moments about the centre of mass, and the rotation to their axes (quaternion wxyz)."""
+    from scipy.spatial.transform import Rotation
+
     moments, axes = np.linalg.eigh(tensor)
     axes[:, 2] *= np.linalg.det(axes)
     attributes = {
