@@ -51,7 +51,6 @@ def weigh(
     chosen_tare = None if tare is None else parse.tare(tare)
 
     from stadera.report.weigh.tables import weighing_tables
-    from stadera.robot.export import check_export
     from stadera.weigh.settings import check_choice
     from stadera.weigh.truth import read_truth
     from stadera.weigh.weigh import weigh as weigh_log
@@ -60,6 +59,8 @@ def weigh(
     model = robot_with_legs(options.robot(robot, log), legs, options.reading.limits)
     files.check(export)
     if export is not None:
+        from stadera.robot.export import check_export
+
         check_export(model, export)
     known = None if truth is None else read_truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:
