@@ -65,7 +65,7 @@ class LogRows:
         maker = front(robot, ImuMount.of(robot), settings.swing)
         known = errors[PLACES["rotor"].start : PLACES["coulomb"].stop].reshape(3, 12)
         maker.know_joints(known, np.zeros((3, 12)))
-        buffer, most = SampleBuffer(robot.tree.joints, settings.block), settings.impact * robot_weight(robot)
+        buffer, most = SampleBuffer(robot.tree.joints, settings), settings.impact * robot_weight(robot)
         made: list[tuple[BlockRows, tuple[Array, Array]]] = []
         before: Array | None = None
         for stretch in buffer.take(samples.table):

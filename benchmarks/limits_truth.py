@@ -25,7 +25,7 @@ from stadera.legs.model import LegModel
 from stadera.logs import Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
-from stadera.trunk.error_model import ERRORS, HELD, PLACES, ErrorModel
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array
@@ -185,7 +185,7 @@ def law_of_errors(robot: Robot, sizes: RealSizes, drawn: Mapping[str, Any], erro
     mean[PLACES["velocity_lag"]] = 0.0 if drawn["quantum"] is None else 0.5 * drawn["differenced"]
     friction = np.abs(JointFriction.of(robot).coulomb).ravel() + errors[PLACES["coulomb"]]
     sticking = np.zeros((ERRORS, 12))
-    sticking[PLACES["stiction"]] = HELD * np.diag(friction)
+    sticking[PLACES["stiction"]] = ModelErrors.held * np.diag(friction)
     return ErrorLaw(mean, np.hstack(factors), sticking)
 
 

@@ -20,7 +20,7 @@ from stadera.identify.spikes import SpikeSettings
 from stadera.live.settings import LiveSettings
 from stadera.logs.bags.settings import BagSettings
 from stadera.robot.stance import StanceSettings
-from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection
+from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection
 from stadera.trunk.standing.mass import MassSettings
 from stadera.trunk.standing.static_poses import Reach
 from stadera.weigh.settings import WeighSettings
@@ -35,6 +35,7 @@ SETTINGS = (
     LiveSettings,
     MassSettings,
     ModelErrors,
+    OutlierSettings,
     Reach,
     ScatterSettings,
     SignalSettings,

@@ -9,7 +9,7 @@ import pytest
 
 from stadera.robot import load_robot
 from stadera.trunk.considered import Errors, RowSums
-from stadera.trunk.error_model import ERRORS, HELD, PLACES, ErrorModel
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 
@@ -23,7 +23,7 @@ def test_rows_of_a_robot_that_never_lifted_a_leg_do_not_say_that_its_joints_cann
     errors = Errors(model, SwingJoints(model, SwingDetection()), 0.5, RowSums(remainder, 100, 5.0))
     usual = np.sqrt(np.diag(model.covariance))
     assert (errors.std[coulomb] < 0.01 * usual[coulomb]).all()
-    assert errors.std[PLACES["stiction"]] == pytest.approx(HELD * usual[coulomb])
+    assert errors.std[PLACES["stiction"]] == pytest.approx(model.held * usual[coulomb])
 
 
 @pytest.mark.parametrize("moved", [False, True], ids=["at rest", "after swings"])
@@ -40,4 +40,4 @@ def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
     rows = RowSums(np.zeros((1 + ERRORS, 1 + ERRORS)), 100, 5.0)
     for summed in (None, rows):
         errors = Errors(model, swing, 1.0, summed)
-        assert errors.std[PLACES["stiction"]] == pytest.approx(HELD * 5.0, rel=0.01)
+        assert errors.std[PLACES["stiction"]] == pytest.approx(model.held * 5.0, rel=0.01)

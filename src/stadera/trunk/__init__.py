@@ -8,7 +8,7 @@ from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
 from stadera.trunk.registry import METHODS, Method, Setup, make_estimator
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.samples import Samples
-from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection, TrunkSettings
+from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
 from stadera.trunk.standing.contact import ground_normal
 from stadera.trunk.standing.contact_com import ContactCom
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
@@ -36,6 +36,7 @@ __all__ = [
     "Method",
     "ModelErrors",
     "OrientationCom",
+    "OutlierSettings",
     "Payload",
     "PosesCom",
     "Samples",

@@ -30,19 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
+from stadera.constants import MEDIAN_OF_CHI2
 from stadera.trunk.considered import Errors
 from stadera.trunk.error_model import ERRORS, JOINTS
 from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
 
-MOST = 0.9  # share of the phases of a step in which model errors are at most `Spread.usual`
-_PRIOR_SAMPLES = 1.0  # independent averages that the prior of their spread counts as
-_WILD = 3.0  # standard deviations at which an average is clipped
-_MEDIAN = 0.455  # of χ² with one degree of freedom
 _DEVIATION = 1.5  # standard deviation over the median absolute deviation, of Gaussian values
 _ESTIMATED = slice(11 + JOINTS.start, 11 + JOINTS.stop)  # columns of projected rows, of errors that are estimated
-_HALF = 0.5  # of the change: a block beyond it is assigned to the time after the change
 
 
 @dataclass(frozen=True)
@@ -112,14 +108,14 @@ class Spread(NamedTuple):
     usual: Array
     samples: Array
 
-    def updated(self, square: Array, usual: Array, samples: Array) -> Spread:
-        """With more averages: their mean squares and usual variances (windows, 4), and their number (windows,)."""
-        before, now = self.samples[:, None], samples[:, None]
-        worth = _PRIOR_SAMPLES + before
+    def updated(self, more: Spread, prior: float) -> Spread:
+        """With more averages; `prior` is the number that the first mean squares count as."""
+        before, now = self.samples[:, None], more.samples[:, None]
+        worth = prior + before
         return Spread(
-            (square * now + self.square * worth) / (now + worth),
-            (usual * now + self.usual * before) / np.maximum(now + before, 1e-300),
-            samples + self.samples,
+            (more.square * now + self.square * worth) / (now + worth),
+            (more.usual * now + self.usual * before) / np.maximum(now + before, 1e-300),
+            more.samples + self.samples,
         )
 
 
@@ -256,12 +252,12 @@ class ChangeDetector:
         n = self._blocks.count - self.settings.pending
         if n < 2 * min(self.settings.windows):
             return
-        self._set(self._usual.updated(*self._past(n, before, errors)))
+        self._set(self._usual.updated(self._past(n, before, errors), self.settings.prior_averages))
 
     def _set(self, spreads: Spread) -> None:
         """Sets the spreads, with Student's factor of each."""
         self._spreads, limit = spreads, self.settings.deviations
-        samples = (spreads.samples + _PRIOR_SAMPLES).astype(int).tolist()
+        samples = (spreads.samples + self.settings.prior_averages).astype(int).tolist()
         self._student = np.array([limit / _student(limit, n) for n in samples])
 
     def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
@@ -276,6 +272,7 @@ class ChangeDetector:
         np.cumsum(near, axis=0, out=near)
         self._centre = sums[-1, :, 0] / np.maximum(sums[-1, :, 1], 1e-12)
         self._past_blocks, windows = n, self.settings.windows
+        limit = self.settings.clipped**2 / MEDIAN_OF_CHI2
         found = Spread(np.zeros((len(windows), 4)), np.zeros((len(windows), 4)), np.zeros(len(windows)))
         for k, m in enumerate(windows):
             first = np.arange(0, n - m, max(m // 2, 1))
@@ -283,10 +280,10 @@ class ChangeDetector:
                 continue
             parts = sums[first + m] - sums[first]
             squares = (parts[..., 0] / np.maximum(parts[..., 1], 1e-12) - self._centre) ** 2
-            found.square[k] = np.minimum(squares, _WILD**2 * np.median(squares, axis=0) / _MEDIAN).mean(axis=0)
+            found.square[k] = np.minimum(squares, limit * np.median(squares, axis=0)).mean(axis=0)
             begin = self._blocks.count - first
             expected = self._by_errors(self._blocks.totals(begin, begin - m), before, errors)
-            found.usual[k], found.samples[k] = np.quantile(expected, MOST, axis=0), 0.5 * len(first)
+            found.usual[k], found.samples[k] = np.quantile(expected, self.settings.phases, axis=0), 0.5 * len(first)
         return found
 
     def _suspect(self, best: Largest) -> None:
@@ -379,7 +376,7 @@ class ChangeDetector:
         n = min(self._blocks.count, best.blocks + self.settings.pending)
         singles, _ = self._singles(n, before, errors)
         along = best.size / best.variance
-        x = np.clip((singles - self._centre) @ along / (best.size @ along), -1.0, 2.0) - _HALF
+        x = np.clip((singles - self._centre) @ along / (best.size @ along), -1.0, 2.0) - 0.5
         return int(np.argmax(np.cumsum(x[::-1]))) + 1
 
 

@@ -8,7 +8,8 @@ from types import ModuleType
 import numpy as np
 
 from stadera.compiled import kernel
-from stadera.trunk.changes import MOST, Blocks, ChangeDetector, Largest, Spread
+from stadera.constants import MEDIAN_OF_CHI2
+from stadera.trunk.changes import Blocks, ChangeDetector, Largest, Spread
 from stadera.trunk.considered import Errors
 from stadera.trunk.error_model import JOINTS
 from stadera.trunk.segment import Segment, WeightedRows
@@ -97,13 +98,14 @@ class CompiledDetector(ChangeDetector):
             blocks.sums,
             blocks.end - blocks.count,
             n,
-            MOST,
+            self.settings.phases,
             self._windows,
             before.mean(errors.mean),
             before.solution,
             errors.std,
             self._scale,
             self.settings.outlier,
+            self.settings.clipped**2 / MEDIAN_OF_CHI2,
             usually,
             square,
             usual,

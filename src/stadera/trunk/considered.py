@@ -12,7 +12,7 @@ import numpy as np
 from stadera.compiled import kernel
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import ERRORS, HELD, JOINTS, PLACES, SHOWN, STICKING, ErrorModel
+from stadera.trunk.error_model import ERRORS, JOINTS, PLACES, SHOWN, STICKING, ErrorModel
 from stadera.trunk.rows import BlockRows
 from stadera.trunk.segment import Segment, WeightedRows, by_force
 from stadera.trunk.swing import SwingJoints
@@ -198,7 +198,7 @@ class Errors:
         compiled = kernel("stadera.trunk.kernels.errors")
         if compiled is not None and rows is not None and rows.blocks:
             prior = learned.copy(), *model.scaled(scale)
-            self._update(compiled, prior, model.dry, None if swing.rows else model.variance[PLACES["coulomb"]], rows)
+            self._update(compiled, prior, model, None if swing.rows else model.variance[PLACES["coulomb"]], rows)
             return
         known = Covariance.of(model, scale, learned)
         if rows is not None:
@@ -208,11 +208,16 @@ class Errors:
         square = model.dry**2 + model.variance[coulomb]
         if swing.rows:
             square = (model.dry + self.mean[coulomb]) ** 2 + known.variance[coulomb]
-        self.known = known.held(HELD * np.sqrt(square))
+        self.known = known.held(model.held * np.sqrt(square))
         self.std: Array = np.sqrt(self.known.variance)
 
     def _update(
-        self, compiled: ModuleType, prior: tuple[Array, Array, Array], dry: Array, unsure: Array | None, rows: RowSums
+        self,
+        compiled: ModuleType,
+        prior: tuple[Array, Array, Array],
+        model: ErrorModel,
+        unsure: Array | None,
+        rows: RowSums,
     ) -> None:
         """The same by `stadera.trunk.kernels.errors`: of joints, static friction and all variances, updated.
 
@@ -222,9 +227,9 @@ class Errors:
         joints, sticking, variance = prior
         shown, self.std = np.empty((SHOWN.stop, ERRORS)), np.empty(ERRORS)
         self.known = Covariance(joints, sticking, variance, shown)
-        numbers = np.array([rows.blocks, rows.repeated, _QUIETEST, HELD])
+        numbers = np.array([rows.blocks, rows.repeated, _QUIETEST, model.held])
         places = PLACES["coulomb"].start, STICKING.start
-        friction = np.vstack([dry, np.full(12, -1.0) if unsure is None else unsure])
+        friction = np.vstack([model.dry, np.full(12, -1.0) if unsure is None else unsure])
         compiled.update(
             self.mean, joints, sticking, variance, shown, self.std, rows.remainder, friction, numbers, *places
         )

@@ -7,6 +7,7 @@ the rest only the covariance is used (Schmidt's consider parameters).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -66,10 +67,20 @@ STICKING = PLACES["stiction"]
 INVISIBLE = ("common_gain", "regression", "sampling")
 """Errors that no residual shows, or whose size the log shows directly; they keep their prior size."""
 
-HELD = 0.8
-"""Standard deviation of static friction as a share of the joint's Coulomb friction, which bounds it."""
-
-_SAGS = 0.9  # correlation of static friction between joints of one kind
+_AS_STATED = (
+    "torque_lag",
+    "gain",
+    "encoder",
+    "contact",
+    "link_mass",
+    "link_com",
+    "imu_lever",
+    "imu_rotation",
+    "accelerometer",
+    "velocity_lag",
+    "common_gain",
+)
+"""Errors whose standard deviations are those of `ModelErrors`, in the same unit."""
 
 
 class ErrorModel:
@@ -85,11 +96,12 @@ class ErrorModel:
         dry: (12,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is not.
         covariance: (ERRORS, ERRORS).
         length: of a leg [m].
+        held: `ModelErrors.held`.
     """
 
     def __init__(self, robot: Robot, sizes: ModelErrors, length: float) -> None:
         given = np.array([[robot.limits[joint].effort for joint in leg.joints] for leg in robot.legs]).ravel()
-        self.length = length
+        self.length, self.held = length, sizes.held
         largest = GRAVITY * robot.mass * length
         self.limit = np.where(given < 2.0 * largest, given, largest)
         leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / 4.0
@@ -98,21 +110,12 @@ class ErrorModel:
         for name in ("viscous", "coulomb", "offset"):
             std[PLACES[name]] = getattr(sizes, name) * self.limit
         self.dry = np.abs(JointFriction.of(robot).coulomb).ravel()
-        std[PLACES["stiction"]] = HELD * np.hypot(self.dry, sizes.coulomb * self.limit)
-        for name in ("torque_lag", "gain", "encoder", "contact", "link_mass", "link_com", "imu_lever", "imu_rotation"):
-            std[PLACES[name]] = getattr(sizes, name)
-        for name in ("accelerometer", "velocity_lag", "common_gain"):
+        std[PLACES["stiction"]] = sizes.held * np.hypot(self.dry, sizes.coulomb * self.limit)
+        for name in _AS_STATED:
             std[PLACES[name]] = getattr(sizes, name)
         std[PLACES["regression"]] = std[PLACES["sampling"]] = 1.0
-        correlation = np.eye(ERRORS)
-        # in a robot that sags under a load, friction holds all knees alike
-        alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": _SAGS}
-        for name, shared in alike.items():
-            start = PLACES[name].start
-            for joint in range(3):
-                kind = start + joint + 3 * np.arange(4)
-                correlation[np.ix_(kind, kind)] = shared + (1.0 - shared) * np.eye(4)
-        self.covariance: Array = correlation * np.outer(std, std)
+        alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}
+        self.covariance: Array = _correlation(alike) * np.outer(std, std)
         self.variance, self._sticking = np.diag(self.covariance).copy(), self.covariance[STICKING, STICKING].copy()
         self._invisible = np.zeros(ERRORS)
         for name in INVISIBLE:
@@ -124,3 +127,13 @@ class ErrorModel:
         ones multiplied by `scale`.
         """
         return scale**2 * self._sticking, scale**2 * self._visible + self._invisible
+
+
+def _correlation(alike: Mapping[str, float]) -> Array:
+    """Correlation matrix (ERRORS, ERRORS) of errors that are alike, by name, in the four legs' joints of one kind."""
+    correlation = np.eye(ERRORS)
+    for name, shared in alike.items():
+        for joint in range(3):
+            kind = PLACES[name].start + joint + 3 * np.arange(4)
+            correlation[np.ix_(kind, kind)] = shared + (1.0 - shared) * np.eye(4)
+    return correlation

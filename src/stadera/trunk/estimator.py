@@ -45,7 +45,7 @@ from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import SampleBuffer, Samples
-from stadera.trunk.scatter import CLUSTER, Scatter
+from stadera.trunk.scatter import Scatter
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.summing import summing
@@ -53,12 +53,7 @@ from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
 
-_LOST_GROUND = 0.2  # s, of a gap, after which ground normal and gravity are estimated anew
-_OFTEN = 3  # blocks between two checks of a change that is still within its error bars
 _SAMPLING = 11 + PLACES["sampling"].start
-_PAYLOAD = 0.3  # of the widest prior: standard deviation of the trunk after a change
-_SHIFTED = 0.005  # of the robot's mass: a smaller change of mass is reported as a shift
-_EVALUATED = 1.0  # s, of rows before the fit is evaluated
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +128,7 @@ class TrunkEstimator:
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
         self._swing = SwingJoints(self._model, self.settings.swing)
         self._errors = Errors(self._model, self._swing, 1.0)
-        self._buffer = SampleBuffer(self.robot.tree.joints, self.settings.block)
+        self._buffer = SampleBuffer(self.robot.tree.joints, self.settings)
         mass, le = self.robot.mass, self._length
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
         self._recent: deque[WeightedRows] = deque()
@@ -151,7 +146,7 @@ class TrunkEstimator:
         self._unused = 0  # next rows that still contain samples before the tare
         self._fit: Fit | None = None
         self._swing_misfit: float | None = None  # of the last fit; None before it is evaluated
-        self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block / CLUSTER)
+        self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block, self.settings.outliers)
         self._summing = summing(robot_weight(self.robot), self._length, self._scatter)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self._impact = self.settings.impact * robot_weight(self.robot)
@@ -214,13 +209,13 @@ class TrunkEstimator:
         change.
         """
         self._tare, self._unused = self._current, self.settings.changes.spoilt
-        self._loaded = Segment.prior(self._current.mean(self._errors.mean), _PAYLOAD * self._wide)
+        self._loaded = Segment.prior(self._current.mean(self._errors.mean), self.settings.after_change * self._wide)
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
         kept.
         """
-        self._buffer = SampleBuffer(self.robot.tree.joints, self.settings.block)
+        self._buffer = SampleBuffer(self.robot.tree.joints, self.settings)
         self._front.forget()
 
     # -- asking -----------------------------------------------------------------------------------------------------
@@ -367,7 +362,7 @@ class TrunkEstimator:
         """Stops differentiation across a gap; after a long one ground normal and gravity are estimated anew."""
         self._front.interrupt()
         self._gaps.append((time, gap))
-        if gap > _LOST_GROUND:
+        if gap > self.settings.lost_ground:
             self._front.forget()
 
     def _block(self, table: Array) -> None:
@@ -410,7 +405,7 @@ class TrunkEstimator:
         jump = self._detector.look(rows, self._aged, self._known[0], self._errors, self._scatter.value, held)
         if jump is not None:
             self._jumped(jump, made.time)
-        elif self._blocks % _OFTEN == 0:
+        elif self._blocks % self.settings.checked == 0:
             self._report(made.time)
         self._adopt(made.time)
 
@@ -426,14 +421,14 @@ class TrunkEstimator:
     def _refresh(self) -> None:
         """Updates p̂ and Σ from legs in the air and residuals."""
         # rows in which a change may still be detected do not count against the model
-        last = self._aged if self._aged.blocks >= CLUSTER or self._finished else self._current
+        last = self._aged if self._aged.blocks >= self.settings.outliers.cluster or self._finished else self._current
         rows = RowSums.of((last,), self.settings.swing.repeated) if self._earlier is None else self._earlier.plus(last)
         usual = Errors(self._model, self._swing, 1.0, rows)
         self._fit = Fit.of(rows, usual, self.settings)
         self._errors = Errors(self._model, self._swing, self._fit.scale, rows)
         place = slice(PLACES["rotor"].start, PLACES["coulomb"].stop)
         self._front.know_joints(self._errors.mean[place].reshape(3, 12), self._errors.std[place].reshape(3, 12))
-        self._swing_misfit = self._swing.misfit if self._seen_for >= _EVALUATED else None
+        self._swing_misfit = self._swing.misfit if self._seen_for >= self.settings.evaluated else None
         self._trust = None
 
     def _jumped(self, jump: Jump, now: float) -> None:
@@ -444,7 +439,7 @@ class TrunkEstimator:
         begun = recent[-blocks].time - self.settings.block
         self._finished = (*self._finished[-3:], before)
         self._earlier = RowSums.of(self._finished, self.settings.swing.repeated)
-        self._known = deque([Segment.prior(before.mean(self._errors.mean), _PAYLOAD * self._wide)])
+        self._known = deque([Segment.prior(before.mean(self._errors.mean), self.settings.after_change * self._wide)])
         self._loaded = None
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
         for rows in self._recent:
@@ -485,7 +480,7 @@ class TrunkEstimator:
         covariance = self._errors.difference_covariance(change.before, now, self._scatter.value)
         std = float(np.sqrt(covariance[0, 0]))
         kind: ChangeKind = "on" if mass > 0 else "off"
-        if abs(mass) < max(3.0 * std, _SHIFTED * self.robot.mass):
+        if abs(mass) < max(3.0 * std, self.settings.changes.shifted * self.robot.mass):
             kind = "shifted"
         return LoadChange(change.time, change.noticed, mass, std, kind)
 

@@ -50,9 +50,7 @@ _CAUSES = {
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
 }
-_NOISE_KNOWN = 0.3  # relative standard deviation of white noise's energy: it is not quite white, and windows overlap
 _WIDEST, _TRIES = 5.0, 81  # standard deviations of ln s, and number of its values, in sums over it
-_TRIED = 10.0  # times the prior standard deviation, the largest error that is tried as an explanation of the residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ class Fit:
         along = sums[1:, 0] - products[:, JOINTS] @ p[JOINTS]
         square = float(sums[0, 0] - (sums[1:, 0] + along) @ p)
         more = 0.5 * max(float(products[sampling, sampling]) - white, 0.0)  # none to all of it
-        unsure = (_NOISE_KNOWN * white) ** 2 + more**2 / 3.0
+        unsure = (settings.noise_known * white) ** 2 + more**2 / 3.0
         residual, noise = max(square, 0.0), white + more
         diagonal, doubled = errors.known.explained(sums)  # sampling is in the noise
         stated = float(diagonal.sum())
@@ -104,7 +102,7 @@ class Fit:
         Args:
             stepped: see `SwingJoints`.
         """
-        reasons = self._causes(errors) if self.misfit > settings.doubtful else ()
+        reasons = self._causes(errors, settings.explained) if self.misfit > settings.doubtful else ()
         if swing_misfit > settings.bad:
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
         names = [joint for leg in robot.legs for joint in leg.joints]
@@ -137,9 +135,9 @@ class Fit:
             out[leg.name] = float(ratio[places].mean())
         return out
 
-    def _causes(self, errors: ErrorModel) -> tuple[str, ...]:
-        """The three errors that explain most of the residual, each alone and limited to ten times its prior size."""
-        shares = {name: self._explained(errors, PLACES[name]) for name in _CAUSES}
+    def _causes(self, errors: ErrorModel, most: float) -> tuple[str, ...]:
+        """The three errors that explain most of the residual, each alone and up to `most` times its prior size."""
+        shares = {name: self._explained(errors, PLACES[name], most) for name in _CAUSES}
         best = sorted(shares, key=lambda name: -shares[name])[:3]
         return tuple(
             f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain; "
@@ -148,11 +146,11 @@ class Fit:
             if shares[name] > 0.05
         ) or (f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain",)
 
-    def _explained(self, errors: ErrorModel, place: slice) -> float:
+    def _explained(self, errors: ErrorModel, place: slice, most: float) -> float:
         inside = slice(place.start + 1, place.stop + 1)
         along, normal = self.remainder[inside, 0], self.remainder[inside, inside]
         level = max(float(self.remainder[0, 0]), 1e-300)
-        prior = np.linalg.inv(_TRIED**2 * errors.covariance[place, place])
+        prior = np.linalg.inv(most**2 * errors.covariance[place, place])
         return float(along @ np.linalg.solve(normal + prior, along)) / level
 
 

@@ -15,10 +15,9 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement, extra_states
+from stadera.trunk.settings import TrunkSettings
 from stadera.types import Array, Bools
 
-_LOST = 3.5  # steps between samples above which samples are missing
-_BRIDGED = 0.006  # s, always short enough
 _SLACK = 1e-6  # s, of rounding in stamps
 _ROOM = 32  # samples for which there is room at first
 
@@ -138,14 +137,14 @@ class SampleBuffer:
 
     Args:
         joints: names, for messages.
-        block: length of a block [s].
+        settings: length of a block, and what is a gap.
 
     Attributes:
         due: [s], the time of the sample that completes the next block.
     """
 
-    def __init__(self, joints: tuple[str, ...], block: float) -> None:
-        self._joints, self._block = joints, block
+    def __init__(self, joints: tuple[str, ...], settings: TrunkSettings) -> None:
+        self._joints, self._settings = joints, settings
         self._waiting, self._filled = np.empty((0, 0)), 0
         self._pending: Array | None = None
         self._last, self._step = -inf, inf
@@ -187,7 +186,7 @@ class SampleBuffer:
             known = np.diff(time) if self._last == -inf else np.diff(time, prepend=self._last)
             self._step = float(np.median(known)) if len(known) else inf
         steps = np.diff(time, prepend=self._last if self._last > -inf else time[0])
-        cuts = np.flatnonzero(steps > max(_LOST * self._step, _BRIDGED)).tolist()
+        cuts = np.flatnonzero(steps > max(self._settings.lost * self._step, self._settings.bridged)).tolist()
         edges = sorted({0, *cuts, len(good)})
         self._last = float(time[-1])
         for start, stop in pairwise(edges):
@@ -202,7 +201,7 @@ class SampleBuffer:
         while True:
             first = float(time[start + 1]) if start + 1 < len(time) else inf
             step = self._step if self._step < inf else 0.0
-            self.due = first + max(self._block, step) - _SLACK
+            self.due = first + max(self._settings.block, step) - _SLACK
             end = max(int(time.searchsorted(self.due)), start + 2)
             if end >= len(time):
                 break

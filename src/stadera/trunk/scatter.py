@@ -7,21 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import OutlierSettings
 from stadera.types import Array
 
-CLUSTER = 25
-"""Blocks in a cluster, whose sum of residuals is compared with its predicted variance."""
 
-_AFRESH = 6  # blocks of a new load, against which a block is judged by what was usual before
-_ODD = 3  # successive blocks that may be down-weighted
-_LEAST_USUAL = 0.01  # squared, in the rows' unit: residuals below 0.1 % of the weight do not define the usual ones
-_OUTLIER = 25.0  # times the usual squared residual, above which a block is down-weighted
-_PRIOR_CLUSTERS = 4.0  # number of clusters that the prior κ = 1 counts as
-
-
-def judged(known: Segment, usual: float) -> bool:
+def judged(known: Segment, usual: float, settings: OutlierSettings) -> bool:
     """True if the estimate has enough rows to judge a block by; `usual` as in `OddBlocks`, NaN before any."""
-    return known.blocks >= (CLUSTER if np.isnan(usual) else _AFRESH)
+    return known.blocks >= (settings.cluster if np.isnan(usual) else settings.afresh)
 
 
 class OddBlocks:
@@ -32,41 +24,42 @@ class OddBlocks:
         usual: squared residual of usual blocks. odd: number of successive odd blocks.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: OutlierSettings) -> None:
+        self._settings = settings
         self.usual, self.odd = np.nan, 0
 
     def limited(self, rows: WeightedRows, known: Segment, errors: Array) -> WeightedRows:
         """Returns the block, weighted, given the estimate and model errors p̂ (ERRORS,)."""
-        if not judged(known, self.usual):
+        if not judged(known, self.usual, self._settings):
             return rows
         residual = rows.residual(known.mean(errors), errors)
         square = float(residual @ residual)
         if np.isnan(self.usual):
             self.usual = square
-        limit = _OUTLIER * max(self.usual, _LEAST_USUAL)
+        limit = self._settings.outlier * max(self.usual, self._settings.least_usual)
         self.usual += 0.01 * (min(square, 4.0 * self.usual) - self.usual)
         self.odd = self.odd + 1 if square > limit else 0
-        if not 0 < self.odd <= _ODD:
+        if not 0 < self.odd <= self._settings.successive:
             return rows
         weight = np.sqrt(limit / square)
         return replace(rows, columns=weight * rows.columns, white=weight**2 * rows.white)
 
 
 class Scatter:
-    """κ: sums of residuals over half a second, compared with those of independent rows of unit noise.
+    """κ: sums of residuals over a cluster of blocks, compared with those of independent rows of unit noise.
 
     Args:
         wide: (4,) [kg, kg·m], prior of mass and first moment.
-        most: number of clusters in memory.
+        most: number of blocks in memory.
 
     Attributes:
         value: κ.
         sum, normal, summed: Σ Aᵀ r (4,), Σ Aᵀ A (4, 4) and number of blocks of the unfinished sum.
     """
 
-    def __init__(self, wide: Array, most: float) -> None:
-        self._prior, self._most = np.diag(1.0 / wide**2), most
-        self.value, self._clusters = 1.0, _PRIOR_CLUSTERS
+    def __init__(self, wide: Array, most: float, settings: OutlierSettings) -> None:
+        self._prior, self._most, self.settings = np.diag(1.0 / wide**2), most / settings.cluster, settings
+        self.value, self._clusters = 1.0, settings.prior_clusters
         self.restart()
 
     def restart(self) -> None:
@@ -75,7 +68,7 @@ class Scatter:
 
     def count(self, rows: WeightedRows, known: Segment, errors: Array) -> None:
         """Adds a block, given the estimate and model errors p̂ (ERRORS,)."""
-        if known.blocks < CLUSTER:
+        if known.blocks < self.settings.cluster:
             return
         shown = rows.columns[:, :4].T
         self.sum += shown @ rows.residual(known.mean(errors), errors)
@@ -85,7 +78,7 @@ class Scatter:
 
     def close(self) -> None:
         """Updates κ once the sum is complete."""
-        if self.summed < CLUSTER:
+        if self.summed < self.settings.cluster:
             return
         ratio = float(self.sum @ np.linalg.solve(self.normal + self._prior, self.sum)) / 4.0
         self._clusters = min(self._clusters + 1.0, self._most)

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
-from stadera.errors import ModelError, StaderaError
+from stadera.errors import ModelError, StaderaError, require_positive
 
 
-def _positive(settings: ChangeSettings | SwingDetection, *or_zero: str) -> None:
+def _positive(settings: ChangeSettings | OutlierSettings | SwingDetection, *or_zero: str) -> None:
     """Raises StaderaError where a number is not finite and above zero; those named may be zero."""
-    for name, value in vars(settings).items():
-        if isinstance(value, tuple):
-            continue
-        if not (0.0 < value < float("inf") or (value == 0.0 and name in or_zero)):
-            least = "at least" if name in or_zero else "above"
-            raise StaderaError(f"{type(settings).__name__}.{name} must be finite and {least} 0, got {value}")
+    numbers = [name for name, value in vars(settings).items() if not isinstance(value, tuple)]
+    require_positive(type(settings).__name__, settings, numbers, or_zero)
 
 
 @dataclass(frozen=True)
@@ -43,6 +39,9 @@ class ModelErrors:
         velocity_lag: delay of the joint velocities [s].
         alike: correlation of rotor inertia and friction between the four legs' joints of one kind [1], which have
             drives of one type.
+        held: static friction, as a share of the joint's Coulomb friction [1], which bounds it.
+        sagging: correlation of static friction between joints of one kind [1]: in a robot that sags under a load,
+            friction holds all knees alike.
     """
 
     rotor: float = 0.1
@@ -61,14 +60,17 @@ class ModelErrors:
     torque_lag: float = 0.01
     velocity_lag: float = 0.001
     alike: float = 0.7
+    held: float = 0.8
+    sagging: float = 0.9
 
     def __post_init__(self) -> None:
         for size in fields(self):
             value = getattr(self, size.name)
             if not (value >= 0.0 and value < float("inf")):
                 raise ModelError(f"model error {size.name!r} must be finite and not negative, got {value}")
-        if self.alike >= 1.0:
-            raise ModelError(f"model error 'alike' is a correlation below 1, got {self.alike}")
+        for name in ("alike", "sagging"):
+            if getattr(self, name) >= 1.0:
+                raise ModelError(f"model error {name!r} is a correlation below 1, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,10 @@ class ChangeSettings:
         prior: standard deviation of such averages before any data, in the unit of `least_change` [1].
         outlier: distance from the median of a window at which a single block is clipped, in units of the usual scatter
             of single blocks [1]. Huber's mean: 2 costs 1 % of efficiency under Gaussian noise.
+        shifted: change of mass, as a share of the robot's mass, below which a change is reported as a shift [1].
+        clipped: number of standard deviations at which a past average is clipped in their mean square.
+        phases: share of the phases of a step in which model errors are at most their usual ones [1].
+        prior_averages: number of independent averages that `prior` counts as.
     """
 
     least_change: float = 0.015
@@ -132,6 +138,10 @@ class ChangeSettings:
     memory: float = 10.0
     prior: float = 0.005
     outlier: float = 2.0
+    shifted: float = 0.005
+    clipped: float = 3.0
+    phases: float = 0.9
+    prior_averages: float = 1.0
 
     def __post_init__(self) -> None:
         _positive(self, "least_change", "history", "spoilt")
@@ -144,6 +154,8 @@ class ChangeSettings:
                 f"ChangeSettings.windows must fit into twice the {self.pending} pending blocks, the first into these, "
                 f"got {self.windows}"
             )
+        if self.phases > 1.0:
+            raise StaderaError(f"ChangeSettings.phases is a share, at most 1, got {self.phases}")
         if self.suspected > self.deviations:
             raise StaderaError(
                 f"ChangeSettings.suspected ({self.suspected}) must not exceed deviations ({self.deviations})"
@@ -157,6 +169,31 @@ class ChangeSettings:
 
 
 @dataclass(frozen=True)
+class OutlierSettings:
+    """Criteria for blocks that fit far worse than usual, and for sums of rows that scatter more than their weights say.
+
+    Attributes:
+        cluster: number of blocks whose sum of residuals is compared with its predicted variance: half a second.
+        afresh: number of blocks of a new load, against which a block is compared with what was usual before.
+        outlier: multiple of the usual squared residual above which a block is down-weighted [1].
+        least_usual: least usual squared residual, in the rows' unit [1]: residuals below 0.1 % of the weight do not
+            define the usual ones.
+        successive: number of successive blocks that may be down-weighted; more indicate a change of the load.
+        prior_clusters: number of clusters that the prior of the scatter, one, counts as.
+    """
+
+    cluster: int = 25
+    afresh: int = 6
+    outlier: float = 25.0
+    least_usual: float = 0.01
+    successive: int = 3
+    prior_clusters: float = 4.0
+
+    def __post_init__(self) -> None:
+        _positive(self)
+
+
+@dataclass(frozen=True)
 class TrunkSettings:
     """Settings of `TrunkEstimator`.
 
@@ -166,7 +203,10 @@ class TrunkSettings:
         model: prior standard deviations of model errors.
         swing: criteria for a swinging leg.
         changes: criteria for reporting a change of the load.
+        outliers: criteria for blocks that fit far worse than usual.
         reported_within: time after which a change that stays within its error bars is no longer reported [s].
+        checked: number of blocks between two tests whether a change is still within its error bars.
+        after_change: standard deviation of the trunk after a change, as a share of the widest prior [1].
         settled: time of data after which an estimate counts as converged [s].
         scale_spread: standard deviation of the logarithm of the model errors' scale before any data [1]. The sizes in
             `ModelErrors` come from few robots; they are taken to be right for others within a factor of three (95 %).
@@ -176,6 +216,13 @@ class TrunkSettings:
             contains.
         updated, updated_late: number of blocks between two updates of model errors and fit, at first and at last.
         grown: growth of the rows after which they are updated, between these numbers [1].
+        evaluated: time of rows before the fit of legs in the air is evaluated [s].
+        lost, bridged: step between samples above which samples are missing, in usual steps [1], and one that is always
+            short enough [s].
+        lost_ground: length of a gap after which ground normal and gravity are estimated anew [s].
+        noise_known: relative standard deviation of the energy of white noise [1]: it is not quite white, and windows
+            overlap.
+        explained: largest model error that is tried as an explanation of the residual, in prior standard deviations.
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
     """
 
@@ -184,13 +231,22 @@ class TrunkSettings:
     model: ModelErrors = field(default_factory=ModelErrors)
     swing: SwingDetection = field(default_factory=SwingDetection)
     changes: ChangeSettings = field(default_factory=ChangeSettings)
+    outliers: OutlierSettings = field(default_factory=OutlierSettings)
     reported_within: float = 2.0
+    checked: int = 3
+    after_change: float = 0.3
     settled: float = 0.5
     scale_spread: float = 0.55
     impact: float = 0.25
     updated: int = 10
     updated_late: int = 25
     grown: float = 0.04
+    evaluated: float = 1.0
+    lost: float = 3.5
+    bridged: float = 0.006
+    lost_ground: float = 0.2
+    noise_known: float = 0.3
+    explained: float = 10.0
     doubtful: float = 3.0
     bad: float = 9.0
 
@@ -199,6 +255,8 @@ class TrunkSettings:
             raise StaderaError(f"weighing needs a block of 10 to 200 ms, a memory and changes ≥ 0, got {self}")
         if not (2 <= self.updated <= self.updated_late and self.grown >= 0.0 and self.impact > 0.0):
             raise StaderaError(f"weighing needs 2 ≤ updated ≤ updated_late, grown ≥ 0 and impact > 0, got {self}")
+        rest = ("checked", "after_change", "evaluated", "lost", "bridged", "lost_ground", "noise_known", "explained")
+        require_positive("setting of weighing", self, rest)
 
     def wait(self, blocks: int) -> int:
         """Number of blocks until model errors and fit are updated, after so many; the first ones update every time."""

@@ -11,7 +11,7 @@ from stadera.compiled import kernel
 from stadera.trunk.considered import unit_of_rows, weighted
 from stadera.trunk.error_model import ERRORS, JOINTS
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.scatter import CLUSTER, OddBlocks, Scatter, judged
+from stadera.trunk.scatter import OddBlocks, Scatter, judged
 from stadera.trunk.segment import STICTION, RowMoments, Segment, WeightedRows
 from stadera.types import Array
 
@@ -25,7 +25,8 @@ class Summing:
     """
 
     def __init__(self, robot_weight: float, length: float, scatter: Scatter) -> None:
-        self._unit, self._scatter, self._odd = unit_of_rows(robot_weight, length), scatter, OddBlocks()
+        self._unit, self._scatter = unit_of_rows(robot_weight, length), scatter
+        self._odd = OddBlocks(scatter.settings)
 
     def add(
         self, made: BlockRows, current: Segment, aged: Segment, errors: Array, keep: float
@@ -47,13 +48,14 @@ class CompiledSumming(Summing):
 
     def __init__(self, robot_weight: float, length: float, scatter: Scatter, compiled: ModuleType) -> None:
         super().__init__(robot_weight, length, scatter)
-        self._compiled, self._usual = compiled, np.array([np.nan, 0.0])
+        own = scatter.settings
+        self._compiled, self._usual = compiled, np.array([np.nan, 0.0, own.outlier, own.least_usual, own.successive])
 
     def add(
         self, made: BlockRows, current: Segment, aged: Segment, errors: Array, keep: float
     ) -> tuple[WeightedRows, Segment]:
         """Returns the weighted rows of a block, and the present estimate with them: see `Summing.add`."""
-        scatter, counted = self._scatter, aged.blocks >= CLUSTER
+        scatter, counted = self._scatter, aged.blocks >= self._scatter.settings.cluster
         columns, triangle = np.empty((6, 11 + ERRORS)), np.empty((10, 11 + ERRORS))
         inverse, solution, mean = np.empty((10, 10)), np.empty((10, 1 + ERRORS)), np.empty(10)
         residue, moments = np.empty((6, 1 + ERRORS)), np.empty(85)
@@ -66,7 +68,7 @@ class CompiledSumming(Summing):
             aged.solution,
             errors[JOINTS],
             sqrt(keep),
-            judged(current, self._usual[0]),
+            judged(current, self._usual[0], scatter.settings),
             counted,
             self._usual,
             scatter.sum,

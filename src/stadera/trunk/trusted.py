@@ -16,11 +16,6 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
 
-# above the common error of all torques, which cancels for a controller that commands these same torques, and above the
-# effect of static friction in a standing robot
-_MASS_SHARE = 0.12
-_COM_SHARE = 0.05
-
 
 @dataclass(frozen=True)
 class TrustLimits:
@@ -39,10 +34,14 @@ class TrustLimits:
             raise StaderaError(f"limits of trust must be positive, got {self.mass} kg and {self.com} m")
 
     @classmethod
-    def of(cls, robot: Robot) -> TrustLimits:
-        """Twelve per cent of the robot's mass, and five per cent of its standing height."""
+    def of(cls, robot: Robot, mass: float = 0.12, com: float = 0.05) -> TrustLimits:
+        """Shares of the robot's mass, and of its standing height.
+
+        The usual ones are above the common error of all torques, which cancels for a controller that commands these
+        same torques, and above the effect of static friction in a standing robot.
+        """
         bounds = TrunkBounds.of(robot)
-        return cls(_MASS_SHARE * robot.mass, _COM_SHARE * float(bounds.high[2] - bounds.low[2]))
+        return cls(mass * robot.mass, com * float(bounds.high[2] - bounds.low[2]))
 
 
 class TrustedEstimator:

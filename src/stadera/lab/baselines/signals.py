@@ -22,6 +22,7 @@ from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits
 from stadera.trunk.samples import SampleBuffer, Samples
+from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.wrench import trunk_matrix, trunk_signals
 from stadera.types import Array
 
@@ -38,7 +39,7 @@ class SignalBaseline:
         self._start = self.bounds.check(start or TrunkModel.prior(robot))
         self._regressor = BaseWrenchRegressor(robot)
         self._lever = (mount or ImuMount.of(robot)).translation
-        self._buffer = SampleBuffer(robot.tree.joints, self.block)
+        self._buffer = SampleBuffer(robot.tree.joints, TrunkSettings(block=self.block))
         self._first = np.nan
         length = self._regressor.length
         self._scale = robot.mass * np.array([1.0, *[length] * 3, *[length**2] * 6])

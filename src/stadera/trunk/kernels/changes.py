@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stadera.compiled import compiled, part, reordered
 from stadera.types import Array
 
-WILD, MEDIAN, DEVIATION = 3.0, 0.455, 1.5  # as in `stadera.trunk.changes`
+DEVIATION = 1.5  # as in `stadera.trunk.changes`
 
 
 @reordered
@@ -96,11 +96,11 @@ def middle(values: Array, n: int) -> float:
 
 
 @part
-def clipped_mean(squares: Array, n: int, work: Array) -> float:
-    """Mean of the first n squares, clipped at `WILD` standard deviations of Gaussian values with their median."""
+def clipped_mean(squares: Array, n: int, limit: float, work: Array) -> float:
+    """Mean of the first n squares, clipped at a multiple of their median."""
     for k in range(n):
         work[k] = squares[k]
-    limit = WILD**2 * middle(work, n) / MEDIAN
+    limit = limit * middle(work, n)
     total = 0.0
     for k in range(n):
         total += min(squares[k], limit)
@@ -359,7 +359,7 @@ def of_singles(
 
 @compiled(
     "void(float64[:,:,::1], float64[:,:,::1], int64, int64, float64, int64[::1], float64[::1], float64[:,::1], "
-    "float64[::1], float64[::1], float64, float64[:,::1], float64[:,::1], float64[:,::1], int64[::1])"
+    "float64[::1], float64[::1], float64, float64, float64[:,::1], float64[:,::1], float64[:,::1], int64[::1])"
 )
 def spreads(
     reduced: Array,
@@ -373,6 +373,7 @@ def spreads(
     std: Array,
     scale: Array,
     outlier: float,
+    clipped: float,
     usual: Array,
     square: Array,
     expected: Array,
@@ -384,6 +385,7 @@ def spreads(
         reduced, sums: of all blocks. begin: index of the first block, n: number of blocks.
         share: of the variances due to model errors that `expected` exceeds.
         mean, solution: of the estimate. std: of model errors. scale: (4,). outlier: Huber's limit.
+        clipped: multiple of the median at which squares of averages are clipped.
         usual: (3, 4), written: of single blocks, scatter, Huber mean, largest weight.
         square, expected: (windows, 4), written; counts: (windows,), of averages.
     """
@@ -407,5 +409,5 @@ def spreads(
         if count == 0:
             continue
         for i in range(4):
-            square[w, i] = clipped_mean(squares[i], count, work)
+            square[w, i] = clipped_mean(squares[i], count, clipped, work)
             expected[w, i] = quantile(variances[i], count, share)

@@ -345,7 +345,7 @@ def update(
         shown: see `Covariance`, std: (n,), both written.
         remainder: (1 + n, 1 + n), of the rows.
         friction: (2, 12), Coulomb friction that the model has; variance of its error, negative for that found here.
-        numbers: of blocks; `RowSums.repeated`; the least variance of the residual; the share of `HELD`.
+        numbers: of blocks; `RowSums.repeated`; the least variance of the residual; `ModelErrors.held`.
         coulomb, begin: first places of Coulomb and of static friction.
     """
     (k, n), known = shown.shape, len(joints)

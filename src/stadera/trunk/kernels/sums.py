@@ -9,8 +9,6 @@ import numpy as np
 from stadera.compiled import compiled, part, reordered
 from stadera.types import Array
 
-# as in `stadera.trunk.scatter`
-OUTLIER, LEAST_USUAL, MOST_ODD = 25.0, 0.01, 3.0
 ROOM = 176  # at least the columns of a triangle, and known to the compiler
 
 
@@ -138,13 +136,13 @@ def weigh(raw: Array, variances: Array, unit: Array, errors: Array, columns: Arr
 
 @part
 def weight_of(square: float, odd: Array) -> float:
-    """Weight of a block by its squared residual, as `OddBlocks`, whose state `odd` is updated."""
+    """Weight of a block by its squared residual, as `OddBlocks`; `odd` as of `digest`."""
     if np.isnan(odd[0]):
         odd[0] = square
-    limit = OUTLIER * max(odd[0], LEAST_USUAL)
+    limit = odd[2] * max(odd[0], odd[3])
     odd[0] += 0.01 * (min(square, 4.0 * odd[0]) - odd[0])
     odd[1] = odd[1] + 1.0 if square > limit else 0.0
-    return sqrt(limit / square) if 0.0 < odd[1] <= MOST_ODD else 1.0
+    return sqrt(limit / square) if 0.0 < odd[1] <= odd[4] else 1.0
 
 
 @part
@@ -218,7 +216,8 @@ def digest(
         errors: (k,), first entries of p; the others are zero.
         root: of the weight of what was summed before.
         limited, counted: whether outliers are limited, and the scatter is counted.
-        odd: (2,), usual squared residual and number of successive odd blocks, updated, as in `OddBlocks`.
+        odd: (5,), usual squared residual and number of successive odd blocks, updated, as in `OddBlocks`; `outlier`,
+            `least_usual` and `successive` of `OutlierSettings`.
         total, normal: (4,), (4, 4), updated, as in `Scatter`.
         columns: as `raw`, the weighted rows. summed: as `triangle`, inverse, solved, mean: of the new estimate.
         residue: (6, 1 + errors), what the rows leave. earlier, moments: sums of `RowMoments`, and those with the rows.
