@@ -19,8 +19,8 @@ from stadera.checks.footing import Footing
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
-from stadera.checks.torque_order import pushing_at_rest, swapped_in_motion
-from stadera.checks.torque_steps import torque_step
+from stadera.checks.torque_order import SwappedTorques, pushing_at_rest, swapped_in_motion
+from stadera.checks.torque_steps import TorqueStep, torque_step
 from stadera.checks.units import gravity_findings, gyro_findings, position_findings, time_findings, velocity_findings
 from stadera.errors import listed
 from stadera.logs.mend import Mend, upwards
@@ -229,25 +229,29 @@ def _torque_order(footing: Footing, model: ConsistencyModel) -> Iterator[Finding
     limits = model.limits
     found, step = swapped_in_motion(footing, limits), torque_step(footing, limits)
     if found is not None and (step is None or found.gain > step.deviations**2):
-        why = found.hypothesis
-        text = f"{why.text}: with them in the right order the trunk balances as it moves"
-        odds = (
-            f"{text} (likelihood higher by e^{0.5 * found.gain:.0f}, allowing for friction and other errors of models)"
-        )
-        if found.certain:
-            yield Finding(why.cause, odds, why.option, why.mend)
-        else:
-            yield Finding(why.cause, f"{odds}; or something pushes or pulls the robot, which looks alike", why.option)
+        yield _swapped(found)
     elif step is not None:
-        first, *others = map(repr, step.joints)
-        text = f"the torque of {first}{''.join(f' or {other}' for other in others[:2])} jumps"
-        how = f"by {step.size:.3g} N·m at about {step.time:.1f} s, which neither the motion nor a load explains"
-        said = f"{text} {how} ({step.deviations:.1f} standard deviations)"
-        yield Finding("torque_step", f"{said}; or something pushes or pulls the robot since then, which looks alike")
-    if found is not None or step is not None:
-        return
-    for push in pushing_at_rest(footing, limits):
-        yield Finding("pushing", f"{push}; let the robot sway to decide it")
+        yield _jump(step)
+    else:
+        for push in pushing_at_rest(footing, limits):
+            yield Finding("pushing", f"{push}; let the robot sway to decide it")
+
+
+def _swapped(found: SwappedTorques) -> Finding:
+    why = found.hypothesis
+    text = f"{why.text}: with them in the right order the trunk balances as it moves"
+    odds = f"{text} (likelihood higher by e^{0.5 * found.gain:.0f}, allowing for friction and other errors of models)"
+    if found.certain:
+        return Finding(why.cause, odds, why.option, why.mend)
+    return Finding(why.cause, f"{odds}; or something pushes or pulls the robot, which looks alike", why.option)
+
+
+def _jump(step: TorqueStep) -> Finding:
+    first, *others = map(repr, step.joints)
+    text = f"the torque of {first}{''.join(f' or {other}' for other in others[:2])} jumps"
+    how = f"by {step.size:.3g} N·m at about {step.time:.1f} s, which neither the motion nor a load explains"
+    said = f"{text} {how} ({step.deviations:.1f} standard deviations)"
+    return Finding("torque_step", f"{said}; or something pushes or pulls the robot since then, which looks alike")
 
 
 def _hanging(footing: Footing, now: Consistency, model: ConsistencyModel) -> Finding:

@@ -74,12 +74,11 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
         return None
     footing = replace(footing, known=Known())  # what is known of other hypotheses is not kept
     now = MotionCosts(footing, limits)
-    least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest
     excerpt = Excerpt.of(footing, limits)
     fitting: list[tuple[Gain, FaultHypothesis, MotionCosts]] = []
     for hypothesis in hypotheses_in_motion(robot):
         without = footing.under(hypothesis.undo)
-        costs, needed = MotionCosts(without, limits), least * (limits.rare if hypothesis.rare else 1.0)
+        costs, needed = MotionCosts(without, limits), _needed(hypothesis, now, limits)
         if any(Gain.most(now, balance) < needed for balance in _balances(hypothesis, excerpt, costs)):
             continue
         gain = Gain.of(now, costs)
@@ -92,6 +91,12 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     others = tuple(other for g, other, _ in fitting[1:3] if g.mean > limits.alike * gain.mean)
     length = footing.legs.length
     return MotionExplanation(best, gain, _speed(now, length, limits), _speed(costs, length, limits), others)
+
+
+def _needed(hypothesis: FaultHypothesis, now: MotionCosts, limits: CheckLimits) -> float:
+    """The gain that confirms a hypothesis."""
+    least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest
+    return least * limits.rare if hypothesis.rare else least
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,13 +76,13 @@ def parsed(text: str, name: str) -> ColumnMap:
     joints = content.get("joints", [])
     if not isinstance(joints, list) or not all(isinstance(joint, str) for joint in joints):
         raise RecordingError(f"{name}: joints needs a list of names")
-    base = _base(content, name)
+    base = _base(content, name) or ColumnMap(name, {})
     return ColumnMap(
         name,
-        {**(base.columns if base else {}), **_sources(_table(content, "columns", name), name)},
+        {**base.columns, **_sources(_table(content, "columns", name), name)},
         _sources(_table(content, "columns_if_chosen", name), name),
-        tuple(joints) or (base.joints if base else ()),
-        _units(_table(content, "units", name), name).over(base.units if base else Units()),
+        tuple(joints) or base.joints,
+        _units(_table(content, "units", name), name).over(base.units),
         str(content.get("about", "")),
     )
 
