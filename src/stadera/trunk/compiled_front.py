@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from types import ModuleType
 
 import numpy as np
 
 from stadera.compiled import kernel
+from stadera.constants import GRAVITY
 from stadera.inertia import InertialParameters
 from stadera.legs.base_wrench import BaseWrenchRegressor
 from stadera.legs.friction import STICTION_VELOCITY
@@ -70,7 +72,8 @@ class CompiledFront(Front):
         columns = np.ascontiguousarray(model.columns.ravel(), dtype=np.int64)
         self._constants = self._joints, columns, workspace(model, compiled.ROOM), lever
         limits += [LEAST_LOAD * weight, swing.load * weight]
-        self._lever, self._limits = lever, np.concatenate([limits, np.zeros(72), [weight**2]])
+        more = [weight**2, (swing.speed * sqrt(GRAVITY * model.length)) ** 2, swing.part]
+        self._lever, self._limits = lever, np.concatenate([limits, np.zeros(72), more])
         self._standing, self._usual, self._state = np.zeros(4), np.zeros(0), np.zeros(compiled.STATE)
         self._first, self._second = np.zeros(compiled.HALF), np.zeros(compiled.HALF)
         self._total, self._cleaned, self._continues = np.empty(compiled.SUMS), np.empty((0, 0)), False

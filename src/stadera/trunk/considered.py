@@ -50,7 +50,7 @@ class RowSums:
 
         e_k' = e_k - G e + n,      Σ' = F Σ Fᵀ + Cov n,      F = 1 - [G; 0],      Cov n = S N_kk S
 
-    An error in one row persists through half a step, so s is the residual's variance times `repeated`.
+    An error in one row persists through a swing or a stance, so s is the residual's variance times `repeated`.
 
     Attributes:
         remainder: see `Segment.remainder`, summed over segments. blocks: number of blocks.

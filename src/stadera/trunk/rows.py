@@ -322,7 +322,7 @@ class RowMaker:
             probes=probes,
             middle=self._middle(wrenches, by_leg, force, n),
             angular_velocity=samples.angular_velocity[1:-1].mean(axis=0),
-            air=self._in_the_air(wrenches, force, motion, n),
+            air=self._in_the_air(wrenches, force, motion, n, step),
             averaged=float(rising @ rising),
             # the window of length 2nT has ẇ = (π / n²T) sin(...) / 2, squared and summed n/2 times
             differentiated=float((np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0),
@@ -343,26 +343,42 @@ class RowMaker:
         by_contact[3:] -= cross(f[:, :, None], _UNIT[:, None])
         return np.hstack([by_position.transpose(0, 2, 1).reshape(6, 12), by_contact.reshape(6, 12)])
 
-    def _in_the_air(self, wrenches: LegWrenches, force: Array, motion: LegMotions, n: int) -> Bools:
-        """Legs (4,) whose foot is lifted off the ground and lightly loaded throughout the block, while the others carry
-        the robot.
+    def _in_the_air(self, wrenches: LegWrenches, force: Array, motion: LegMotions, n: int, step: float) -> Bools:
+        """Legs (4,) whose foot is off the ground and lightly loaded throughout the block, while the others carry the
+        robot; see `SwingDetection`.
+
+        A foot is off the ground if it is higher than the others, or moves relative to them. Feet that stand have the
+        same velocity -v relative to the trunk, once the trunk's rotation is taken out: ω x p + J q̇ = -v. Accelerations
+        are differences of noisy velocities; in averages over consecutive samples these cancel but for the first and
+        the last, so what a foot seems to carry depends little on the log's rate.
         """
         assert motion.sliding is not None
-        normal, E = motion.normal[:, :n], wrenches.to_wrench[:3, :n]
+        swing = self._swing
+        E, feet, omega = wrenches.to_wrench[:3, :n], wrenches.feet[:, :n], motion.angular_velocity[:, :n]
         moved = np.array([motion.acceleration[:n], motion.velocity[:n], direction(motion.sliding[:n])])
         force = force[:, :n] + (E * (self.known[:, None] * moved).sum(axis=0)).sum(axis=-1)
         torque = np.square(self.known_std[:, None] * moved).sum(axis=0)
         unsure = (np.square(E) * torque).sum(axis=(0, -1))  # (n, 4), of the force squared
-        limit = np.minimum((self._swing.load * self.weight) ** 2 + unsure, self.weight**2)
+        arm = feet[..., None] - wrenches.links.joints[:, :n]
+        pace = cross(omega[..., None], feet) + (cross(wrenches.axis[:, :n], arm) * motion.velocity[:n]).sum(axis=-1)
+        normal = motion.normal[:, :n, None]
+        parts = min(max(round(n * step / swing.part), 1), n)
+        seen = np.concatenate([force, pace, (feet * normal).sum(axis=0)[None], unsure[None]])
+        begin = np.arange(parts) * n // parts
+        seen = np.add.reduceat(seen, begin, axis=1) / np.diff(np.append(begin, n))[:, None]
+        force, pace, height, unsure = seen[:3], seen[3:6], seen[6] - self._standing, seen[7]
+        limit = np.minimum((swing.load * self.weight) ** 2 + unsure, self.weight**2)
         light = np.square(force).sum(axis=0) < limit
-        height = np.einsum("cnl,cn->nl", wrenches.feet[:, :n], normal) - self._standing
-        along = np.einsum("cnl,cn->nl", force, normal)
+        along = np.einsum("cnl,c->nl", force, motion.normal[:, 0])
         pressed = np.maximum(along, 0.0)
-        carried, lifted = along @ _OTHERS, height - (pressed * height) @ _OTHERS / np.maximum(pressed @ _OTHERS, 1e-9)
-        up = lifted > self._swing.lift * self.regressor.length
-        stands = ((along > self._swing.load * self.weight) & ~up).all(axis=0)
+        share = np.maximum(pressed @ _OTHERS, 1e-9)
+        carried, lifted = along @ _OTHERS, height - (pressed * height) @ _OTHERS / share
+        pace = pace - (pressed * pace) @ _OTHERS / share
+        up = lifted > swing.lift * self.regressor.length
+        moves = np.square(pace).sum(axis=0) > swing.speed**2 * GRAVITY * self.regressor.length
+        stands = ((along > swing.load * self.weight) & ~up).all(axis=0)
         self._standing += _STANDING * np.where(stands, lifted.mean(axis=0), 0.0)
-        return np.asarray((up & light & (carried > self._swing.carried * self.weight)).all(axis=0))
+        return np.asarray(((up | moves) & light & (carried > swing.carried * self.weight)).all(axis=0))
 
     def _rows(self, first: _Half, second: _Half, trunk: InertialParameters) -> BlockRows:
         total = first.rising + second.falling

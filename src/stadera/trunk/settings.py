@@ -77,22 +77,34 @@ class ModelErrors:
 class SwingDetection:
     """Criteria for a swinging leg, whose rows determine its joints' rotor inertia, friction and offsets.
 
+    A foot that is lifted, or moves relative to the loaded ones, is in the air if it carries next to nothing while the
+    others carry the robot. Low feet that move are half of all swings: a trot lifts its feet by a few centimetres.
+
     Attributes:
-        lift: height of the foot above the lowest foot, along the ground's normal, share of the leg's length [1].
+        lift: height of the foot above the loaded feet, along the ground's normal, share of the leg's length [1].
+        speed: of the foot relative to the loaded feet, share of √(g · leg length) [1]; 0.2 to 0.3 m/s. Feet that stand
+            differ by the noise of the joints' velocities, 0.02 to 0.06 rad/s.
+        part: time over which forces and velocities of a foot are averaged before they are judged [s], as long as an
+            impact. Accelerations from noisy velocities then differ no more than in a log of 200 Hz, where single
+            samples at 1 kHz seem to carry a third of the weight.
         load: contact force computed from the joint torques below which the leg may be in the air, and above which a
             foot that is not lifted stands, share of the weight [1]. Half of what each foot carries on four; friction of
             3 % of the effort limit and offsets of 1 % mimic up to 0.1 on a light robot.
         carried: share of the weight that the other legs must carry [1].
         residual: standard deviation of a row's residual beyond white noise, share of the effort limit [1]: the error of
             a friction law at low speed.
-        repeated: number of successive rows with the same model error [1]: half a swing of 20 ms blocks.
+        repeated: number of successive rows with the same model error, in the air and under load [1]: a swing or stance
+            of 0.2 s in blocks of 20 ms. Errors of friction laws and of the links persist that long, and return with
+            every step.
     """
 
     lift: float = 0.03
+    speed: float = 0.1
+    part: float = 0.005
     load: float = 0.125
     carried: float = 0.5
     residual: float = 0.005
-    repeated: float = 5.0
+    repeated: float = 10.0
 
     def __post_init__(self) -> None:
         _positive(self)

@@ -42,12 +42,15 @@ LINK, FOOT, ERRORS_KNOWN, NOISE = 50, 150, 154, 172
 # of one sample, three joints each: inputs; contact force and centre of the foot; what tells whether it is in the air
 SINE, COSINE, VELOCITY, ACCELERATION, SURE, STUCK, TORQUE, RATE, SNAP = 175, 178, 181, 184, 187, 190, 193, 196, 199
 FOOT_FORCE, SEEN = 202, 208
+# what tells whether it is in the air: contact force, velocity and height of the foot, the force's variance; and det J
+FELT, PACE, LEVEL, DOUBT, VOLUME = SEEN, SEEN + 3, SEEN + 6, SEEN + 7, SEEN + 8
 # sums of one half window, the other half's follow after EACH rows; derivatives at the last and the middle sample
-SUM_TERMS, SUM_LINKS, SUM_TARGET, SUM_ALTERNATING, SUM_RATE, SUM_SQUARED, SUM_JOINT = 214, 322, 394, 400, 406, 412, 418
-EACH, PROBES, MIDDLES, ROOM = 225, 664, 718, 818
+SUM_TERMS, SUM_LINKS, SUM_TARGET, SUM_ALTERNATING, SUM_RATE, SUM_SQUARED, SUM_JOINT = 217, 325, 397, 403, 409, 415, 421
+EACH, PROBES, MIDDLES, ROOM = 225, 667, 721, 821
 
 # as in `stadera.trunk.rows` and `stadera.trunk.noise`
-KNOWN, KNOWN_STD, MOST_LIGHT = 7, 43, 79  # places of the joints' errors and of the robot's weight squared in `limits`
+# places in `limits`: of the joints' errors, of the robot's weight squared, and see `block`
+KNOWN, KNOWN_STD, MOST_LIGHT, FASTER, PART = 7, 43, 79, 80, 81
 STEP = 1e-4  # rad, of the differences by joint positions
 STANDING = 0.05  # smoothing factor of each foot's usual height
 UP, DOWN = exp(0.03), exp(-0.09)  # factors on a variance whose block lies above and below the lower quartile
@@ -371,8 +374,12 @@ def add_sample(
         x2, d2 = doubt(ws, 2, leg)
         force = plus(force, plus(times(x0, E[0][0]), plus(times(x1, E[1][0]), times(x2, E[2][0]))))
         light = dot(E[0][0], E[0][0]) * d0 + dot(E[1][0], E[1][0]) * d1 + dot(E[2][0], E[2][0]) * d2
-        seen = ((dot(centre, up), dot(force, up), dot(force, force)), (light, volume, 0.0))
-        put(ws, SEEN, leg, seen)
+        speed = triple(ws, VELOCITY, leg)
+        pace = plus(cross(omega, centre), times(speed[0], cross(one[2], minus(centre, one[1]))))
+        pace = plus(pace, times(speed[1], cross(two[2], minus(centre, two[1]))))
+        pace = plus(pace, times(speed[2], cross(three[2], minus(centre, three[1]))))
+        put(ws, FELT, leg, (force, pace))
+        ws[4 * LEVEL + leg], ws[4 * DOUBT + leg], ws[4 * VOLUME + leg] = dot(centre, up), light, volume
 
 
 @lane
@@ -556,30 +563,51 @@ def trunk_at(table: Array, k: int, joints: int, lever: Vector, rate: float) -> t
 
 
 @part
-def in_the_air(height: Array, along: Array, heavy: Array, limits: Array, standing: Array, out: Array) -> None:
+def parts_of(seen: Array, parts: int) -> Array:
+    """Means (parts, 32) of consecutive samples (n, 32)."""
+    n, out = len(seen), np.zeros((parts, seen.shape[1]))
+    for p in range(parts):
+        begin, end = p * n // parts, (p + 1) * n // parts
+        for k in range(begin, end):
+            for c in range(seen.shape[1]):
+                out[p, c] += seen[k, c] / (end - begin)
+    return out
+
+
+@part
+def in_the_air(seen: Array, parts: int, up: Vector, limits: Array, standing: Array, out: Array) -> None:
     """Writes 1 for the legs in the air throughout the block and updates `standing`, as `RowMaker._in_the_air`.
 
     Args:
-        height, along: (n, 4), of the feet, and of the forces along the normal.
-        heavy: (n, 4), by how much the squared force exceeds that of a light foot.
-        limits: see `block`.
+        seen: (n, 32), rows of the workspace from `SEEN` on. parts: their number, over which these are averaged.
+        up: the ground's normal. limits: see `block`.
     """
-    n, moved = len(height), np.zeros(4)
+    means, moved, along = parts_of(seen, parts), np.zeros(4), np.zeros(4)
     for leg in range(4):
         air = stands = True
         mean = 0.0
-        for k in range(n):
+        for k in range(parts):
+            now = means[k]
+            for other in range(4):
+                along[other] = dot(triple(now, FELT - SEEN, other), up)
+            force, pace = triple(now, FELT - SEEN, leg), triple(now, PACE - SEEN, leg)
             carried = pressed = level = 0.0
+            others = ZERO
             for other in range(4):
                 if other != leg:
-                    carried += along[k, other]
-                    pressed += max(along[k, other], 0.0)
-                    level += max(along[k, other], 0.0) * (height[k, other] - standing[other])
-            lifted = height[k, leg] - standing[leg] - level / max(pressed, 1e-9)
-            up = lifted > limits[3]
-            air &= up and heavy[k, leg] < 0.0 and carried > limits[2]
-            stands &= not up and along[k, leg] > limits[6]
-            mean += lifted / n
+                    press = max(along[other], 0.0)
+                    carried += along[other]
+                    pressed += press
+                    level += press * (now[4 * (LEVEL - SEEN) + other] - standing[other])
+                    others = plus(others, times(press, triple(now, PACE - SEEN, other)))
+            pressed = max(pressed, 1e-9)
+            pace = minus(pace, times(1.0 / pressed, others))
+            lifted = now[4 * (LEVEL - SEEN) + leg] - standing[leg] - level / pressed
+            high = lifted > limits[3]
+            light = min(limits[1] + now[4 * (DOUBT - SEEN) + leg], limits[MOST_LIGHT])
+            air &= (high or dot(pace, pace) > limits[FASTER]) and dot(force, force) < light and carried > limits[2]
+            stands &= not high and along[leg] > limits[6]
+            mean += lifted / parts
         out[AIR + leg] = 1.0 if air else 0.0
         moved[leg] = STANDING * mean if stands else 0.0
     for leg in range(4):
@@ -894,7 +922,7 @@ def sums(
         learn_noise(squares, columns, joints, quartile, prior, noise)
     set_joints(ws, noise, limits)
     ws[4 * SUM_TERMS : 4 * (SUM_TERMS + 2 * EACH)] = 0.0
-    height, along, heavy = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
+    seen = np.empty((n, 4 * (VOLUME - SEEN)))
     for k in range(n):
         rising, falling = window[k], window[n - 1 - k]
         # alternating: + at a block's end, - where the next one begins
@@ -902,11 +930,9 @@ def sums(
         omega, alpha, a = add_trunk(table, k, joints, to_imu, (rising, falling, odd, even), out)
         set_inputs(ws, given[k])
         add_sample(ws, omega, alpha, a, up, rising, falling, odd, even)
-        singular = first_singular(ws, SEEN + 4, limits[0], singular)
-        for leg in range(4):
-            height[k, leg], along[k, leg] = ws[4 * SEEN + leg], ws[4 * (SEEN + 1) + leg]
-            light = limits[1] + ws[4 * (SEEN + 3) + leg]
-            heavy[k, leg] = ws[4 * (SEEN + 2) + leg] - min(light, limits[MOST_LIGHT])
+        singular = first_singular(ws, VOLUME, limits[0], singular)
+        for c in range(seen.shape[1]):
+            seen[k, c] = ws[4 * SEEN + c]
         if k == n - 1:
             write_probes(ws, omega, alpha, a, up)
     gather(ws, out)
@@ -920,8 +946,8 @@ def sums(
         return singular
     for c in range(len(noise)):
         variance[c] = noise[c]
-    in_the_air(height, along, heavy, limits, standing, out)
     step = (table[n, 0] - table[1, 0]) / (n - 1) if n > 1 else 0.02
+    in_the_air(seen, min(max(round(n * step / limits[PART]), 1), n), up, limits, standing, out)
     for k in range(n):
         out[AVERAGED] += window[k] ** 2
     out[DIFFERENTIATED] = (np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0
@@ -961,10 +987,11 @@ def block(
         lever: (3,) [m], of the IMU.
         window: (n,), its rising half.
         variance, prior: (30,), of white noise; the first is updated. quartile: see `WhiteNoise`; 0 for too few samples.
-        limits: (80,), det J [m³], squared force of a light foot [N²], force that the others must carry [N], height of a
+        limits: (82,), det J [m³], squared force of a light foot [N²], force that the others must carry [N], height of a
             lifted foot [m], velocity of the friction law [rad/s], loads of a foot for the ground's normal and of one
             that stands [N]; from `KNOWN` on rotor inertia, viscous and Coulomb friction of the joints, (3, 12), from
-            `KNOWN_STD` on their standard deviations; the robot's weight squared [N²].
+            `KNOWN_STD` on their standard deviations; the robot's weight squared [N²]; squared speed of a foot that
+            moves [m²/s²]; time of an average of what tells a leg in the air [s].
         standing: (4,) [m], usual heights of the feet, updated.
         usual: squared noise of each column of the table, updated. state: (STATE,), updated.
         table: as `raw`, the samples without spikes. out: (HALF,), the half window.
