@@ -398,3 +398,32 @@ def test_measurements_make_the_same_samples() -> None:
     direct = Samples.of_recording(log, robot())[:7]
     for name in ("time", "position", "velocity", "effort", "angular_velocity", "specific_force"):
         np.testing.assert_allclose(getattr(Samples.of(made), name), getattr(direct, name), atol=1e-12)
+
+
+def test_known_offsets_are_taken_out_with_their_sign() -> None:
+    """A constant added to the torques and the same offset in the model leave the trunk as it is; with the other sign
+    the error is twice that of a model without it.
+    """
+    plain = robot()
+    limit = np.array([plain.limits[joint].effort for joint in plain.tree.joints])
+    added = 0.01 * limit * np.random.default_rng(3).choice([-1.0, 1.0], 12)
+    log = recorded(plain, walked(plain, replace(STILL, tilt=0.05, sway=0.012)), IDEAL)
+
+    def weighed(offset: float, error: float) -> np.ndarray:
+        """Mass and first moment, with a multiple of the offsets in the model, and of the error in the log."""
+        known = plain.with_dynamics(
+            {
+                joint: replace(plain.dynamics[joint], offset=offset * float(value))
+                for joint, value in zip(plain.tree.joints, added, strict=True)
+            }
+        )
+        samples = Samples.of_recording(log, known)
+        estimator = TrunkEstimator(known)
+        estimator.add(replace(samples, effort=samples.effort + error * added))
+        return np.asarray(estimator.trunk.inertial.vector[:4])
+
+    true = weighed(0.0, 0.0)
+    right, ignored, wrong = (weighed(offset, 1.0) - true for offset in (1.0, 0.0, -1.0))
+    assert np.abs(ignored[1:]).max() > 0.02 * plain.mass * 0.1
+    np.testing.assert_allclose(right, 0.0, atol=1e-3 * np.abs(ignored).max())
+    np.testing.assert_allclose(wrong, 2.0 * ignored, atol=0.2 * np.abs(ignored).max())
