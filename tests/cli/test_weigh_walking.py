@@ -130,3 +130,15 @@ def test_legs_that_are_no_identification(tmp_path: Path, log: Path) -> None:
     done = runner.invoke(app, ["weigh", str(log), "--robot", "hyq", "--legs", str(path)])
     assert done.exit_code == 1
     assert "not the JSON of an identification" in str(done.exception)
+
+
+def test_legs_that_are_not_to_be_trusted_need_force(tmp_path: Path, log: Path) -> None:
+    path = tmp_path / "legs.json"
+    trust = {"verdict": "bad", "misfit": 80.0, "by_leg": {}, "reasons": ["torques that do not fit"]}
+    path.write_text(json.dumps({"links": {}, "joints": {}, "trust": trust}))
+    args = ["weigh", str(log), "--robot", "hyq", "--legs", str(path)]
+    done = runner.invoke(app, args)
+    assert done.exit_code == 1
+    assert "torques that do not fit" in str(done.exception)
+    assert "--force" in str(done.exception)
+    assert runner.invoke(app, [*args, "--force"]).exit_code == 0

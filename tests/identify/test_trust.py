@@ -10,7 +10,7 @@ import pytest
 
 import stadera
 from identify.leg_runs import hyq, noisy, run
-from stadera.errors import MissingExtraError, StaderaError
+from stadera.errors import MissingExtraError, StaderaError, UntrustedError
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings, TrustSettings
@@ -121,6 +121,26 @@ def test_figures_of_a_bad_result_are_marked(result: Identification) -> None:
     assert bad["links"]["rh_lowerleg"]["mass"]["trusted"] is False
     assert all(q["trusted"] is False for q in bad["joints"]["rh_kfe_joint"].values())
     assert "trusted" not in result.to_dict()["links"]["rh_lowerleg"]["mass"]
+
+
+def test_legs_that_are_not_to_be_trusted_are_refused(result: Identification, tmp_path) -> None:
+    path = tmp_path / "legs.json"
+    replace(result, trust=replace(result.trust, verdict="bad", reasons=("the sign is wrong",))).save_json(path)
+    with pytest.raises(UntrustedError, match=r"the sign is wrong.*identify anew, or weigh with --force") as refused:
+        with_identified_legs(hyq(), path)
+    assert "\n" not in str(refused.value)
+    assert with_identified_legs(hyq(), path, force=True).dynamics["rh_kfe_joint"] != hyq().dynamics["rh_kfe_joint"]
+
+
+def test_identified_legs_bring_their_standard_deviations(result: Identification, tmp_path) -> None:
+    path = tmp_path / "legs.json"
+    result.save_json(path)
+    for robot in (with_identified_legs(hyq(), path), result.identified_robot()):
+        assert set(robot.dynamics_std) == set(hyq().leg("RH").joints)
+        for joint, std in robot.dynamics_std.items():
+            for term in ("armature", "viscous", "coulomb", "offset"):
+                found = result.legs[0].parameters[f"{joint}.{term}"]
+                assert getattr(std, term) == pytest.approx(np.nan if found.is_held else found.std, nan_ok=True)
 
 
 def test_a_data_frame_has_a_row_for_each_parameter(result: Identification, monkeypatch) -> None:

@@ -279,3 +279,35 @@ def test_drives_of_one_kind_are_alike() -> None:
     assert correlation[0, 3] == pytest.approx(0.7)
     assert correlation[0, 1] == 0.0
     assert np.linalg.eigvalsh(model.covariance).min() >= -1e-12
+
+
+def test_identified_joints_are_as_uncertain_as_identified_and_may_drift() -> None:
+    model, sizes = load_robot("hyq"), ModelErrors()
+    leg = model.legs[1]
+    usual = ErrorModel(model, sizes, 0.7)
+    values, std = JointDynamics(0.1, 1.0, 3.0, -2.0), JointDynamics(0.04, 0.05, 0.4, np.nan)
+    known = ErrorModel(
+        model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, std)), sizes, 0.7
+    )
+    before, after = (
+        {name: np.sqrt(errors.variance[PLACES[name]]) for name in ("rotor", "viscous", "coulomb", "offset")}
+        for errors in (usual, known)
+    )
+    for name in before:
+        np.testing.assert_array_equal(np.delete(after[name], [3, 4, 5]), np.delete(before[name], [3, 4, 5]))
+    np.testing.assert_allclose(after["rotor"][3:6], np.hypot(0.04, sizes.rotor_drift * 0.1))
+    np.testing.assert_allclose(after["viscous"][3:6], np.hypot(0.05, sizes.friction_drift * 1.0))
+    np.testing.assert_allclose(after["coulomb"][3:6], np.hypot(0.4, sizes.friction_drift * 3.0))
+    np.testing.assert_array_equal(after["offset"][3:6], before["offset"][3:6])  # the log did not determine it
+    wide = JointDynamics(9.0, 9.0, 99.0, 99.0)
+    same = ErrorModel(
+        model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, wide)), sizes, 0.7
+    )
+    np.testing.assert_array_equal(same.variance[: PLACES["gain"].start], usual.variance[: PLACES["gain"].start])
+
+
+def test_other_dynamics_have_no_old_standard_deviations() -> None:
+    model, std = load_robot("hyq"), JointDynamics(0.01, 0.1, 0.1, 0.1)
+    joint, other = model.tree.joints[:2]
+    known = model.with_dynamics(dict.fromkeys((joint, other), DYNAMICS), dict.fromkeys((joint, other), std))
+    assert dict(known.with_dynamics({joint: DYNAMICS}).dynamics_std) == {other: std}

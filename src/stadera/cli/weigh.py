@@ -56,7 +56,7 @@ def weigh(
     from stadera.weigh.weigh import weigh as weigh_log
 
     check_choice(method, springs)
-    model = robot_with_legs(options.robot(robot, log), legs, options.reading.limits)
+    model = robot_with_legs(options.robot(robot, log), legs, options.reading.limits, force)
     files.check(export)
     if export is not None:
         from stadera.robot.export import check_export
@@ -87,13 +87,13 @@ def weigh(
     show(*weighing_tables(result, known))
 
 
-def robot_with_legs(name: str, legs: Path | None, limits: Limits) -> Robot:
-    """Loads the robot, with identified legs if given."""
+def robot_with_legs(name: str, legs: Path | None, limits: Limits, force: bool = False) -> Robot:
+    """Loads the robot, with identified legs if given; with `force` also if these are not to be trusted."""
     from stadera.identify.schema import with_identified_legs
     from stadera.robot import load_robot
 
     robot = load_robot(name, limits)
-    return robot if legs is None else with_identified_legs(robot, legs)
+    return robot if legs is None else with_identified_legs(robot, legs, force)
 
 
 @contextmanager

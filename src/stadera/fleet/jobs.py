@@ -116,20 +116,21 @@ def read_manifest(
 
 def check_models(jobs: Iterable[LogJob]) -> None:
     """Loads every model and every file of legs once, so that errors appear before the computation. Raises ModelError,
-    UnknownNameError: as in `load_robot` and `with_identified_legs`.
+    UnknownNameError, UntrustedError: as in `load_robot` and `with_identified_legs`.
     """
-    for robot, legs, limits in dict.fromkeys((job.robot, job.legs, job.options.reading.limits) for job in jobs):
+    used = ((job.robot, job.legs, job.options.reading.limits, job.options.force) for job in jobs)
+    for robot, legs, limits, force in dict.fromkeys(used):
         if robot is not None:
-            robot_of(robot, legs, limits)
+            robot_of(robot, legs, limits, force)
 
 
 @cache
-def robot_of(robot: str, legs: str | None, limits: Limits) -> Robot:
+def robot_of(robot: str, legs: str | None, limits: Limits, force: bool = False) -> Robot:
     """The model of a job with its legs, loaded once per process."""
     from stadera.identify.schema import with_identified_legs
 
     model = load_robot(robot, limits)
-    return model if legs is None else with_identified_legs(model, legs)
+    return model if legs is None else with_identified_legs(model, legs, force)
 
 
 def _of_line(cells: Mapping[str, str], folder: Path, robot: str | None, options: FleetOptions) -> list[LogJob]:

@@ -117,7 +117,7 @@ class _Source:
         tare = stack.enter_context(fetched(given)) if isinstance(given, str) else given
         robot, sha256 = job.robot or robot_named_in(path), digest(path)
         files = [
-            robot_of(robot, job.legs, job.options.reading.limits).source,
+            robot_of(robot, job.legs, job.options.reading.limits, job.options.force).source,
             job.legs,
             tare if isinstance(tare, Path) else None,
         ]
@@ -143,7 +143,7 @@ def _weighed(job: LogJob, source: _Source) -> Row:
     options = job.options
     tare = _log(job, source.tare) if isinstance(source.tare, Path) else source.tare
     result = weigh(
-        robot_of(source.robot, job.legs, job.options.reading.limits),
+        robot_of(source.robot, job.legs, job.options.reading.limits, job.options.force),
         _log(job, source.path),
         tare,
         options.method,

@@ -254,15 +254,23 @@ class Identification(Result):
 
 
 def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:
-    """Returns the robot with the identified parameters of links and joints."""
-    inertias, dynamics = dict(robot.inertias), dict(robot.dynamics)
+    """Returns the robot with the identified parameters of links and joints, and the joints' standard deviations."""
+    inertias, dynamics, std = dict(robot.inertias), dict(robot.dynamics), dict(robot.dynamics_std)
     for leg in legs:
         found = leg.estimate.by_name()
         inertias |= {link: leg.estimate.inertia(link) for link in leg.leg.links}
         for joint in leg.leg.joints:
             terms = {t: found[f"{joint}.{t}"] for t in JointDynamics.__dataclass_fields__ if f"{joint}.{t}" in found}
             dynamics[joint] = replace(dynamics[joint], **terms)
-    return replace(robot, inertias=inertias, dynamics=dynamics)
+            std[joint] = _std(leg, joint)
+    return replace(robot, inertias=inertias, dynamics=dynamics, dynamics_std=std)
+
+
+def _std(leg: LegIdentification, joint: str) -> JointDynamics:
+    """Standard deviations of a joint's terms; NaN where the data do not determine one."""
+    found = {term: leg.parameters.get(f"{joint}.{term}") for term in JointDynamics.__dataclass_fields__}
+    known = {term: None if q is None or q.is_held else q.std for term, q in found.items()}
+    return JointDynamics(**{term: np.nan if std is None else std for term, std in known.items()})
 
 
 _UNITS = dict(zip(ORDER, UNITS, strict=True)) | FRICTION_UNITS

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from stadera.boundary import foreign, require_input
-from stadera.errors import ModelError
+from stadera.errors import ModelError, UntrustedError
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
 from stadera.inertia import ORDER, InertialParameters
@@ -75,9 +75,9 @@ def identification_frame(result: Identification) -> Any:
     return data_frame(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
 
-def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
+def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = False) -> Robot:
     """Returns the robot with the links' inertias and the joints' rotor inertia, friction and torque offsets of an
-    identification.
+    identification, and the latter's standard deviations.
 
     Legs that were not identified keep the model's values. Torque offsets change from day to day: weighing starts at
     those identified and estimates the difference. Negative friction or rotor inertia, which noise can cause, is set to
@@ -85,9 +85,11 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
 
     Args:
         path: JSON written by `identify --json`.
+        force: take an identification that is not to be trusted.
 
     Raises:
         ModelError: no such file, a JSON of another kind, or a physically impossible link.
+        UntrustedError: an identification that is not to be trusted, without `force`.
         UnknownNameError: a link or joint that this robot lacks.
     """
     path = Path(path)
@@ -96,12 +98,16 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str]) -> Robot:
         value = json.loads(path.read_text(encoding="utf-8"))
         links = {name: _body(entry) for name, entry in value["links"].items()}
         joints = {name: _known(entry) for name, entry in value["joints"].items()}
+        std = {name: _std(entry) for name, entry in value["joints"].items()}
+        distrust = _distrust(value.get("trust"))
+    if distrust and not force:
+        raise UntrustedError(f"{path}: legs not to be trusted ({distrust}); identify anew, or weigh with --force")
     for name, body in links.items():
         if not body.is_physical():
             raise ModelError(f"{path}: link {name!r} was identified as a body that cannot be")
     robot = robot.with_inertias(links)
     return robot.with_dynamics(
-        {name: replace(robot.dynamics.get(name, JointDynamics()), **terms) for name, terms in joints.items()}
+        {name: replace(robot.dynamics.get(name, JointDynamics()), **terms) for name, terms in joints.items()}, std
     )
 
 
@@ -187,6 +193,19 @@ def _body(entry: dict[str, Any]) -> InertialParameters:
 def _known(entry: dict[str, Any]) -> dict[str, float]:
     found = {term: _number(entry[term]) for term in _READ if term in entry}
     return {term: value if term == "offset" else max(value, 0.0) for term, value in found.items()}
+
+
+def _std(entry: dict[str, Any]) -> JointDynamics:
+    """Standard deviations of a joint's terms; NaN where the identification gives none."""
+    given = {term: entry.get(term, {}).get("std") for term in _READ}
+    return JointDynamics(**{term: nan if std is None else float(std) for term, std in given.items()})
+
+
+def _distrust(trust: dict[str, Any] | None) -> str:
+    """Why an identification is not to be trusted; empty if it is, or says nothing about it."""
+    if trust is None or trust["verdict"] != "bad":
+        return ""
+    return str(next(iter(trust["reasons"]), "its fit is bad"))
 
 
 def _number(entry: dict[str, Any]) -> float:

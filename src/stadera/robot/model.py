@@ -145,6 +145,7 @@ class Robot:
         legs: LF, RF, LH, RH in this order.
         inertias: prior (CAD) parameters by link, in the link's frame, with everything fixed to the link included.
         dynamics: prior joint dynamics by joint.
+        dynamics_std: standard deviations of `dynamics`, for joints that were identified; NaN for terms that were not.
         limits: by joint.
         frames: fixed frames by name, including feet and IMUs.
         shapes: primitive shapes.
@@ -165,6 +166,7 @@ class Robot:
     source: Path | None = None
     notes: tuple[str, ...] = ()
     extra: ExtraJoints | None = None
+    dynamics_std: Mapping[str, JointDynamics] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, keys in (("inertias", self.tree.links), ("dynamics", self.tree.joints), ("limits", self.tree.joints)):
@@ -172,7 +174,8 @@ class Robot:
             if missing := [key for key in keys if key not in given]:
                 raise ModelError(f"robot {self.name}: {name} lack {', '.join(missing)}")
             object.__setattr__(self, name, MappingProxyType(dict(given)))
-        object.__setattr__(self, "frames", MappingProxyType(dict(self.frames)))
+        for name in ("frames", "dynamics_std"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __repr__(self) -> str:
         """One line for the robot and one for each leg."""
@@ -221,14 +224,20 @@ class Robot:
         require_known("link", inertias, self.tree.links, self.name)
         return replace(self, inertias={**self.inertias, **inertias})
 
-    def with_dynamics(self, dynamics: Mapping[str, JointDynamics]) -> Robot:
+    def with_dynamics(
+        self, dynamics: Mapping[str, JointDynamics], std: Mapping[str, JointDynamics] | None = None
+    ) -> Robot:
         """Returns the robot with other joint dynamics for these joints.
+
+        Args:
+            std: their standard deviations, see `dynamics_std`; joints without any have none.
 
         Raises:
             UnknownNameError: a name is not a joint of the tree.
         """
         require_known("joint", dynamics, self.tree.joints, self.name)
-        return replace(self, dynamics={**self.dynamics, **dynamics})
+        kept = {joint: known for joint, known in self.dynamics_std.items() if joint not in dynamics}
+        return replace(self, dynamics={**self.dynamics, **dynamics}, dynamics_std={**kept, **(std or {})})
 
     def posed(self, positions: Mapping[str, float]) -> Robot:
         """Returns the robot with these joints outside the legs at other positions [rad or m]: its trunk's inertia has

@@ -14,7 +14,7 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.legs.friction import JointFriction
-from stadera.robot.model import Robot
+from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array
 
@@ -83,6 +83,21 @@ _AS_STATED = (
 """Errors whose standard deviations are those of `ModelErrors`, in the same unit."""
 
 
+def _identified(robot: Robot, sizes: ModelErrors, limit: Array) -> dict[str, Array]:
+    """Standard deviations (12,) of the terms of identified joints, by error: those of the identification, and what
+    changes from log to log, in squares. NaN where there are none.
+    """
+    joints, none = [joint for leg in robot.legs for joint in leg.joints], JointDynamics(*[np.nan] * 4)
+    values, stds = (
+        np.array([(d.armature, d.viscous, d.coulomb, d.offset) for d in found]).T
+        for found in ([robot.dynamics[j] for j in joints], [robot.dynamics_std.get(j, none) for j in joints])
+    )
+    friction = sizes.friction_drift
+    drift = (sizes.rotor_drift * values[0], friction * values[1], friction * values[2], sizes.offset_drift * limit)
+    names = ("rotor", "viscous", "coulomb", "offset")
+    return {name: np.hypot(std, change) for name, std, change in zip(names, stds, drift, strict=True)}
+
+
 class ErrorModel:
     """Prior covariance of one robot's model errors.
 
@@ -109,8 +124,12 @@ class ErrorModel:
         std[PLACES["rotor"]] = sizes.rotor * leg_mass * length**2
         for name in ("viscous", "coulomb", "offset"):
             std[PLACES[name]] = getattr(sizes, name) * self.limit
+        for name, known in _identified(robot, sizes, self.limit).items():
+            place = PLACES[name]
+            known = np.maximum(known, sizes.surest * std[place])
+            std[place] = np.fmin(std[place], known)  # as it was for a joint or term that was not identified, NaN
         self.dry = np.abs(JointFriction.of(robot).coulomb).ravel()
-        std[PLACES["stiction"]] = sizes.held * np.hypot(self.dry, sizes.coulomb * self.limit)
+        std[PLACES["stiction"]] = sizes.held * np.hypot(self.dry, std[PLACES["coulomb"]])
         for name in _AS_STATED:
             std[PLACES[name]] = getattr(sizes, name)
         std[PLACES["regression"]] = std[PLACES["sampling"]] = 1.0

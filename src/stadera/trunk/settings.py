@@ -37,6 +37,14 @@ class ModelErrors:
         accelerometer: constant error, each axis [m/s²]. Assumed for a MEMS sensor calibrated at rest.
         torque_lag: delay of the torques relative to encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms.
         velocity_lag: delay of the joint velocities [s].
+        friction_drift: of joints with identified legs, change of viscous and Coulomb friction from log to log, share of
+            their values [1]. Friction of a gear changes with temperature: Bittencourt and Gunnarsson, Static friction
+            in a robot joint, J. Dyn. Syst. Meas. Control 134 (2012) 051013. Its size is assumed.
+        offset_drift: likewise of the torque's offset, share of the effort limit [1]. A laboratory's torque transducer
+            (HBK T10F) states 0.05 % of its range per 10 K; strain gauges in a joint that warms up by 20 K are taken to
+            be twice as bad.
+        rotor_drift: likewise of rotor inertia, share of its value [1]: it is constant, but takes up errors of the link.
+        surest: least standard deviation of these terms of an identified joint, share of an unidentified one's [1].
         alike: correlation of rotor inertia and friction between the four legs' joints of one kind [1], which have
             drives of one type.
         held: static friction, as a share of the joint's Coulomb friction [1], which bounds it.
@@ -59,6 +67,10 @@ class ModelErrors:
     accelerometer: float = 0.05
     torque_lag: float = 0.01
     velocity_lag: float = 0.001
+    friction_drift: float = 0.3
+    offset_drift: float = 0.002
+    rotor_drift: float = 0.1
+    surest: float = 0.1
     alike: float = 0.7
     held: float = 0.8
     sagging: float = 0.9
