@@ -101,7 +101,9 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
         std = {name: _std(entry) for name, entry in value["joints"].items()}
         distrust = _distrust(value.get("trust"))
     if distrust and not force:
-        raise UntrustedError(f"{path}: legs not to be trusted ({distrust}); identify anew, or weigh with --force")
+        raise UntrustedError(
+            f"{path}: legs not to be trusted ({distrust}); identify anew (`weigh --legs F --force` takes them)"
+        )
     for name, body in links.items():
         if not body.is_physical():
             raise ModelError(f"{path}: link {name!r} was identified as a body that cannot be")

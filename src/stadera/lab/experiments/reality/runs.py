@@ -116,17 +116,16 @@ def case_settings(case: RealityCase, robot: Robot) -> SimulateSettings:
 
 
 def _identified(case: RealityCase, robot: Robot, logs: Path | None) -> Robot | None:
-    """The model file with legs identified from the robot's own log in the air; None if that log is refused."""
+    """The model file with legs identified from the robot's own log in the air; None if log or fit is refused."""
     with TemporaryDirectory() as folder:
         path = (Path(folder) if logs is None else logs) / f"{_name(case)}.legs.json"
-        if not path.exists():
-            in_air = swing(robot, settings=SimulateSettings(case.errors, seed=_draw(case)))
-            try:
-                found = identify(robot, in_air.recording, IdentifySettings(split=1.0))
-            except IdentificationError:
-                return None
-            found.save_json(path)
-        return with_identified_legs(robot, path)
+        try:
+            if not path.exists():
+                in_air = swing(robot, settings=SimulateSettings(case.errors, seed=_draw(case)))
+                identify(robot, in_air.recording, IdentifySettings(split=1.0)).save_json(path)
+            return with_identified_legs(robot, path)
+        except IdentificationError:
+            return None
 
 
 def _name(case: RealityCase) -> str:
