@@ -575,6 +575,25 @@ def parts_of(seen: Array, parts: int) -> Array:
 
 
 @part
+def of_others(now: Array, leg: int, along: Array, standing: Array) -> tuple[float, float, float, Vector]:
+    """Load of the other legs along the normal, of those that press, and sums of heights and velocities weighted by it.
+
+    Args:
+        now: (32,), means of rows of the workspace from `SEEN` on. along: (4,), loads. standing: (4,), usual heights.
+    """
+    carried = pressed = level = 0.0
+    others = ZERO
+    for other in range(4):
+        if other != leg:
+            press = max(along[other], 0.0)
+            carried += along[other]
+            pressed += press
+            level += press * (now[4 * (LEVEL - SEEN) + other] - standing[other])
+            others = plus(others, times(press, triple(now, PACE - SEEN, other)))
+    return carried, max(pressed, 1e-9), level, others
+
+
+@part
 def in_the_air(seen: Array, parts: int, up: Vector, limits: Array, standing: Array, out: Array) -> None:
     """Writes 1 for the legs in the air throughout the block and updates `standing`, as `RowMaker._in_the_air`.
 
@@ -591,16 +610,7 @@ def in_the_air(seen: Array, parts: int, up: Vector, limits: Array, standing: Arr
             for other in range(4):
                 along[other] = dot(triple(now, FELT - SEEN, other), up)
             force, pace = triple(now, FELT - SEEN, leg), triple(now, PACE - SEEN, leg)
-            carried = pressed = level = 0.0
-            others = ZERO
-            for other in range(4):
-                if other != leg:
-                    press = max(along[other], 0.0)
-                    carried += along[other]
-                    pressed += press
-                    level += press * (now[4 * (LEVEL - SEEN) + other] - standing[other])
-                    others = plus(others, times(press, triple(now, PACE - SEEN, other)))
-            pressed = max(pressed, 1e-9)
+            carried, pressed, level, others = of_others(now, leg, along, standing)
             pace = minus(pace, times(1.0 / pressed, others))
             lifted = now[4 * (LEVEL - SEEN) + leg] - standing[leg] - level / pressed
             high = lifted > limits[3]
