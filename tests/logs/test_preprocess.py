@@ -272,6 +272,18 @@ def test_the_suggested_cutoff_lets_the_motion_pass_and_not_the_noise() -> None:
     assert suggest_cutoff(Recording(time, ("a",), np.zeros((len(time), 1)))) == 5.0
 
 
+@pytest.mark.parametrize("every", [0.7, 1.5, 4.0])
+def test_few_averaged_spectra_do_not_take_noise_for_motion(every: float) -> None:
+    """A log at 1 kHz that loses a sample now and then: one spectrum of a short stretch scatters far above its floor."""
+    time = np.arange(20_000) / 1000.0
+    lost = np.isin(np.arange(len(time)) % round(1000.0 * every), (0, 1, 2))
+    for seed in range(5):
+        white = 1e-3 * np.random.default_rng(seed).standard_normal((len(time), 3))
+        whole = Recording(time, JOINTS, 0.05 * motion(time)[0] + white)
+        cutoff = suggest_cutoff(whole.mapped(lambda _, values: values[~lost]))
+        assert cutoff == pytest.approx(5.0, abs=2.0)
+
+
 def test_real_logs_are_processed(shared_data: Path) -> None:
     for name in ("go2", "aliengo"):
         recording = read(shared_data / "real" / f"{name}_legs_in_air.csv")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import signal
+from scipy.stats import chi2
 
 from stadera.logs.filters import RATES_PER_CUTOFF
 from stadera.logs.recording import Recording
@@ -21,6 +22,8 @@ class CutoffSettings:
     lowest_hz: float = 5.0
     stretch: float = 10.0  # length of the stretches whose spectra are averaged [s]; 10 s resolve 0.1 Hz
     noise_factor: float = 4.0  # multiple of the noise floor below which position power counts as noise
+    # probability that noise alone exceeds its floor by more in any bin: few spectra averaged scatter by more than that
+    false_motion: float = 0.01
 
 
 def suggest_cutoff(
@@ -31,9 +34,10 @@ def suggest_cutoff(
 
     The power spectrum P(f) of every joint's position (Welch) has a floor, the median over the upper half of the band,
     due to encoder noise and resolution. Power above it, up to the highest cut-off that the sampling rate allows, is
-    motion, with velocity power (2π f)² P(f). The filter is flat up to half its cut-off, so the cut-off is twice the
-    frequency below which 99 % of that power lies, for the fastest joint; at least 5 Hz and at most an eighth of the
-    sampling rate.
+    motion, with velocity power (2π f)² P(f); above by more than K averaged spectra scatter, chi-squared with 2 K
+    degrees of freedom, since the weight (2π f)² would make motion of the noise. The filter is flat up to half its
+    cut-off, so the cut-off is twice the frequency below which 99 % of that power lies, for the fastest joint; at least
+    5 Hz and at most an eighth of the sampling rate.
 
     Raises:
         RecordingError: fewer than two samples. UnknownNameError: a joint that is not recorded.
@@ -60,7 +64,9 @@ def _highest_motion(block: Block, rate_hz: float, settings: CutoffSettings) -> f
     samples = min(len(block.time), round(settings.stretch * rate_hz))
     frequency, power = signal.welch(block.values, rate_hz, nperseg=samples, axis=1)
     floor = np.median(power[:, frequency >= rate_hz / 4], axis=1, keepdims=True)
-    motion = (power > settings.noise_factor * floor) & (frequency <= rate_hz / RATES_PER_CUTOFF)
+    freedom = 2 * max(1, len(block.time) // samples)
+    scatter = chi2.isf(settings.false_motion / len(frequency), freedom) / chi2.median(freedom)
+    motion = (power > max(settings.noise_factor, scatter) * floor) & (frequency <= rate_hz / RATES_PER_CUTOFF)
     velocity_power: Array = np.where(motion, power - floor, 0.0) * (2 * np.pi * frequency) ** 2
     share = np.cumsum(velocity_power, axis=1)
     moving = share[:, -1] > 0
