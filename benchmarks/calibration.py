@@ -55,15 +55,16 @@ FACTORS = (0.5, 1.0, 3.0)
 LOADED_AT = 5.0  # s, of both kinds of runs
 MOVING = {"trot": "trot", "crawl": "crawl", "shake": "sway"}
 ERRORS = "real-unit-gain"
+UNSCALED = ("alike", "sagging", "held", "surest")
 QUANTITIES = ("trunk mass", "trunk x", "trunk y", "trunk z", "payload mass")
 
 Found = dict[str, Any]
 
 
 def settings(factor: float) -> TrunkSettings:
-    """All sizes of the model errors times a factor; correlations stay."""
+    """All sizes of the model errors times a factor; correlations and shares of other sizes stay."""
     usual = ModelErrors()
-    sizes = {size.name: factor * getattr(usual, size.name) for size in fields(usual) if size.name != "alike"}
+    sizes = {size.name: factor * getattr(usual, size.name) for size in fields(usual) if size.name not in UNSCALED}
     return TrunkSettings(model=replace(usual, **sizes))
 
 

@@ -67,6 +67,8 @@ from stadera.cli.terminal import progress, show
 from stadera.files import written_together
 from stadera.fleet.pool import Pool
 from stadera.inertia import InertialParameters
+from stadera.lab.control.planner.feet import PlanError
+from stadera.lab.control.trunk import ControlError
 from stadera.lab.experiments.grid import run_grid
 from stadera.lab.experiments.reality.runs import HOW, RealityCase
 from stadera.lab.experiments.reality.study import ROBOTS, SCENARIOS, SHARES
@@ -236,7 +238,7 @@ def limits_of(case: RealityCase, logs: Path | None, settings: LimitSettings) -> 
     robot = load_robot(case.robot)
     try:
         log, said, sizes = log_of(case, robot, logs, settings.without, settings.rate)
-    except SimulationError as error:
+    except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error)}
     samples = Samples.of_recording(log, robot)
     truth = Truths.of(robot, said, samples)

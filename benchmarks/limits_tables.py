@@ -56,7 +56,7 @@ def tables(pairs: Sequence[tuple[RealityCase, Mapping[str, Any]]]) -> list[Table
 
 def _columns(values: Sequence[Sequence[float | None]]) -> Array:
     """(runs, 7): sizes of the figures (runs, 8) in a table."""
-    each = np.abs(np.array(values, dtype=float))
+    each = np.abs(np.array(values, dtype=float).reshape(len(values), 8))
     trunk, load = np.hypot(each[:, 1], each[:, 2]), np.hypot(each[:, 5], each[:, 6])
     return np.column_stack([each[:, :3], trunk, each[:, 3], each[:, 4], load])
 

@@ -57,7 +57,9 @@ def require_positive(what: str, values: object, names: Iterable[str], or_zero: C
     """
     for name in names:
         value = getattr(values, name)
-        if not (name in or_zero and value == 0):
+        if name in or_zero and not (isfinite(value) and value >= 0):
+            raise StaderaError(f"{what} {name!r} must not be negative, got {value}")
+        if name not in or_zero:
             positive(f"{what} {name!r}", value)
 
 

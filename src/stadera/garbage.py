@@ -11,7 +11,7 @@ def collect_rarely() -> None:
     all there are, and packages that are imported bring 150,000, of which none is garbage: of the time of `stadera
     weigh` on a short log, an eighth before the end and a fifth at it.
 
-    Memory does not depend on it: arrays and what holds them are freed when the last reference goes.
+    Arrays and what holds them are freed when the last reference goes; what refers to itself waits for a collection.
     """
     gc.set_threshold(_NEW)
     atexit.register(gc.freeze)
@@ -19,7 +19,8 @@ def collect_rarely() -> None:
 
 def keep_loaded() -> None:
     """Leaves all objects that there are out of later collections; at the first call only, after a first task has loaded
-    modules, compiled functions and models.
+    modules, compiled functions and models. Does nothing in a process without `collect_rarely`, such as a worker of
+    somebody else's scheduler.
     """
-    if not gc.get_freeze_count():
+    if gc.get_threshold()[0] == _NEW and not gc.get_freeze_count():
         gc.freeze()

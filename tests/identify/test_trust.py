@@ -126,10 +126,12 @@ def test_figures_of_a_bad_result_are_marked(result: Identification) -> None:
 def test_legs_that_are_not_to_be_trusted_are_refused(result: Identification, tmp_path) -> None:
     path = tmp_path / "legs.json"
     replace(result, trust=replace(result.trust, verdict="bad", reasons=("the sign is wrong",))).save_json(path)
-    with pytest.raises(UntrustedError, match=r"the sign is wrong.*identify anew .*--legs F --force") as refused:
+    with pytest.raises(UntrustedError, match=r"the sign is wrong.*identify anew; `--force` takes them") as refused:
         with_identified_legs(hyq(), path)
     assert "\n" not in str(refused.value)
-    assert with_identified_legs(hyq(), path, force=True).dynamics["rh_kfe_joint"] != hyq().dynamics["rh_kfe_joint"]
+    forced = with_identified_legs(hyq(), path, force=True)
+    assert forced.dynamics["rh_kfe_joint"] != hyq().dynamics["rh_kfe_joint"]
+    assert (forced.distrust, hyq().distrust) == ("the sign is wrong", "")
 
 
 def test_identified_legs_bring_their_standard_deviations(result: Identification, tmp_path) -> None:

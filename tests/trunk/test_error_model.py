@@ -299,6 +299,11 @@ def test_identified_joints_are_as_uncertain_as_identified_and_may_drift() -> Non
     np.testing.assert_allclose(after["viscous"][3:6], np.hypot(0.05, sizes.friction_drift * 1.0))
     np.testing.assert_allclose(after["coulomb"][3:6], np.hypot(0.4, sizes.friction_drift * 3.0))
     np.testing.assert_array_equal(after["offset"][3:6], before["offset"][3:6])  # the log did not determine it
+    for name in ("rotor", "viscous", "coulomb", "stiction"):  # a change since then tells nothing about other joints
+        place = PLACES[name]
+        between = known.covariance[place, place][3:6][:, [0, 1, 2, 6, 7, 8, 9, 10, 11]]
+        assert not between.any()
+        np.testing.assert_array_equal(known.covariance[place, place][:3, 6:], usual.covariance[place, place][:3, 6:])
     wide = JointDynamics(9.0, 9.0, 99.0, 99.0)
     same = ErrorModel(
         model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, wide)), sizes, 0.7

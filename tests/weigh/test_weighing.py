@@ -71,6 +71,12 @@ def test_a_method_named_from_python_is_the_one_that_runs() -> None:
         weigh(HYQ, log(), method="walking", stiffness=(1.0, 1.0, 1.0))
 
 
+def test_legs_that_were_taken_by_force_make_the_result_doubtful() -> None:
+    found = weigh(replace(HYQ, distrust="the sign is wrong"), log(), method="walking")
+    assert found.trust.verdict == "doubtful"
+    assert found.trust.reasons[0].endswith("not to be trusted: the sign is wrong")
+
+
 def test_without_imu_or_with_few_samples_it_weighs_at_rest() -> None:
     with pytest.raises(IdentificationError, match="never stands still"):
         weigh(HYQ, replace(log(), imu=None))

@@ -14,9 +14,10 @@ DEBUG = "--debug"
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command given by the arguments (None: the process's), and exits with the exit code."""
-    from stadera.garbage import collect_rarely
+    if arguments is None:  # a process of its own
+        from stadera.garbage import collect_rarely
 
-    collect_rarely()
+        collect_rarely()
     from stadera.cli.app import app
     from stadera.cli.terminal import prepare_streams
     from stadera.errors import StaderaError

@@ -35,6 +35,7 @@ def live(
     imu_topic: opt.ImuTopic = None,
     imu_frame: opt.ImuFrame = None,
     legs: opt.LegsFile = None,
+    force: opt.Force = False,
     record: Annotated[Path | None, option("F.mcap", "Record received and sent messages.")] = None,
     units: opt.Units = None,
     gear: opt.GearRatio = None,
@@ -63,7 +64,7 @@ def live(
     from stadera.logs.reading import AS_RECORDED
     from stadera.report.live import live_summary
 
-    model = robot_with_legs(robot, legs, options.reading.limits)
+    model = robot_with_legs(robot, legs, options.reading.limits, force)
     check_outputs((record, rrd))
     where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:

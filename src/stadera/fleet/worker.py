@@ -1,4 +1,4 @@
-"""Preloaded by every local worker (Dask's `preload`)."""
+"""Preloaded by every local worker, and by others on request (Dask's `preload`)."""
 
 import signal
 

@@ -85,7 +85,7 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
 
     Args:
         path: JSON written by `identify --json`.
-        force: take an identification that is not to be trusted.
+        force: take an identification that is not to be trusted, with the reason as `Robot.distrust`.
 
     Raises:
         ModelError: no such file, a JSON of another kind, or a physically impossible link.
@@ -102,12 +102,12 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
         distrust = _distrust(value.get("trust"))
     if distrust and not force:
         raise UntrustedError(
-            f"{path}: legs not to be trusted ({distrust}); identify anew (`weigh --legs F --force` takes them)"
+            f"{path}: legs not to be trusted ({distrust}); identify anew; `--force` takes them, the result is doubtful"
         )
     for name, body in links.items():
         if not body.is_physical():
             raise ModelError(f"{path}: link {name!r} was identified as a body that cannot be")
-    robot = robot.with_inertias(links)
+    robot = replace(robot.with_inertias(links), distrust=distrust)
     return robot.with_dynamics(
         {name: replace(robot.dynamics.get(name, JointDynamics()), **terms) for name, terms in joints.items()}, std
     )

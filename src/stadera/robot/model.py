@@ -146,6 +146,7 @@ class Robot:
         inertias: prior (CAD) parameters by link, in the link's frame, with everything fixed to the link included.
         dynamics: prior joint dynamics by joint.
         dynamics_std: standard deviations of `dynamics`, for joints that were identified; NaN for terms that were not.
+        distrust: why its identified legs are not to be trusted, empty if they are; nothing weighed with it is good.
         limits: by joint.
         frames: fixed frames by name, including feet and IMUs.
         shapes: primitive shapes.
@@ -167,6 +168,7 @@ class Robot:
     notes: tuple[str, ...] = ()
     extra: ExtraJoints | None = None
     dynamics_std: Mapping[str, JointDynamics] = field(default_factory=dict)
+    distrust: str = ""
 
     def __post_init__(self) -> None:
         for name, keys in (("inertias", self.tree.links), ("dynamics", self.tree.joints), ("limits", self.tree.joints)):

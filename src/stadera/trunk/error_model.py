@@ -16,7 +16,7 @@ from stadera.constants import GRAVITY
 from stadera.legs.friction import JointFriction
 from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.settings import ModelErrors
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 _SIZES = {
     "rotor": 12,
@@ -124,17 +124,19 @@ class ErrorModel:
         std[PLACES["rotor"]] = sizes.rotor * leg_mass * length**2
         for name in ("viscous", "coulomb", "offset"):
             std[PLACES[name]] = getattr(sizes, name) * self.limit
-        for name, known in _identified(robot, sizes, self.limit).items():
+        known = _identified(robot, sizes, self.limit)
+        for name, own in known.items():
             place = PLACES[name]
-            known = np.maximum(known, sizes.surest * std[place])
-            std[place] = np.fmin(std[place], known)  # as it was for a joint or term that was not identified, NaN
+            least = np.maximum(own, sizes.surest * std[place])
+            std[place] = np.fmin(std[place], least)  # as it was for a joint or term that was not identified, NaN
         self.dry = np.abs(JointFriction.of(robot).coulomb).ravel()
         std[PLACES["stiction"]] = sizes.held * np.hypot(self.dry, std[PLACES["coulomb"]])
         for name in _AS_STATED:
             std[PLACES[name]] = getattr(sizes, name)
         std[PLACES["regression"]] = std[PLACES["sampling"]] = 1.0
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}
-        self.covariance: Array = _correlation(alike) * np.outer(std, std)
+        found = {name: np.isfinite(own) for name, own in known.items()}
+        self.covariance: Array = _correlation(alike, found | {"stiction": found["coulomb"]}) * np.outer(std, std)
         self.variance, self._sticking = np.diag(self.covariance).copy(), self.covariance[STICKING, STICKING].copy()
         self._invisible = np.zeros(ERRORS)
         for name in INVISIBLE:
@@ -148,11 +150,16 @@ class ErrorModel:
         return scale**2 * self._sticking, scale**2 * self._visible + self._invisible
 
 
-def _correlation(alike: Mapping[str, float]) -> Array:
-    """Correlation matrix (ERRORS, ERRORS) of errors that are alike, by name, in the four legs' joints of one kind."""
+def _correlation(alike: Mapping[str, float], known: Mapping[str, Bools]) -> Array:
+    """Correlation matrix (ERRORS, ERRORS) of errors that are alike, by name, in the four legs' joints of one kind.
+
+    Errors of identified joints, `known` (12,) by name, are changes since the identification; those of other joints are
+    differences from the model file, which these tell nothing about.
+    """
     correlation = np.eye(ERRORS)
     for name, shared in alike.items():
         for joint in range(3):
             kind = PLACES[name].start + joint + 3 * np.arange(4)
-            correlation[np.ix_(kind, kind)] = shared + (1.0 - shared) * np.eye(4)
+            own = known[name][joint::3]
+            correlation[np.ix_(kind, kind)] = np.where(own[:, None] == own, shared, 0.0) + (1.0 - shared) * np.eye(4)
     return correlation

@@ -350,7 +350,8 @@ class RowMaker:
         A foot is off the ground if it is higher than the others, or moves relative to them. Feet that stand have the
         same velocity -v relative to the trunk, once the trunk's rotation is taken out: ω x p + J q̇ = -v. Accelerations
         are differences of noisy velocities; in averages over consecutive samples these cancel but for the first and
-        the last, so what a foot seems to carry depends little on the log's rate.
+        the last, so what a foot seems to carry depends little on the log's rate. The limit allows for the joints'
+        uncertainty with the accelerations of single samples, so it is somewhat higher in a noisy log at 1 kHz.
         """
         assert motion.sliding is not None
         swing = self._swing

@@ -106,8 +106,8 @@ class SwingDetection:
         residual: standard deviation of a row's residual beyond white noise, share of the effort limit [1]: the error of
             a friction law at low speed.
         repeated: number of successive rows with the same model error, in the air and under load [1]: a swing or stance
-            of 0.2 s in blocks of 20 ms. Errors of friction laws and of the links persist that long, and return with
-            every step.
+            of 0.2 s in blocks of 20 ms (with other blocks change it too). Errors of friction laws and of the links
+            persist that long, and return with every step.
     """
 
     lift: float = 0.03
@@ -178,6 +178,8 @@ class ChangeSettings:
                 f"ChangeSettings.windows must fit into twice the {self.pending} pending blocks, the first into these, "
                 f"got {self.windows}"
             )
+        if self.prior_averages < 1.0:
+            raise StaderaError(f"ChangeSettings.prior_averages must be at least 1, got {self.prior_averages}")
         if self.phases > 1.0:
             raise StaderaError(f"ChangeSettings.phases is a share, at most 1, got {self.phases}")
         if self.suspected > self.deviations:
