@@ -14,7 +14,7 @@ DEBUG = "--debug"
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command given by the arguments (None: the process's), and exits with the exit code."""
-    if arguments is None:  # a process of its own
+    if arguments is None:  # not called by another program
         from stadera.garbage import collect_rarely
 
         collect_rarely()

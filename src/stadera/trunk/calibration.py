@@ -6,7 +6,7 @@ its conditional mean,
 
     E[x | measured] = x̄ + g (x - x̄),      g = 1 - n² / var(x)
 
-where var(x), taken over the last second, is well above n², and g = 0 elsewhere. x̄ is zero for the angular
+where var(x), computed over the last second, is well above n², and g = 0 elsewhere. x̄ is zero for the angular
 acceleration. For the specific force it is the average over the last second, rotated with the trunk, which is gravity.
 The conditional mean is right for Gaussian motion; of intermittent motion it removes too much of the large values,
 always with the same sign. So the part removed from the angular acceleration is returned too, and becomes a considered

@@ -86,7 +86,7 @@ class CompiledDetector(ChangeDetector):
     def _carry(self, size: Array, persists: bool) -> None:
         self.suspected = np.empty(4)  # who read the one before keeps it
         likely = self._likely > 0
-        self._compiled.suspect(size, self._scale, likely, persists, self._keep, self._missed, self.suspected)
+        self._compiled.undetected(size, self._scale, likely, persists, self._keep, self._missed, self.suspected)
 
     def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
         blocks, windows = self._blocks, len(self._windows)

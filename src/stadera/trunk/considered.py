@@ -222,7 +222,7 @@ class Errors:
         """The same by `stadera.trunk.kernels.errors`: of joints, static friction and all variances, updated.
 
         Args:
-            unsure: (12,), variance of Coulomb friction where no swing has told it.
+            unsure: (12,), variance of Coulomb friction where no swing has shown it.
         """
         joints, sticking, variance = prior
         shown, self.std = np.empty((SHOWN.stop, ERRORS)), np.empty(ERRORS)

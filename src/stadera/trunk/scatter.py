@@ -11,8 +11,8 @@ from stadera.trunk.settings import OutlierSettings
 from stadera.types import Array
 
 
-def judged(known: Segment, usual: float, settings: OutlierSettings) -> bool:
-    """True if the estimate has enough rows to judge a block by; `usual` as in `OddBlocks`, NaN before any."""
+def enough_rows(known: Segment, usual: float, settings: OutlierSettings) -> bool:
+    """True if the estimate has enough rows to evaluate a block with; `usual` as in `OddBlocks`, NaN before any."""
     return known.blocks >= (settings.cluster if np.isnan(usual) else settings.afresh)
 
 
@@ -30,7 +30,7 @@ class OddBlocks:
 
     def limited(self, rows: WeightedRows, known: Segment, errors: Array) -> WeightedRows:
         """Returns the block, weighted, given the estimate and model errors p̂ (ERRORS,)."""
-        if not judged(known, self.usual, self._settings):
+        if not enough_rows(known, self.usual, self._settings):
             return rows
         residual = rows.residual(known.mean(errors), errors)
         square = float(residual @ residual)

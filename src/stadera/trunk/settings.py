@@ -96,7 +96,7 @@ class SwingDetection:
         lift: height of the foot above the loaded feet, along the ground's normal, share of the leg's length [1].
         speed: of the foot relative to the loaded feet, share of √(g · leg length) [1]; 0.2 to 0.3 m/s. Feet that stand
             differ by the noise of the joints' velocities, 0.02 to 0.06 rad/s.
-        part: time over which forces and velocities of a foot are averaged before they are judged [s], as long as an
+        part: time over which forces and velocities of a foot are averaged before they are evaluated [s], as long as an
             impact. Accelerations from noisy velocities then differ no more than in a log of 200 Hz, where single
             samples at 1 kHz seem to carry a third of the weight.
         load: contact force computed from the joint torques below which the leg may be in the air, and above which a

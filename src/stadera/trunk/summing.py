@@ -11,7 +11,7 @@ from stadera.compiled import kernel
 from stadera.trunk.considered import unit_of_rows, weighted
 from stadera.trunk.error_model import ERRORS, JOINTS
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.scatter import OddBlocks, Scatter, judged
+from stadera.trunk.scatter import OddBlocks, Scatter, enough_rows
 from stadera.trunk.segment import STICTION, RowMoments, Segment, WeightedRows
 from stadera.types import Array
 
@@ -68,7 +68,7 @@ class CompiledSumming(Summing):
             aged.solution,
             errors[JOINTS],
             sqrt(keep),
-            judged(current, self._usual[0], scatter.settings),
+            enough_rows(current, self._usual[0], scatter.settings),
             counted,
             self._usual,
             scatter.sum,

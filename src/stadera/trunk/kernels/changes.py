@@ -316,7 +316,7 @@ def largest(
 
 
 @compiled("void(float64[::1], float64[::1], boolean, boolean, float64, float64[::1], float64[::1])")
-def suspect(size: Array, scale: Array, likely: bool, persists: bool, keep: float, missed: Array, out: Array) -> None:
+def undetected(size: Array, scale: Array, likely: bool, persists: bool, keep: float, missed: Array, out: Array) -> None:
     """`ChangeDetector.suspected` (4,) after a block, written, and what was missed (4,), updated.
 
     Args:
