@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from stadera.fleet.pool import attempted, attempted_by_worker
+from stadera.garbage import collect_rarely
 
 GROWN = """
 import sys
@@ -64,8 +65,12 @@ def test_what_a_task_leaves_in_a_circle_is_freed_when_it_ends() -> None:
 
 
 def test_a_worker_looks_through_what_is_loaded_once_and_still_frees_circles() -> None:
+    usual = gc.get_threshold()
     gc.disable()
     try:
+        assert attempted_by_worker(in_a_circle, 0) == 1
+        assert gc.get_freeze_count() == 0  # somebody else's process is left as it is
+        collect_rarely()
         for _ in range(2):
             assert attempted_by_worker(in_a_circle, 0) == 1
             assert Circle.left == 0
@@ -73,4 +78,5 @@ def test_a_worker_looks_through_what_is_loaded_once_and_still_frees_circles() ->
         assert len(gc.get_objects()) < gc.get_freeze_count()
     finally:
         gc.unfreeze()
+        gc.set_threshold(*usual)
         gc.enable()

@@ -33,7 +33,8 @@ def concatenate(recordings: Sequence[Recording]) -> Recording:
     if any(other != held[0] for other in held):
         raise RecordingError(f"{first.source}: parts that hold different joints or channels cannot be concatenated")
     joined = first.mapped(lambda name, _: np.concatenate([part[name] for part in parts]))
-    notes, doubts = (chain.from_iterable(getattr(part, name) for part in recordings) for name in ("notes", "doubts"))
+    notes = chain.from_iterable(part.notes for part in recordings)
+    doubts = chain.from_iterable(part.doubts for part in recordings)
     return replace(joined, notes=tuple(dict.fromkeys(notes)), doubts=tuple(dict.fromkeys(doubts)))
 
 
