@@ -3,7 +3,8 @@
 `python benchmarks/calibration.py [--runs FOLDER] [--draws 8] [--real FOLDER] [--json F]` gives three tables:
 
 1. **Assumed sizes.** All sizes of `ModelErrors` times 0.5, 1 and 3, on the logs of robots in motion that
-   `stadera reproduce reality --keep FOLDER` left behind (mean torque gain one). Errors, bars and verdicts, by gait.
+   `stadera reproduce reality --keep FOLDER` left behind (mean torque gain one). Errors, bars and verdicts, by gait. And
+   each of the criteria for legs in the air, `CRITERIA` of `SwingDetection`, which were chosen on such logs.
 2. **Simulated sizes.** HyQ trots and gets a load of 8 kg; its exact motion gets `standard` sensor errors times 0.5, 1
    and 3, the estimator has its defaults. NEES/n is the mean of eᵀ C⁻¹ e / 4 with e the error of the trunk's mass and
    centre of mass before the load, C its stated covariance: 1 where bars are right, less where they are too wide.
@@ -23,6 +24,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +49,7 @@ from stadera.robot import Robot, load_robot
 from stadera.trunk import TrunkEstimator
 from stadera.trunk.protocol import TrunkEstimate
 from stadera.trunk.samples import Samples
-from stadera.trunk.settings import ModelErrors, TrunkSettings
+from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.types import Array
 from stadera.weigh.truth import Truth, read_truth
 
@@ -55,14 +57,20 @@ FACTORS = (0.5, 1.0, 3.0)
 LOADED_AT = 5.0  # s, of both kinds of runs
 MOVING = {"trot": "trot", "crawl": "crawl", "shake": "sway"}
 ERRORS = "real-unit-gain"
+CRITERIA = ("speed", "part", "repeated")
 UNSCALED = ("alike", "sagging", "held", "surest")
 QUANTITIES = ("trunk mass", "trunk x", "trunk y", "trunk z", "payload mass")
 
 Found = dict[str, Any]
 
 
-def settings(factor: float) -> TrunkSettings:
-    """All sizes of the model errors times a factor; correlations and shares of other sizes stay."""
+def settings(factor: float, criterion: str = "") -> TrunkSettings:
+    """All sizes of the model errors times a factor, correlations and shares of other sizes stay; or one of
+    `CRITERIA`.
+    """
+    if criterion:
+        swing = SwingDetection()
+        return TrunkSettings(swing=replace(swing, **{criterion: factor * getattr(swing, criterion)}))
     usual = ModelErrors()
     sizes = {size.name: factor * getattr(usual, size.name) for size in fields(usual) if size.name not in UNSCALED}
     return TrunkSettings(model=replace(usual, **sizes))
@@ -97,20 +105,24 @@ def _nees(error: Array, estimate: TrunkEstimate) -> float:
 
 def kept_logs(folder: Path) -> dict[str, list[Path]]:
     """Logs of robots in motion by gait."""
-    logs = sorted(folder.glob(f"**/*-{ERRORS}-*.parquet"))
+    logs = [log for log in sorted(folder.glob(f"**/*-{ERRORS}-*.parquet")) if _truth_of(log).exists()]
     found = {gait: [log for log in logs if f"-{scenario}-" in log.name] for scenario, gait in MOVING.items()}
     if not any(found.values()):
         raise StaderaError(f"no logs in {folder}: `stadera reproduce reality --keep {folder}` makes them")
     return {gait: logs for gait, logs in found.items() if logs}
 
 
-def weigh_kept(path: Path, factor: float) -> Found | None:
+def _truth_of(log: Path) -> Path:
+    return log.with_name(f"{log.stem}.truth.json")
+
+
+def weigh_kept(path: Path, factor: float, criterion: str = "") -> Found | None:
     """One of these logs; None for a robot that fell."""
     robot = load_robot(path.name.split("-")[0])
     log = read(path)
     if log.time[-1] < LOADED_AT:
         return None
-    return weighed(robot, log, read_truth(path.with_name(f"{path.stem}.truth.json")), settings(factor))
+    return weighed(robot, log, read_truth(_truth_of(path)), settings(factor, criterion))
 
 
 def weigh_sensed(seed: int, factor: float) -> Found:
@@ -174,10 +186,12 @@ def _quantile(values: Array, share: float) -> float | None:
 def tables(folder: Path | None, draws: int, each: Callable[..., Iterator[Found | None]]) -> dict[str, list[Found]]:
     """Rows of both tables; the first is empty without a folder."""
     made: dict[str, list[Found]] = {"assumed": [], "simulated": []}
-    for factor in FACTORS if folder else ():
-        for gait, logs in kept_logs(folder or Path()).items():
-            found = [run for run in each(partial(weigh_kept, factor=factor), logs) if run]
-            made["assumed"].append(summary(gait, factor, found))
+    kept = kept_logs(folder) if folder else {}
+    for criterion in ("", *CRITERIA):
+        for factor, (gait, logs) in product(FACTORS, kept.items()):
+            if factor != 1.0 or not criterion:
+                found = [run for run in each(partial(weigh_kept, factor=factor, criterion=criterion), logs) if run]
+                made["assumed"].append(summary(f"{gait} {criterion}".strip(), factor, found))
     for factor in FACTORS if draws else ():
         found = [run for run in each(partial(weigh_sensed, factor=factor), range(draws)) if run]
         made["simulated"].append(summary("standard", factor, found))

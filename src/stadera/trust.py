@@ -33,6 +33,12 @@ class Trust:
         reasons = (*self.reasons, reason) if worse == self.verdict else (reason, *self.reasons)
         return replace(self, verdict=worse, reasons=reasons)
 
+    def with_legs(self, distrust: str) -> Self:
+        """A copy that is at most doubtful if the legs that it relies on are not to be trusted, see `Robot.distrust`."""
+        if not distrust:
+            return self
+        return self.at_most("doubtful", f"identified legs that are not to be trusted: {distrust}")
+
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON; a misfit that was not evaluated is null."""
         return {

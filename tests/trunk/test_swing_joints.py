@@ -172,18 +172,21 @@ def test_rotors_that_the_model_lacks_are_found_by_legs_in_the_air(name: str, sce
     assert (np.abs(found - truth) < 4.0 * std).all()
 
 
-def airborne(share: float, bent: bool, moving: float = 0.0, noise: float = 1e-4) -> np.ndarray:
+def airborne(share: float, bent: bool, moving: float = 0.0, noise: float = 1e-4, turn: float = 0.0) -> np.ndarray:
     """Legs in the air (windows, 4) of a robot on three feet, at 1 kHz, the fourth of which carries a share of the
-    weight, stands higher where the knee is bent, and moves by the thigh [rad/s]; noise of the velocities [rad/s].
+    weight, stands higher where the knee is bent, and moves by the thigh [rad/s]; noise of the velocities [rad/s]. The
+    trunk turns about the vertical [rad/s], and the feet stay where they are on the ground.
     """
     model = robot()
     legs, q, dq = LegDynamics(model), standing_configuration(model).copy(), np.zeros(12)
     first = legs.columns[0]
     if bent:
         q[first] += [0.0, np.sign(q[first[1]]) * 0.25, np.sign(q[first[2]]) * 0.5]  # the foot goes up
-    dq[first[1]] = moving
-    up = np.array([0.0, 0.0, GRAVITY])
-    state = legs.at(q, dq, np.zeros(3), up)
+    up, omega = np.array([0.0, 0.0, GRAVITY]), np.array([0.0, 0.0, turn])
+    still = legs.at(q, dq, omega, up)
+    dq[legs.columns] = np.linalg.solve(still.jacobians(still.feet), -np.cross(omega, still.feet)[..., None])[..., 0]
+    dq[first[1]] += moving
+    state = legs.at(q, dq, omega, up)
     assert bool(state.feet[0, 2] - state.feet[1:, 2].max() > 0.1) == bent
     shares = np.array([share, *[(1.0 - share) / 3.0] * 3])
     soles = state.feet - [[0.0, 0.0, leg.foot_radius or 0.0] for leg in model.legs]
@@ -196,7 +199,7 @@ def airborne(share: float, bent: bool, moving: float = 0.0, noise: float = 1e-4)
     white = 1e-4 * rng.standard_normal((n, 12))
     velocity = dq + noise * rng.standard_normal((n, 12))
     samples = Samples(
-        0.001 * np.arange(n), q + 0 * white, velocity, effort + white, 0 * white[:, :3], up + white[:, :3]
+        0.001 * np.arange(n), q + 0 * white, velocity, effort + white, omega + 0 * white[:, :3], up + white[:, :3]
     )
     maker, air = Front(model, ImuMount.of(model), SwingDetection()), []
     for k in range(0, n - 22, 20):
@@ -223,6 +226,12 @@ def test_a_low_foot_is_in_the_air_only_if_it_moves_and_carries_nothing(
     air = airborne(share, bent=False, moving=moving)
     assert (air[:, 0] == expected).all()
     assert not air[:, 1:].any()
+
+
+def test_feet_that_stand_under_a_turning_trunk_do_not_move() -> None:
+    """With the wrong sign of ω x p a foot would seem to move by up to 1 m/s relative to the others."""
+    assert not airborne(0.0, bent=False, turn=1.0).any()
+    assert airborne(0.0, bent=False, moving=1.0, turn=1.0)[:, 0].all()
 
 
 def test_noise_of_accelerations_is_no_force() -> None:

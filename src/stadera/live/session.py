@@ -151,9 +151,7 @@ class LiveSession:
         )
 
     def _trust(self, estimator: TrunkEstimator) -> Trust:
-        trust = trust_now(estimator)
-        if distrust := estimator.robot.distrust:
-            trust = trust.at_most("doubtful", f"identified legs that are not to be trusted: {distrust}")
+        trust = trust_now(estimator).with_legs(estimator.robot.distrust)
         return trust.at_most("bad", self._guard.wrong) if self._guard.wrong else trust
 
     # -- inside -----------------------------------------------------------------------------------------------

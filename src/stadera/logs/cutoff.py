@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import signal
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from stadera.logs.filters import RATES_PER_CUTOFF
 from stadera.logs.recording import Recording
@@ -65,7 +65,7 @@ def _highest_motion(block: Block, rate_hz: float, settings: CutoffSettings) -> f
     frequency, power = signal.welch(block.values, rate_hz, nperseg=samples, axis=1)
     floor = np.median(power[:, frequency >= rate_hz / 4], axis=1, keepdims=True)
     freedom = 2 * max(1, len(block.time) // samples)
-    scatter = chi2.isf(settings.false_motion / len(frequency), freedom) / chi2.median(freedom)
+    scatter = chdtri(freedom, settings.false_motion / len(frequency)) / chdtri(freedom, 0.5)
     motion = (power > max(settings.noise_factor, scatter) * floor) & (frequency <= rate_hz / RATES_PER_CUTOFF)
     velocity_power: Array = np.where(motion, power - floor, 0.0) * (2 * np.pi * frequency) ** 2
     share = np.cumsum(velocity_power, axis=1)

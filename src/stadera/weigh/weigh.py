@@ -70,10 +70,8 @@ def weigh(
     unloaded = others[0] if others else span
     name = method or choose_method(model, source, unloaded, chosen)
     result = _trusted(Request(model, source, unloaded, name, imu_frame, stiffness, force, chosen, progress, watch))
-    if model.distrust:
-        trust = result.trust.at_most("doubtful", f"identified legs that are not to be trusted: {model.distrust}")
-        result = replace(result, trust=trust)
-    return replace(result, notes=(*said, *shifted, *result.notes))
+    trust = result.trust.with_legs(model.distrust)
+    return replace(result, trust=trust, notes=(*said, *shifted, *result.notes))
 
 
 def _trusted(request: Request) -> Weighing:
