@@ -230,7 +230,8 @@ def test_errors_from_rows_and_swinging_legs_are_those_of_numpy(without_numba: Ca
             swing.add(air, terms, *rng.standard_normal((2, 12)), np.full(12, 0.5))
         found = Errors(model, swing, 0.7, rows)
         assert_near(found.known.applied(rows.remainder[1:, 1:]), rows.remainder[1:, 1:] @ found.covariance, "products")
-        return [found.mean, found.covariance, found.std, *swing.posterior(1.0), *swing.posterior(0.4)]
+        energies = np.array(found.known.explained(rows.remainder))
+        return [found.mean, found.covariance, found.std, energies, *swing.posterior(1.0), *swing.posterior(0.4)]
 
     both = (ModelErrors(), ModelErrors(rotor=0.0))
     compiled = [estimated(sizes) for sizes in both]

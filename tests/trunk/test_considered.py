@@ -41,3 +41,25 @@ def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
     for summed in (None, rows):
         errors = Errors(model, swing, 1.0, summed)
         assert errors.std[PLACES["stiction"]] == pytest.approx(model.held * 5.0, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_energies_are_those_of_the_sampling_error_and_of_the_others_without_it(seed: int) -> None:
+    """tr D Σ splits into two parts that are both positive: one of sampling, which joints' estimates partly follow."""
+    rng, model = np.random.default_rng(seed), ErrorModel(load_robot("hyq"), ModelErrors(), 0.7)
+    sampling = PLACES["sampling"].start
+    rows = rng.standard_normal((18, 1 + ERRORS))
+    rows[:, 1:] /= np.sqrt(np.diag(model.covariance))
+    rows[:, 1 + sampling] -= 2.0 * rows[:, 1 + PLACES["torque_lag"].start] * np.sqrt(model.variance[sampling])
+    summed = RowSums(rows.T @ rows, 3, 5.0)
+    known, products = Errors(model, SwingJoints(model, SwingDetection()), 1.0, summed).known, summed.remainder[1:, 1:]
+    others, along = known.given(sampling)
+    own = known.dense[sampling, sampling] * along @ products @ along
+    assert np.linalg.eigvalsh(others.dense).min() > -1e-12
+    assert others.dense + known.dense[sampling, sampling] * np.outer(along, along) == pytest.approx(known.dense)
+    stated, doubled = others.explained(summed.remainder)
+    assert stated + own == pytest.approx(np.trace(products @ known.dense))
+    assert doubled == pytest.approx(float(np.einsum("ij,ji->", *[products @ others.dense] * 2)))
+    assert stated > 0.0
+    assert doubled > 0.0
+    assert 0.0 < own < products[sampling, sampling]

@@ -106,3 +106,22 @@ def test_without_rows_the_scale_is_the_priors() -> None:
     usual = Errors(model, SwingJoints(model, SwingDetection()), 1.0)
     fit = Fit.of(RowSums.of((prior(length),), 5.0), usual, SETTINGS)
     assert fit.scale == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.filterwarnings("error")
+def test_sampling_errors_that_resemble_late_torques_leave_no_negative_energy() -> None:
+    """As at the beginning of a log: an estimate of the lag from rows with an impact errs with their sampling errors,
+    which so leave less of their own energy, and none less than nothing to the other errors.
+    """
+    _, model, _ = rows(STAND)
+    swing = SwingJoints(model, SwingDetection())
+    places = [PLACES[name].start for name in ("torque_lag", "common_gain", "sampling")]
+    made = np.zeros((2, 1 + ERRORS))
+    made[:, [1 + place for place in places]] = np.array([[-23.0, 6.0, -21.0], [3.0, 1.0, -28.0]])
+    made[:, 1:] /= np.sqrt(np.diag(model.covariance))
+    summed = RowSums(made.T @ made, 2, 10.0, 1.0)
+    errors = Errors(model, swing, 1.0, summed)
+    assert abs(errors.covariance[places[0], places[2]]) > 0.3 * np.prod(errors.std[[places[0], places[2]]])
+    fit = Fit.of(summed, errors, SETTINGS)
+    assert 0.1 < fit.scale < 1.5
+    assert fit.misfit >= 0.0

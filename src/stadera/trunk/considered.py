@@ -140,21 +140,32 @@ class Covariance:
         out[:, STICKING] += rows[:, STICKING] @ self.sticking
         return out
 
-    def explained(self, products: Array) -> tuple[Array, float]:
-        """The diagonal (ERRORS,) of D Σ, and tr (D Σ)², with D but for its first row and column the products
-        (1 + ERRORS, 1 + ERRORS) of target and errors. Columns of Σ that belong to sampling errors count as zero.
+    def given(self, place: int) -> tuple[Covariance, Array]:
+        """Σ of the others if one error, which is correlated only with those in `SHOWN`, were known; and what a unit of
+        it moves all of them by, f (ERRORS,): Σ = Σ' + f fᵀ times its variance.
         """
-        sampling, compiled = PLACES["sampling"].start, kernel("stadera.trunk.kernels.errors")
+        own, along, shown = self.variance[place], np.zeros(ERRORS), self.shown.copy()
+        along[SHOWN], along[place] = shown[:, place] / own, 1.0
+        shown[:, SHOWN] -= own * np.outer(along[SHOWN], along[SHOWN])
+        shown[:, place] = 0.0
+        others = self.replaced(shown)
+        others.variance[place] = 0.0
+        return others, along
+
+    def explained(self, products: Array) -> tuple[float, float]:
+        """tr D Σ and tr (D Σ)², with D but for its first row and column the products (1 + ERRORS, 1 + ERRORS) of target
+        and errors.
+        """
+        compiled = kernel("stadera.trunk.kernels.errors")
         if compiled is None:
             moved = self.applied(products[1:, 1:])
-            moved[:, sampling] = 0.0
-            return moved.diagonal(), float(np.einsum("ij,ji->", moved, moved))
+            return float(np.trace(moved)), float(np.einsum("ij,ji->", moved, moved))
         wide, diagonal = np.empty((SHOWN.stop, 1 + ERRORS)), np.empty(ERRORS)
         wide[:, 0], wide[:, 1:] = 0.0, self.shown
         wide[:, 1 : 1 + SHOWN.stop] *= 0.5
-        known, places = (self.variance, self.joints, self.sticking), (PLACES["offset"].start, STICKING.start, sampling)
+        known, places = (self.variance, self.joints, self.sticking), (PLACES["offset"].start, STICKING.start)
         square: float = compiled.energies(products, wide, wide @ products, *known, *places, diagonal)
-        return diagonal, square
+        return float(diagonal.sum()), square
 
     def replaced(self, shown: Array) -> Covariance:
         """With new rows `shown`."""

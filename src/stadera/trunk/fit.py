@@ -16,7 +16,11 @@ residual shows (those of a robot at rest) keep their prior size. The misfit is S
 Sampling errors are those of signals that change within a sample, as at a touchdown on hard ground, where an
 accelerometer read at 200 or 500 Hz misses part of the impact or counts it twice. They are at most as large as half the
 difference between rows of every other sample (`stadera.trunk.rows`), white noise included, so E_w lies between the
-energy of white noise, known to 30 %, and the energy of these differences, with a uniform distribution.
+energy of white noise, known to 30 %, and the energy of these differences, with a uniform distribution. Friction, rotor
+inertia and lag were estimated from the same rows, so their errors follow the sampling error e: all errors together are
+e f, with f the column of Σ that belongs to e over its variance e², plus others whose covariance is Σ - e² f fᵀ. The
+first leave the energy fᵀ D f in place of that of the differences, E_m is that of the others, and neither can be
+negative. Products of D and Σ have cross terms of the two, which can.
 """
 
 from __future__ import annotations
@@ -78,14 +82,14 @@ class Fit:
             errors: p̂, and Σ0 of p at its prior size where nothing else is known.
         """
         sums, white, p = rows.remainder, rows.white, errors.mean
-        sampling, products = PLACES["sampling"].start, sums[1:, 1:]
+        products = sums[1:, 1:]
         along = sums[1:, 0] - products[:, JOINTS] @ p[JOINTS]
         square = float(sums[0, 0] - (sums[1:, 0] + along) @ p)
-        more = 0.5 * max(float(products[sampling, sampling]) - white, 0.0)  # none to all of it
+        others, sampling = errors.known.given(PLACES["sampling"].start)
+        more = 0.5 * max(float(sampling @ products @ sampling) - white, 0.0)  # none to all of it
         unsure = (settings.noise_known * white) ** 2 + more**2 / 3.0
         residual, noise = max(square, 0.0), white + more
-        diagonal, doubled = errors.known.explained(sums)  # sampling is in the noise
-        stated = float(diagonal.sum())
+        stated, doubled = others.explained(sums)
         square = _scale_square(max(residual, white), (noise, unsure), (stated, 2.0 * doubled), settings.scale_spread)
         return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), sums, p, noise)
 

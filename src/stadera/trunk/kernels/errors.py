@@ -402,7 +402,7 @@ def by_blocks(rows: Array, diagonal: Array, offsets: Array, sticking: Array, at:
 
 @compiled(
     "float64(float64[:,::1], float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], int64, "
-    "int64, int64, float64[::1])"
+    "int64, float64[::1])"
 )
 def energies(
     D: Array,
@@ -413,7 +413,6 @@ def energies(
     sticking: Array,
     at: int,
     begin: int,
-    sampling: int,
     out: Array,
 ) -> float:
     """tr (D Σ)², as `Covariance.explained`.
@@ -423,18 +422,15 @@ def energies(
 
         tr (D Σ)² = tr (D Λ)² + 4 tr B Λ D E + 2 tr (B E)² + 2 tr B Wᵀ Eᵀ D E
 
-    but for sampling, in whose columns Σ is zero, and in whose rows it is not.
-
     Args:
         D: (1 + n, 1 + n), of which the first row and column do not count. wide: (k, 1 + n), W. through: (k, 1 + n), B.
         variance, joints, sticking: see `Covariance`.
-        at, begin, sampling: first places of offsets, static friction and sampling.
+        at, begin: first places of offsets and static friction.
         out: (n,), the diagonal of D Σ.
     """
-    k, n, skipped = len(wide), len(variance), 1 + sampling
+    k, n = len(wide), len(variance)
     diagonal, offsets, weighted = np.zeros(1 + n), block_of(joints, at), np.empty((1 + n, 1 + n))
     write_diagonal(variance, k, at, begin, diagonal)
-    diagonal[skipped] = 0.0
     by_blocks(D, diagonal, offsets, sticking, at, begin, weighted)
     squares = 0.0
     for e in range(1, 1 + n):
@@ -444,23 +440,17 @@ def energies(
         for j in range(12):
             squares += offsets[i, j] * dot(D[1 + at + i], weighted[1 + at + j])
             squares += sticking[i, j] * dot(D[1 + begin + i], weighted[1 + begin + j])
-    less, edge, inner = np.empty((k, 1 + n)), np.empty(k), np.empty((k, k))
+    inner = np.empty((k, k))
     product_of_rows(wide, through, inner)
     for i in range(k):
-        edge[i] = wide[i, skipped]
-        for e in range(1 + n):
-            less[i, e] = through[i, e] - edge[i] * D[skipped, e]
         out[i] += through[i, 1 + i]
         for e in range(n):
             out[e] += wide[i, 1 + e] * D[1 + i, 1 + e]
-        squares += 2.0 * (dot(less[i], weighted[1 + i]) + dot(through[i], weighted[1 + i]))
+        squares += 4.0 * dot(through[i], weighted[1 + i])
     for i in range(k):
         for j in range(i + 1):
-            both = 2.0 * inner[i, j] - edge[i] * through[j, skipped] - edge[j] * through[i, skipped]
-            both *= D[1 + i, 1 + j]
-            both += less[i, 1 + j] * less[j, 1 + i] + through[i, 1 + j] * through[j, 1 + i]
+            both = 2.0 * (inner[i, j] * D[1 + i, 1 + j] + through[i, 1 + j] * through[j, 1 + i])
             squares += both if i == j else 2.0 * both
-    out[sampling] = 0.0
     return squares
 
 
