@@ -2,12 +2,14 @@
 
 `python benchmarks/calibration.py [--runs FOLDER] [--draws 8] [--real FOLDER] [--json F]` gives three tables:
 
-1. **Assumed sizes.** All sizes of `ModelErrors` times 0.5, 1 and 3, on the logs of robots in motion that
-   `stadera reproduce reality --keep FOLDER` left behind (mean torque gain one). Errors, bars and verdicts, by gait. And
-   each of the criteria for legs in the air, `CRITERIA` of `SwingDetection`, which were chosen on such logs.
+1. **Assumed sizes.** All sizes of `ModelErrors` times 0.5, 1 and 3, on the logs that `stadera reproduce reality --keep
+   FOLDER` left behind (mean torque gain one; robots that fell are left out). Errors, bars and verdicts, by gait. Then
+   settings that were chosen on such logs, each alone: `CRITERIA` of `SwingDetection`, and the spread of the errors'
+   scale. And with legs identified in the air, `DRIFTS`, the changes since then.
 2. **Simulated sizes.** HyQ trots and gets a load of 8 kg; its exact motion gets `standard` sensor errors times 0.5, 1
-   and 3, the estimator has its defaults. NEES/n is the mean of eᵀ C⁻¹ e / 4 with e the error of the trunk's mass and
-   centre of mass before the load, C its stated covariance: 1 where bars are right, less where they are too wide.
+   and 3, the estimator has its defaults, or the errors' scale half or three times its spread; and three times without
+   one of the `CONSTANTS`. NEES/n is the mean of eᵀ C⁻¹ e / 4 with e the error of the trunk's mass and centre of mass
+   before the load, C its stated covariance: 1 where bars are right, less where they are too wide.
 3. **Real legs.** Each log `ROBOT_legs_in_air.csv` in a folder is cut in two, legs are identified from each half, and
    their parameters compared: differences over both standard deviations, root mean square, 1 where bars are right. The
    second half of these chirps is the faster one.
@@ -37,7 +39,9 @@ from fleet import sensed
 from stadera.errors import StaderaError
 from stadera.files import write_text, written_together
 from stadera.identify.legs import identify
+from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
+from stadera.lab.experiments.reality.runs import toppled
 from stadera.lab.plant import STANDARD
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -55,9 +59,13 @@ from stadera.weigh.truth import Truth, read_truth
 
 FACTORS = (0.5, 1.0, 3.0)
 LOADED_AT = 5.0  # s, of both kinds of runs
-MOVING = {"trot": "trot", "crawl": "crawl", "shake": "sway"}
+GAITS = {"trot": "trot", "crawl": "crawl", "shake": "sway", "stand": "stand"}
 ERRORS = "real-unit-gain"
 CRITERIA = ("speed", "part", "repeated")
+SPREAD = "scale_spread"
+CONSTANTS = ("torque_constant", "accelerometer_constant")
+LEGS = "drifts"
+DRIFTS = ("friction_drift", "offset_drift", "rotor_drift")
 UNSCALED = ("alike", "sagging", "held", "surest")
 QUANTITIES = ("trunk mass", "trunk x", "trunk y", "trunk z", "payload mass")
 
@@ -66,14 +74,16 @@ Found = dict[str, Any]
 
 def settings(factor: float, criterion: str = "") -> TrunkSettings:
     """All sizes of the model errors times a factor, correlations and shares of other sizes stay; or one of
-    `CRITERIA`.
+    `CRITERIA`, `SPREAD`, or for `LEGS` only the `DRIFTS`.
     """
-    if criterion:
+    if criterion in CRITERIA:
         swing = SwingDetection()
         return TrunkSettings(swing=replace(swing, **{criterion: factor * getattr(swing, criterion)}))
+    if criterion == SPREAD:
+        return TrunkSettings(scale_spread=factor * TrunkSettings().scale_spread)
     usual = ModelErrors()
-    sizes = {size.name: factor * getattr(usual, size.name) for size in fields(usual) if size.name not in UNSCALED}
-    return TrunkSettings(model=replace(usual, **sizes))
+    scaled = DRIFTS if criterion == LEGS else [size.name for size in fields(usual) if size.name not in UNSCALED]
+    return TrunkSettings(model=replace(usual, **{name: factor * getattr(usual, name) for name in scaled}))
 
 
 def weighed(robot: Robot, log: Recording, truth: Truth, how: TrunkSettings) -> Found:
@@ -104,9 +114,9 @@ def _nees(error: Array, estimate: TrunkEstimate) -> float:
 
 
 def kept_logs(folder: Path) -> dict[str, list[Path]]:
-    """Logs of robots in motion by gait."""
+    """Logs by gait."""
     logs = [log for log in sorted(folder.glob(f"**/*-{ERRORS}-*.parquet")) if _truth_of(log).exists()]
-    found = {gait: [log for log in logs if f"-{scenario}-" in log.name] for scenario, gait in MOVING.items()}
+    found = {gait: [log for log in logs if f"-{scenario}-" in log.name] for scenario, gait in GAITS.items()}
     if not any(found.values()):
         raise StaderaError(f"no logs in {folder}: `stadera reproduce reality --keep {folder}` makes them")
     return {gait: logs for gait, logs in found.items() if logs}
@@ -117,18 +127,20 @@ def _truth_of(log: Path) -> Path:
 
 
 def weigh_kept(path: Path, factor: float, criterion: str = "") -> Found | None:
-    """One of these logs; None for a robot that fell."""
-    robot = load_robot(path.name.split("-")[0])
-    log = read(path)
-    if log.time[-1] < LOADED_AT:
+    """One of these logs, for `LEGS` with identified ones; None for a robot that fell, or that has none."""
+    robot, log, legs = load_robot(path.name.split("-")[0]), read(path), path.with_name(f"{path.stem}.legs.json")
+    if log.time[-1] < LOADED_AT or toppled(log, robot) or (criterion == LEGS and not legs.exists()):
         return None
+    if criterion == LEGS:
+        robot = with_identified_legs(robot, legs)
     return weighed(robot, log, read_truth(_truth_of(path)), settings(factor, criterion))
 
 
-def weigh_sensed(seed: int, factor: float) -> Found:
-    """The trot with sensor errors of a seed."""
+def weigh_sensed(seed: int, factor: float, spread: float = 1.0, without: str = "") -> Found:
+    """The trot with sensor errors of a seed, but for one kind of them."""
     robot, (exact, truth) = load_robot("hyq"), trot()
-    return weighed(robot, sensed(exact, robot, seed, STANDARD.times(factor)), truth, TrunkSettings())
+    errors = replace(STANDARD.times(factor), **({without: 0.0} if without else {}))
+    return weighed(robot, sensed(exact, robot, seed, errors), truth, settings(spread, SPREAD))
 
 
 @cache
@@ -163,10 +175,11 @@ def halves(path: Path) -> dict[str, Any]:
 def summary(what: str, factor: float, found: Sequence[Found]) -> dict[str, Any]:
     """One row."""
     errors, sigmas = (np.abs([run[name] for run in found]).reshape(len(found), -1) for name in ("errors", "sigmas"))
-    payload, trunk = errors[:, 4], errors[:, 0]
+    aside = np.hypot(errors[:, 1], errors[:, 2])
     row: dict[str, Any] = {"what": what, "factor": factor, "runs": len(found)}
-    row |= {f"payload mass {name} [%]": _quantile(payload, q) for name, q in (("median", 0.5), ("95 %", 0.95))}
-    row |= {f"trunk mass {name} [%]": _quantile(trunk, q) for name, q in (("median", 0.5), ("95 %", 0.95))}
+    for of, values in (("payload mass", errors[:, 4]), ("trunk mass", errors[:, 0]), ("trunk x-y", aside)):
+        unit = "mm" if values is aside else "%"
+        row |= {f"{of} {name} [{unit}]": _quantile(values, q) for name, q in (("median", 0.5), ("95 %", 0.95))}
     for k, name in enumerate(QUANTITIES):
         seen = sigmas[np.isfinite(sigmas[:, k]), k]
         row[f"{name} within 2 σ"] = float((seen <= 2.0).mean()) if len(seen) else None
@@ -187,28 +200,35 @@ def tables(folder: Path | None, draws: int, each: Callable[..., Iterator[Found |
     """Rows of both tables; the first is empty without a folder."""
     made: dict[str, list[Found]] = {"assumed": [], "simulated": []}
     kept = kept_logs(folder) if folder else {}
-    for criterion in ("", *CRITERIA):
+    for criterion in ("", *CRITERIA, SPREAD, LEGS):
         for factor, (gait, logs) in product(FACTORS, kept.items()):
-            if factor != 1.0 or not criterion:
+            if factor != 1.0 or criterion in ("", LEGS):
                 found = [run for run in each(partial(weigh_kept, factor=factor, criterion=criterion), logs) if run]
-                made["assumed"].append(summary(f"{gait} {criterion}".strip(), factor, found))
-    for factor in FACTORS if draws else ():
-        found = [run for run in each(partial(weigh_sensed, factor=factor), range(draws)) if run]
-        made["simulated"].append(summary("standard", factor, found))
+                if found:
+                    made["assumed"].append(summary(f"{gait} {criterion}".strip(), factor, found))
+    for spread, factor in product((1.0, 0.5, 3.0), FACTORS if draws else ()):
+        found = [run for run in each(partial(weigh_sensed, factor=factor, spread=spread), range(draws)) if run]
+        name = "standard" if spread == 1.0 else f"standard, {SPREAD} x {spread:g}"
+        made["simulated"].append(summary(name, factor, found))
+    for without in CONSTANTS if draws else ():
+        found = [run for run in each(partial(weigh_sensed, factor=3.0, without=without), range(draws)) if run]
+        made["simulated"].append(summary(f"standard, no {without}", 3.0, found))
     return made
 
 
 def shown(title: str, rows: Sequence[Found]) -> TableData:
-    """A table for the terminal: masses as median; 95th percentile, bars as share within 2 σ; rms of error over σ."""
+    """A table for the terminal: errors as median; 95th percentile, bars as share within 2 σ; rms of error over σ."""
 
-    def masses(row: Found, of: str) -> str:
-        return "; ".join(_shown(row[f"{of} mass {name} [%]"]) for name in ("median", "95 %"))
+    def spread(row: Found, of: str, unit: str) -> str:
+        return "; ".join(_shown(row[f"{of} {name} [{unit}]"]) for name in ("median", "95 %"))
 
     def bars(row: Found, name: str) -> str:
         share = row[f"{name} within 2 σ"]
         return "-" if share is None else f"{100 * share:.0f} %; {_shown(row[f'{name} rms error/σ'])}"
 
-    head = ("", "times", "runs", "payload [%]", "trunk [%]", *QUANTITIES, "NEES/n", "good", "largest σ, good")
+    shown_first = (("payload mass", "%"), ("trunk mass", "%"), ("trunk x-y", "mm"))
+    columns = ("payload [%]", "trunk [%]", "x-y [mm]")
+    head = ("", "times", "runs", *columns, *QUANTITIES, "NEES/n", "good", "largest σ, good")
     return TableData.of(
         title,
         head,
@@ -217,7 +237,7 @@ def shown(title: str, rows: Sequence[Found]) -> TableData:
                 row["what"],
                 f"{row['factor']:g}",
                 str(row["runs"]),
-                *(masses(row, of) for of in ("payload", "trunk")),
+                *(spread(row, of, unit) for of, unit in shown_first),
                 *(bars(row, name) for name in QUANTITIES),
                 f"{row['nees/n']:.2f}",
                 f"{100 * row['good']:.0f} %",
@@ -243,11 +263,11 @@ def main() -> None:
     with ProcessPoolExecutor(given.workers) as pool:
         made = tables(given.runs, given.draws, pool.map)
         real = list(pool.map(halves, sorted(given.real.glob("*_legs_in_air.csv")))) if given.real else []
-    console = Console(width=200)
+    console = Console(width=220)
     for title, rows in made.items():
         if rows:
             console.print(
-                rich_table(shown(f"sizes {title}: masses median; 95th %, bars: within 2 σ [%]; rms error/σ", rows))
+                rich_table(shown(f"sizes {title}: errors median; 95th %, bars: within 2 σ [%]; rms error/σ", rows))
             )
     for row in real:
         kinds = (f"{k} {v[1]:.2f} (of {v[0]}, largest {v[2]:.1f})" for k, v in row.items() if k != "log")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stadera.errors import StaderaError
-from stadera.trunk.settings import ModelErrors
+from stadera.trunk.settings import ModelErrors, TrunkSettings
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
@@ -23,6 +24,16 @@ def test_all_sizes_are_scaled_but_no_correlation_or_share() -> None:
     assert {name: scaled[name] for name in usual.keys() - kept} == pytest.approx(
         {name: 3.0 * size for name, size in usual.items() if name not in kept}
     )
+
+
+def test_one_setting_is_scaled_at_a_time() -> None:
+    usual = TrunkSettings()
+    assert calibration.settings(0.5, "speed") == replace(
+        usual, swing=replace(usual.swing, speed=0.5 * usual.swing.speed)
+    )
+    assert calibration.settings(3.0, "scale_spread") == replace(usual, scale_spread=3.0 * usual.scale_spread)
+    drifts, sizes = vars(calibration.settings(3.0, "drifts").model), vars(usual.model)
+    assert {name for name, size in sizes.items() if drifts[name] != size} == set(calibration.DRIFTS)
 
 
 def test_summary_of_errors_that_are_normal() -> None:

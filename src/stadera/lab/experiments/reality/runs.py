@@ -89,10 +89,7 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
         log, truth = real_log(case, robot, logs)
     except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
-    if log.imu is None or log.imu.orientation is None:
-        raise RecordingError(f"{log.source}: a simulated log has an IMU with its orientation")
-    up = Rotation.from_quat(log.imu.orientation) * Rotation.from_matrix(ImuMount.of(robot).rotation).inv()
-    if (up.as_matrix()[:, 2, 2] < np.cos(HOW.toppled)).any():
+    if toppled(log, robot):
         return {"fell": "tilted by more than 45°", "robot_mass": robot.mass, "methods": {}}
     samples = Samples.of_recording(log, robot)
     methods = {name: _weighed(name, robot, samples, truth) for name in (OURS, "ls", "rls", "kalman")}
@@ -100,6 +97,14 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
     if legs is not None:
         methods[LEGS] = _weighed(OURS, legs, samples, truth)
     return {"fell": None, "robot_mass": robot.mass, "methods": methods}
+
+
+def toppled(log: Recording, robot: Robot) -> bool:
+    """True if the trunk of a simulated log was ever tilted by more than `RealitySettings.toppled`."""
+    if log.imu is None or log.imu.orientation is None:
+        raise RecordingError(f"{log.source}: a simulated log has an IMU with its orientation")
+    up = Rotation.from_quat(log.imu.orientation) * Rotation.from_matrix(ImuMount.of(robot).rotation).inv()
+    return bool((up.as_matrix()[:, 2, 2] < np.cos(HOW.toppled)).any())
 
 
 def real_log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
