@@ -34,7 +34,10 @@ class ModelErrors:
         link_mass: of each leg link [1]. link_com: of its centre of mass, each component [m]. CAD compared with weighed
             parts.
         imu_lever: position of the IMU, each component [m]. imu_rotation: of its axes, each component [rad].
-        accelerometer: constant error, each axis [m/s²]. Assumed for a MEMS sensor calibrated at rest.
+        accelerometer: constant error, each axis [m/s²]. Assumed for a MEMS sensor that was calibrated at rest and has
+            warmed up by 20 K since: 0.25 mg/K, as is quoted of Bosch's BMI270 (second hand; the data sheet was not
+            read). Without calibration 20 mg are quoted of BMI270 and BMI088, four times as much, which acts on the
+            trunk's mass like a gain of 2 %.
         torque_lag: delay of the torques relative to encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms.
         velocity_lag: delay of the joint velocities [s].
         friction_drift: of joints with identified legs, change of viscous and Coulomb friction from log to log, share of
