@@ -25,8 +25,8 @@ from stadera.legs.model import LegModel
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.compiled_front import front
-from stadera.trunk.considered import robot_weight, unit_of_rows
 from stadera.trunk.error_model import ERRORS, PLACES
+from stadera.trunk.row_sums import robot_weight, unit_of_rows
 from stadera.trunk.rows import BlockRows, half_window
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.settings import TrunkSettings

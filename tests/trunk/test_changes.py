@@ -9,8 +9,9 @@ import pytest
 
 from stadera.robot import load_robot
 from stadera.trunk.changes import ChangeDetector, Jump
-from stadera.trunk.considered import Errors, RowSums
 from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.joint_errors import Errors
+from stadera.trunk.row_sums import RowSums
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
@@ -175,31 +176,3 @@ def test_a_load_far_smaller_than_the_joints_disturbance_is_found_at_its_time() -
     assert 5.0 < time < 5.5
     assert abs(time - (jump.blocks - 1) * BLOCK - 5.0) < 1.5 * BLOCK
     assert jump.reported
-
-
-def test_what_the_rows_show_of_friction_agrees_with_bayes() -> None:
-    """Without other errors: the posterior of a linear Gaussian model, whose noise is as loud as the residual."""
-    model, rng = ErrorModel(ROBOT, ModelErrors(), 0.7), np.random.default_rng(5)
-    swing, shown = SwingJoints(model, SwingDetection()), list(range(36, 48))  # offsets are not updated
-    p = np.zeros(ERRORS)
-    p[:36] = np.sqrt(np.diag(model.covariance)[:36]) * rng.standard_normal(36)
-    segment = Segment.prior(TRUNK, 50.0 * np.ones(10))
-    columns, targets = [], []
-    for r in rows(4.0, 1.0, np.zeros(10), np.inf, 6):
-        errors = np.zeros((6, ERRORS))
-        errors[:, :36] = rng.standard_normal((6, 36)) / np.sqrt(np.diag(model.covariance)[:36])
-        segment = segment.add(WeightedRows.of(r.time, r.matrix, errors, r.target + errors @ p, r.white))
-        columns.append(np.hstack([r.matrix, errors[:, :36]]))
-        targets.append(r.target + errors @ p)
-    C, b = np.vstack(columns), np.concatenate(targets)
-    found, prior = Errors(model, swing, 1.0, RowSums.of((segment,), 5.0)), Errors(model, swing, 1.0)
-    theta = np.linalg.lstsq(C[:, :10], b, rcond=None)[0]
-    loud = 5.0 * np.mean((b - C[:, :10] @ theta) ** 2)
-    weight = np.zeros((46, 46))
-    weight[10:, 10:] = np.linalg.inv(model.covariance[:36, :36])
-    posterior = np.linalg.inv(C.T @ C / loud + weight)
-    np.testing.assert_allclose(found.mean[:36], (posterior @ C.T @ b / loud)[10:], rtol=0.02, atol=0.01)
-    np.testing.assert_allclose(found.std[:36], np.sqrt(np.diag(posterior)[10:]), rtol=0.02)
-    np.testing.assert_array_equal(found.mean[shown], prior.mean[shown])
-    np.testing.assert_allclose(found.std[shown], prior.std[shown])
-    assert np.linalg.eigvalsh(found.covariance).min() > -1e-12

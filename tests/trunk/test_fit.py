@@ -9,9 +9,10 @@ import pytest
 
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
-from stadera.trunk.considered import Errors, RowSums, robot_weight, unit_of_rows, weighted
 from stadera.trunk.error_model import ERRORS, INVISIBLE, PLACES, ErrorModel
 from stadera.trunk.fit import Fit
+from stadera.trunk.joint_errors import Errors
+from stadera.trunk.row_sums import RowSums, robot_weight, unit_of_rows, weighted
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import Segment, WeightedRows
@@ -119,7 +120,7 @@ def test_sampling_errors_that_resemble_late_torques_leave_no_negative_energy() -
     made = np.zeros((2, 1 + ERRORS))
     made[:, [1 + place for place in places]] = np.array([[-23.0, 6.0, -21.0], [3.0, 1.0, -28.0]])
     made[:, 1:] /= np.sqrt(np.diag(model.covariance))
-    summed = RowSums(made.T @ made, 2, 10.0, 1.0)
+    summed = RowSums(*2 * [made.T @ made], 2.0, 10.0, 1.0)
     errors = Errors(model, swing, 1.0, summed)
     assert abs(errors.covariance[places[0], places[2]]) > 0.3 * np.prod(errors.std[[places[0], places[2]]])
     fit = Fit.of(summed, errors, SETTINGS)

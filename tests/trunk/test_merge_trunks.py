@@ -39,7 +39,7 @@ def synthetic(seed: int, covariance: np.ndarray) -> tuple[TrunkEvidence, tuple[n
     rng = np.random.default_rng(seed)
     A, C, b = rng.normal(size=(60, 10)), rng.normal(size=(60, ERRORS)), rng.normal(size=60)
     known = Information.empty(Unknowns.of(theta=10), ERRORS).add(A, b, C)
-    return TrunkEvidence(known, 0.01 * rng.normal(size=ERRORS), covariance, 0.7), (A, C, b)
+    return TrunkEvidence(known, 0.01 * rng.normal(size=ERRORS), covariance, covariance, covariance, 0.7), (A, C, b)
 
 
 def test_merged_is_the_batch_of_all_rows() -> None:
@@ -97,3 +97,23 @@ def test_nothing_to_merge_and_logs_that_are_not_there() -> None:
         merge_trunks({})
     with pytest.raises(UnknownNameError, match="nowhere"):
         merge_trunks({"one": estimator(False).evidence}).trunk("nowhere")
+
+
+def test_errors_that_each_log_has_estimated_are_common_only_as_far_as_they_remain() -> None:
+    """Two logs that measure the same error: by its posterior, and by draws of the error and of both logs' noise."""
+    rng, at = np.random.default_rng(7), PLACES["encoder"].start
+    prior, noise = np.diag(np.full(ERRORS, 1e-12)), (0.5, 2.0)
+    prior[at, at] = 1.0
+    G = np.zeros((10, ERRORS))
+    G[0, at] = 3.0
+    made = {}
+    for name, sigma in zip("ab", noise, strict=True):
+        posterior = prior.copy()
+        posterior[at, at] = 1.0 / (1.0 + 1.0 / sigma**2)
+        known = Information(Unknowns.of(theta=10), np.eye(10), np.zeros(10), G, 0.0, 10)
+        made[name] = TrunkEvidence(known, np.zeros(ERRORS), posterior, prior, posterior, 0.7)
+    covariance = merge_trunks(made).known.covariance()
+    error = rng.standard_normal(200_000)
+    left = [(error + sigma * rng.standard_normal(len(error))) / (1.0 + sigma**2) - error for sigma in noise]
+    expected = 9.0 * np.cov(left) + np.eye(2)
+    assert covariance[np.ix_([0, 10], [0, 10])] == pytest.approx(expected, rel=0.03)

@@ -31,14 +31,14 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from stadera.constants import MEDIAN_OF_CHI2
-from stadera.trunk.considered import Errors
-from stadera.trunk.error_model import ERRORS, JOINTS
+from stadera.trunk.error_model import ERRORS, LEARNT
+from stadera.trunk.joint_errors import Errors
 from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
 
 _DEVIATION = 1.5  # standard deviation over the median absolute deviation, of Gaussian values
-_ESTIMATED = slice(11 + JOINTS.start, 11 + JOINTS.stop)  # columns of projected rows, of errors that are estimated
+_ESTIMATED = slice(11 + LEARNT.start, 11 + LEARNT.stop)  # columns of projected rows, of errors that are estimated
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Blocks:
 
     A sum over any range is the difference of two running sums. The reduced rows (4, 12) hold A, b - C p and the weight:
     p is constant over many blocks, so a residual costs ten products. Of C, only the columns are kept for which errors
-    are estimated, `JOINTS`; p is zero elsewhere.
+    are estimated, `LEARNT`; p is zero elsewhere.
     """
 
     def __init__(self, most: int) -> None:
@@ -179,7 +179,7 @@ class Blocks:
         """Reduces rows of a range."""
         rows, out = self._rows[begin:end], self._reduced[begin:end]
         out[..., :10], out[..., 11] = rows[..., :10], rows[..., -1]
-        out[..., 10] = rows[..., 10] - rows[..., _ESTIMATED] @ self._errors[JOINTS]
+        out[..., 10] = rows[..., 10] - rows[..., _ESTIMATED] @ self._errors[LEARNT]
 
 
 class ChangeDetector:

@@ -10,8 +10,8 @@ import numpy as np
 from stadera.compiled import kernel
 from stadera.constants import MEDIAN_OF_CHI2
 from stadera.trunk.changes import Blocks, ChangeDetector, Largest, Spread
-from stadera.trunk.considered import Errors
-from stadera.trunk.error_model import JOINTS
+from stadera.trunk.error_model import LEARNT
+from stadera.trunk.joint_errors import Errors
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
@@ -35,10 +35,10 @@ class _CompiledBlocks(Blocks):
         self._compiled = compiled
 
     def _write(self, rows: WeightedRows, at: int) -> None:
-        self._compiled.push(rows.columns, self._errors[JOINTS], self._rows, self._reduced, self.sums, at)
+        self._compiled.push(rows.columns, self._errors[LEARNT], self._rows, self._reduced, self.sums, at)
 
     def _reduce(self, begin: int, end: int) -> None:
-        self._compiled.reduce(self._rows, self._reduced, self._errors[JOINTS], begin, end)
+        self._compiled.reduce(self._rows, self._reduced, self._errors[LEARNT], begin, end)
 
 
 class CompiledDetector(ChangeDetector):
@@ -70,7 +70,7 @@ class CompiledDetector(ChangeDetector):
             before.solution,
             long_before.inverse,
             long_before.solution,
-            errors.mean[JOINTS],
+            errors.mean[LEARNT],
             errors.std,
             self._scale,
             self._singles_usually,

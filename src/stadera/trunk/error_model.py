@@ -1,8 +1,9 @@
 """Model and sensor errors that affect the rows: their names, indices and prior covariance.
 
 The rows are Aθ + C p = b with p = 0 if the robot equals its model. For sensors p is the reading minus the true value,
-for the robot the true value minus the model's. Part of p is estimated from legs in the air (`stadera.trunk.swing`); of
-the rest only the covariance is used (Schmidt's consider parameters).
+for the robot the true value minus the model's. Most of p is estimated from legs in the air (`stadera.trunk.swing`) and
+from loaded ones (`stadera.trunk.joint_errors`); of the rest only the covariance is used (Schmidt's consider
+parameters).
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ _SIZES = {
     "torque_lag": 1,
     "offset": 12,
     "gain": 12,
-    "stiction": 12,
     "encoder": 12,
     "contact": 12,
     "link_mass": 12,
@@ -34,6 +34,7 @@ _SIZES = {
     "imu_rotation": 3,
     "accelerometer": 3,
     "velocity_lag": 1,
+    "stiction": 12,
     "common_gain": 1,
     "regression": 3,
     "sampling": 1,
@@ -55,14 +56,14 @@ angular acceleration (`stadera.trunk.calibration`), `sampling` half the differen
 """
 
 ERRORS = sum(_SIZES.values())
-SHOWN = slice(0, PLACES["torque_lag"].stop)
-"""Errors that loaded rows determine too: rotor inertia, viscous and Coulomb friction, and the torques' lag."""
-
 JOINTS = slice(0, PLACES["offset"].stop)
-"""Errors that legs in the air determine: these and offsets. Only of these the mean is not zero."""
+"""Errors that legs in the air determine: these and offsets."""
+
+LEARNT = slice(0, PLACES["velocity_lag"].stop)
+"""Errors that are estimated together with the trunk (`stadera.trunk.joint_errors`). Of all others the mean is zero."""
 
 STICKING = PLACES["stiction"]
-"""Static friction. Before any loaded row, only these errors and those in `JOINTS` are correlated among each other."""
+"""Static friction. Before any row, only these errors and those in `JOINTS` are correlated among each other."""
 
 INVISIBLE = ("common_gain", "regression", "sampling")
 """Errors that no residual shows, or whose size the log shows directly; they keep their prior size."""

@@ -2,11 +2,11 @@
 
 1. Each block of 20 ms gives six equations A θ + C p = b of the trunk (`trunk.rows`) and, for legs in the air, equations
    of their joints alone (`trunk.swing`). θ are the trunk's ten parameters, p the errors of the robot's model.
-2. The joints' part of p (rotor inertia, friction, offset, torque lag) is estimated from legs in the air, whose
-   equations contain no weight. θ is estimated under load with the present estimate of p; the rest of p enters the error
-   bars (`trunk.segment`), scaled by the residuals (`trunk.fit`).
-3. Averages over the last 0.1 to 1 s are compared with the earlier estimate (`trunk.changes`). After a change of the
-   load θ is estimated anew; the joints' estimates are kept.
+2. Joints' errors are estimated from legs in the air, whose equations contain no weight, and p together with θ from all
+   rows (`trunk.joint_errors`), with less weight for blocks that fit badly (`trunk.scatter`). What is uncertain of p
+   enters the error bars, by a scale of its prior sizes that comes from the residuals (`trunk.fit`).
+3. Averages over the last 0.1 to 2 s are compared with the earlier estimate (`trunk.changes`). After a change of the
+   load θ is estimated anew; that of p is kept.
 4. A tare stores the present trunk; the payload is the difference from it, in which constant errors cancel.
 
 The motion is arbitrary. Quantities that it does not excite, such as height and inertia of a robot at rest, keep their
@@ -33,19 +33,20 @@ from stadera.robot.model import Robot
 from stadera.trunk.changes import Jump
 from stadera.trunk.compiled_changes import change_detector
 from stadera.trunk.compiled_front import front
-from stadera.trunk.considered import Errors, RowSums, robot_weight
-from stadera.trunk.error_model import PLACES, ErrorModel
+from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.front import BLIND
+from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
+from stadera.trunk.row_sums import RowSums, robot_weight
 from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import SampleBuffer, Samples
-from stadera.trunk.scatter import Scatter
+from stadera.trunk.scatter import RobustWeights, Scatter
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.summing import summing
@@ -143,6 +144,7 @@ class TrunkEstimator:
         self._candidate: _Change | None = None
         self._tare: Segment | None = None
         self._loaded: Segment | None = None  # rows since the tare, until a change is detected
+        self._since_tare = RobustWeights(self.settings.outliers)
         self._unused = 0  # next rows that still contain samples before the tare
         self._fit: Fit | None = None
         self._swing_misfit: float | None = None  # of the last fit; None before it is evaluated
@@ -209,6 +211,7 @@ class TrunkEstimator:
         change.
         """
         self._tare, self._unused = self._current, self.settings.changes.spoilt
+        self._since_tare = RobustWeights(self.settings.outliers)
         self._loaded = Segment.prior(self._current.mean(self._errors.mean), self.settings.after_change * self._wide)
 
     def restart(self) -> None:
@@ -290,7 +293,8 @@ class TrunkEstimator:
     def evidence(self) -> TrunkEvidence:
         """Information on the trunk from the rows since the last change of the load, for merging with other logs."""
         known = self._current.known.scaled_noise(float(np.sqrt(self._scatter.value)))
-        return TrunkEvidence(known, self._errors.mean, self._errors.covariance, self._length)
+        errors = self._errors
+        return TrunkEvidence(known, errors.mean, errors.covariance, errors.prior, errors.remaining, self._length)
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:
@@ -390,8 +394,9 @@ class TrunkEstimator:
         self._known.append(known)
         if self._loaded is not None:
             self._unused -= 1
-            if self._unused < 0:
-                self._loaded = self._loaded.add(rows, keep, remainder=False)
+            if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
+                weight = self._since_tare.weight(rows, self._loaded, p)
+                self._loaded = self._loaded.add(replace(rows, weight=weight), keep, remainder=False)
         if len(self._recent) > 2 * self.settings.changes.pending:
             self._recent.popleft()
             self._known.popleft()
@@ -423,9 +428,9 @@ class TrunkEstimator:
         # rows in which a change may still be detected do not count against the model
         last = self._aged if self._aged.blocks >= self.settings.outliers.cluster or self._finished else self._current
         rows = RowSums.of((last,), self.settings.swing.repeated) if self._earlier is None else self._earlier.plus(last)
-        usual = Errors(self._model, self._swing, 1.0, rows)
-        self._fit = Fit.of(rows, usual, self.settings)
-        self._errors = Errors(self._model, self._swing, self._fit.scale, rows)
+        usual = Errors(self._model, self._swing, 1.0, rows, JOINTS)
+        self._fit = Fit.of(rows, usual, self.settings, self._summing.tails)
+        self._errors = Errors(self._model, self._swing, self._fit.shared_scale(self.settings), rows)
         place = slice(PLACES["rotor"].start, PLACES["coulomb"].stop)
         self._front.know_joints(self._errors.mean[place].reshape(3, 12), self._errors.std[place].reshape(3, 12))
         self._swing_misfit = self._swing.misfit if self._seen_for >= self.settings.evaluated else None
@@ -442,8 +447,8 @@ class TrunkEstimator:
         self._known = deque([Segment.prior(before.mean(self._errors.mean), self.settings.after_change * self._wide)])
         self._loaded = None
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
-        for rows in self._recent:
-            self._known.append(self._current.add(rows))
+        for rows in self._recent:  # weights were those of residuals from the earlier load
+            self._known.append(self._current.add(replace(rows, weight=1.0)))
         self._candidate = _Change(begun, now, before, jump.shown) if jump.reported else None
         self._report(now)
         self._detector.restart(len(self._recent))

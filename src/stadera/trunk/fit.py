@@ -32,8 +32,9 @@ import numpy as np
 from scipy.special import gammaln
 
 from stadera.robot.model import Robot
-from stadera.trunk.considered import Errors, RowSums
 from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
+from stadera.trunk.joint_errors import Errors
+from stadera.trunk.row_sums import RowSums
 from stadera.trunk.settings import TrunkSettings
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
@@ -75,23 +76,28 @@ class Fit:
     white: float
 
     @classmethod
-    def of(cls, rows: RowSums, errors: Errors, settings: TrunkSettings) -> Fit:
+    def of(cls, rows: RowSums, errors: Errors, settings: TrunkSettings, tails: float = 1.0) -> Fit:
         """Evaluates the fit of rows of the same robot.
 
         Args:
             errors: p̂, and Σ0 of p at its prior size where nothing else is known.
+            tails: mean square of all residuals over that of the weighted ones. Blocks that fit badly count for less in
+                the estimate and in s, but not in the misfit.
         """
         sums, white, p = rows.remainder, rows.white, errors.mean
         products = sums[1:, 1:]
         along = sums[1:, 0] - products[:, JOINTS] @ p[JOINTS]
         square = float(sums[0, 0] - (sums[1:, 0] + along) @ p)
-        others, sampling = errors.known.given(PLACES["sampling"].start)
-        more = 0.5 * max(float(sampling @ products @ sampling) - white, 0.0)  # none to all of it
+        of_sampling, stated, doubled = errors.energies(sums)
+        more = 0.5 * max(of_sampling - white, 0.0)  # none to all of it
         unsure = (settings.noise_known * white) ** 2 + more**2 / 3.0
         residual, noise = max(square, 0.0), white + more
-        stated, doubled = others.explained(sums)
         square = _scale_square(max(residual, white), (noise, unsure), (stated, 2.0 * doubled), settings.scale_spread)
-        return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), sums, p, noise)
+        return cls(float(np.sqrt(square)), tails * residual / max(noise + stated, 1e-300), sums, p, noise)
+
+    def shared_scale(self, settings: TrunkSettings) -> float:
+        """Scale of the errors that residuals do not show: s above one, s to the power of `scale_shared` below."""
+        return float(max(self.scale, self.scale**settings.scale_shared))
 
     @cached_property
     def remainder(self) -> Array:

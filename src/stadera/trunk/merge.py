@@ -1,14 +1,18 @@
 """Merges trunk estimates of one robot from several logs, with the model errors that all logs share.
 
-Each log provides ``R θ_k + G p = z`` (`stadera.trunk.segment`) with p the model errors. Those of the robot (scale of
-the torques, zeros of the encoders, positions of feet and IMU) are the same in all logs. Those estimated or varying from
-day to day (rotor inertia and friction, sticking joints, biases) belong to one log. Merged,
+Each log provides ``R θ_k + G p = z`` (`stadera.trunk.segment`), with p̂_k and Σ_k of the model errors p. Those of the
+robot (scale of the torques, zeros of the encoders, positions of feet and IMU) are the same in all logs, p_s; others
+vary from day to day (rotor inertia and friction, sticking joints, biases). Before any log p_s has the covariance P.
+Each log sharpens its estimate by rows of its own, so the error e_k of p̂_k follows p_s only in part,
 
-    [R_1        ] [θ_1]   [G_1 S  G_1 O_1        ]         [z_1 - G_1 p̂_1]
-    [      R_2  ] [θ_2] + [G_2 S          G_2 O_2] e   =   [z_2 - G_2 p̂_2],      e of unit covariance
+    e_k = Φ_k p_s + o_k,      Φ_k = cov(e_k, p_s) P⁻¹,      cov o_k = Σ_k - Φ_k P Φ_kᵀ
 
-with S and O_k square roots of the covariances of the shared errors and of the log's own errors given the shared ones
-(`G_k S` includes the correlation). Each trunk's estimate is the same as from its log alone. Merging adds the
+with o_k independent of all others. (For Σ = (P⁻¹ + N)⁻¹ it is Σ P⁻¹ of the prior's error that remains.) Merged,
+
+    [R_1        ] [θ_1]   [G_1 Φ_1 S  G_1 O_1        ]         [z_1 - G_1 p̂_1]
+    [      R_2  ] [θ_2] + [G_2 Φ_2 S          G_2 O_2] e   =   [z_2 - G_2 p̂_2],      e of unit covariance
+
+with S and O_k square roots of P and cov o_k. Each trunk's estimate is the same as from its log alone. Merging adds the
 correlation of their errors: a common error of all torques moves all trunks alike and cancels in the difference between
 two logs, which is therefore much more accurate than independent error bars suggest.
 """
@@ -47,13 +51,17 @@ class TrunkEvidence:
 
     Attributes:
         known: information on `theta`, the ten parameters, with considered model errors, in units of the rows' scatter.
-        mean: (ERRORS,), p̂. covariance: (ERRORS, ERRORS), of p.
+        mean: (ERRORS,), p̂. covariance: (ERRORS, ERRORS), Σ.
+        prior: (ERRORS, ERRORS), the covariance before the log. remaining: (ERRORS, ERRORS), that of p̂'s errors with the
+            errors before the log.
         length: of the robot's legs [m].
     """
 
     known: Information
     mean: Array
     covariance: Array
+    prior: Array
+    remaining: Array
     length: float
 
 
@@ -100,30 +108,27 @@ def merge_trunks(logs: Mapping[str, TrunkEvidence]) -> MergedTrunks:
     shared = np.zeros(ERRORS, dtype=bool)
     for name in SHARED:
         shared[PLACES[name]] = True
-    common = np.mean([log.covariance[np.ix_(shared, shared)] for log in logs.values()], axis=0)
-    root, own = _root(common), int((~shared).sum())
-    considered = int(shared.sum()) + own * len(logs)
+    root = _root(np.mean([log.prior[np.ix_(shared, shared)] for log in logs.values()], axis=0))
+    considered = len(root) + ERRORS * len(logs)
     total = Information.empty(Unknowns(tuple(logs), (10,) * len(logs)), considered)
     for k, (name, log) in enumerate(logs.items()):
-        G = np.zeros((10, considered))
-        by_shared, rest = _given(log.covariance, shared)
-        G[:, : int(shared.sum())] = (log.known.G[:, shared] + log.known.G[:, ~shared] @ by_shared) @ root
-        start = int(shared.sum()) + own * k
-        G[:, start : start + own] = log.known.G[:, ~shared] @ _root(rest)
+        G, start = np.zeros((10, considered)), len(root) + ERRORS * k
+        by_shared, rest = _given(log, shared)
+        G[:, : len(root)] = log.known.G @ by_shared @ root
+        G[:, start : start + ERRORS] = log.known.G @ _root(rest)
         z = log.known.z - log.known.G @ log.mean
         total = total.merge(Information(Unknowns((name,), (10,)), log.known.R, z, G, log.known.cost, log.known.count))
     return MergedTrunks(total, next(iter(logs.values())).length)
 
 
-def _given(covariance: Array, shared: Bools) -> tuple[Array, Array]:
-    """Splits own errors into B times the shared ones and a rest; returns B = Σ_os Σ_ss⁻¹ and the covariance Σ_oo - B
-    Σ_so.
+def _given(log: TrunkEvidence, shared: Bools) -> tuple[Array, Array]:
+    """Splits the errors of p̂ into Φ times the shared errors and a rest; returns Φ (ERRORS, shared) and the rest's
+    covariance.
     """
-    across = covariance[np.ix_(~shared, shared)]
-    std = np.sqrt(np.maximum(np.diag(covariance)[shared], 1e-300))
-    inside = covariance[np.ix_(shared, shared)] / np.outer(std, std)
-    by_shared = (across / std) @ np.linalg.pinv(inside, hermitian=True) / std
-    return by_shared, covariance[np.ix_(~shared, ~shared)] - by_shared @ across.T
+    inside, across = log.prior[np.ix_(shared, shared)], log.remaining[:, shared]
+    std = np.sqrt(np.maximum(np.diag(inside), 1e-300))
+    by_shared = (across / std) @ np.linalg.pinv(inside / np.outer(std, std), hermitian=True) / std
+    return by_shared, log.covariance - by_shared @ inside @ by_shared.T
 
 
 def _root(covariance: Array) -> Array:

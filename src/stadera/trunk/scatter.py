@@ -1,8 +1,6 @@
-"""Scatter of the rows: outlying single blocks, and sums that vary more than their weights predict."""
+"""Scatter of the rows: weights of blocks that fit worse than usual, and sums that vary more than weights predict."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,33 +14,54 @@ def enough_rows(known: Segment, usual: float, settings: OutlierSettings) -> bool
     return known.blocks >= (settings.cluster if np.isnan(usual) else settings.afresh)
 
 
-class OddBlocks:
-    """Down-weights blocks that fit far worse than usual, except many in succession, which indicate a change of the
-    load.
+class RobustWeights:
+    """Weights of blocks by their residuals, as if these had Student's t distribution with ν degrees of freedom.
+
+    A block of n = 6 rows whose mean square is q times the usual one u counts for
+
+        w = (ν + n) / (ν + n q),      u = Σ w |r|² / (n Σ w)
+
+    as of the EM algorithm (Lange, Little and Taylor, Robust statistical modeling using the t distribution, J. Am. Stat.
+    Assoc. 84 (1989) 881). u is averaged over the latest blocks.
 
     Attributes:
-        usual: squared residual of usual blocks. odd: number of successive odd blocks.
+        usual: u [1], in the rows' unit; NaN before any. count: number of blocks that it is an average of.
+        sums: of all blocks, their number, mean squares, weights, and weights times mean squares.
     """
 
     def __init__(self, settings: OutlierSettings) -> None:
         self._settings = settings
-        self.usual, self.odd = np.nan, 0
+        self.usual, self.count, self.sums = np.nan, 0.0, np.zeros(4)
 
-    def limited(self, rows: WeightedRows, known: Segment, errors: Array) -> WeightedRows:
-        """Returns the block, weighted, given the estimate and model errors p̂ (ERRORS,)."""
+    @property
+    def tails(self) -> float:
+        """Mean square of all residuals over that of the weighted ones: one if they are Gaussian, above it if not."""
+        return heaviness(self.sums)
+
+    def weight(self, rows: WeightedRows, known: Segment, errors: Array) -> float:
+        """w of a block, given the estimate and model errors p̂ (ERRORS,); one before there are enough rows."""
         if not enough_rows(known, self.usual, self._settings):
-            return rows
-        residual = rows.residual(known.mean(errors), errors)
-        square = float(residual @ residual)
+            return 1.0
+        residual, settings = rows.residual(known.mean(errors), errors), self._settings
+        square = float(residual @ residual) / 6.0
         if np.isnan(self.usual):
             self.usual = square
-        limit = self._settings.outlier * max(self.usual, self._settings.least_usual)
-        self.usual += 0.01 * (min(square, 4.0 * self.usual) - self.usual)
-        self.odd = self.odd + 1 if square > limit else 0
-        if not 0 < self.odd <= self._settings.successive:
-            return rows
-        weight = np.sqrt(limit / square)
-        return replace(rows, columns=weight * rows.columns, white=weight**2 * rows.white)
+        weight = student_weight(square, max(self.usual, settings.least_usual), settings.freedom)
+        self.count = min(self.count + 1.0, settings.remembered)
+        self.usual += weight * (square - self.usual) / self.count
+        self.sums += 1.0, square, weight, weight * square
+        return weight
+
+
+def heaviness(sums: Array) -> float:
+    """`RobustWeights.tails`, of its sums (4,)."""
+    blocks, squares, weights, weighted = sums.tolist()
+    return squares * weights / (blocks * weighted) if weighted > 0.0 else 1.0
+
+
+def student_weight(square: float, usual: float, freedom: float) -> float:
+    """Weight of a block of six rows with a mean square residual; `usual` as in `RobustWeights`."""
+    return (freedom + 6.0) / (freedom + 6.0 * square / usual)
 
 
 class Scatter:
@@ -71,8 +90,8 @@ class Scatter:
         if known.blocks < self.settings.cluster:
             return
         shown = rows.columns[:, :4].T
-        self.sum += shown @ rows.residual(known.mean(errors), errors)
-        self.normal += shown @ shown.T
+        self.sum += rows.weight * (shown @ rows.residual(known.mean(errors), errors))
+        self.normal += rows.weight * (shown @ shown.T)
         self.summed += 1
         self.close()
 

@@ -4,9 +4,8 @@ Rows A θ + C p = b, weighted by a constant W, are summed up to R θ + G p = z. 
 
     θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = κ R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
 
-p is not estimated from these rows (Schmidt's consider parameters): under load a constant torque cannot be separated
-from weight, and a free parameter absorbs other errors. κ is the ratio of the actual scatter of summed rows to that
-given by W.
+The rows that remain after θ is eliminated tell p (`stadera.trunk.joint_errors`). κ is the ratio of the actual scatter
+of summed rows to that given by W.
 """
 
 from __future__ import annotations
@@ -44,17 +43,19 @@ def by_force(length: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WeightedRows(Equations):
-    """Six rows of one block, in the unit of `stadera.trunk.considered.weighted`.
+    """Six rows of one block, in the unit of `stadera.trunk.row_sums.weighted`.
 
     Attributes:
         time: of the last sample [s].
         columns: (6, 10 + 1 + ERRORS), of A, b and C.
         white: variance of the white noise, summed over the six rows [1].
+        weight: of the rows in sums [1], see `stadera.trunk.scatter.RobustWeights`.
     """
 
     time: float
     columns: Array
     white: float
+    weight: float = 1.0
 
     @classmethod
     def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
@@ -64,6 +65,13 @@ class WeightedRows(Equations):
     def residual(self, trunk: Array, errors: Array) -> Array:
         """b - A θ - C p (6,), for θ (10,) and p (ERRORS,)."""
         return np.asarray(self.columns @ np.concatenate([-trunk, [1.0], -errors]))
+
+    @property
+    def moving(self) -> bool:
+        """True if at least half of the joints move. The columns of a robot at rest are noise, and its friction holds
+        what it likes: they tell nothing about the errors of its model.
+        """
+        return int(np.count_nonzero(self.columns[:, STICTION].any(axis=0))) <= 6
 
     @cached_property
     def projected(self) -> Array:
@@ -95,9 +103,8 @@ class RowMoments:
     def add(self, rows: WeightedRows, keep: float) -> RowMoments:
         """With one more block, the weight of everything before it multiplied by `keep`."""
         a = rows.columns[:3, 0]
-        return RowMoments(
-            keep * self.values + np.concatenate([[1.0], a, np.outer(a, a).ravel(), rows.columns[:, STICTION].ravel()])
-        )
+        own = np.concatenate([[1.0], a, np.outer(a, a).ravel(), rows.columns[:, STICTION].ravel()])
+        return RowMoments(keep * self.values + rows.weight * own)
 
     def follows_motion(self, covariance: Array, length: float) -> Array:
         """Variance (10, 10) of Σ Aᵀ e due to an error e(t) of the rows that varies with the specific force.
@@ -134,6 +141,7 @@ class Segment:
         begin: time of the first row [s].
         blocks: number of blocks.
         sums: means and variation of the rows.
+        moved: sum of the weights of blocks in which the robot moves [1].
     """
 
     triangle: Array
@@ -143,7 +151,8 @@ class Segment:
     begin: float = np.nan
     blocks: int = 0
     sums: RowMoments = field(default_factory=RowMoments)
-    _last: list[tuple[Segment, float, Array]] = field(default_factory=list, repr=False)
+    moved: float = 0.0
+    _last: list[tuple[Segment, float, Array, bool]] = field(default_factory=list, repr=False)
 
     @classmethod
     def prior(cls, mean: Array, std: Array) -> Segment:
@@ -158,7 +167,7 @@ class Segment:
         Args:
             remainder: keep what `remainder` needs.
         """
-        triangle, residue = _folded(self.triangle, rows.columns, sqrt(keep))
+        triangle, residue = _folded(self.triangle, sqrt(rows.weight) * rows.columns, sqrt(keep))
         return self.followed(rows, keep, triangle, residue, self.sums.add(rows, keep), remainder)
 
     def followed(
@@ -167,16 +176,17 @@ class Segment:
         """Returns the segment with one more block, given its triangle, the six rows (6, 1 + ERRORS) of target and
         errors that the block leaves after eliminating θ, and its sums.
         """
-        left = residue[:, 0]
+        left, moving = residue[:, 0], rows.moving
         return Segment(
             triangle,
             keep * self.cost + float(left @ left),
-            keep * self.count + 6.0,
-            keep * self.white + rows.white,
+            keep * self.count + 6.0 * rows.weight,
+            keep * self.white + rows.weight * rows.white,
             rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
             sums,
-            [(self, keep, residue)] if remainder else [],
+            keep * self.moved + rows.weight * moving,
+            [(self, keep, residue, moving)] if remainder else [],
         )
 
     def with_solution(self, inverse: Array, solution: Array, errors: Array, mean: Array) -> Segment:
@@ -185,38 +195,41 @@ class Segment:
         return self
 
     @property
+    def weight(self) -> float:
+        """Sum of the weights of the blocks, with forgetting [1]."""
+        return float(self.sums.values[0])
+
+    @property
     def known(self) -> Information:
         """R, z and G as information."""
         T = self.triangle
         return Information(THETA, T[:, :10], T[:, 10], T[:, 11:], self.cost, self.count)
 
-    @cached_property
+    @property
     def remainder(self) -> Array:
-        """(1 + ERRORS, 1 + ERRORS), products of targets and errors, summed over all rows after eliminating θ.
+        """(1 + ERRORS, 1 + ERRORS), products of targets and errors, summed over all rows after eliminating θ."""
+        return self._remainders[0] + self._remainders[1]
+
+    @property
+    def in_motion(self) -> Array:
+        """The same of blocks in which the robot moves."""
+        return self._remainders[1]
+
+    @cached_property
+    def _remainders(self) -> tuple[Array, Array]:
+        """Of blocks at rest, and of blocks in motion.
 
         Each block adds the products of the rows that it leaves. They are summed on first use, over all blocks since the
-        last segment whose remainder is known: one product of stacked rows instead of one a block.
+        last segment whose remainders are known: one product of stacked rows instead of one a block.
         """
-        scale, residues, at = 1.0, [], self
-        while at._last and "remainder" not in at.__dict__:
-            before, keep, residue = at._last[0]
-            residues.append(sqrt(scale) * residue)
+        scale, residues, at = 1.0, ([], []), self  # type: float, tuple[list[Array], list[Array]], Segment
+        while at._last and "_remainders" not in at.__dict__:
+            before, keep, residue, moving = at._last[0]
+            residues[moving].append(sqrt(scale) * residue)
             scale, at = scale * keep, before
         self._last.clear()
-        known = at.__dict__.get("remainder")
-        if known is None:  # before any row
-            explained = at.triangle[:, 10:]
-            known = -(explained.T @ explained)
-        if not residues:
-            return np.asarray(known)
-        stacked = np.concatenate(residues)
-        total: Array = stacked.T @ stacked
-        compiled = kernel("stadera.trunk.kernels.errors")
-        if compiled is None:
-            total += scale * known
-        else:
-            compiled.add_scaled(total, scale, known)
-        return total
+        known = at.__dict__.get("_remainders", (None, None))
+        return _summed(residues[0], scale, known[0]), _summed(residues[1], scale, known[1])
 
     @cached_property
     def inverse(self) -> Array:
@@ -249,6 +262,22 @@ class Segment:
         inverse, solution = np.empty((10, 10)), np.empty((10, 1 + ERRORS))
         compiled.solve(self.triangle, inverse, solution)
         return inverse, solution
+
+
+def _summed(residues: list[Array], scale: float, known: Array | None) -> Array:
+    """Products of residues, and `scale` times those that are known; None for zero."""
+    if not residues:
+        return np.zeros((1 + ERRORS, 1 + ERRORS)) if known is None else scale * known
+    stacked = np.concatenate(residues)
+    total: Array = stacked.T @ stacked
+    if known is None:
+        return total
+    compiled = kernel("stadera.trunk.kernels.errors")
+    if compiled is None:
+        total += scale * known
+    else:
+        compiled.add_scaled(total, scale, known)
+    return total
 
 
 def _folded(triangle: Array, columns: Array, root: float) -> tuple[Array, Array]:

@@ -154,7 +154,7 @@ class ChangeSettings:
     """
 
     least_change: float = 0.015
-    deviations: float = 3.75
+    deviations: float = 4.25
     windows: tuple[int, ...] = (6, 12, 18, 25, 50, 100)
     confirmed: int = 8
     confirmed_long: int = 5
@@ -204,18 +204,20 @@ class OutlierSettings:
     Attributes:
         cluster: number of blocks whose sum of residuals is compared with its predicted variance: half a second.
         afresh: number of blocks of a new load, against which a block is compared with what was usual before.
-        outlier: multiple of the usual squared residual above which a block is down-weighted [1].
-        least_usual: least usual squared residual, in the rows' unit [1]: residuals below 0.1 % of the weight do not
-            define the usual ones.
-        successive: number of successive blocks that may be down-weighted; more indicate a change of the load.
+        freedom: degrees of freedom of Student's t, by which blocks that fit worse than usual count for less [1]. Lange
+            et al. (1989), see `stadera.trunk.scatter`, take four for data of unknown law. Residuals of six rows at once
+            are less heavy-tailed, and phases of a step with small residuals, where joints stick, must not decide alone.
+        least_usual: least mean square of usual residuals, in the rows' unit [1]: residuals below 0.5 % of the weight
+            do not define the usual ones.
+        remembered: number of blocks over which usual residuals are averaged: two seconds, several steps.
         prior_clusters: number of clusters that the prior of the scatter, one, counts as.
     """
 
     cluster: int = 25
     afresh: int = 6
-    outlier: float = 25.0
-    least_usual: float = 0.01
-    successive: int = 3
+    freedom: float = 10.0
+    least_usual: float = 0.25
+    remembered: float = 100.0
     prior_clusters: float = 4.0
 
     def __post_init__(self) -> None:
@@ -239,6 +241,9 @@ class TrunkSettings:
         settled: time of data after which an estimate counts as converged [s].
         scale_spread: standard deviation of the logarithm of the model errors' scale before any data [1]. The sizes in
             `ModelErrors` come from few robots; they are taken to be right for others within a factor of three (95 %).
+        scale_shared: share of ln s that holds for errors that residuals do not show, where these are smaller than usual
+            [1]. Robots whose rotors and friction are as their model says tend to have good feet and encoders too, but
+            need not; assumed. Larger errors than usual are taken for all of them.
         impact: half the difference between the forces of odd and of even samples above which a block is left out, share
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
@@ -266,6 +271,7 @@ class TrunkSettings:
     after_change: float = 0.3
     settled: float = 0.5
     scale_spread: float = 0.55
+    scale_shared: float = 0.5
     impact: float = 0.25
     updated: int = 10
     updated_late: int = 25

@@ -1,17 +1,18 @@
-"""Adds a block's rows to the sums: in the unit of the rows, without outliers, and with a record of their scatter."""
+"""Adds a block's rows to the sums: in the unit of the rows, by robust weights, and with a record of their scatter."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import sqrt
 from types import ModuleType
 
 import numpy as np
 
 from stadera.compiled import kernel
-from stadera.trunk.considered import unit_of_rows, weighted
-from stadera.trunk.error_model import ERRORS, JOINTS
+from stadera.trunk.error_model import ERRORS, LEARNT
+from stadera.trunk.row_sums import unit_of_rows, weighted
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.scatter import OddBlocks, Scatter, enough_rows
+from stadera.trunk.scatter import RobustWeights, Scatter, enough_rows, heaviness
 from stadera.trunk.segment import STICTION, RowMoments, Segment, WeightedRows
 from stadera.types import Array
 
@@ -26,7 +27,12 @@ class Summing:
 
     def __init__(self, robot_weight: float, length: float, scatter: Scatter) -> None:
         self._unit, self._scatter = unit_of_rows(robot_weight, length), scatter
-        self._odd = OddBlocks(scatter.settings)
+        self._robust = RobustWeights(scatter.settings)
+
+    @property
+    def tails(self) -> float:
+        """See `RobustWeights.tails`."""
+        return self._robust.tails
 
     def add(
         self, made: BlockRows, current: Segment, aged: Segment, errors: Array, keep: float
@@ -35,10 +41,11 @@ class Summing:
 
         Args:
             current, aged: the present estimate, and the one without the latest blocks.
-            errors: p̂ (ERRORS,), zero but for `JOINTS`.
+            errors: p̂ (ERRORS,), zero but for `LEARNT`.
             keep: factor on the weight of all before.
         """
-        rows = self._odd.limited(weighted(made, self._unit), current, errors)
+        rows = weighted(made, self._unit)
+        rows = replace(rows, weight=self._robust.weight(rows, current, errors))
         self._scatter.count(rows, aged, errors)
         return rows, current.add(rows, keep)
 
@@ -49,7 +56,15 @@ class CompiledSumming(Summing):
     def __init__(self, robot_weight: float, length: float, scatter: Scatter, compiled: ModuleType) -> None:
         super().__init__(robot_weight, length, scatter)
         own = scatter.settings
-        self._compiled, self._usual = compiled, np.array([np.nan, 0.0, own.outlier, own.least_usual, own.successive])
+        self._compiled, self._usual = (
+            compiled,
+            np.array([np.nan, 0.0, own.remembered, own.least_usual, own.freedom, 1.0, *np.zeros(4)]),
+        )
+
+    @property
+    def tails(self) -> float:
+        """See `RobustWeights.tails`."""
+        return heaviness(self._usual[6:])
 
     def add(
         self, made: BlockRows, current: Segment, aged: Segment, errors: Array, keep: float
@@ -66,7 +81,7 @@ class CompiledSumming(Summing):
             current.triangle,
             current.solution,
             aged.solution,
-            errors[JOINTS],
+            errors[LEARNT],
             sqrt(keep),
             enough_rows(current, self._usual[0], scatter.settings),
             counted,
@@ -86,7 +101,7 @@ class CompiledSumming(Summing):
         if counted:
             scatter.summed += 1
             scatter.close()
-        rows = WeightedRows(made.time, columns, white)
+        rows = WeightedRows(made.time, columns, white, float(self._usual[5]))
         known = current.followed(rows, keep, triangle, residue, RowMoments(moments))
         return rows, known.with_solution(inverse, solution, errors, mean)
 

@@ -135,48 +135,52 @@ def weigh(raw: Array, variances: Array, unit: Array, errors: Array, columns: Arr
 
 
 @part
-def weight_of(square: float, odd: Array) -> float:
-    """Weight of a block by its squared residual, as `OddBlocks`; `odd` as of `digest`."""
-    if np.isnan(odd[0]):
-        odd[0] = square
-    limit = odd[2] * max(odd[0], odd[3])
-    odd[0] += 0.01 * (min(square, 4.0 * odd[0]) - odd[0])
-    odd[1] = odd[1] + 1.0 if square > limit else 0.0
-    return sqrt(limit / square) if 0.0 < odd[1] <= odd[4] else 1.0
+def weight_of(square: float, usual: Array) -> float:
+    """Weight of a block of six rows by its squared residual, as `RobustWeights`; `usual` as of `digest`."""
+    square /= 6.0
+    if np.isnan(usual[0]):
+        usual[0] = square
+    weight: float = (usual[4] + 6.0) / (usual[4] + 6.0 * square / max(usual[0], usual[3]))
+    usual[1] = min(usual[1] + 1.0, usual[2])
+    usual[0] += weight * (square - usual[0]) / usual[1]
+    usual[6] += 1.0
+    usual[7] += square
+    usual[8] += weight
+    usual[9] += weight * square
+    return weight
 
 
 @part
-def lower(columns: Array, reduced: Array, weight: float) -> None:
-    """Multiplies rows by a weight."""
-    for i in range(len(reduced)):
-        reduced[i] *= weight
+def multiply(columns: Array, factor: float, out: Array) -> None:
+    """Writes rows times a factor."""
+    for i in range(len(columns)):
         for c in range(columns.shape[1]):
-            columns[i, c] *= weight
+            out[i, c] = factor * columns[i, c]
 
 
 @part
-def count(columns: Array, left: Array, total: Array, normal: Array) -> None:
+def count(columns: Array, left: Array, weight: float, total: Array, normal: Array) -> None:
     """Adds rows and their residuals to the sums of `Scatter`."""
     for j in range(4):
         for i in range(len(left)):
-            total[j] += columns[i, j] * left[i]
+            total[j] += weight * columns[i, j] * left[i]
             for k in range(4):
-                normal[j, k] += columns[i, j] * columns[i, k]
+                normal[j, k] += weight * columns[i, j] * columns[i, k]
 
 
 @part
-def add_moments(columns: Array, keep: float, earlier: Array, stiction: int, moments: Array) -> None:
+def add_moments(columns: Array, weight: float, keep: float, earlier: Array, stiction: int, moments: Array) -> None:
     """`RowMoments.add`."""
     for k in range(len(moments)):
         moments[k] = keep * earlier[k]
-    moments[0] += 1.0
+    moments[0] += weight
     for i in range(3):
-        moments[1 + i] += columns[i, 0]
+        moments[1 + i] += weight * columns[i, 0]
         for j in range(3):
-            moments[4 + 3 * i + j] += columns[i, 0] * columns[j, 0]
+            moments[4 + 3 * i + j] += weight * columns[i, 0] * columns[j, 0]
     for i in range(len(columns)):
         for j in range(12):
-            moments[13 + 12 * i + j] += columns[i, stiction + j]
+            moments[13 + 12 * i + j] += weight * columns[i, stiction + j]
 
 
 @compiled(
@@ -195,7 +199,7 @@ def digest(
     root: float,
     limited: bool,
     counted: bool,
-    odd: Array,
+    usual: Array,
     total: Array,
     normal: Array,
     columns: Array,
@@ -208,18 +212,19 @@ def digest(
     moments: Array,
     stiction: int,
 ) -> float:
-    """Weights a block's rows, limits them, counts their scatter and adds them, as `Summing.add`.
+    """Weights a block's rows, counts their scatter and adds them, as `Summing.add`.
 
     Args:
         raw: (6, 10 + 1 + errors), of A, b and C. variances: (6,), of white noise. unit: (6,), of the rows.
         triangle, solution: of the present estimate. aged: solution of an earlier one.
         errors: (k,), first entries of p; the others are zero.
         root: of the weight of what was summed before.
-        limited, counted: whether outliers are limited, and the scatter is counted.
-        odd: (5,), usual squared residual and number of successive odd blocks, updated, as in `OddBlocks`; `outlier`,
-            `least_usual` and `successive` of `OutlierSettings`.
+        limited, counted: whether the block is weighted by its residual, and the scatter is counted.
+        usual: (10,), mean square of usual residuals and its number of blocks, updated, as in `RobustWeights`;
+            `remembered`, `least_usual` and `freedom` of `OutlierSettings`; the block's weight, written; its `sums`,
+            updated.
         total, normal: (4,), (4, 4), updated, as in `Scatter`.
-        columns: as `raw`, the weighted rows. summed: as `triangle`, inverse, solved, mean: of the new estimate.
+        columns: as `raw`, the rows in their unit. summed: as `triangle`, inverse, solved, mean: of the new estimate.
         residue: (6, 1 + errors), what the rows leave. earlier, moments: sums of `RowMoments`, and those with the rows.
         stiction: first column of static friction.
 
@@ -229,22 +234,21 @@ def digest(
     n = len(raw)
     reduced, left, estimate = np.empty(n), np.empty(n), np.empty(10)
     white = weigh(raw, variances, unit, errors, columns, reduced)
+    usual[5] = 1.0
     if limited:
         mean_of(solution, errors, estimate)
-        weight = weight_of(residual(columns, reduced, estimate, left), odd)
-        if weight < 1.0:
-            lower(columns, reduced, weight)
-            white *= weight * weight
+        usual[5] = weight_of(residual(columns, reduced, estimate, left), usual)
     if counted:
         mean_of(aged, errors, estimate)
         residual(columns, reduced, estimate, left)
-        count(columns, left, total, normal)
-    rest = columns.copy()
+        count(columns, left, usual[5], total, normal)
+    rest = np.empty(columns.shape)
+    multiply(columns, sqrt(usual[5]), rest)
     fold(triangle, rest, root, summed)
     for i in range(n):
         for c in range(residue.shape[1]):
             residue[i, c] = rest[i, 10 + c]
     solve(summed, inverse, solved)
     mean_of(solved, errors, mean)
-    add_moments(columns, root * root, earlier, stiction, moments)
+    add_moments(columns, usual[5], root * root, earlier, stiction, moments)
     return white
