@@ -10,7 +10,7 @@ from stadera.trunk.scatter import RobustWeights
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import OutlierSettings
 
-SETTINGS = OutlierSettings(freedom=5.0)
+SETTINGS = OutlierSettings(freedom=5.0, outlier=1000.0)
 TRUNK = np.array([50.0, *np.zeros(9)])
 
 

@@ -26,7 +26,8 @@ class RobustWeights:
 
     Attributes:
         usual: u [1], in the rows' unit; NaN before any. count: number of blocks that it is an average of.
-        sums: of all blocks, their number, mean squares, weights, and weights times mean squares.
+        sums: of all blocks, their number, mean squares, clipped at `OutlierSettings.outlier` times u, weights, and
+            weights times mean squares.
     """
 
     def __init__(self, settings: OutlierSettings) -> None:
@@ -49,7 +50,7 @@ class RobustWeights:
         weight = student_weight(square, max(self.usual, settings.least_usual), settings.freedom)
         self.count = min(self.count + 1.0, settings.remembered)
         self.usual += weight * (square - self.usual) / self.count
-        self.sums += 1.0, square, weight, weight * square
+        self.sums += 1.0, min(square, settings.outlier * self.usual), weight, weight * square
         return weight
 
 

@@ -209,6 +209,7 @@ class OutlierSettings:
             are less heavy-tailed, and phases of a step with small residuals, where joints stick, must not decide alone.
         least_usual: least mean square of usual residuals, in the rows' unit [1]: residuals below 0.5 % of the weight
             do not define the usual ones.
+        outlier: multiple of the usual mean square up to which a block counts in the misfit [1]: an impact is no misfit.
         remembered: number of blocks over which usual residuals are averaged: two seconds, several steps.
         prior_clusters: number of clusters that the prior of the scatter, one, counts as.
     """
@@ -217,6 +218,7 @@ class OutlierSettings:
     afresh: int = 6
     freedom: float = 10.0
     least_usual: float = 0.25
+    outlier: float = 4.0
     remembered: float = 100.0
     prior_clusters: float = 4.0
 

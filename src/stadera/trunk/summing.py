@@ -55,16 +55,14 @@ class CompiledSumming(Summing):
 
     def __init__(self, robot_weight: float, length: float, scatter: Scatter, compiled: ModuleType) -> None:
         super().__init__(robot_weight, length, scatter)
-        own = scatter.settings
-        self._compiled, self._usual = (
-            compiled,
-            np.array([np.nan, 0.0, own.remembered, own.least_usual, own.freedom, 1.0, *np.zeros(4)]),
-        )
+        own, self._compiled = scatter.settings, compiled
+        limits = own.remembered, own.least_usual, own.freedom, 1.0, own.outlier
+        self._usual = np.array([np.nan, 0.0, *limits, *np.zeros(4)])
 
     @property
     def tails(self) -> float:
         """See `RobustWeights.tails`."""
-        return heaviness(self._usual[6:])
+        return heaviness(self._usual[7:])
 
     def add(
         self, made: BlockRows, current: Segment, aged: Segment, errors: Array, keep: float

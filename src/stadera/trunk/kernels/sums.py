@@ -143,10 +143,10 @@ def weight_of(square: float, usual: Array) -> float:
     weight: float = (usual[4] + 6.0) / (usual[4] + 6.0 * square / max(usual[0], usual[3]))
     usual[1] = min(usual[1] + 1.0, usual[2])
     usual[0] += weight * (square - usual[0]) / usual[1]
-    usual[6] += 1.0
-    usual[7] += square
-    usual[8] += weight
-    usual[9] += weight * square
+    usual[7] += 1.0
+    usual[8] += min(square, usual[6] * usual[0])
+    usual[9] += weight
+    usual[10] += weight * square
     return weight
 
 
@@ -220,9 +220,9 @@ def digest(
         errors: (k,), first entries of p; the others are zero.
         root: of the weight of what was summed before.
         limited, counted: whether the block is weighted by its residual, and the scatter is counted.
-        usual: (10,), mean square of usual residuals and its number of blocks, updated, as in `RobustWeights`;
-            `remembered`, `least_usual` and `freedom` of `OutlierSettings`; the block's weight, written; its `sums`,
-            updated.
+        usual: (11,), mean square of usual residuals and its number of blocks, updated, as in `RobustWeights`;
+            `remembered`, `least_usual` and `freedom` of `OutlierSettings`; the block's weight, written; `outlier`;
+            `sums`, updated.
         total, normal: (4,), (4, 4), updated, as in `Scatter`.
         columns: as `raw`, the rows in their unit. summed: as `triangle`, inverse, solved, mean: of the new estimate.
         residue: (6, 1 + errors), what the rows leave. earlier, moments: sums of `RowMoments`, and those with the rows.
