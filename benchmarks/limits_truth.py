@@ -190,10 +190,11 @@ def law_of_errors(robot: Robot, sizes: RealSizes, drawn: Mapping[str, Any], erro
 
 
 def usual_errors(robot: Robot, sizes: RealSizes) -> ErrorLaw:
-    """The law that the estimator assumes, of `ModelErrors`; the mean of all gains is drawn only if `sizes` draws it."""
+    """The law that the estimator assumes, of `ModelErrors`; the mean of all gains is zero unless `sizes` draws it."""
     usual = ModelErrors()
     covariance = ErrorModel(robot, usual, LegModel.of(robot).length).covariance
     gain, stiction = PLACES["gain"], PLACES["stiction"]
+    covariance[gain, gain] -= usual.gain**2 / 12.0
     if sizes.common_gain:
         covariance[gain, gain] += usual.common_gain**2
     sticking = np.zeros((ERRORS, 12))

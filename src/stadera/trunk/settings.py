@@ -276,8 +276,8 @@ class TrunkSettings:
     scale_shared: float = 0.5
     impact: float = 0.25
     updated: int = 10
-    updated_late: int = 25
-    grown: float = 0.04
+    updated_late: int = 50
+    grown: float = 0.06
     evaluated: float = 1.0
     lost: float = 3.5
     bridged: float = 0.006
