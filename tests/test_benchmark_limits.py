@@ -145,8 +145,10 @@ def test_usual_errors_are_those_of_the_estimator() -> None:
     robot = load_robot("go2")
     alone, common = (usual_errors(robot, REAL_SETS[name]) for name in ("real-unit-gain", "real"))
     gain = PLACES["gain"]
-    assert np.diag(alone.factor[gain] @ alone.factor[gain].T) == pytest.approx(0.03**2)
-    assert np.diag(common.factor[gain] @ common.factor[gain].T) == pytest.approx(2.0 * 0.03**2)
+    own = alone.factor[gain] @ alone.factor[gain].T
+    assert np.diag(own) == pytest.approx(0.03**2 * 11.0 / 12.0)
+    np.testing.assert_allclose(own.sum(axis=0), 0.0, atol=1e-15)  # their mean is zero
+    assert np.diag(common.factor[gain] @ common.factor[gain].T) == pytest.approx(0.03**2 * 23.0 / 12.0)
     assert not alone.factor[PLACES["stiction"]].any()
 
 

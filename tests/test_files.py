@@ -189,7 +189,9 @@ def test_the_old_file_outlives_an_interrupted_command(tmp_path: Path) -> None:
     old, begun = tmp_path / "old.json", tmp_path / "begun"
     write("first", old)
     code = (
-        "import time, pathlib\nfrom stadera.files import written_together\n"
+        # whoever starts tests in the background may have SIGINT ignored, and children inherit that
+        "import signal, time, pathlib\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from stadera.files import written_together\n"
         f"with written_together([{str(old)!r}]) as (draft,):\n"
         f"    draft.write_text('half'); pathlib.Path({str(begun)!r}).touch(); time.sleep(60)"
     )
