@@ -26,12 +26,16 @@ _BEYOND_NOISE = 2.0  # times the noise's variance, above which the robot is take
 
 
 class SignalCalibration:
-    """Removes noise from the twelve signals of the trunk's rows, block by block."""
+    """Removes noise from the twelve signals of the trunk's rows, block by block.
+
+    Attributes:
+        average: (3,) [m/s²], of the specific force over the last second, turned with the trunk: gravity.
+    """
 
     def __init__(self) -> None:
         self._weight = 0.0
         self._variance = np.zeros(6)
-        self._average = np.zeros(3)
+        self.average = np.zeros(3)
 
     def calibrated(self, signals: Array, noise: Array, turned: Array, elapsed: float) -> tuple[Array, Array]:
         """Replaces specific force and angular acceleration by their conditional means.
@@ -49,9 +53,9 @@ class SignalCalibration:
         self._weight = keep * self._weight + 1.0 - keep
         share = (1.0 - keep) / self._weight
         force = signals[:3]
-        carried = turned @ self._average
-        self._average = carried + share * (force - carried)
-        mean = np.concatenate([self._average, np.zeros(3)])
+        carried = turned @ self.average
+        self.average = carried + share * (force - carried)
+        mean = np.concatenate([self.average, np.zeros(3)])
         away = signals[:6] - mean
         self._variance += share * (away * away - self._variance)
         sure = self._variance > _BEYOND_NOISE * noise

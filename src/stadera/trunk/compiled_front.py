@@ -43,6 +43,7 @@ NAMES = (
     "common_gain",
     "regression",
     "sampling",
+    "imu_response",
 )
 """Order in which the compiled function is given the places of the errors."""
 

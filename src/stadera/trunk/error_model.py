@@ -33,6 +33,7 @@ _SIZES = {
     "imu_lever": 3,
     "imu_rotation": 3,
     "accelerometer": 3,
+    "imu_response": 3,
     "velocity_lag": 1,
     "stiction": 12,
     "common_gain": 1,
@@ -78,6 +79,7 @@ _AS_STATED = (
     "imu_lever",
     "imu_rotation",
     "accelerometer",
+    "imu_response",
     "velocity_lag",
     "common_gain",
 )

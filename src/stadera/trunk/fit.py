@@ -52,6 +52,7 @@ _CAUSES = {
     "link_com": "centres of mass of the legs' links",
     "imu_lever": "where the IMU is",
     "imu_rotation": "how the IMU is turned",
+    "imu_response": "accelerations that the torques do not follow",
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
 }

@@ -17,6 +17,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
     encoder, contact           +∂b/∂q, -∂b/∂p_contact      at the block's middle, by differences and in closed form
     link mass and centre       -∂b/∂(m, c)                 `BaseWrenchRegressor.by_links`
     IMU place, axes, bias      -K ([α]x + [ω]x[ω]x), K [a]x + L [α]x, -K
+    response of the IMU        -K diag(a - ā)               ā: average over a second, turned with the trunk
     lag of the velocities      G q⃛ + L α̇
     sampling                   half the difference of A θ - b between odd and even samples, times one
 
@@ -416,6 +417,7 @@ class RowMaker:
         C[:, PLACES["imu_lever"]] = -K @ (skew(alpha) + spin)
         C[:, PLACES["imu_rotation"]] = K @ skew(a) + L @ skew(alpha)
         C[:, PLACES["accelerometer"]] = -K
+        C[:, PLACES["imu_response"]] = -K * (signals[:3] - self._calibration.average)
         C[:, PLACES["velocity_lag"]] = (L @ total.jerk[12:] - G @ total.jerk[:12])[:, None]
         C[:, PLACES["regression"]] = own_alpha * removed
         alternating = trunk_matrix(total.alternating[:12]) @ trunk.vector - total.alternating[12:]

@@ -68,6 +68,7 @@ class ModelErrors:
     imu_lever: float = 0.015
     imu_rotation: float = 0.01
     accelerometer: float = 0.05
+    imu_response: float = 0.6
     torque_lag: float = 0.01
     velocity_lag: float = 0.001
     friction_drift: float = 0.3

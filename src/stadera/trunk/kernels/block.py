@@ -1146,9 +1146,18 @@ def write_joints(
 
 @part
 def write_imu(
-    total: Array, removed: Vector, K: Array, L: Array, own: Array, places: NDArray[np.intp], columns: Array
+    total: Array,
+    moved: Vector,
+    removed: Vector,
+    K: Array,
+    L: Array,
+    own: Array,
+    places: NDArray[np.intp],
+    columns: Array,
 ) -> None:
-    """Writes the columns of the errors of the IMU: place, axes and bias, and what the regression removed."""
+    """Writes the columns of the errors of the IMU: place, axes, bias and response to the part of the specific force
+    that has `moved` from its average, and what the regression removed.
+    """
     a, alpha = vector(total, SIGNALS), vector(total, SIGNALS + 3)
     xx, xy, xz = vector(total, SIGNALS + 6)
     yy, yz, zz = vector(total, SIGNALS + 9)
@@ -1167,6 +1176,7 @@ def write_imu(
             columns[c, places[11] + axis] = -by_place[axis]
             columns[c, places[12] + axis] = by_turn[axis]
             columns[c, places[13] + axis] = -by_a[axis]
+            columns[c, places[18] + axis] = -by_a[axis] * moved[axis]
             # the regression errors see the trunk alone
             columns[c, places[16] + axis] = own[c, axis] * removed[axis]
 
@@ -1219,7 +1229,7 @@ def rows(
         trunk: (10,), parameters at which errors of the IMU are linearised. lever: (3,) [m], of the IMU.
         trunk_map: (60, 12), `TRUNK_MAP`. variance: (30,), of white noise.
         calibration: (10,), state of `calibrate`. speeds, count: see `still`.
-        places: (18,), first of each error's columns, in the order of `stadera.trunk.compiled_rows.NAMES`.
+        places: (19,), first of each error's columns, in the order of `stadera.trunk.compiled_rows.NAMES`.
         sign: of alternating sums; 0 for too few samples.
         total: (SUMS,), the window's sums. columns: (6, 11 + errors), of A, b and C. white: (6,), variances.
         joint: (6, 12), q̈, q̇, s, 1, τ̇ and h - τ of the joints. air: (4,), legs in the air throughout.
@@ -1245,7 +1255,8 @@ def rows(
     by_accelerations(first, second, trunk, K, L, own)
     write_trunk(total, signals, trunk, trunk_map, sign, places[17], columns)
     write_joints(total, first, second, sticks, places, columns)
-    write_imu(total, removed, K, L, own, places, columns)
+    moved = minus(vector(signals, 0), vector(calibration, 7))
+    write_imu(total, moved, removed, K, L, own, places, columns)
     write_common(total, first, second, L, places, columns, squared)
     for c in range(6):
         by_a, by_velocity = (K[c, 0], K[c, 1], K[c, 2]), 0.0
