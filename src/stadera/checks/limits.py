@@ -83,6 +83,10 @@ class CheckLimits:
     # -2 log of the likelihood's ratio above which the torques are those of other legs: 2 ln(23 / 0.001), one in a
     # thousand with 23 orders. In clean logs, swaying, crawling and trotting, every other order loses.
     order_gain: float = 20.0
+    # residual of a row, share of the weight, up to which an order explains the motion. The right order leaves 0.6 to
+    # 3.7 % on drawn robots that trot, crawl and sway, and 7 to 12 % on walks of a real Mini Cheetah, whose torques are
+    # commands that lead the motion.
+    order_fits: float = 0.05
     # the same with an unknown force from outside in every second, above which such a force is not mistaken for the
     # order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
     order_certain: float = 150.0
@@ -140,6 +144,9 @@ class WindowLimits:
     # step of a position beyond the velocity [rad]; undone: samples within which the end of a spike reverses it
     jump: float = 0.03
     undone: int = 8
+    # number of samples that may be lost or late without a gap in the stamps, during which a joint moves on; a real Mini
+    # Cheetah's log loses up to five
+    late: float = 5.0
     kept: float = 0.7  # share of the step that must remain then
     # multiple of a drive's limit above which a torque is impossible; models often state a third of the true limit
     beyond: float = 4.0

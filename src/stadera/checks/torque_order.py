@@ -11,9 +11,15 @@ eliminated, N equations with residual r remain, and with the noise's variance s�
 
     -2 log L(π) = min_s [ rᵀ (s² k 1 + C Σ Cᵀ)⁻¹ r + N/k log s² + log |1 + Σ Cᵀ C / s² k| ],
 
-k instants sharing one error. Another order than the recorded one is found where it gains more than by chance in any of
-23 orders; it is certain if it also gains where a constant force and moment from outside, unknown in every second, may
-act. A robot at rest shows no order by this: there static friction varies more than the load.
+k instants sharing one error. Another order than the recorded one is found where
+
+- it gains more than by chance in any of 23 orders, also without the second that it gains most in: swapped torques are
+  wrong all the time, a load that lands or a push for a moment;
+- it explains the motion itself, with a residual s of a few per cent of the weight. Where neither order does, something
+  else is wrong with the log or the model, and their difference tells nothing.
+
+It is certain if it also gains where a constant force and moment from outside, unknown in every second, may act. A robot
+at rest shows no order by this: there static friction varies more than the load.
 
 Two legs whose torques are swapped at rest push against each other, if the feet are not below the hips. Friction can
 hold that, so it is a doubt and not a contradiction.
@@ -73,13 +79,15 @@ def swapped_in_motion(footing: Footing, limits: CheckLimits) -> SwappedTorques |
     rows, group = InstantRows.of(footing), footing.blocks.group
 
     def gain(of: _Rows, order: Sequence[int]) -> float:
-        return of.cost((0, 1, 2, 3), limits) - of.cost(order, limits)
+        return of.fitted((0, 1, 2, 3), limits).cost - of.fitted(order, limits).cost
 
     free = _Rows.of(rows, group, limits)
-    recorded = free.cost((0, 1, 2, 3), limits)
-    found = [(recorded - free.cost(order, limits), order, what) for order, what in torque_orders(footing.robot)]
+    recorded = free.fitted((0, 1, 2, 3), limits).cost
+    found = [(recorded - free.fitted(order, limits).cost, order, what) for order, what in torque_orders(footing.robot)]
     most, order, best = max(found, key=lambda entry: entry[0])
-    if most <= limits.order_gain:
+    if most <= limits.order_gain or free.fitted(order, limits).residual(limits) > limits.order_fits:
+        return None
+    if min(gain(free.without(k), order) for k in range(len(free.seconds))) <= 0.5 * limits.order_gain:
         return None
     certain = gain(_Rows.of(rows, group, limits, pushed=True), order) > limits.order_certain
     return SwappedTorques(best, most, certain)
@@ -118,40 +126,44 @@ class _Rows:
     follow from those of these columns, summed over the instants once.
     """
 
-    # (c, c), after θ is eliminated, of the columns: b without torques; `fixed` errors that do not depend on the
-    # torques; by m, l and joint -E τ; by m and l E τ̇; and by m, l and displaced joint ∂b/∂q
-    products: Array
+    # (seconds, c, c), after θ is eliminated, of the columns: b without torques; `fixed` errors that do not depend on
+    # the torques; by m, l and joint -E τ; by m and l E τ̇; and by m, l and displaced joint ∂b/∂q
+    seconds: Array
     fixed: int  # number of errors that do not depend on the torques
-    count: int  # number of rows less θ's
+    counts: NDArray[np.int64]  # (seconds,), numbers of rows less θ's
     root: Array  # (p, p), root of the errors' covariance
 
     @classmethod
     def of(cls, rows: InstantRows, group: NDArray[np.int64], limits: CheckLimits, *, pushed: bool = False) -> _Rows:
         """With another trunk in every second, and with `pushed` another constant force and moment from outside."""
-        products, count, second = rows.both.T @ rows.both, 0, np.repeat(group, 6)
+        seconds, counts, second = [], [], np.repeat(group, 6)
         for one in np.unique(group):
             at = np.flatnonzero(second == one)
             A = np.hstack([rows.matrix[at], outside(len(at))]) if pushed else rows.matrix[at]
             weak = limits.loose * np.eye(A.shape[1])
             explained = np.linalg.qr(np.vstack([A, weak]))[0][: len(at)].T @ rows.both[at]
-            products -= explained.T @ explained
-            count += max(len(at) - A.shape[1], 0)
-        return cls(products, rows.fixed, count, rows.root)
+            seconds.append(rows.both[at].T @ rows.both[at] - explained.T @ explained)
+            counts.append(max(len(at) - A.shape[1], 0))
+        return cls(np.array(seconds), rows.fixed, np.array(counts), rows.root)
 
-    def cost(self, order: Sequence[int], limits: CheckLimits) -> float:
-        """-2 log L of the torques in this order."""
-        chosen = sums(len(self.products), self.fixed, order)
-        products = chosen.T @ self.products @ chosen
+    def without(self, second: int) -> _Rows:
+        """The same without one of the seconds."""
+        return replace(self, seconds=np.delete(self.seconds, second, 0), counts=np.delete(self.counts, second))
+
+    def fitted(self, order: Sequence[int], limits: CheckLimits) -> Likelihood:
+        """Likelihood of the torques in this order."""
+        chosen = sums(self.seconds.shape[1], self.fixed, order)
+        products = chosen.T @ self.seconds.sum(axis=0) @ chosen
         products[1:] = self.root.T @ products[1:]
         products[:, 1:] = products[:, 1:] @ self.root
-        return Likelihood.of(products, self.count, limits.order_repeated).cost
+        return Likelihood.of(products, int(self.counts.sum()), limits.order_repeated)
 
 
 @dataclass(frozen=True, eq=False)
 class InstantRows:
     """Rows of the trunk at some instants, in units of 1 % of the weight."""
 
-    # (6 n, c), columns as in `_Rows.products`; of each leg with its recorded torques alone, if only those were asked
+    # (6 n, c), columns as in `_Rows.seconds`; of each leg with its recorded torques alone, if only those were asked
     # for
     both: Array
     fixed: int  # number of errors that do not depend on the torques
@@ -207,6 +219,10 @@ class Likelihood:
     value: Array
     vector: Array
 
+    def residual(self, limits: CheckLimits) -> float:
+        """s, standard deviation of a row, as a share of the weight."""
+        return float(0.01 * np.sqrt(self.variance / limits.order_repeated))
+
     @classmethod
     def of(cls, products: Array, count: int, repeated: float) -> Likelihood:
         """From the products of b and C, (1 + p, 1 + p), over `count` rows, of which `repeated` share an error."""
@@ -222,7 +238,7 @@ class Likelihood:
 def _by_torques(
     wrenches: LegWrenches, displaced: Sequence[LegWrenches], torque: Array, rate: Array, of_leg: Sequence[slice]
 ) -> list[Array]:
-    """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.products`, for each leg in
+    """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.seconds`, for each leg in
     `of_leg`, whose torques all legs are given; all legs for each with its own.
     """
     E = wrenches.to_wrench

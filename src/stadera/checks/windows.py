@@ -151,7 +151,8 @@ def _jumps(
     """
     step, gaps = np.diff(apart, axis=0), np.diff(time)
     usual, period = _usual(np.abs(step), limits), np.median(gaps)
-    big = np.abs(step) > np.maximum(limits.jump, 20.0 * usual + np.abs(way))
+    nearby = np.max([np.abs(way), np.abs(np.roll(way, 1, axis=0)), np.abs(np.roll(way, -1, axis=0))], axis=0)
+    big = np.abs(step) > np.maximum(limits.jump, 20.0 * usual + limits.late * nearby)
     big &= (gaps < GAP_FACTOR * period)[:, None]
     for j, joint in enumerate(joints):
         for k in np.flatnonzero(big[:, j])[: limits.most]:
