@@ -243,6 +243,23 @@ class ChangeDetector:
         square = self._spreads.square[at] / self._student[at] ** 2
         return np.asarray(np.minimum(square / np.maximum(self._spreads.usual[at], 1e-300), 1.0))
 
+    def returned(self, before: Segment, since: Segment, errors: Errors) -> bool:
+        """True if the load is again what it was before a change: averages over the latest blocks agree with the
+        estimate before, and not with that `since` the change. It was a push, or a foot that was caught.
+        """
+        n = self.settings.back
+        if self._blocks.count < n:
+            return False
+        spread = self._spreads.square[self.settings.windows.index(n)]
+
+        def ratio(segment: Segment) -> float:
+            singles, weights = self._singles(n, segment, errors)
+            weights = np.minimum(weights, self._heaviest)
+            size = (self._near(singles, _median(singles)) * weights).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-12)
+            return float((np.abs(size - self._centre) / np.sqrt(spread)).max())
+
+        return ratio(before) < self.settings.suspected and ratio(since) > self.settings.deviations
+
     def learn(self, before: Segment, errors: Errors) -> None:
         """Updates the spread of averages under a constant load.
 

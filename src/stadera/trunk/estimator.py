@@ -67,6 +67,21 @@ class _Change:
     shown: Array
 
 
+@dataclass(frozen=True, eq=False)
+class _Rival:
+    """What was known before the last change, to return to if the change was a push: `before` and `since` are the
+    estimates before it and right after it, all others the estimator's own attributes.
+    """
+
+    time: float
+    before: Segment
+    since: Segment
+    finished: tuple[Segment, ...]
+    loaded: Segment | None
+    changes: int
+    changing: _Change | None
+
+
 class _Reading:
     """The trunk as estimated at one time, computed on first use."""
 
@@ -142,6 +157,7 @@ class TrunkEstimator:
         self._changes: list[LoadChange] = []
         self._changing: _Change | None = None
         self._candidate: _Change | None = None
+        self._rival: _Rival | None = None
         self._tare: Segment | None = None
         self._loaded: Segment | None = None  # rows since the tare, until a change is detected
         self._since_tare = RobustWeights(self.settings.outliers)
@@ -211,6 +227,7 @@ class TrunkEstimator:
         change.
         """
         self._tare, self._unused = self._current, self.settings.changes.spoilt
+        self._rival = None
         self._since_tare = RobustWeights(self.settings.outliers)
         self._loaded = Segment.prior(self._current.mean(self._errors.mean), self.settings.after_change * self._wide)
 
@@ -407,6 +424,8 @@ class TrunkEstimator:
         between = self.settings.updated // 2  # not in the block that also evaluates the fit
         if self._refresh_at - self._blocks == between:
             self._detector.learn(self._aged, self._errors)
+        if self._rival is not None and self._settled_rival(self._rival, made.time):
+            return
         jump = self._detector.look(rows, self._aged, self._known[0], self._errors, self._scatter.value, held)
         if jump is not None:
             self._jumped(jump, made.time)
@@ -442,6 +461,9 @@ class TrunkEstimator:
         blocks = min(jump.blocks, len(recent))
         before = self._known[max(len(recent) - blocks - spoilt, 0)]
         begun = recent[-blocks].time - self.settings.block
+        rival = self._rival or _Rival(
+            now, before, before, self._finished, self._loaded, len(self._changes), self._changing
+        )
         self._finished = (*self._finished[-3:], before)
         self._earlier = RowSums.of(self._finished, self.settings.swing.repeated)
         self._known = deque([Segment.prior(before.mean(self._errors.mean), self.settings.after_change * self._wide)])
@@ -449,11 +471,31 @@ class TrunkEstimator:
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
         for rows in self._recent:  # weights were those of residuals from the earlier load
             self._known.append(self._current.add(replace(rows, weight=1.0)))
+        self._rival = replace(rival, since=self._current)
         self._candidate = _Change(begun, now, before, jump.shown) if jump.reported else None
         self._report(now)
         self._detector.restart(len(self._recent))
         self._scatter.restart()
         self._since = now
+
+    def _settled_rival(self, rival: _Rival, now: float) -> bool:
+        """Drops the rival once it is old; returns to it, and then returns True, if the load is again what it was."""
+        if now - rival.time > self.settings.changes.transient:
+            self._rival = None
+        elif self._detector.returned(rival.before, rival.since, self._errors):
+            back = list(self._recent)[-self.settings.changes.back :]
+            self._rival, self._candidate, self._changing = None, None, rival.changing
+            self._changes = self._changes[: rival.changes]
+            self._finished, self._loaded = rival.finished, rival.loaded
+            self._earlier = RowSums.of(rival.finished, self.settings.swing.repeated) if rival.finished else None
+            self._known, self._recent = deque([rival.before]), deque(back)
+            for rows in back:
+                self._known.append(self._current.add(rows))
+            self._detector.restart(len(back))
+            self._scatter.restart()
+            self._adopt(now)
+            return True
+        return False
 
     def _report(self, now: float) -> None:
         """Reports the detected change once it exceeds its error bars; a change that never does is not reported."""

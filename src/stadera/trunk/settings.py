@@ -143,6 +143,10 @@ class ChangeSettings:
         pending: latest blocks excluded from the earlier estimate, for averages up to this length; twice that for longer
             ones.
         suspected: number of standard deviations above which an uncertain change enters the error bars.
+        back: length of the average, one of `windows`, by which a load that is back to what it was before a change is
+            recognised [blocks]: a stance.
+        transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
+            fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
         memory: time constant of the statistics of past averages [s].
         prior: standard deviation of such averages before any data, in the unit of `least_change` [1].
@@ -162,6 +166,8 @@ class ChangeSettings:
     history: float = 0.8
     pending: int = 56
     suspected: float = 2.5
+    back: int = 12
+    transient: float = 2.0
     spoilt: int = 2
     memory: float = 10.0
     prior: float = 0.005
@@ -182,6 +188,8 @@ class ChangeSettings:
                 f"ChangeSettings.windows must fit into twice the {self.pending} pending blocks, the first into these, "
                 f"got {self.windows}"
             )
+        if self.back not in self.windows:
+            raise StaderaError(f"ChangeSettings.back must be one of the windows {self.windows}, got {self.back}")
         if self.prior_averages < 1.0:
             raise StaderaError(f"ChangeSettings.prior_averages must be at least 1, got {self.prior_averages}")
         if self.phases > 1.0:
