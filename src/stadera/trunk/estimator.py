@@ -446,7 +446,7 @@ class TrunkEstimator:
         """Updates p̂ and Σ from legs in the air and residuals."""
         # rows in which a change may still be detected do not count against the model
         last = self._aged if self._aged.blocks >= self.settings.outliers.cluster or self._finished else self._current
-        rows = RowSums.of((last,), self.settings.swing.repeated) if self._earlier is None else self._earlier.plus(last)
+        rows = self._summed((last,)) if self._earlier is None else self._earlier.plus(last)
         usual = Errors(self._model, self._swing, 1.0, rows, JOINTS)
         self._fit = Fit.of(rows, usual, self.settings, self._summing.tails)
         self._errors = Errors(self._model, self._swing, self._fit.shared_scale(self.settings), rows)
@@ -454,6 +454,10 @@ class TrunkEstimator:
         self._front.know_joints(self._errors.mean[place].reshape(3, 12), self._errors.std[place].reshape(3, 12))
         self._swing_misfit = self._swing.misfit if self._seen_for >= self.settings.evaluated else None
         self._trust = None
+
+    def _summed(self, segments: Sequence[Segment]) -> RowSums:
+        swing = self.settings.swing
+        return RowSums.of(segments, swing.repeated, swing.returning)
 
     def _jumped(self, jump: Jump, now: float) -> None:
         """Restarts the trunk with the rows since the change, and keeps the earlier estimate."""
@@ -465,7 +469,7 @@ class TrunkEstimator:
             now, before, before, self._finished, self._loaded, len(self._changes), self._changing
         )
         self._finished = (*self._finished[-3:], before)
-        self._earlier = RowSums.of(self._finished, self.settings.swing.repeated)
+        self._earlier = self._summed(self._finished)
         self._known = deque([Segment.prior(before.mean(self._errors.mean), self.settings.after_change * self._wide)])
         self._loaded = None
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
@@ -487,7 +491,7 @@ class TrunkEstimator:
             self._rival, self._candidate, self._changing = None, None, rival.changing
             self._changes = self._changes[: rival.changes]
             self._finished, self._loaded = rival.finished, rival.loaded
-            self._earlier = RowSums.of(rival.finished, self.settings.swing.repeated) if rival.finished else None
+            self._earlier = self._summed(rival.finished) if rival.finished else None
             self._known, self._recent = deque([rival.before]), deque(back)
             for rows in back:
                 self._known.append(self._current.add(rows))

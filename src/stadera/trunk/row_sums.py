@@ -39,6 +39,7 @@ class RowSums:
         remainder: see `Segment.remainder`, over all blocks. in_motion: the same over blocks in which the robot moves.
         weight: sum of the weights of the blocks in motion [1].
         repeated: number of successive rows with the same error [1], which persists through a swing or a stance.
+        returning: number of rows after which such errors have returned, so that further rows tell nothing new [1].
         white: Σ of all rows' white variance [1].
     """
 
@@ -47,12 +48,13 @@ class RowSums:
     weight: float
     repeated: float
     white: float = 0.0
+    returning: float = float("inf")
 
     @classmethod
-    def of(cls, segments: Sequence[Segment], repeated: float) -> RowSums:
+    def of(cls, segments: Sequence[Segment], repeated: float, returning: float = float("inf")) -> RowSums:
         """Sums up segments of the same robot."""
         first, *others = segments
-        total = cls(first.remainder, first.in_motion, first.moved, repeated, first.white)
+        total = cls(first.remainder, first.in_motion, first.moved, repeated, first.white, returning)
         for segment in others:
             total = total.plus(segment)
         return total
@@ -65,7 +67,13 @@ class RowSums:
             self.weight + segment.moved,
             self.repeated,
             self.white + segment.white,
+            self.returning,
         )
+
+    @property
+    def repeats(self) -> float:
+        """Number of rows that share one error [1]."""
+        return self.repeated * max(self.weight / self.returning, 1.0)
 
 
 def robot_weight(robot: Robot) -> float:
