@@ -90,8 +90,8 @@ def test_finds_a_trunk_that_nothing_was_told_of(coulomb: float) -> None:
     assert found.observed.all()
     off, std = error(estimator, trunk()), np.sqrt(np.diag(estimator.estimate().covariance))
     assert (np.abs(off) < 3.0 * std).all()
-    assert abs(off[0]) < 2e-4 * robot().mass
-    assert np.abs(off[1:]).max() < 2e-4
+    assert abs(off[0]) < 4e-4 * robot().mass  # with an unknown response of the IMU, 40 kg as a start count for more
+    assert np.abs(off[1:]).max() < 4e-4
     np.testing.assert_allclose(found.inertial.vector[4:], trunk().vector[4:], atol=0.1)
     assert found.inertial.is_physical()
 
@@ -231,7 +231,7 @@ def test_a_stand_ten_times_as_long_neither_drifts_nor_is_surer_than_its_constant
 
 def test_a_small_sway_shows_the_height() -> None:
     estimator = TrunkEstimator(robot())
-    estimator.add(before(samples(motion(replace(STILL, tilt=0.04, sway=0.01)), STANDARD, 1), 2.0))
+    estimator.add(before(samples(motion(replace(STILL, tilt=0.04, sway=0.01)), STANDARD, 1), 3.0))
     assert estimator.estimate().observed.all()
     assert abs(error(estimator, trunk())[3]) < 4.0 * estimator.estimate().std[3] < 0.06
 
@@ -428,3 +428,44 @@ def test_known_offsets_are_taken_out_with_their_sign() -> None:
     assert np.abs(ignored[1:]).max() > 0.02 * plain.mass * 0.1
     np.testing.assert_allclose(right, 0.0, atol=1e-3 * np.abs(ignored).max())
     np.testing.assert_allclose(wrong, 2.0 * ignored, atol=0.2 * np.abs(ignored).max())
+
+
+def pushed(share: float, begin: float, end: float) -> Samples:
+    """A trot without errors of the model, pushed upwards: every leg's torques are smaller by the same share."""
+    walk = motion(Walk(seconds=8.0, rate_hz=RATE))
+    made = samples(walk, STANDARD, 3)
+    during = (made.time >= begin) & (made.time < end)
+    return replace(made, effort=np.where(during[:, None], (1.0 - share) * made.effort, made.effort))
+
+
+@pytest.mark.parametrize(("share", "seconds"), [(0.4, 0.2), (0.2, 0.5), (-0.3, 1.0)])
+def test_a_push_is_withdrawn_and_what_was_known_before_is_kept(share: float, seconds: float) -> None:
+    estimator, made = TrunkEstimator(robot()), pushed(share, 4.0, 4.0 + seconds)
+    estimator.add(before(made, 4.0))
+    known, std = estimator.estimate().value[0], estimator.estimate().std[0]
+    estimator.add(before(after(made, 4.0), 4.0 + seconds + 0.5))
+    assert not estimator.changes
+    assert abs(estimator.estimate().value[0] - known) < 0.5 * std
+    estimator.add(after(made, 4.0 + seconds + 0.5))
+    assert not estimator.changes
+    assert abs(estimator.estimate().value[0] - known) < 0.5 * std
+
+
+def test_a_push_is_said_while_it_lasts() -> None:
+    estimator = TrunkEstimator(robot())
+    estimator.add(before(pushed(0.4, 4.0, 5.0), 4.9))
+    (change,) = estimator.changes
+    assert change.mass == pytest.approx(-0.4 * robot().mass, rel=0.3)
+
+
+def test_white_noise_does_not_make_the_trunk_lighter_the_longer_the_log() -> None:
+    """Torques' noise is in the target and in the columns of the model's errors: p̂ would follow it ever more."""
+    walk, noisy = motion(Walk(seconds=24.0, rate_hz=RATE)), []
+    estimator, begin = TrunkEstimator(robot()), 0.0
+    loud = replace(STANDARD, torque=3.0 * STANDARD.torque, torque_constant=0.0, accelerometer_constant=0.0)
+    made = samples(walk, replace(loud, accelerometer=3.0 * STANDARD.accelerometer, gyro_constant=0.0), 3)
+    for end in (4.0, 24.0):
+        estimator.add(made[(made.time >= begin) & (made.time < end)])
+        begin = end
+        noisy.append(error(estimator, trunk())[0] / robot().mass)
+    assert abs(noisy[1]) < max(abs(noisy[0]), 0.003)

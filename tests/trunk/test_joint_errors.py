@@ -113,6 +113,21 @@ def test_gains_cannot_take_up_what_all_torques_have_in_common() -> None:
     assert segment.mean(errors.mean)[0] == pytest.approx(weight, rel=0.002)
 
 
+def test_errors_that_return_with_every_step_tell_no_more_however_often_they_return() -> None:
+    """As many rows as `returning`, or ten times the same ones, leave the same mean and covariance."""
+    rng, swing = np.random.default_rng(6), SwingJoints(MODEL, SwingDetection())
+    steps = rows_with(np.sqrt(np.diag(MODEL.covariance)), 1.0, rng, blocks=80)
+    once = often = Segment.prior(np.zeros(10), np.full(10, 1e6))
+    for k in range(10):
+        for r in steps:
+            once, often = (once if k else once.add(r)), often.add(r)
+    first, again = (Errors(MODEL, swing, 1.0, RowSums.of((s,), 10.0, 80.0)) for s in (once, often))
+    np.testing.assert_allclose(again.mean / MODEL.variance**0.5, first.mean / MODEL.variance**0.5, atol=1e-3)
+    np.testing.assert_allclose(again.std, first.std, rtol=1e-3)
+    surer = Errors(MODEL, swing, 1.0, RowSums.of((often,), 10.0))
+    assert surer.std[PLACES["offset"]].max() < 0.7 * first.std[PLACES["offset"]].max()
+
+
 def test_a_robot_at_rest_tells_nothing_of_its_model() -> None:
     """Only blocks in which at least half of the joints move count, and they alone as many as they are."""
     rng, swing = np.random.default_rng(4), SwingJoints(MODEL, SwingDetection())

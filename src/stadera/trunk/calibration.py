@@ -19,9 +19,11 @@ from math import exp
 
 import numpy as np
 
+from stadera.constants import GRAVITY
 from stadera.types import Array
 
 _MEMORY = 1.0  # s
+_STRUCK = 0.5 * GRAVITY  # m/s², most that a block counts in the average: impacts are not gravity
 _BEYOND_NOISE = 2.0  # times the noise's variance, above which the robot is taken to move
 
 
@@ -54,7 +56,8 @@ class SignalCalibration:
         share = (1.0 - keep) / self._weight
         force = signals[:3]
         carried = turned @ self.average
-        self.average = carried + share * (force - carried)
+        most = _STRUCK if share < 1.0 else np.inf  # the first block is all that is known
+        self.average = carried + share * np.clip(force - carried, -most, most)
         mean = np.concatenate([self.average, np.zeros(3)])
         away = signals[:6] - mean
         self._variance += share * (away * away - self._variance)

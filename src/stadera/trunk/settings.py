@@ -38,6 +38,9 @@ class ModelErrors:
             warmed up by 20 K since: 0.25 mg/K, as is quoted of Bosch's BMI270 (second hand; the data sheet was not
             read). Without calibration 20 mg are quoted of BMI270 and BMI088, four times as much, which acts on the
             trunk's mass like a gain of 2 %.
+        imu_response: share of the changes of the specific force, each axis, that the torques do not follow [1]:
+            vibration, touchdowns between two samples, an accelerometer's filter, torques that are commands. 0.3 to 0.9
+            on five walks of a real Mini Cheetah; of a robot whose IMU is good it is estimated to be next to nothing.
         torque_lag: delay of the torques relative to encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms.
         velocity_lag: delay of the joint velocities [s].
         friction_drift: of joints with identified legs, change of viscous and Coulomb friction from log to log, share of
@@ -68,7 +71,7 @@ class ModelErrors:
     imu_lever: float = 0.015
     imu_rotation: float = 0.01
     accelerometer: float = 0.05
-    imu_response: float = 0.6
+    imu_response: float = 0.4
     torque_lag: float = 0.01
     velocity_lag: float = 0.001
     friction_drift: float = 0.3

@@ -58,6 +58,7 @@ LEAST, MOST = 0.05**2, 20.0**2  # times the prior variance
 OVERLAP, TELESCOPED = 4.0 / 3.0, 0.5  # correlation of neighbouring windows' noise
 MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
 MEMORY, BEYOND_NOISE = 1.0, 2.0  # s, of ground and accelerations; times the variance of noise
+STRUCK = 0.5 * 9.80665  # m/s², most that a block counts in the average of the specific force
 BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
 WILD, RESTLESS, FASTEST = 10.0, 4.0, 30.0  # times the usual noise, twice; rad/s
 SPIKE_MEMORY, LEARNT = 100.0, 5.0  # blocks; blocks before a spike is replaced
@@ -1050,10 +1051,10 @@ def calibrate(total: Array, imu: Array, turn: Array, elapsed: float, state: Arra
     keep = exp(-elapsed / MEMORY)
     state[0] = keep * state[0] + 1.0 - keep
     share = (1.0 - keep) / state[0]
-    before = vector(state, 7)
+    before, most = vector(state, 7), STRUCK if share < 1.0 else np.inf  # the first block is all that is known
     for c in range(3):
         carried = turn[c, 0] * before[0] + turn[c, 1] * before[1] + turn[c, 2] * before[2]
-        state[7 + c] = carried + share * (total[SIGNALS + c] - carried)
+        state[7 + c] = carried + share * max(min(total[SIGNALS + c] - carried, most), -most)
     removed = np.zeros(3)
     for c in range(6):
         mean = state[7 + c] if c < 3 else 0.0
