@@ -9,13 +9,16 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stadera.checks.footing import Footing
 from stadera.checks.instants import Instants
-from stadera.checks.torque_order import slopes
+from stadera.checks.limits import CheckLimits
+from stadera.checks.torque_order import slopes, swapped_in_motion
 from stadera.lab.experiments.faults.forces import FORCES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import load_robot
+from stadera.robot.imu import ImuMount
 from stadera.weigh import diagnose
 from stadera.weigh.weigh import weigh
 
@@ -125,3 +128,37 @@ def test_slopes_are_numpys_gradients_stretch_by_stretch() -> None:
         at = group == one
         expected = np.gradient(values[at], time[at], axis=0) if at.sum() > 1 else np.zeros((1, 4, 3))
         np.testing.assert_allclose(found[at], expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("go2", 30), ("b1", 30)])
+def test_hips_of_a_sound_robot_that_stands_are_not_accused(name: str, seed: int) -> None:
+    """Static friction of the hips holds what hips of the other sign would explain."""
+    robot = load_robot(name)
+    load = Load(0.2 * robot.mass, "kg", (0.05, 0.04, 0.15))
+    settings = SimulateSettings("real", load, duration=6.0, rate=500.0, seed=seed, hold=2)
+    assert diagnose(simulate(robot, "stand-load", settings).recording, robot) == ()
+
+
+def test_an_order_that_does_not_explain_the_motion_itself_is_not_named() -> None:
+    """Legs in the wrong order, and torques that lead the motion by 40 ms: neither order fits."""
+    robot, log = load_robot("hyq"), log_of("hyq", "trot", 15, True)
+    assert log.effort is not None
+    led = np.roll(log.effort, -10, axis=0)
+    blocks = Instants.of(replace(log, effort=led), robot.tree.joints, ImuMount.of(robot), CheckLimits())
+    assert swapped_in_motion(Footing(robot, blocks), CheckLimits()) is None
+    wrong = swapped(replace(log, effort=led), "hyq", ("LF", "RF"))
+    blocks = Instants.of(wrong, robot.tree.joints, ImuMount.of(robot), CheckLimits())
+    assert swapped_in_motion(Footing(robot, blocks), CheckLimits(order_fits=1.0)) is not None
+    assert swapped_in_motion(Footing(robot, blocks), CheckLimits(order_fits=0.001)) is None
+
+
+def test_an_order_that_gains_in_one_second_only_is_not_named() -> None:
+    """Torques of two legs exchanged for a second are no order of the log's torques."""
+    robot, log = load_robot("go2"), log_of("go2", "shake", 11, False)
+    other = swapped(log, "go2", ("LF", "RF"))
+    assert log.effort is not None
+    assert other.effort is not None
+    during = (log.time > 1.0) & (log.time < 2.0)
+    mixed = replace(log, effort=np.where(during[:, None], other.effort, log.effort))
+    blocks = Instants.of(mixed, robot.tree.joints, ImuMount.of(robot), CheckLimits())
+    assert swapped_in_motion(Footing(robot, blocks), CheckLimits()) is None
