@@ -305,6 +305,18 @@ def test_a_sensor_that_stands_still(hyq: Robot, clean: Recording, channel: str, 
     assert f"{clean.joints[4]}.{channel}" in found[0].message
 
 
+def test_a_joint_that_rests_is_no_sensor_that_stands_still(hyq: Robot, clean: Recording) -> None:
+    """Its drive reports a velocity of exactly zero; if its position moves meanwhile, the velocity is dead."""
+    rng = np.random.default_rng(1)
+    velocity = 1e-3 * rng.standard_normal(clean.position.shape)
+    position, later = clean.position.copy(), clean.time > clean.time.mean()
+    velocity[later, 3], position[later, 3] = 0.0, position[later, 3][0]
+    assert diagnose(replace(clean, position=position, velocity=velocity), hyq) == ()
+    position[later, 3] += 0.02 * np.sin(3.0 * clean.time[later])
+    found = diagnose(replace(clean, position=position, velocity=velocity), hyq)
+    assert any(f.cause == "stuck" and f"'{clean.joints[3]}.velocity' stands still" in f.message for f in found)
+
+
 def test_torques_that_are_zero_throughout(hyq: Robot, clean: Recording) -> None:
     assert clean.effort is not None
     effort = clean.effort.copy()

@@ -113,7 +113,8 @@ def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
             yield Finding("no_torque", f"the torque of {listed([*map(repr, silent)], 4)} is zero throughout")
     groups: dict[tuple[float, float], list[str]] = {}
     for name, values in _signals(recording):
-        if (span := _longest_repeat(recording.time, values, limits)) is not None:
+        span = _longest_repeat(recording.time, values, limits)
+        if span is not None and not _rests(recording, name, span, limits):
             groups.setdefault(span, []).append(name)
     for (begin, end), names in groups.items():
         yield Finding(
@@ -122,6 +123,21 @@ def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
             f"{end:.3f} s, and change{'s' * (len(names) == 1)} with every sample elsewhere: a sensor that dropped out",
             span=(begin, end),
         )
+
+
+def _rests(recording: Recording, name: str, span: tuple[float, float], limits: CheckLimits) -> bool:
+    """True for a signal of a joint that rests meanwhile by its other signals: drives report a rest as zero velocity,
+    and a torque that is computed from a position that stands is as still.
+    """
+    joint, _, channel = name.rpartition(".")
+    if joint not in recording.joints or recording.velocity is None:
+        return False
+    inside, at = (recording.time >= span[0]) & (recording.time <= span[1]), recording.index(joint)
+    moved = float(np.ptp(recording.position[inside, at]))
+    if channel == "effort":
+        return moved == 0.0
+    silent = recording.velocity[:, at] == 0.0
+    return moved < limits.rests and bool(silent[inside].all() and not silent.all())
 
 
 def _signals(recording: Recording) -> Iterator[tuple[str, Array]]:

@@ -39,6 +39,7 @@ class CheckLimits:
     gravity: float = 0.6  # deviation of the mean specific force from gravity [m/s²]
     upright: float = radians(10.0)  # angle between the verticals from orientation and accelerometer [rad]
     stuck: float = 0.05  # time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s]
+    rests: float = 0.005  # change of a joint's position [rad] below which a velocity of exactly zero is a rest
     lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
     samples: int = 4000  # number to which signals are thinned out, for checks that do not need instants
     instant: float = 0.04  # over which signals are averaged and differentiated [s]; a step of a trot has five or more
@@ -161,6 +162,7 @@ class WindowLimits:
     # white, coloured: sample-to-sample correlation of a torque that is only noise, and of the other torques
     white: float = 0.2
     coloured: float = 0.7
+    holds: float = 4.0  # standard deviations of a window's mean torque above which the joint holds something
     # height of a swinging foot above its lowest position, as a share of the leg's length, and its speed relative to the
     # standing feet [m/s]
     raised: tuple[float, float] = (0.03, 0.15)

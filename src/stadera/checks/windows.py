@@ -198,18 +198,22 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
 
 
 def _noise(effort: Array, joints: tuple[str, ...], windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Detects noise by the correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)²."""
+    """Detects noise by the correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)², about a mean
+    of zero: a joint that rests holds something.
+    """
     count = np.maximum(np.bincount(windows.of_sample, minlength=len(windows)), 1)[:, None]
     same = windows.of_sample[1:] == windows.of_sample[:-1]
-    correlation = np.empty((len(windows), len(joints)))
+    correlation, holds = np.empty((2, len(windows), len(joints)))
     for k in range(0, len(joints), _AT_ONCE):
         own = effort[:, k : k + _AT_ONCE]
         mean = windows.sums(own) / count
         away = windows.sums((own - mean[windows.of_sample]) ** 2)
         steps = windows.sums(np.diff(own, axis=0)[same] ** 2, windows.of_sample[1:][same])
         correlation[:, k : k + _AT_ONCE] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
+        holds[:, k : k + _AT_ONCE] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
     for j, joint in enumerate(joints):
         others = np.median(np.delete(correlation, j, axis=1), axis=1)
         chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count[:, 0] > limits.fewest)
+        chosen &= holds[:, j] < limits.holds
         if chosen.any():
             yield WindowFault("effort", f"the torque of {joint!r}", "is only noise", windows.spans(chosen))
