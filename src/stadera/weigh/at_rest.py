@@ -5,7 +5,7 @@ method for the centre of mass as if online, restarted after each change, and col
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, isnan, sqrt
 
 import numpy as np
@@ -21,7 +21,8 @@ from stadera.trunk.standing.equilibrium import ConstantErrors, weight_felt
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.legs import MeasuredLegs
 from stadera.trunk.standing.orientation import PostureLaw
-from stadera.trunk.standing.payload import payload_between
+from stadera.trunk.standing.noise import ForceNoise
+from stadera.trunk.standing.payload import payload_between, sized_by_poses
 from stadera.trunk.standing.pose_means import Alike, PoseMean
 from stadera.trunk.standing.vertical import measurements_without_imu
 from stadera.trust import Trust
@@ -73,8 +74,10 @@ class _AtRest:
 
     def __init__(self, request: Request) -> None:
         self.request, self.robot, self.settings = request, request.robot, request.settings
-        self.forces = ContactForceEstimator(self.robot, legs=MeasuredLegs(self.robot))
-        self.errors = ConstantErrors.of(self.forces.noise)
+        self.errors = ConstantErrors.of_robot(self.robot, self.settings.trunk.model)
+        torques = np.sqrt(np.diag(self.errors.covariance)[:12]).reshape(4, 3)
+        noise = replace(ForceNoise.of(self.robot), torque_constant=torques)
+        self.forces = ContactForceEstimator(self.robot, noise, MeasuredLegs(self.robot))
         self.limits = LevelLimits(
             self.settings.least_change * self.robot.mass, self.settings.change_deviations, self.errors
         )
@@ -92,6 +95,7 @@ class _AtRest:
         tare, loaded = self._split(rest, means, last)
         estimates = self._estimates(rest, means, ((tare, tare_poses), (loaded, load_poses)))
         final, scatter = estimates[-1], misfit(rest.blocks, level, means, self.limits)
+        self.errors = sized_by_poses(tare_poses.means, load_poses.means, self.forces, self.errors)
         payload = self._payload(tare_poses.means, load_poses.means)
         vertical = vertical_at(load_poses.means[-1], self.forces, self.errors)
         if vertical.source == "forces":
@@ -115,7 +119,7 @@ class _AtRest:
             vertical=vertical,
             notes=tuple(dict.fromkeys([*self._remarks, *(note for log in self._logs for note in log.notes)])),
         )
-        return found.widened(self._widening(scatter))
+        return with_common_gain(found.widened(self._widening(scatter)), self.settings.trunk.model.common_gain)
 
     # -- the log ----------------------------------------------------------------------------------------------
     def _measurements(self, log: CheckedLog, what: str) -> Iterator[Measurement]:
@@ -306,6 +310,17 @@ class _AtRest:
             pressure=load @ feet[:, :2] / load.sum(),
             robot_com=(to_level @ com)[:2] if seen else np.full(2, np.nan),
         )
+
+
+def with_common_gain(found: Weighing, gain: float) -> Weighing:
+    """With the error of a scale that all torques have in common, which no pose shows, added to the bars of masses."""
+    trunk, payload = found.trunk, found.payload
+    covariance = trunk.covariance.copy()
+    covariance[0, 0] += (gain * (found.robot.mass - found.robot.inertias[found.robot.trunk].mass + trunk.inertial.mass)) ** 2
+    if payload is not None:
+        payload = replace(payload, mass_std=float(np.hypot(payload.mass_std, gain * payload.mass)))
+    changes = tuple(replace(c, mass_std=float(np.hypot(c.mass_std, gain * c.mass))) for c in found.changes)
+    return replace(found, trunk=replace(trunk, covariance=covariance), payload=payload, changes=changes)
 
 
 def vertical_at(pose: PoseMean, forces: ContactForceEstimator, errors: ConstantErrors) -> Vertical:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stadera.trunk.load import LoadChange
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.weigh.rest import RestBlock, constant_variance, difference_variance
+from stadera.weigh.rest import RestBlock, change_variance, constant_variance, difference_variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def changes_between(means: Sequence[RestBlock], errors: ConstantErrors) -> tuple
     """The changes from each load to the next."""
     changes = []
     for before, after in pairwise(means):
-        variance = difference_variance(before, after, errors)
+        variance = change_variance(before, after, errors)
         mass = after.mass - before.mass
         changes.append(LoadChange(after.begin, after.noticed, mass, sqrt(variance), "on" if mass > 0 else "off"))
     return tuple(changes)

@@ -191,7 +191,14 @@ def constant_variance(sensitivity: Array, errors: ConstantErrors) -> float:
 
 
 def difference_variance(before: RestBlock, after: RestBlock, errors: ConstantErrors) -> float:
-    """Variance of the difference of two masses [kg²]: white noise of both, and the part of constant errors that does
-    not cancel.
+    """Variance of the difference of two masses under one load [kg²]: white noise of both, and the part of constant
+    errors that does not cancel.
     """
     return before.variance + after.variance + constant_variance(after.sensitivity - before.sensitivity, errors)
+
+
+def change_variance(before: RestBlock, after: RestBlock, errors: ConstantErrors) -> float:
+    """Variance of the difference of two loads [kg²]: static friction of each is its own."""
+    apart = after.sensitivity - before.sensitivity
+    own = sum(float(s[:12] @ errors.sticking @ s[:12]) for s in (before.sensitivity, after.sensitivity))
+    return before.variance + after.variance + float(apart @ errors.lasting @ apart) + own

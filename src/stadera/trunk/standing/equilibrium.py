@@ -30,7 +30,7 @@ are unknown.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -41,7 +41,9 @@ from stadera.inertia import skew, skews
 from stadera.legs.model import LegModel
 from stadera.legs.rows import Rows
 from stadera.robot.model import Robot
+from stadera.trunk.error_model import PLACES, STICKING, ErrorModel
 from stadera.trunk.measurement import Measurement
+from stadera.trunk.settings import ModelErrors
 from stadera.trunk.standing.contact import ContactForces
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.noise import ForceNoise
@@ -71,12 +73,15 @@ class ConstantErrors:
     Attributes:
         covariance: (39, 39), of torques [N·m], feet [m], vertical [rad] and links' masses (shares), in the order of
             `error_names`.
+        sticking: (12, 12) [N²·m²], part of the torques' covariance that is static friction. It is constant while the
+            robot stands, and another one after a load has moved the joints: it does not cancel between two loads.
 
     Raises:
         ModelError: wrong shape, or not a covariance of positive variances.
     """
 
     covariance: Array
+    sticking: Array = field(default_factory=lambda: np.zeros((12, 12)))
 
     def __post_init__(self) -> None:
         C = np.array(self.covariance, dtype=float)
@@ -98,6 +103,34 @@ class ConstantErrors:
         C = np.diag(np.maximum(std, 1e-9) ** 2)
         C[:12, :12] += common_torque**2
         return cls(C)
+
+    @classmethod
+    def of_robot(cls, robot: Robot, sizes: ModelErrors | None = None) -> ConstantErrors:
+        """Of a real robot, with the sizes that weighing in motion assumes too (`trunk.error_model`): torques are off by
+        their offsets and by static friction, which holds up to a joint's Coulomb friction.
+        """
+        model = ErrorModel(robot, sizes or ModelErrors(), LegModel.of(robot).length)
+        std = np.sqrt(model.variance)
+        tilt = float(np.hypot(std[PLACES["imu_rotation"]].max(), std[PLACES["accelerometer"]].max() / GRAVITY))
+        others = [std[PLACES[name]] for name in ("contact", "link_mass")]
+        C = np.diag(np.concatenate([std[PLACES["offset"]], others[0], np.full(3, tilt), others[1]]) ** 2)
+        sticking = model.covariance[STICKING, STICKING]
+        C[:12, :12] += sticking
+        return cls(C, sticking)
+
+    def scaled(self, lasting: float, sticking: float) -> ConstantErrors:
+        """The same with the standard deviations of what lasts and of static friction multiplied."""
+        held = sticking**2 * self.sticking
+        covariance = lasting**2 * self.lasting
+        covariance[:12, :12] += held
+        return ConstantErrors(covariance, held)
+
+    @property
+    def lasting(self) -> Array:
+        """(39, 39), covariance of what is the same under every load."""
+        out = self.covariance.copy()
+        out[:12, :12] -= self.sticking
+        return out
 
     @cached_property
     def root(self) -> Array:

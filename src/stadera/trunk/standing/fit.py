@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from stadera.information import Information, Unknowns
 from stadera.trunk.load import centre_slope
@@ -25,8 +26,10 @@ from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.pose_means import PoseMean
 from stadera.types import Array
 
+_WIDEST, _TRIED = 3.5, 29  # standard deviations of ln s, and number of its values, in sums over it
 TRUNK_ALONE = Unknowns.of(trunk=4, errors=ERRORS)
-WITH_PAYLOAD = Unknowns.of(trunk=4, payload=4, errors=ERRORS)
+WITH_PAYLOAD = Unknowns.of(trunk=4, payload=4, errors=ERRORS, held=12, held_loaded=12)
+"""`held` and `held_loaded` are the torques of static friction without and with the payload."""
 
 
 def with_poses(
@@ -52,6 +55,9 @@ def with_poses(
         matrix[:, known["trunk"]], matrix[:, known["errors"]] = rows.matrix[:, :4], rows.matrix[:, 4:]
         if loaded:
             matrix[:, known["payload"]] = rows.matrix[:, :4]
+        held = "held_loaded" if loaded else "held"
+        if held in known.names:
+            matrix[:, known[held]] = rows.matrix[:, 4:16]
         known = known.add(matrix, rows.target)
     return known
 
@@ -81,6 +87,49 @@ def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> In
     matrix = np.zeros((ERRORS, len(known)))
     matrix[:, known["errors"]] = np.linalg.inv(errors.root)
     return known.add(matrix, np.zeros(ERRORS))
+
+
+def square_root(errors: ConstantErrors) -> Array:
+    """L (63, 63) of the covariance L Lᵀ of `errors`, `held` and `held_loaded` in `WITH_PAYLOAD`."""
+    return _root(block_diag(errors.lasting, errors.sticking, errors.sticking))
+
+
+def scales_of(known: Information, errors: ConstantErrors, spread: float) -> tuple[float, float]:
+    """Sizes of the errors that last and of static friction, as factors on their standard deviations, by the poses.
+
+    Six equations of a pose determine four parameters and leave the rest: forces that do not add up to a vertical one
+    show offsets and friction, and if they do so otherwise under a load, friction. With everything else eliminated,
+    z = R n remains of the errors n = (s L u, t H v), u, v ~ N(0, 1), and unit noise, so
+
+        z ~ N(0, 1 + s² R L Lᵀ Rᵀ + t² R H Hᵀ Rᵀ)
+
+    Args:
+        known: on `WITH_PAYLOAD`, the poses.
+        spread: standard deviation of ln s and ln t before any pose; s² and t² have mean one.
+
+    Returns:
+        Roots of the means of s² and t² given the poses.
+    """
+    left = known.marginal(("errors", "held", "held_loaded"))
+    lasting = left.R[:, :ERRORS] @ _root(errors.lasting)
+    held = left.R[:, ERRORS:] @ _root(block_diag(errors.sticking, errors.sticking))
+    U, size, _ = np.linalg.svd(np.hstack([lasting, held]), full_matrices=False)
+    U = U[:, size > 1e-6 * size[0]]
+    z, M, N = U.T @ left.z, *(U.T @ x @ x.T @ U for x in (lasting, held))
+    tried = np.linspace(-_WIDEST * spread, _WIDEST * spread, _TRIED)
+    square = np.exp(2.0 * (tried - spread**2))
+    C = np.eye(len(z)) + square[:, None, None, None] * M + square[:, None, None] * N
+    value, vector = np.linalg.eigh(C)
+    cost = ((vector.swapaxes(-1, -2) @ z) ** 2 / value + np.log(value)).sum(axis=-1)
+    cost += (tried[:, None] ** 2 + tried**2) / spread**2
+    weight = np.exp(-0.5 * (cost - cost.min()))
+    weight /= weight.sum()
+    return float(np.sqrt(weight.sum(axis=1) @ square)), float(np.sqrt(weight.sum(axis=0) @ square))
+
+
+def _root(covariance: Array) -> Array:
+    value, vector = np.linalg.eigh(covariance)
+    return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)))
 
 
 def centre_of(known: Information, body: str = "trunk") -> tuple[Array, Array]:

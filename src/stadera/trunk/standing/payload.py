@@ -16,10 +16,14 @@ from stadera.trunk.load import Payload
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import TrunkEstimate
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.trunk.standing.fit import WITH_PAYLOAD, with_box, with_errors, with_poses
+from stadera.trunk.standing.fit import WITH_PAYLOAD, scales_of, square_root, with_box, with_poses
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.pose_means import PoseMean
 from stadera.trunk.standing.poses import PosesSettings
+
+
+SCALE_SPREAD = 1.0
+"""Standard deviation of ln s before any pose: friction of drives differs between robots by a factor of seven (95 %)."""
 
 
 def payload_between(
@@ -40,19 +44,44 @@ def payload_between(
     for poses, which in ((tare, "the tare"), (loaded, "the load")):
         if not poses:
             raise IdentificationError(f"no pose at rest to weigh {which} by")
-    trunk, bounds = forces.robot.inertias[forces.robot.trunk], TrunkBounds.of(forces.robot)
+    bounds = TrunkBounds.of(forces.robot)
     middle = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high))
-    known = with_box(Information.empty(WITH_PAYLOAD), "trunk", bounds, trunk.mass, middle)
-    known = with_poses(with_poses(known, forces, tare), forces, loaded, loaded=True)
+    known = _gathered(tare, loaded, forces)
+    root = square_root(errors)
 
     def solved(mass: float) -> Information:
-        return with_errors(with_box(known, "payload", bounds, mass, middle), errors, seek=False)
+        boxed = with_box(known, "payload", bounds, mass, middle)
+        return boxed.consider(root, ("errors", "held", "held_loaded"))
 
     # the payload's first moment in units of its mass, which the vertical forces determine well
     rough = solved(1.0)
     found = solved(max(abs(float(rough.mean[rough["payload"]][0])), least * forces.robot.mass))
     moments, covariance = found.mean[found["payload"]], found.covariance("payload")
     return Payload.of_moments(moments, covariance, PosesSettings().observed * bounds.spread[1:])
+
+
+def sized_by_poses(
+    tare: Sequence[PoseMean],
+    loaded: Sequence[PoseMean],
+    forces: ContactForceEstimator,
+    errors: ConstantErrors,
+    spread: float = SCALE_SPREAD,
+) -> ConstantErrors:
+    """The errors with the sizes that the longest pose of each side shows, see `standing.fit.scales_of`. The tare may be
+    empty.
+    """
+    bounds = TrunkBounds.of(forces.robot)
+    middle = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high))
+    longest = [[max(poses, key=lambda pose: pose.count)] if poses else [] for poses in (tare, loaded)]
+    known = with_box(_gathered(*longest, forces), "payload", bounds, forces.robot.mass, middle)
+    return errors.scaled(*scales_of(known, errors, spread))
+
+
+def _gathered(tare: Sequence[PoseMean], loaded: Sequence[PoseMean], forces: ContactForceEstimator) -> Information:
+    trunk, bounds = forces.robot.inertias[forces.robot.trunk], TrunkBounds.of(forces.robot)
+    middle = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high))
+    known = with_box(Information.empty(WITH_PAYLOAD), "trunk", bounds, trunk.mass, middle)
+    return with_poses(with_poses(known, forces, tare), forces, loaded, loaded=True)
 
 
 def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
