@@ -112,6 +112,7 @@ class ErrorModel:
         limit: (12,) effort limits by leg and joint [N·m]; where the model has none, the torque that carries the robot's
             weight on one stretched leg.
         dry: (12,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is not.
+        by_load: friction that grows with the torque carried, of a joint that carries a quarter of the robot [N·m].
         covariance: (ERRORS, ERRORS).
         length: of a leg [m].
         held: `ModelErrors.held`.
@@ -133,7 +134,9 @@ class ErrorModel:
             least = np.maximum(own, sizes.surest * std[place])
             std[place] = np.fmin(std[place], least)  # as it was for a joint or term that was not identified, NaN
         self.dry = np.abs(JointFriction.of(robot).coulomb).ravel()
-        std[PLACES["stiction"]] = sizes.held * np.hypot(self.dry, std[PLACES["coulomb"]])
+        # on a leg bent to 80 % of its length, the foot below the hip, the knee is off the line by 0.3 of the length
+        self.by_load = sizes.load_friction * 0.25 * 0.3 * largest
+        std[PLACES["stiction"]] = sizes.held * np.sqrt(self.dry**2 + std[PLACES["coulomb"]] ** 2 + self.by_load**2)
         for name in _AS_STATED:
             std[PLACES[name]] = getattr(sizes, name)
         std[PLACES["regression"]] = std[PLACES["sampling"]] = 1.0

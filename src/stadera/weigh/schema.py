@@ -12,6 +12,7 @@ from stadera.results import data_frame
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.result import TrunkParameters
 from stadera.types import Array
+from stadera.weigh.use import determined, next_steps
 
 if TYPE_CHECKING:
     from stadera.weigh.result import Timeline, Vertical, Weighing
@@ -26,7 +27,7 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
     The trunk's centre of mass is in the trunk frame ("frame"), its inertia about that frame's origin ("inertia_about")
     in its axes, null at rest. The payload's centre of mass is in the trunk frame too, its inertia about that centre in
     trunk axes. In a result that cannot be trusted, every mass and centre of mass of trunk, payload and changes has
-    "trusted": false.
+    "trusted": false. "determined" says whether masses are known well enough to be of use, "next" what to do where not.
     """
     mark = {} if result.is_trusted else {"trusted": False}
     place = {"frame": result.robot.trunk, "inertia_about": "frame origin"}
@@ -36,6 +37,8 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
         "method": result.method,
         "status": result.status,
         "trust": result.trust.to_dict(),
+        "determined": determined(result),
+        "next": [step.to_dict() for step in next_steps(result)],
         "time": result.time,
         "trunk": trunk_dict(result.trunk, mark) | place | ({"inertia": None} if result.torque_lag is None else {}),
         "payload": None if result.payload is None else payload_dict(result.payload, result.robot.trunk, mark),

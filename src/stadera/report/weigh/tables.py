@@ -17,6 +17,7 @@ from stadera.report.terminal import notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, UNTRUSTED, trust_text
 from stadera.types import Array
 from stadera.weigh.result import Weighing
+from stadera.weigh.use import NextStep, determined, next_steps
 
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
@@ -35,6 +36,9 @@ def place(com: Array, std: Array) -> tuple[str, str, str]:
 def headline(result: Weighing) -> str:
     """The answer: the payload if there was a tare, else the trunk."""
     if (payload := result.payload) is not None:
+        if not determined(result)["payload"]:
+            most = max(payload.mass, 0.0) + 2.0 * payload.mass_std
+            return f"Payload not determined: below {number(most, 2)} kg (95 %)"
         answer = f"Payload {with_std(payload.mass, payload.mass_std)} kg"
     else:
         answer = f"Trunk with all that is on it {with_std(result.mass, result.mass_std)} kg"
@@ -46,8 +50,15 @@ def answer(result: Weighing) -> str:
     body = result if result.payload is None else result.payload
     seen = zip("xyz", place(body.com, body.com_std), body.com_std, strict=True)
     known = ", ".join(f"{axis} {text}" for axis, text, std in seen if std == std)
+    if not determined(result).get("payload", True):
+        return f"{headline(result)}. {' '.join(map(step_text, next_steps(result)))}".strip()
     where = f"centre of mass {known} m in the trunk's frame" if known else "its centre of mass was not observed"
     return f"{headline(result)}; {where}."
+
+
+def step_text(step: NextStep) -> str:
+    """A next step, as a sentence."""
+    return f"{step.do[:1].upper()}{step.do[1:]}: then ± {number(step.payload_std, 2)} kg."
 
 
 def lag_text(lag: tuple[float, float]) -> str:
@@ -168,6 +179,7 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
         yield Text(impacts_text(result.impacts), style="dim")
     yield from notes(result.notes)
     yield from _refusals(result)
+    yield from (Text(step_text(step), style="yellow") for step in next_steps(result))
     yield Text(
         f"{headline(result)}; trust: {trust_text(result.trust)}",
         style="bold" if result.trust.verdict == "good" else STYLES[LEVELS[result.trust.verdict]],

@@ -68,13 +68,14 @@ def sized_by_poses(
     spread: float = SCALE_SPREAD,
 ) -> ConstantErrors:
     """The errors with the sizes that the longest pose of each side shows, see `standing.fit.scales_of`. The tare may be
-    empty.
+    empty. Static friction is never taken to be smaller than usual: if all knees hold alike, no equation shows it.
     """
     bounds = TrunkBounds.of(forces.robot)
     middle = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high))
     longest = [[max(poses, key=lambda pose: pose.count)] if poses else [] for poses in (tare, loaded)]
     known = with_box(_gathered(*longest, forces), "payload", bounds, forces.robot.mass, middle)
-    return errors.scaled(*scales_of(known, errors, spread))
+    lasting, sticking = scales_of(known, errors, spread)
+    return errors.scaled(lasting, max(sticking, 1.0))
 
 
 def _gathered(tare: Sequence[PoseMean], loaded: Sequence[PoseMean], forces: ContactForceEstimator) -> Information:
