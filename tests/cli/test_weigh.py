@@ -33,9 +33,9 @@ def simulated(path: Path, *arguments: object) -> Path:
 
 @pytest.fixture(scope="session")
 def loading(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """HyQ with standard sensors; 8 kg are put on its back after 2.8 of 7 s."""
+    """HyQ with standard sensors; 24 kg are put on its back after 2.8 of 7 s."""
     path = tmp_path_factory.mktemp("loading") / "log.csv"
-    wanted = ("--load", "8kg", "--at", "-0.2,0.1,0.1", "--duration", 7, "--rate", 100, "--seed", 4)
+    wanted = ("--load", "24kg", "--at", "-0.2,0.1,0.1", "--duration", 7, "--rate", 100, "--seed", 4)
     return simulated(path, "stand-load", *wanted)
 
 
@@ -59,12 +59,13 @@ def test_payload_as_a_link(run: Run, loading: Path, truth: Truth, tmp_path: Path
     assert place is not None
     assert float(link.attrib["value"]) == pytest.approx(payload["mass"]["value"], rel=1e-9)
     written = [float(v) for v in place.attrib["xyz"].split()]
-    assert written[:2] == pytest.approx(payload["com"]["value"][:2], rel=1e-9)
+    assert written[1] == pytest.approx(payload["com"]["value"][1], rel=1e-9)
+    assert payload["com"]["value"][0] is None, "knees that hold differently in front and behind: 0.1 m for 24 kg"
     assert written[2] == pytest.approx(robot.inertias[robot.trunk].com[2]), "not observed: level with the trunk's"
     covariance = payload["com_covariance"]
-    assert covariance[0][0] == pytest.approx(payload["com"]["std"][0] ** 2)
+    assert covariance[1][1] == pytest.approx(payload["com"]["std"][1] ** 2)
     assert covariance[2] == [None] * 3
-    assert "z was not observed" in out.read_text()
+    assert "x and z" in out.read_text()
 
 
 def test_without_a_tare_the_trunk_is_written(run: Run, loading: Path, tmp_path: Path) -> None:
@@ -96,17 +97,17 @@ def test_trunk_payload_and_change(run: Run, loading: Path, truth: Truth, tmp_pat
     found, last = json.loads(out.read_text()), truth.at(7.0)
     assert (found["robot"], found["method"]) == ("hyq", "contact")
     trunk, payload = found["trunk"], found["payload"]
-    assert abs(trunk["mass"]["value"] - last.mass) < 3.0 * trunk["mass"]["std"] < 2.5
+    assert abs(trunk["mass"]["value"] - last.mass) < 3.0 * trunk["mass"]["std"] < 12.0  # 3 % of all torques, friction
     assert last.payload_com is not None
     for body, com in ((trunk, last.com), (payload, last.payload_com)):
-        for k in range(2):
+        for k in (k for k in range(2) if body is trunk or k):  # the payload's x is not observed
             assert abs(body["com"]["value"][k] - com[k]) < 3.0 * body["com"]["std"][k]
         assert body["com"]["value"][2] is None  # level: the height does not show
         assert body["com"]["std"][2] is None
     assert trunk["inertia"] is None
     # constant errors cancel, so the difference is known much better than the whole
-    assert abs(payload["mass"]["value"] - 8.0) < 3.0 * payload["mass"]["std"]
-    assert payload["mass"]["std"] < 0.2 * trunk["mass"]["std"]
+    assert abs(payload["mass"]["value"] - 24.0) < 3.0 * payload["mass"]["std"]
+    assert payload["mass"]["std"] < 0.6 * trunk["mass"]["std"]  # static friction does not
     (change,) = found["changes"]
     assert LOADED < change["time"] < LOADED + 1.0
     assert change["mass"] == payload["mass"], "one load, one figure"
@@ -137,7 +138,7 @@ def test_another_log_as_tare(run: Run, loading: Path, tmp_path: Path) -> None:
     assert run("weigh", full, "--robot", "hyq", *REST, "--tare", empty, "--json", out).code == 0
     found = json.loads(out.read_text())
     assert found["changes"] == []
-    assert abs(found["payload"]["mass"]["value"] - 8.0) < 3.0 * found["payload"]["mass"]["std"]
+    assert abs(found["payload"]["mass"]["value"] - 24.0) < 3.0 * found["payload"]["mass"]["std"]
 
 
 def test_orientation_by_the_controllers_stiffness(run: Run, loading: Path, truth: Truth, tmp_path: Path) -> None:

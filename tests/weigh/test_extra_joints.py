@@ -18,7 +18,9 @@ from stadera.robot import Robot, load_robot
 from stadera.robot.export import export_model
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import TrunkEstimator
+from stadera.trunk.settings import ModelErrors, TrunkSettings
 from stadera.weigh import weigh
+from stadera.weigh.settings import WeighSettings
 from standing import GRAVITY, StandingRobot
 from walking import Walk, recorded, walked
 
@@ -57,6 +59,10 @@ def log_of(robot: Robot) -> Recording:
     )
 
 
+# drives without friction, as this plant's are
+FREE = WeighSettings(trunk=TrunkSettings(model=ModelErrors(coulomb=1e-4, load_friction=0.0)))
+
+
 def legs_alone(log: Recording) -> Recording:
     assert log.velocity is not None
     assert log.effort is not None
@@ -74,7 +80,7 @@ def test_an_arm_that_moves_disturbs_neither_trunk_nor_payload(robot: Robot, velo
     log = log_of(robot) if velocities else replace(log_of(robot), velocity=None)
     found, true = weigh(robot, log, tare=(0.0, TARED)), trunk_at_the_beginning(robot, log)
     assert found.trust.verdict == "good"
-    assert found.mass == pytest.approx(true.mass, abs=0.02)
+    assert found.mass == pytest.approx(true.mass, abs=0.02 if velocities else 0.04)
     np.testing.assert_allclose(found.com, true.com, atol=2e-3)
     assert found.payload is not None
     assert found.payload.mass == pytest.approx(LOAD.mass, abs=0.02)
@@ -84,9 +90,14 @@ def test_an_arm_that_moves_disturbs_neither_trunk_nor_payload(robot: Robot, velo
     assert "0.05, 1.26, 0.027" in note
 
 
-def test_without_the_arms_joints_it_is_said_and_the_fit_shows_it(robot: Robot) -> None:
-    found = weigh(robot, legs_alone(log_of(robot)), tare=(0.0, TARED), force=True)
-    assert found.trust.verdict != "good"
+def test_without_the_arms_joints_it_is_said_and_the_bars_contain_it(robot: Robot) -> None:
+    found, true = weigh(robot, legs_alone(log_of(robot)), tare=(0.0, TARED)), trunk_at_the_beginning(robot, log_of(robot))
+    known = weigh(robot, log_of(robot), tare=(0.0, TARED))
+    assert abs(found.mass - true.mass) < 2.0 * found.mass_std
+    assert found.payload is not None
+    assert known.payload is not None
+    assert abs(found.payload.mass - LOAD.mass) < 2.0 * found.payload.mass_std
+    assert found.payload.mass_std > 5.0 * known.payload.mass_std
     assert "joints lift, shoulder, elbow of no leg: not in recording, held at the model's zero" in found.notes
 
 
@@ -155,7 +166,7 @@ def test_at_rest_an_arm_parked_elsewhere_after_the_tare_is_no_payload(robot: Rob
         effort=np.hstack([effort, np.zeros((n, 3))]) + 1e-2 * rng.normal(size=(n, 15)),
         imu=Imu(1e-3 * rng.normal(size=(n, 3)), np.array([0, 0, GRAVITY]) + 2e-2 * rng.normal(size=(n, 3))),
     )
-    found = weigh(robot, log, tare=(0.0, 1.9), method=method)
+    found = weigh(robot, log, tare=(0.0, 1.9), method=method, settings=FREE)
     assert found.payload is not None
     assert found.payload.mass == pytest.approx(1.5, abs=0.02)
     np.testing.assert_allclose(found.payload.com[:2], LOAD.com[:2], atol=2e-3)

@@ -18,7 +18,9 @@ from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording, write_table
 from stadera.logs.join import take
 from stadera.robot import load_robot
+from stadera.trunk.settings import ModelErrors, TrunkSettings
 from stadera.weigh import Weighing, diagnose, weigh
+from stadera.weigh.settings import WeighSettings
 
 TARE = (0.0, 1.6)
 HYQ = load_robot("hyq")
@@ -28,6 +30,13 @@ def loaded(robot: str, seed: int, slope: float) -> Run:
     """A load put on at 1.7 of 4 s, standard sensors."""
     wanted = SimulateSettings(duration=4.0, rate=100.0, seed=seed, slope=slope, load_time=1.7)
     return simulate(load_robot(robot), "stand-load", wanted)
+
+
+# drives without friction, as those of the test-bed's `standard` robots are
+FREE = WeighSettings(trunk=TrunkSettings(model=ModelErrors(coulomb=1e-4, load_friction=0.0)))
+
+
+FORGIVING = WeighSettings(doubtful_misfit=1e6)
 
 
 def blind(recording: Recording) -> Recording:
@@ -48,8 +57,8 @@ def log(level: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def both(run: Run, folder: Path) -> tuple[Weighing, Weighing]:
     """Weighed by the whole log, and by the log without its IMU."""
     robot = load_robot(run.truth.robot)
-    whole = weigh(robot, write_table(run.recording, folder / "whole.csv"), TARE, "poses")
-    return whole, weigh(robot, write_table(blind(run.recording), folder / "blind.csv"), TARE)
+    whole = weigh(robot, write_table(run.recording, folder / "whole.csv"), TARE, "poses", settings=FREE)
+    return whole, weigh(robot, write_table(blind(run.recording), folder / "blind.csv"), TARE, settings=FREE)
 
 
 def check(run: Run, whole: Weighing, found: Weighing) -> None:
@@ -178,7 +187,10 @@ def test_masses_that_wander_widen_the_error_bars(level: Run) -> None:
     assert still.trust.verdict == "good"
     assert found.trust.verdict == "doubtful"
     assert "the error bars are widened" in found.trust.reasons[0]
-    assert found.mass_std == pytest.approx(np.sqrt(found.trust.misfit) * still.mass_std, rel=0.05)
+    bare = weigh(HYQ, replace(log, effort=log.effort * wave[:, None]), method="contact", settings=FORGIVING)
+    gain = 0.03 * (found.mass + HYQ.mass - HYQ.inertias[HYQ.trunk].mass)  # of all torques, which is not widened
+    own, wide = (np.sqrt(w.mass_std**2 - gain**2) for w in (bare, found))
+    assert wide == pytest.approx(np.sqrt(found.trust.misfit) * own, rel=0.02)
 
 
 def test_a_right_log_contradicts_nothing(level: Run) -> None:

@@ -21,10 +21,11 @@ def reproduce(
     name: Annotated[
         str,
         argument(
-            "table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|all",
-            "Table or figure; all excludes the long studies survival, walking, alarms, reality, faults.",
+            "table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|mini_cheetah|all",
+            "Table or figure; all excludes the long studies survival, walking, alarms, reality, faults, and mini_cheetah.",
         ),
     ],
+    folder: Annotated[Path | None, argument("FOLDER", "Folder of real logs, as --data.")] = None,
     seed: Annotated[int, option("N", "Seed of all random draws.", min=0)] = 0,
     quick: Annotated[bool, flag("A short, coarse version.", "--quick")] = False,
     data: Annotated[
@@ -58,7 +59,7 @@ def reproduce(
     files.check()
     results = []
     with progress() as watch:
-        settings = ReproduceSettings(seed, quick, data, keep, seeds, Pool(workers, scheduler))
+        settings = ReproduceSettings(seed, quick, folder or data, keep, seeds, Pool(workers, scheduler))
         for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
     _write(results, files)

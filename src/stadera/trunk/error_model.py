@@ -136,7 +136,7 @@ class ErrorModel:
         self.dry = np.abs(JointFriction.of(robot).coulomb).ravel()
         # on a leg bent to 80 % of its length, the foot below the hip, the knee is off the line by 0.3 of the length
         self.by_load = sizes.load_friction * 0.25 * 0.3 * largest
-        std[PLACES["stiction"]] = sizes.held * np.sqrt(self.dry**2 + std[PLACES["coulomb"]] ** 2 + self.by_load**2)
+        std[PLACES["stiction"]] = sizes.held * np.hypot(self.dry, std[PLACES["coulomb"]])
         for name in _AS_STATED:
             std[PLACES[name]] = getattr(sizes, name)
         std[PLACES["regression"]] = std[PLACES["sampling"]] = 1.0

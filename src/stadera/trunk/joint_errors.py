@@ -109,9 +109,9 @@ class Errors:
         Rows under load tell friction as far as the direction of sliding is known, and noise at rest mimics that, so
         without legs in the air its size is that before any row.
         """
-        square = model.dry**2 + model.variance[_COULOMB] + model.by_load**2
+        square = model.dry**2 + model.variance[_COULOMB]
         if swing.rows:
-            square = (model.dry + self.mean[_COULOMB]) ** 2 + np.diagonal(self.covariance)[_COULOMB] + model.by_load**2
+            square = (model.dry + self.mean[_COULOMB]) ** 2 + np.diagonal(self.covariance)[_COULOMB]
         ratio = model.held * np.sqrt(square) / np.maximum(np.sqrt(np.diagonal(sticking)), 1e-300)
         return np.asarray(sticking * ratio * ratio[:, None])
 

@@ -175,7 +175,7 @@ class ChangeSettings:
     confirmed_long: int = 5
     history: float = 0.8
     pending: int = 56
-    suspected: float = 2.5
+    suspected: float = 3.0
     back: int = 12
     transient: float = 2.0
     spoilt: int = 2

@@ -11,6 +11,7 @@ from stadera.lab.experiments.legs import fig4, fig5, table1
 from stadera.lab.experiments.legs.real_logs import MissingDataError
 from stadera.lab.experiments.moving import alarms, inertial_share, survival, table5, walking
 from stadera.lab.experiments.paper import Experiment, ReproduceSettings
+from stadera.lab.experiments.reality import mini_cheetah
 from stadera.lab.experiments.reality import study as reality
 from stadera.lab.experiments.result import ExperimentResult, Skipped
 from stadera.lab.experiments.standing import fig6, table2, table3, table4
@@ -19,7 +20,7 @@ from stadera.types import Progress
 ALL = "all"
 
 _MODULES = (table1, fig4, fig5, table2, fig6, table3, table4, inertial_share, table5)
-_STUDIES = (survival, walking, alarms, reality, faults)
+_STUDIES = (survival, walking, alarms, reality, faults, mini_cheetah)
 _EXPERIMENTS = tuple(module.PAPER.experiment(module.run) for module in (*_MODULES, *_STUDIES))
 
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.compiled import compiled, lane, part
+from stadera.constants import GRAVITY
 from stadera.types import Array, Bools
 
 Vector = tuple[float, float, float]
@@ -58,7 +59,7 @@ LEAST, MOST = 0.05**2, 20.0**2  # times the prior variance
 OVERLAP, TELESCOPED = 4.0 / 3.0, 0.5  # correlation of neighbouring windows' noise
 MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
 MEMORY, BEYOND_NOISE = 1.0, 2.0  # s, of ground and accelerations; times the variance of noise
-STRUCK = 0.5 * 9.80665  # m/s², most that a block counts in the average of the specific force
+STRUCK = 0.5 * GRAVITY  # m/s², most that a block counts in the average of the specific force
 BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
 WILD, RESTLESS, FASTEST = 10.0, 4.0, 30.0  # times the usual noise, twice; rad/s
 SPIKE_MEMORY, LEARNT = 100.0, 5.0  # blocks; blocks before a spike is replaced

@@ -107,14 +107,17 @@ class ConstantErrors:
     @classmethod
     def of_robot(cls, robot: Robot, sizes: ModelErrors | None = None) -> ConstantErrors:
         """Of a real robot, with the sizes that weighing in motion assumes too (`trunk.error_model`): torques are off by
-        their offsets and by static friction, which holds up to a joint's Coulomb friction.
+        their offsets and by static friction, which holds up to a joint's Coulomb friction and its friction under load.
         """
         model = ErrorModel(robot, sizes or ModelErrors(), LegModel.of(robot).length)
         std = np.sqrt(model.variance)
         tilt = float(np.hypot(std[PLACES["imu_rotation"]].max(), std[PLACES["accelerometer"]].max() / GRAVITY))
         others = [std[PLACES[name]] for name in ("contact", "link_mass")]
         C = np.diag(np.concatenate([std[PLACES["offset"]], others[0], np.full(3, tilt), others[1]]) ** 2)
-        sticking = model.covariance[STICKING, STICKING]
+        unloaded = model.covariance[STICKING, STICKING]
+        held = np.sqrt(np.diag(unloaded))
+        more = np.hypot(held, model.held * model.by_load) / np.maximum(held, 1e-12)
+        sticking = unloaded * more * more[:, None]
         C[:12, :12] += sticking
         return cls(C, sticking)
 

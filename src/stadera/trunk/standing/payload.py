@@ -19,8 +19,10 @@ from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.fit import WITH_PAYLOAD, scales_of, square_root, with_box, with_poses
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.pose_means import PoseMean
-from stadera.trunk.standing.poses import PosesSettings
 
+
+OBSERVED = 0.5
+"""Share of the plausible range's standard deviation below which a payload's place counts as observed: a few cm help."""
 
 SCALE_SPREAD = 1.0
 """Standard deviation of ln s before any pose: friction of drives differs between robots by a factor of seven (95 %)."""
@@ -57,7 +59,7 @@ def payload_between(
     rough = solved(1.0)
     found = solved(max(abs(float(rough.mean[rough["payload"]][0])), least * forces.robot.mass))
     moments, covariance = found.mean[found["payload"]], found.covariance("payload")
-    return Payload.of_moments(moments, covariance, PosesSettings().observed * bounds.spread[1:])
+    return Payload.of_moments(moments, covariance, OBSERVED * bounds.spread[1:])
 
 
 def sized_by_poses(

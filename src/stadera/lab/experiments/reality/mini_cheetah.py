@@ -1,0 +1,130 @@
+"""Real walks of one MIT Mini Cheetah: is one robot one weight, and is a robot in the air refused?
+
+The logs are tables of a folder, one a recording, with an accelerometer (`STRAIGHT`, `TURNING`, `AIR`). The trunk's true
+mass is not known, so logs are compared with each other and with plain least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.identify.legs import identify
+from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.experiments.legs.real_logs import MissingDataError
+from stadera.lab.experiments.paper import Paper, ReproduceSettings
+from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.logs.reader import read
+from stadera.report.numbers import with_std
+from stadera.report.table import Row, TableData
+from stadera.robot import Robot, load_robot
+from stadera.trunk import make_estimator
+from stadera.trunk.registry import Setup
+from stadera.trunk.samples import Samples
+from stadera.types import Array, Progress
+from stadera.weigh import weigh
+from stadera.weigh.result import Weighing
+
+PAPER = Paper.of("mini_cheetah")
+
+STRAIGHT = ("asphalt_road", "forest", "middle_pebble", "old_asphalt_road", "rock_road", "sidewalk", "small_pebble")
+TURNING = ("concrete_left_circle", "concrete_right_circle", "concrete_galloping")
+AIR = ("air_walking_gait", "air_jumping_gait")
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """One log: its weighing or why there is none, and the trunk's mass by plain least squares [kg]."""
+
+    name: str
+    found: Weighing | None
+    refusal: str
+    least_squares: float
+
+
+def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+    """Weighs every log of the folder `settings.data`. Raises MissingDataError: it holds none of them."""
+    folder = settings.data or Path()
+    paths = {name: folder / f"{name}.csv" for name in (*STRAIGHT, *TURNING, *AIR)}
+    there = {name: path for name, path in paths.items() if path.is_file()}
+    if not any(name in there for name in STRAIGHT):
+        raise MissingDataError(f"{folder}: none of the walks {STRAIGHT[0]}.csv, {STRAIGHT[1]}.csv, ...")
+    robot, walks = load_robot("mini_cheetah"), []
+    for done, (name, path) in enumerate(there.items()):
+        progress(f"weighing {name}", done, len(there))
+        walks.append(weighed(robot, name, path))
+    legs = [(name, _legs(robot, there[name])) for name in AIR if name in there]
+    return PAPER.result(_records(walks), [_table(walks), _legs_table(legs)])
+
+
+def weighed(robot: Robot, name: str, path: Path) -> Walk:
+    """Weighs one log with the model file only."""
+    plain = make_estimator("ls", Setup(robot), ALL_METHODS)
+    for measurement in _samples(robot, path):
+        plain.add(measurement)
+    mass = float(plain.estimate().trunk.mass)
+    try:
+        return Walk(name, weigh(robot, path), "", mass)
+    except StaderaError as error:
+        return Walk(name, None, str(error).removeprefix(f"{path}: "), mass)
+
+
+def _samples(robot: Robot, path: Path) -> list[Samples]:
+    return [Samples.of_recording(read(path), robot)]
+
+
+def _legs(robot: Robot, path: Path) -> str:
+    try:
+        return f"identified; {identify(robot, path).trust.verdict}"
+    except StaderaError as error:
+        return str(error).removeprefix(f"{path}: ")
+
+
+def _records(walks: list[Walk]) -> list[Record]:
+    own = [w.found for w in walks if w.name in STRAIGHT and w.found is not None]
+    records = [
+        _record("walks with a figure", "1", sum(w.found is not None for w in walks if w.name not in AIR), None),
+        _record("in the air, refused", "1", sum(w.found is None for w in walks if w.name in AIR), None),
+        _record("changes of the load", "1", sum(len(w.found.changes) for w in walks if w.found), "changes"),
+    ]
+    if len(own) < 2:
+        return records
+    mass, std = np.array([w.mass for w in own]), np.array([w.mass_std for w in own])
+    common = float(mass @ std**-2 / (std**-2).sum())
+    com: Array = np.array([w.com[:2] for w in own])
+    return [
+        *records,
+        _record("straight walks: largest less smallest mass", "%", 100.0 * np.ptp(mass) / common, "spread"),
+        _record("straight walks: largest error, own bars", "σ", float((np.abs(mass - common) / std).max()), "bars"),
+        _record("straight walks: median bar", "%", 100.0 * float(np.median(std / mass)), "bar"),
+        _record(
+            "straight walks: spread of the centre, x and y", "mm", 1e3 * float(np.nanmax(np.ptp(com, axis=0))), "centre"
+        ),
+    ]
+
+
+def _record(metric: str, unit: str, value: float, bound: str | None) -> Record:
+    limit = None if bound is None else PAPER.bounds[bound]
+    return PAPER.record({"robot": "mini_cheetah"}, metric, unit, float(value), bound=limit)
+
+
+def _table(walks: list[Walk]) -> TableData:
+    head = ("log", "trunk [kg]", "least squares [kg]", "x [mm]", "y [mm]", "misfit", "changes", "verdict or reason")
+    return TableData.of("Trunk of one robot, model file only", head, map(_row, walks), sides="lrrrrrrw")
+
+
+def _row(walk: Walk) -> Row:
+    found, plain = walk.found, f"{walk.least_squares:.2f}"
+    if found is None:
+        return walk.name, "–", plain, "–", "–", "–", "–", walk.refusal
+    x, y = (with_std(1e3 * float(c), 1e3 * float(s)) for c, s in zip(found.com[:2], found.com_std[:2], strict=True))
+    mass, trust = with_std(found.mass, found.mass_std), found.trust
+    reasons = "; ".join((trust.verdict, *trust.reasons))
+    return walk.name, mass, plain, x, y, f"{trust.misfit:.2g}", str(len(found.changes)), reasons
+
+
+def _legs_table(legs: list[tuple[str, str]]) -> TableData:
+    return TableData.of("Legs identified in the air", ("log", "result"), legs, sides="lw")
