@@ -101,7 +101,7 @@ def _silences(recording: Recording) -> Iterator[Finding]:
             "dropout",
             f"{len(wide)} gap{'s' * (len(wide) > 1)} in time of more than {GAP_FACTOR:g} samples, "
             f"{steps[wide].sum():.3g} s altogether, the longest {steps[longest]:.3g} s at "
-            f"{recording.time[longest]:.3f} s: sensors or the logger dropped out",
+            f"{recording.time[longest] - recording.time[0]:.3f} s: sensors or the logger dropped out",
         )
 
 
@@ -119,8 +119,8 @@ def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
     for (begin, end), names in groups.items():
         yield Finding(
             "stuck",
-            f"{listed([*map(repr, names)], 4)} stand{'s' * (len(names) == 1)} still bit for bit from {begin:.3f} to "
-            f"{end:.3f} s, and change{'s' * (len(names) == 1)} with every sample elsewhere: a sensor that dropped out",
+            f"{listed([*map(repr, names)], 4)} stand{'s' * (len(names) == 1)} still bit for bit from "
+            f"{begin - recording.time[0]:.3f} to {end - recording.time[0]:.3f} s, and change{'s' * (len(names) == 1)} with every sample elsewhere: a sensor that dropped out",
             span=(begin, end),
         )
 

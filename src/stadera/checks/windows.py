@@ -42,10 +42,9 @@ class WindowFault:
     windows: tuple[tuple[float, float], ...]
     lasting: bool = False  # True if it affects everything after it, not only these windows
 
-    @property
-    def message(self) -> str:
-        """One clause with location, description and time."""
-        begin, end, count = self.windows[0][0], self.windows[-1][1], len(self.windows)
+    def message(self, since: float = 0.0) -> str:
+        """One clause with location, description and time, in seconds since the log's beginning [s]."""
+        begin, end, count = self.windows[0][0] - since, self.windows[-1][1] - since, len(self.windows)
         when = f"from {begin:.2f} to {end:.2f} s" if count > 1 else f"at {begin:.2f} to {end:.2f} s"
         return f"{self.what} {self.evidence}, {when}"
 

@@ -84,7 +84,8 @@ def weigh(
         latex=result.to_latex,
         figures=lambda: result.to_figures(known),
     )
-    show(*weighing_tables(result, known))
+    since = None if known is None else known.since(result.begin)
+    show(*weighing_tables(result.since_beginning(), since))
 
 
 def robot_with_legs(name: str, legs: Path | None, limits: Limits, force: bool = False) -> Robot:

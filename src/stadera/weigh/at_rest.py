@@ -86,6 +86,10 @@ class _AtRest:
         self._logs = [self.log]
         self._remarks: list[str] = []
 
+    @property
+    def _no_imu(self) -> str:
+        return "" if self.has_imu else "; the log has no IMU, without which only rest can be weighed by"
+
     def result(self) -> Weighing:
         rest, source = self._rest(self.log), self.request.source.source
         means = loads(rest.blocks, self.limits)
@@ -141,9 +145,8 @@ class _AtRest:
         found = self._measurements(log, f"looking for rest in {log.source.name}")
         rest = times_at_rest(found, self.forces, self.settings.block)
         if not rest.blocks:
-            alone = "" if self.has_imu else "; the log has no IMU, without which only rest can be weighed by"
             raise IdentificationError(
-                f"{log.source.source}: the robot never stands still, nothing to weigh by: {rest.usual_reason}{alone}"
+                f"{log.source.source}: the robot never stands still, nothing to weigh by: {rest.usual_reason}{self._no_imu}"
             )
         return rest
 
@@ -157,15 +160,17 @@ class _AtRest:
         within = [b for b in rest.blocks if begin <= b.begin and b.end <= end]
         if not within:
             raise IdentificationError(
-                f"{source}: the robot does not stand still in the tare's time, {begin:g} to {end:g} s; the log goes "
-                f"from {rest.begin:g} to {rest.end:g} s"
+                f"{source}: the robot does not stand still in the tare's time, {begin - rest.begin:g} to "
+                f"{end - rest.begin:g} s; the log is {rest.end - rest.begin:.3g} s long{self._no_imu}"
             )
         for mean in means[1:]:
             if within[0].begin < mean.begin <= within[-1].begin:
-                raise IdentificationError(f"{source}: the load changes within the tare's time, at {mean.begin:.2f} s")
+                raise IdentificationError(f"{source}: the load changes within the tare's time, at {mean.begin - rest.begin:.2f} s")
         after = [b for b in last if b.begin > end]
         if not after:
-            raise IdentificationError(f"{source}: the robot does not stand still after the tare's time, {end:g} s")
+            raise IdentificationError(
+                f"{source}: the robot does not stand still after the tare's time, {end - rest.begin:g} s{self._no_imu}"
+            )
         return within, after
 
     def _payload(self, tare: list[PoseMean], loaded: list[PoseMean]) -> Payload | None:
@@ -182,7 +187,7 @@ class _AtRest:
         rest = self._rest(log)
         means = loads(rest.blocks, self.limits)
         if len(means) > 1:
-            raise IdentificationError(f"{source.source}: the load changes in the tare, at {means[1].begin:.2f} s")
+            raise IdentificationError(f"{source.source}: the load changes in the tare, at {means[1].begin - rest.begin:.2f} s")
         within, poses = _Within(rest.blocks), _Poses(self.settings.poses)
         for m in self._measurements(log, f"weighing {source.name}"):
             if within.has(m.time):
@@ -271,7 +276,7 @@ class _AtRest:
         if moved > self.settings.stale:
             trust = trust.at_most(
                 "doubtful",
-                f"the robot stands still until {last:.2f} s and not in the {moved:.1f} s after it; a change of the "
+                f"the robot stands still until {last - self.log.begin:.2f} s and not in the {moved:.1f} s after it; a change of the "
                 "load from then on would not be seen",
             )
         return trust

@@ -47,20 +47,22 @@ def weigh_in_motion(request: Request) -> Weighing:
     reading.read()
     if isinstance(tare, tuple) and not reading.tared:
         raise IdentificationError(
-            f"{request.source.source}: the tare's time, {tare[0]:g} to {tare[1]:g} s, lies outside the log, "
-            f"{log.begin:g} to {log.end:g} s"
+            f"{request.source.source}: the tare's time, {tare[0] - log.begin:g} to {tare[1] - log.begin:g} s, lies "
+            f"outside the log, which is {log.end - log.begin:.3g} s long"
         )
     return reading.result()
 
 
-def trust_now(estimator: TrunkEstimator, learnt: float | None = None) -> Trust:
-    """The estimator's trust in its result, lowered if it refuses the latest samples, those after `learnt` [s]."""
+def trust_now(estimator: TrunkEstimator, learnt: float | None = None, begin: float = 0.0) -> Trust:
+    """The estimator's trust in its result, lowered if it refuses the latest samples, those after `learnt` [s]; times
+    are said as since `begin` [s].
+    """
     trust, estimate = estimator.trust, estimator.estimate()
     if estimate.status is not Status.REFUSED or trust.verdict == "bad":
         return trust
     verdict: Verdict = "bad" if estimate.reason.startswith(_DIVERGED) else "doubtful"
     at = estimate.time if learnt is None else learnt
-    return trust.at_most(verdict, f"as known at {at:.2f} s; nothing was learnt after it: {estimate.reason}")
+    return trust.at_most(verdict, f"as known at {at - begin:.2f} s; nothing was learnt after it: {estimate.reason}")
 
 
 class _LogPass:
@@ -213,9 +215,10 @@ class _LogPass:
         changes = [c for c in self.estimator.changes if c.kind != "shifted"]
         if changes:
             raise IdentificationError(
-                f"{self.log.source.source}: the load changes within the tare's time, at {changes[-1].time:.2f} s"
+                f"{self.log.source.source}: the load changes within the tare's time, at "
+                f"{changes[-1].time - self.log.begin:.2f} s"
             )
-        self.tare(f"{self._range[0]:g} to {self._range[1]:g} s")
+        self.tare(f"{self._range[0] - self.log.begin:g} to {self._range[1] - self.log.begin:g} s")
 
     def _refuse(self, begin: float, end: float, reason: str) -> None:
         last = self._refused[-1] if self._refused else None
@@ -231,10 +234,10 @@ class _LogPass:
         return since_tare([replace(c, time=c.time - shift, noticed=c.noticed - shift) for c in changes], payload)
 
     def _trust(self, learnt: float, logs: list[CheckedLog]) -> Trust:
-        trust = trust_now(self.estimator, learnt)
+        trust = trust_now(self.estimator, learnt, self.log.begin)
         for log in logs:
             if log.event is not None:
-                trust = trust.at_most("doubtful", f"as known at {log.event.begin:.2f} s: {log.event.reason}")
+                trust = trust.at_most("doubtful", f"as known at {log.event.begin - log.begin:.2f} s: {log.event.reason}")
             for doubt in log.doubts:
                 trust = trust.at_most(*doubt)
         found, payload = self.estimator.parameters(), self.estimator.payload

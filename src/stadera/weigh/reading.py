@@ -139,9 +139,9 @@ class CheckedLog:
         faults = window_faults(chunk, self._request.robot, self._request.imu_frame, limits)
         for fault, verdict in with_verdicts(faults, duration, limits):
             if verdict is not None:
-                self.doubts[verdict, fault.message] = None
+                self.doubts[verdict, fault.message(self.begin)] = None
                 continue
-            self.notes[f"left out: {fault.message}"] = None
+            self.notes[f"left out: {fault.message(self.begin)}"] = None
             parts = [Refusal(begin, end, f"{fault.what} {fault.evidence}") for begin, end in fault.windows]
             self.left_out += [part for part in parts if part.begin not in [known.begin for known in self.left_out]]
 

@@ -169,6 +169,21 @@ class Weighing(Result):
         """True unless the verdict is "bad"."""
         return self.trust.verdict != "bad"
 
+    def since_beginning(self) -> Weighing:
+        """A copy with all times in seconds since the log's beginning, as people read them; the values themselves are on
+        the log's own clock.
+        """
+        first = self.begin
+        return replace(
+            self,
+            time=self.time - first,
+            changes=tuple(replace(c, time=c.time - first, noticed=c.noticed - first) for c in self.changes),
+            timeline=replace(self.timeline, time=self.timeline.time - first),
+            refusals=tuple(replace(r, begin=r.begin - first, end=r.end - first) for r in self.refusals),
+            begin=0.0,
+            end=self.end - first,
+        )
+
     def widened(self, factor: float) -> Weighing:
         """A copy with all standard deviations of trunk, payload and changes multiplied by `factor`."""
         payload, trunk = self.payload, self.trunk
@@ -192,13 +207,13 @@ class Weighing(Result):
             shown = ", ".join(f"{axis} {with_std(v, s)}" for axis, v, s in seen if isfinite(s))
             return f"{with_std(mass, mass_std)} kg, com {shown or 'not observed'} m"
 
-        lines = [f"Weighing of {self.robot.name} by {self.source} ({self.method}), at {self.time:.2f} s"]
+        lines = [f"Weighing of {self.robot.name} by {self.source} ({self.method}), at {self.time - self.begin:.2f} s"]
         lines.append(f"  trunk: {body(self.mass, self.mass_std, self.com, self.com_std)}")
         if (payload := self.payload) is not None:
             lines.append(f"  payload: {body(payload.mass, payload.mass_std, payload.com, payload.com_std)}")
         if self.changes:
             last = self.changes[-1]
-            lines.append(f"  changes of load: {len(self.changes)}, the last {last.kind} at {last.time:.2f} s")
+            lines.append(f"  changes of load: {len(self.changes)}, the last {last.kind} at {last.time - self.begin:.2f} s")
         lines.append(f"  trust: {self.trust.verdict}{''.join(f'; {reason}' for reason in self.trust.reasons[:2])}")
         return "\n".join(lines)
 
@@ -222,7 +237,7 @@ class Weighing(Result):
         """The report as one self-contained HTML page; with the truth of a simulated log, if given."""
         from stadera.report.weigh.page import weighing_html
 
-        return weighing_html(self, truth)
+        return weighing_html(*_shown(self, truth))
 
     def save_urdf(self, path: str | PathLike[str]) -> None:
         """Writes the robot's model file with the weighed trunk and the payload as a separate link, in the format of the
@@ -243,7 +258,7 @@ class Weighing(Result):
         """Tables of trunk and payload, of the inertia where it was observed, and of the changes of the load."""
         from stadera.report.weigh.tables import tables
 
-        return tables(self)
+        return tables(self.since_beginning())
 
     def to_figures(self, truth: Truth | None = None) -> Mapping[str, Figure]:
         """Figures: payload (with a tare, in motion), mass, balance (at rest), convergence (of the centre of mass),
@@ -251,4 +266,9 @@ class Weighing(Result):
         """
         from stadera.report.weigh.plots import figures
 
-        return figures(self, truth)
+        return figures(*_shown(self, truth))
+
+
+def _shown(result: Weighing, truth: Truth | None) -> tuple[Weighing, Truth | None]:
+    """A result and the truth of its log, with times since the log's beginning."""
+    return result.since_beginning(), None if truth is None else truth.since(result.begin)

@@ -1,8 +1,10 @@
 """Ground truth of a prepared log, kept in a separate file: used by reports and never by estimators."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
@@ -55,6 +57,10 @@ class Truth:
     moments: tuple[TruthAt, ...]  # the trunk at the start and after each change
     # all random model and sensor errors, as `Drawn.to_dict`; None for other kinds of errors
     drawn: Mapping[str, Any] | None = None
+
+    def since(self, first: float) -> Truth:
+        """The same with times counted from `first` [s]."""
+        return replace(self, moments=tuple(replace(m, time=m.time - first) for m in self.moments))
 
     def at(self, time: float) -> TruthAt:
         """The truth at a time [s]."""
