@@ -88,7 +88,12 @@ def weighed(push: Push, seed: int, folder: Path | None) -> dict[str, Any]:
         found[name] = float(np.nanmax(np.abs(off)))
         found[f"{name} mass"] = float(now.value[0] - right[0]) / robot.mass
         noticed = max(noticed, len(estimator.changes))
-    return found | {"fell": False, "noticed": noticed, "kept": len(estimator.changes), "verdict": estimator.trust.verdict}
+    return found | {
+        "fell": False,
+        "noticed": noticed,
+        "kept": len(estimator.changes),
+        "verdict": estimator.trust.verdict,
+    }
 
 
 def cases(seed: int) -> list[Push]:

@@ -29,7 +29,9 @@ _MEASURE = """
       e.getBoundingClientRect().right > root.clientWidth + 1).map((e) => e.tagName + "." + e.className);
     seen[frame.id] = {width: root.clientWidth, scroll: root.scrollWidth, answer: end(".answer"), badge: end(".badge"),
       play: end("#play"), boxes: [...inside.querySelectorAll(".scroll")].filter((e) => !fits(e)).length, wide: wide,
-      plots: inside.querySelectorAll(".plot .main-svg").length, canvas: inside.querySelectorAll("canvas").length,
+      plots: inside.querySelectorAll(".plot .main-svg").length,
+      curve: Math.max(0, ...[...inside.querySelectorAll(".plot path.js-line")].map((e) =>
+        e.getBoundingClientRect().width / e.closest(".plot").clientWidth)), canvas: inside.querySelectorAll("canvas").length,
       ink: getComputedStyle(inside.body).color, paper: getComputedStyle(inside.body).backgroundColor};
   }
   document.querySelector("pre").textContent = JSON.stringify(seen);

@@ -155,6 +155,23 @@ def test_figures_that_move_are_drawn(measured) -> None:
 
 # -- as PDF -----------------------------------------------------------------------------------------------------------
 @needs_browser
+def test_curves_of_a_log_with_unix_time_are_as_wide_as_those_from_zero(weighed, tmp_path: Path) -> None:
+    """Drawn in 32 bits, in which 1.76e9 s is good to two minutes."""
+    late = replace(weighed.since_beginning(), begin=1.76e9, end=weighed.end - weighed.begin + 1.76e9)
+    line, changes = late.timeline, late.changes
+    late = replace(
+        late,
+        time=late.time + 1.76e9,
+        timeline=replace(line, time=line.time + 1.76e9),
+        changes=tuple(replace(c, time=c.time + 1.76e9, noticed=c.noticed + 1.76e9) for c in changes),
+        refusals=(),
+    )
+    assert "1.76" not in repr(late)
+    found = measure({"unix": late.to_html()}, tmp_path)[f"unix-{DESK}"]
+    assert found["curve"] > 0.5
+
+
+@needs_browser
 def test_a_report_is_printed(pages, tmp_path: Path) -> None:
     pdf.write_pdf(pages["excite"], tmp_path / "r.pdf")
     assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")

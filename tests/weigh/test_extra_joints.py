@@ -91,7 +91,10 @@ def test_an_arm_that_moves_disturbs_neither_trunk_nor_payload(robot: Robot, velo
 
 
 def test_without_the_arms_joints_it_is_said_and_the_bars_contain_it(robot: Robot) -> None:
-    found, true = weigh(robot, legs_alone(log_of(robot)), tare=(0.0, TARED)), trunk_at_the_beginning(robot, log_of(robot))
+    found, true = (
+        weigh(robot, legs_alone(log_of(robot)), tare=(0.0, TARED)),
+        trunk_at_the_beginning(robot, log_of(robot)),
+    )
     known = weigh(robot, log_of(robot), tare=(0.0, TARED))
     assert abs(found.mass - true.mass) < 2.0 * found.mass_std
     assert found.payload is not None

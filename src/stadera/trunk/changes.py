@@ -255,7 +255,9 @@ class ChangeDetector:
         def ratio(segment: Segment) -> float:
             singles, weights = self._singles(n, segment, errors)
             weights = np.minimum(weights, self._heaviest)
-            size = (self._near(singles, _median(singles)) * weights).sum(axis=0) / np.maximum(weights.sum(axis=0), 1e-12)
+            size = (self._near(singles, _median(singles)) * weights).sum(axis=0) / np.maximum(
+                weights.sum(axis=0), 1e-12
+            )
             return float((np.abs(size - self._centre) / np.sqrt(spread)).max())
 
         return ratio(before) < self.settings.suspected and ratio(since) > self.settings.deviations

@@ -165,7 +165,9 @@ class _AtRest:
             )
         for mean in means[1:]:
             if within[0].begin < mean.begin <= within[-1].begin:
-                raise IdentificationError(f"{source}: the load changes within the tare's time, at {mean.begin - rest.begin:.2f} s")
+                raise IdentificationError(
+                    f"{source}: the load changes within the tare's time, at {mean.begin - rest.begin:.2f} s"
+                )
         after = [b for b in last if b.begin > end]
         if not after:
             raise IdentificationError(
@@ -187,7 +189,9 @@ class _AtRest:
         rest = self._rest(log)
         means = loads(rest.blocks, self.limits)
         if len(means) > 1:
-            raise IdentificationError(f"{source.source}: the load changes in the tare, at {means[1].begin - rest.begin:.2f} s")
+            raise IdentificationError(
+                f"{source.source}: the load changes in the tare, at {means[1].begin - rest.begin:.2f} s"
+            )
         within, poses = _Within(rest.blocks), _Poses(self.settings.poses)
         for m in self._measurements(log, f"weighing {source.name}"):
             if within.has(m.time):
@@ -321,7 +325,9 @@ def with_common_gain(found: Weighing, gain: float) -> Weighing:
     """With the error of a scale that all torques have in common, which no pose shows, added to the bars of masses."""
     trunk, payload = found.trunk, found.payload
     covariance = trunk.covariance.copy()
-    covariance[0, 0] += (gain * (found.robot.mass - found.robot.inertias[found.robot.trunk].mass + trunk.inertial.mass)) ** 2
+    covariance[0, 0] += (
+        gain * (found.robot.mass - found.robot.inertias[found.robot.trunk].mass + trunk.inertial.mass)
+    ) ** 2
     if payload is not None:
         payload = replace(payload, mass_std=float(np.hypot(payload.mass_std, gain * payload.mass)))
     changes = tuple(replace(c, mass_std=float(np.hypot(c.mass_std, gain * c.mass))) for c in found.changes)

@@ -237,7 +237,9 @@ class _LogPass:
         trust = trust_now(self.estimator, learnt, self.log.begin)
         for log in logs:
             if log.event is not None:
-                trust = trust.at_most("doubtful", f"as known at {log.event.begin - log.begin:.2f} s: {log.event.reason}")
+                trust = trust.at_most(
+                    "doubtful", f"as known at {log.event.begin - log.begin:.2f} s: {log.event.reason}"
+                )
             for doubt in log.doubts:
                 trust = trust.at_most(*doubt)
         found, payload = self.estimator.parameters(), self.estimator.payload

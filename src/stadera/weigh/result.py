@@ -182,6 +182,9 @@ class Weighing(Result):
             refusals=tuple(replace(r, begin=r.begin - first, end=r.end - first) for r in self.refusals),
             begin=0.0,
             end=self.end - first,
+            notes=(*self.notes, f"times count from the log's beginning, {first:.3f} s on its own clock")
+            if first > 1.0
+            else self.notes,
         )
 
     def widened(self, factor: float) -> Weighing:
@@ -213,7 +216,9 @@ class Weighing(Result):
             lines.append(f"  payload: {body(payload.mass, payload.mass_std, payload.com, payload.com_std)}")
         if self.changes:
             last = self.changes[-1]
-            lines.append(f"  changes of load: {len(self.changes)}, the last {last.kind} at {last.time - self.begin:.2f} s")
+            lines.append(
+                f"  changes of load: {len(self.changes)}, the last {last.kind} at {last.time - self.begin:.2f} s"
+            )
         lines.append(f"  trust: {self.trust.verdict}{''.join(f'; {reason}' for reason in self.trust.reasons[:2])}")
         return "\n".join(lines)
 
