@@ -31,7 +31,8 @@ _MEASURE = """
       play: end("#play"), boxes: [...inside.querySelectorAll(".scroll")].filter((e) => !fits(e)).length, wide: wide,
       plots: inside.querySelectorAll(".plot .main-svg").length,
       curve: Math.max(0, ...[...inside.querySelectorAll(".plot path.js-line")].map((e) =>
-        e.getBoundingClientRect().width / e.closest(".plot").clientWidth)), canvas: inside.querySelectorAll("canvas").length,
+        e.getBoundingClientRect().width / e.closest(".plot").clientWidth)),
+      canvas: inside.querySelectorAll("canvas").length,
       ink: getComputedStyle(inside.body).color, paper: getComputedStyle(inside.body).backgroundColor};
   }
   document.querySelector("pre").textContent = JSON.stringify(seen);

@@ -116,11 +116,13 @@ def _stuck(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
         span = _longest_repeat(recording.time, values, limits)
         if span is not None and not _rests(recording, name, span, limits):
             groups.setdefault(span, []).append(name)
+    first = float(recording.time[0]) if groups else 0.0
     for (begin, end), names in groups.items():
         yield Finding(
             "stuck",
             f"{listed([*map(repr, names)], 4)} stand{'s' * (len(names) == 1)} still bit for bit from "
-            f"{begin - recording.time[0]:.3f} to {end - recording.time[0]:.3f} s, and change{'s' * (len(names) == 1)} with every sample elsewhere: a sensor that dropped out",
+            f"{begin - first:.3f} to {end - first:.3f} s, and change{'s' * (len(names) == 1)} with every sample "
+            "elsewhere: a sensor that dropped out",
             span=(begin, end),
         )
 

@@ -22,7 +22,7 @@ def reproduce(
         str,
         argument(
             "table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|mini_cheetah|all",
-            "Table or figure; all excludes the long studies survival, walking, alarms, reality, faults, and mini_cheetah.",
+            "Table or figure; all excludes the studies survival, walking, alarms, reality, faults, mini_cheetah.",
         ),
     ],
     folder: Annotated[Path | None, argument("FOLDER", "Folder of real logs, as --data.")] = None,

@@ -20,8 +20,8 @@ from stadera.trunk.result import TrunkParameters
 from stadera.trunk.standing.equilibrium import ConstantErrors, weight_felt
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.legs import MeasuredLegs
-from stadera.trunk.standing.orientation import PostureLaw
 from stadera.trunk.standing.noise import ForceNoise
+from stadera.trunk.standing.orientation import PostureLaw
 from stadera.trunk.standing.payload import payload_between, sized_by_poses
 from stadera.trunk.standing.pose_means import Alike, PoseMean
 from stadera.trunk.standing.vertical import measurements_without_imu
@@ -146,7 +146,8 @@ class _AtRest:
         rest = times_at_rest(found, self.forces, self.settings.block)
         if not rest.blocks:
             raise IdentificationError(
-                f"{log.source.source}: the robot never stands still, nothing to weigh by: {rest.usual_reason}{self._no_imu}"
+                f"{log.source.source}: the robot never stands still, nothing to weigh by: {rest.usual_reason}"
+                f"{self._no_imu}"
             )
         return rest
 
@@ -280,8 +281,8 @@ class _AtRest:
         if moved > self.settings.stale:
             trust = trust.at_most(
                 "doubtful",
-                f"the robot stands still until {last - self.log.begin:.2f} s and not in the {moved:.1f} s after it; a change of the "
-                "load from then on would not be seen",
+                f"the robot stands still until {last - self.log.begin:.2f} s and not in the {moved:.1f} s after it; a "
+                "change of the load from then on would not be seen",
             )
         return trust
 

@@ -60,5 +60,5 @@ def next_steps(result: Weighing, limits: UseLimits | None = None) -> tuple[NextS
     if result.payload is None or determined(result, limits)["payload"]:
         return ()
     std = hypot(limits.swayed * result.robot.mass, ModelErrors().common_gain * result.payload.mass)
-    do = "let the trunk sway by 3° for 5 s without and with the load, or walk ten steps: friction holds what stands still"
+    do = "let the trunk sway by 3° for 5 s without and with the load, or walk ten steps: friction holds what stands"
     return (NextStep(do, std),) if std < result.payload.mass_std else ()

@@ -20,7 +20,6 @@ from stadera.trunk.standing.fit import WITH_PAYLOAD, scales_of, square_root, wit
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.pose_means import PoseMean
 
-
 OBSERVED = 0.5
 """Share of the plausible range's standard deviation below which a payload's place counts as observed: a few cm help."""
 
@@ -74,8 +73,8 @@ def sized_by_poses(
     """
     bounds = TrunkBounds.of(forces.robot)
     middle = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high))
-    longest = [[max(poses, key=lambda pose: pose.count)] if poses else [] for poses in (tare, loaded)]
-    known = with_box(_gathered(*longest, forces), "payload", bounds, forces.robot.mass, middle)
+    before, after = ([max(p, key=lambda pose: pose.count)] if p else [] for p in (tare, loaded))
+    known = with_box(_gathered(before, after, forces), "payload", bounds, forces.robot.mass, middle)
     lasting, sticking = scales_of(known, errors, spread)
     return errors.scaled(lasting, max(sticking, 1.0))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,18 +63,13 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
 
 def weighed(robot: Robot, name: str, path: Path) -> Walk:
     """Weighs one log with the model file only."""
-    plain = make_estimator("ls", Setup(robot), ALL_METHODS)
-    for measurement in _samples(robot, path):
-        plain.add(measurement)
+    plain: Any = make_estimator("ls", Setup(robot), ALL_METHODS)
+    plain.add(Samples.of_recording(read(path), robot))
     mass = float(plain.estimate().trunk.mass)
     try:
         return Walk(name, weigh(robot, path), "", mass)
     except StaderaError as error:
         return Walk(name, None, str(error).removeprefix(f"{path}: "), mass)
-
-
-def _samples(robot: Robot, path: Path) -> list[Samples]:
-    return [Samples.of_recording(read(path), robot)]
 
 
 def _legs(robot: Robot, path: Path) -> str:
