@@ -19,6 +19,7 @@ from stadera.checks.hypotheses import hypotheses_in_motion
 from stadera.checks.instants import Instants
 from stadera.checks.motion import Gain, MotionCosts
 from stadera.checks.statics import ConsistencyModel
+from stadera.checks.units import gravity_findings
 from stadera.errors import UntrustedError
 from stadera.inertia import skew
 from stadera.lab.scenarios.run import simulate
@@ -274,6 +275,18 @@ def test_gravity_taken_out_or_in_other_units(hyq: Robot, clean: Recording) -> No
     (finding,) = diagnose(with_imu(clean, linear_acceleration=-a, orientation=None), hyq)
     assert finding.cause == "imu_frame"
     assert "sign is reversed" in finding.message
+
+
+def test_a_lively_robot_shows_gravity_in_means_over_a_step(hyq: Robot, clean: Recording) -> None:
+    """It lands, flies, and leans to both sides in turn: neither the usual norm nor the log's mean is gravity."""
+    time = 0.002 * np.arange(8000)
+    lean, bounce = 0.6 * np.sin(0.8 * time), np.where((4.0 * time) % 1.0 < 0.7, 2.4, -5.6)
+    up = np.stack([np.sin(lean), np.zeros_like(lean), np.cos(lean)], axis=1)
+    imu = Imu(np.zeros((len(time), 3)), (GRAVITY + bounce)[:, None] * up)
+    assert abs(np.median(np.linalg.norm(imu.linear_acceleration, axis=1)) - GRAVITY) > 0.6
+    assert abs(np.linalg.norm(imu.linear_acceleration.mean(axis=0)) - GRAVITY) > 0.6
+    assert not list(gravity_findings(imu, CheckLimits()))
+    assert list(gravity_findings(replace(imu, linear_acceleration=1.3 * imu.linear_acceleration), CheckLimits()))
 
 
 def test_a_quaternion_in_another_order(hyq: Robot, clean: Recording) -> None:

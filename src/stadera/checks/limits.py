@@ -37,6 +37,7 @@ class CheckLimits:
     unlike: float = 0.3
     like: float = 0.7
     gravity: float = 0.6  # deviation of the mean specific force from gravity [m/s²]
+    gravity_samples: int = 250  # over which specific forces are averaged: a quarter of a second to a second, a step
     upright: float = radians(10.0)  # angle between the verticals from orientation and accelerometer [rad]
     stuck: float = 0.05  # time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s]
     rests: float = 0.005  # change of a joint's position [rad] below which a velocity of exactly zero is a rest

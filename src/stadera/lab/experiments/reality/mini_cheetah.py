@@ -74,7 +74,8 @@ def weighed(robot: Robot, name: str, path: Path) -> Walk:
 
 def _legs(robot: Robot, path: Path) -> str:
     try:
-        return f"identified; {identify(robot, path).trust.verdict}"
+        trust = identify(robot, path).trust
+        return "; ".join((f"misfit {trust.misfit:.2g}, {trust.verdict}", *trust.reasons[:2]))
     except StaderaError as error:
         return str(error).removeprefix(f"{path}: ")
 
