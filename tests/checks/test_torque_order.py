@@ -162,3 +162,20 @@ def test_an_order_that_gains_in_one_second_only_is_not_named() -> None:
     mixed = replace(log, effort=np.where(during[:, None], other.effort, log.effort))
     blocks = Instants.of(mixed, robot.tree.joints, ImuMount.of(robot), CheckLimits())
     assert swapped_in_motion(Footing(robot, blocks), CheckLimits()) is None
+
+
+@pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "trot", 15), ("anymal_c", "crawl", 13)])
+def test_an_imu_that_is_late_is_named_as_that_or_not_at_all(name: str, scenario: str, seed: int) -> None:
+    """By a tenth of a second; not as turned, in other units, or as torques of other legs."""
+    log, robot = log_of(name, scenario, seed, True), load_robot(name)
+    assert log.imu is not None
+    by = round(0.1 * (len(log) - 1) / float(np.ptp(log.time)))
+    late = replace(
+        log.imu,
+        angular_velocity=np.roll(log.imu.angular_velocity, by, axis=0),
+        linear_acceleration=np.roll(log.imu.linear_acceleration, by, axis=0),
+    )
+    causes = [finding.cause for finding in diagnose(replace(log, imu=late), robot) if finding.fatal]
+    assert causes in ([], ["imu_late"])
+    if scenario == "trot":
+        assert causes == ["imu_late"]

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stadera.checks.explain import explain, explain_motion
+from stadera.checks.explain import explain, explain_motion, late_imu
 from stadera.checks.finding import Finding
 from stadera.checks.footing import Footing
 from stadera.checks.instants import Instants
@@ -230,6 +230,15 @@ def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
         yield from order
         if order or found is None:
             return
+    late = late_imu(footing, model.limits)
+    if late is not None and late.gain.mean > found.gain.mean:
+        text = (
+            f"the IMU seems to be about {abs(1e3 * late.late):.0f} ms {'late' if late.late > 0.0 else 'early'} against the "
+            f"joints: shifted by that, feet that carry do not slide and the trunk is in balance "
+            f"({late.gain.deviations:.1f} standard deviations)"
+        )
+        yield Finding("imu_late", text)
+        return
     others = "".join(f", or {other.text}" for other in found.others)
     text = (
         f"{found.hypothesis.text}{others}: as recorded, feet that carry slide at {100 * found.slides:.2g} cm/s and the "

@@ -93,6 +93,34 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     return MotionExplanation(best, gain, _speed(now, length, limits), _speed(costs, length, limits), others)
 
 
+@dataclass(frozen=True)
+class LateImu:
+    """The IMU's values arrive later than the joints' by `late` [s], earlier if negative; `gain` of undoing that."""
+
+    late: float
+    gain: Gain
+
+
+def late_imu(footing: Footing, limits: CheckLimits) -> LateImu | None:
+    """The delay of the IMU against the joints that makes the motion most consistent; None if none does."""
+    b = footing.blocks
+    omega, force = b.angular_velocity, b.specific_force
+    if omega is None or force is None or len(b) < limits.order_fewest:
+        return None
+    step, found = float(np.median(np.diff(b.time))), []
+    for k in range(-limits.late_instants, limits.late_instants + 1):
+        here = np.arange(max(-k, 0), len(b) - max(k, 0))
+        here = here[b.group[here] == b.group[here + k]]
+        if k and len(here):
+            shifted = replace(b.at(here), angular_velocity=omega[here + k], specific_force=force[here + k])
+            now, then = (MotionCosts(Footing(footing.robot, each), limits) for each in (b.at(here), shifted))
+            found.append(LateImu(k * step, Gain.of(now, then)))
+    best = max(found, key=lambda each: each.gain.mean, default=None)
+    if best is None or best.gain.mean < limits.gain or best.gain.deviations < limits.deviations:
+        return None
+    return best
+
+
 def _needed(hypothesis: FaultHypothesis, now: MotionCosts, limits: CheckLimits) -> float:
     """The gain that confirms a hypothesis."""
     least = limits.gain if now.lively > limits.lively_share else limits.gain_at_rest

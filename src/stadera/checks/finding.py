@@ -13,6 +13,7 @@ FATAL = (
     "gyro_unit",
     "imu_gravity",
     "imu_frame",
+    "imu_late",
     "torque_signs",
     "torque_unit",
     "joint_order",

@@ -93,6 +93,7 @@ class CheckLimits:
     # the same with an unknown force from outside in every second, above which such a force is not mistaken for the
     # order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
     order_certain: float = 150.0
+    late_instants: int = 5  # number of instants, of 40 ms, by which the IMU may be late or early
     # step_span, step_side: time before and after a possible step of a torque that is tested, most and least [s]
     step_span: float = 2.5
     step_side: float = 1.0
