@@ -233,8 +233,8 @@ def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
     late = late_imu(footing, model.limits)
     if late is not None and late.gain.mean > found.gain.mean:
         text = (
-            f"the IMU seems to be about {abs(1e3 * late.late):.0f} ms {'late' if late.late > 0.0 else 'early'} against the "
-            f"joints: shifted by that, feet that carry do not slide and the trunk is in balance "
+            f"the IMU seems to be about {abs(1e3 * late.late):.0f} ms {'late' if late.late > 0.0 else 'early'} against "
+            f"the joints: shifted by that, feet that carry do not slide and the trunk is in balance "
             f"({late.gain.deviations:.1f} standard deviations)"
         )
         yield Finding("imu_late", text)

@@ -23,6 +23,7 @@ from stadera.trunk.load import Payload
 from stadera.trunk.samples import Samples
 from stadera.trust import Verdict
 from stadera.types import Array
+from stadera.weigh.lying import lying
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class AgreementLimits:
     missing: float = 0.35  # the same where something would have been taken away
     stepped: float = 0.015  # standard deviation of a distance between feet that have stepped [m]
     rate: float = 20.0  # at which feet are looked at [Hz]
+    lies: float = 0.5  # time for which the trunk is as low as the feet, after which it may lie on the ground [s]
 
     def __post_init__(self) -> None:
         require_positive("limit of differences from the model", self, [field.name for field in fields(self)])
@@ -54,6 +56,7 @@ class Footprint:
         self._pairs = np.triu_indices(4, 1)
         self._count, self._feet, self._up = 0, np.zeros((4, 3)), np.zeros(3)
         self._moments = np.zeros((2, 6))  # of the distances between feet
+        self._low = 0  # postures with the trunk on the ground
 
     def add(self, samples: Samples) -> None:
         """Takes in samples of the robot's joints."""
@@ -65,6 +68,14 @@ class Footprint:
         self._feet += feet.sum(axis=0)
         self._up += samples.specific_force[kept].sum(axis=0)
         self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
+        up = samples.specific_force.mean(axis=0)
+        up /= max(float(np.linalg.norm(up)), 1e-9)
+        self._low += int(lying(self._robot, samples.position[kept], np.tile(up, (len(feet), 1))).sum())
+
+    @property
+    def lay(self) -> bool:
+        """Whether the trunk may have lain on the ground."""
+        return self._low > self._limits.lies * self._limits.rate
 
     @property
     def stood(self) -> bool:
@@ -92,6 +103,9 @@ class Footprint:
         return best, float(force[best]), float(left[best] / max(np.linalg.norm(difference), 1e-12))
 
 
+LIES = "the trunk is as low as the feet: it may lie on the ground, which then carries a part that no leg feels"
+
+
 def doubts(
     robot: Robot, trunk: InertialParameters, payload: Payload | None, footprint: Footprint, limits: AgreementLimits
 ) -> Iterator[tuple[Verdict, str]]:
@@ -104,6 +118,8 @@ def doubts(
         added = None if payload is None else payload.parameters
         loads = [difference] if added is None else [difference - added, added]
         found = [doubt for load in loads for doubt in _of_one_leg(robot, load, footprint, limits)]
+    if footprint.lay:
+        yield "doubtful", LIES
     yield from found[:1] or _of_all(difference.mass / robot.mass, limits)
 
 

@@ -27,7 +27,9 @@ from stadera.trunk.standing.pose_means import Alike, PoseMean
 from stadera.trunk.standing.vertical import measurements_without_imu
 from stadera.trust import Trust
 from stadera.types import Array
+from stadera.weigh.against_model import LIES
 from stadera.weigh.changes import LevelLimits, changes_between, levels, loads, misfit
+from stadera.weigh.lying import lying
 from stadera.weigh.reading import CheckedLog, check_source
 from stadera.weigh.rest import Rest, RestBlock, times_at_rest
 from stadera.weigh.result import Balance, Timeline, Vertical, Weighing
@@ -85,6 +87,7 @@ class _AtRest:
         self.log = CheckedLog(request, request.source)
         self._logs = [self.log]
         self._remarks: list[str] = []
+        self._lies = False
 
     @property
     def _no_imu(self) -> str:
@@ -105,6 +108,8 @@ class _AtRest:
         if vertical.source == "forces":
             self._remarks.insert(0, _without_imu(vertical))
         self._remark_on(final)
+        pose = load_poses.means[-1].measurement
+        self._lies = bool(lying(self.robot, pose.joint_position[None], pose.up[None])[0])
         found = Weighing(
             robot=self.robot,
             source=source,
@@ -277,6 +282,8 @@ class _AtRest:
         for log in self._logs:
             for verdict, reason in log.doubts:
                 trust = trust.at_most(verdict, reason)
+        if self._lies:
+            trust = trust.at_most("doubtful", LIES)
         moved, last = self.log.end - rest.blocks[-1].end, rest.blocks[-1].end
         if moved > self.settings.stale:
             trust = trust.at_most(
