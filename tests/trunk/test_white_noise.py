@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stadera.trunk.noise import WhiteNoise
+from stadera.trunk.rows import half_differences, half_window
 from stadera.trunk.samples import Samples
 
 TORQUE, VELOCITY, GYRO, ACCELEROMETER = 0.4, 0.03, 0.004, 0.1
@@ -43,3 +44,12 @@ def test_noise_is_found_at_every_rate(rate: float) -> None:
 def test_touchdowns_are_not_noise(rate: float) -> None:
     """Blows of 30 N·m four times a second, in each twelfth block, against noise of 0.4."""
     np.testing.assert_allclose(learnt(rate, touchdowns=True).torque.mean(), TORQUE, rtol=0.25)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 10])
+def test_noise_of_windowed_accelerations_is_that_of_drawn_ones(n: int) -> None:
+    """A continuous window would overstate it by a fifth with four samples in a block."""
+    x = np.random.default_rng(n).standard_normal((200_000, 2 * n + 2))
+    window = np.concatenate([half_window(n), half_window(n)[::-1]])
+    drawn = 0.5 * (x[:, 2:] - x[:, :-2]) @ window
+    assert 2.0 * half_differences(n) == pytest.approx(drawn.var(), rel=0.015)

@@ -129,7 +129,7 @@ class _Half:
     angular_velocity: Array
     air: Bools
     averaged: float  # Σ w²
-    differentiated: float  # Σ ẇ² [1/s²]
+    differentiated: float  # see `half_differences` [1/s²]
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,8 +325,7 @@ class RowMaker:
             angular_velocity=samples.angular_velocity[1:-1].mean(axis=0),
             air=self._in_the_air(wrenches, force, motion, n, step),
             averaged=float(rising @ rising),
-            # the window of length 2nT has ẇ = (π / n²T) sin(...) / 2, squared and summed n/2 times
-            differentiated=float((np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0),
+            differentiated=half_differences(n) / step**2,
         )
 
     def _middle(self, wrenches: LegWrenches, by_leg: Array, force: Array, n: int) -> Array:
@@ -456,3 +455,12 @@ def half_window(n: int) -> Array:
     """The rising half of a raised cosine over 2 n samples, its sum one half."""
     window: Array = (1.0 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / (2.0 * n)
     return window
+
+
+@lru_cache(maxsize=64)
+def half_differences(n: int) -> float:
+    """Half the variance of Σ w_k (x_k+1 - x_k-1) / 2 over 2 n samples for white noise x of unit variance: the sum of
+    squares of (w_k-1 - w_k+1) / 2 over the rising half, w zero outside.
+    """
+    w = np.concatenate([np.zeros(2), half_window(n), half_window(n)[-1:]])
+    return float((0.25 * (w[2:] - w[:-2]) ** 2).sum())

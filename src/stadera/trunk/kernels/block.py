@@ -962,7 +962,9 @@ def sums(
     in_the_air(seen, min(max(round(n * step / limits[PART]), 1), n), up, limits, standing, out)
     for k in range(n):
         out[AVERAGED] += window[k] ** 2
-    out[DIFFERENTIATED] = (np.pi / (2.0 * n * n * step)) ** 2 * n / 2.0
+    for k in range(-1, n):  # of Σ w_k (x_k+1 - x_k-1) / 2T, by x_k
+        early, later = window[k - 1] if k > 0 else 0.0, window[min(k + 1, n - 1)]
+        out[DIFFERENTIATED] += (0.5 * (early - later) / step) ** 2
     out[END] = table[n, 0]
     return -1
 
