@@ -1,0 +1,190 @@
+"""Sizes of error bars, from both sides: each against sums written out here, so that one too wide fails as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from stadera.information import Information, Unknowns
+from stadera.robot import load_robot
+from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.fit import Fit
+from stadera.trunk.joint_errors import Errors
+from stadera.trunk.load import centre_slope
+from stadera.trunk.row_sums import RowSums
+from stadera.trunk.scatter import RobustWeights, Scatter
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
+from stadera.trunk.swing import SwingJoints
+
+ROBOT = load_robot("hyq")
+MODEL = ErrorModel(ROBOT, ModelErrors(), 0.7)
+SWING = SwingDetection()
+
+
+def errors(rows: RowSums | None = None) -> Errors:
+    return Errors(MODEL, SwingJoints(MODEL, SWING), 1.0, rows)
+
+
+def drawn(seed: int, blocks: int = 40, still: int = 0) -> list[WeightedRows]:
+    """Random rows; the first `still` joints do not move."""
+    rng, out = np.random.default_rng(seed), []
+    for k in range(blocks):
+        columns = rng.standard_normal((6, 11 + ERRORS))
+        columns[:, 11 + PLACES["stiction"].start : 11 + PLACES["stiction"].stop] *= np.arange(12) < still
+        out.append(WeightedRows(0.02 * k, columns, 1.0))
+    return out
+
+
+def summed(rows: list[WeightedRows], keep: float = 1.0) -> Segment:
+    segment = Segment.prior(np.zeros(10), np.full(10, 1e4))
+    for each in rows:
+        segment = segment.add(each, keep)
+    return segment
+
+
+def test_gains_have_a_mean_of_zero_and_no_more() -> None:
+    """σ² (1 - 1 1ᵀ / 12): each gain keeps 11/12 of its variance, and the mean none."""
+    gain = errors().covariance[PLACES["gain"], PLACES["gain"]]
+    size = ModelErrors().gain ** 2
+    assert np.diag(gain) == pytest.approx(size * 11.0 / 12.0)
+    assert np.ones(12) @ gain @ np.ones(12) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_static_friction_is_as_large_as_friction_and_what_is_unknown_of_it() -> None:
+    """After swings: held² ((dry + mean)² + variance of Coulomb friction)."""
+    joints = [joint for leg in ROBOT.legs for joint in leg.joints]
+    dynamics = {joint: replace(ROBOT.dynamics[joint], coulomb=1.0) for joint in joints}
+    model = ErrorModel(ROBOT.with_dynamics(dynamics), ModelErrors(), 0.7)
+    swing = SwingJoints(model, SWING)
+    terms = np.tile(np.array([[0.0], [1.0], [1.0], [1.0]]), 12)
+    swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1))
+    found, coulomb = Errors(model, swing, 1.0), PLACES["coulomb"]
+    spread = np.diag(found.covariance)[coulomb]
+    assert (spread > 0.2).all()
+    expected = ModelErrors().held ** 2 * ((1.0 + found.mean[coulomb]) ** 2 + spread)
+    assert np.diag(found.covariance)[PLACES["stiction"]] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("stiction", [True, False])
+def test_friction_and_noise_do_not_cancel_between_two_loads_and_all_else_does(stiction: bool) -> None:
+    """With K the sensitivities: D Σ Dᵀ of what lasts, K₁ C K₁ᵀ + K₂ C K₂ᵀ of what is another one under each load."""
+    first, second, known = summed(drawn(1)), summed(drawn(2)), errors()
+    own = ["regression", "stiction"] if stiction else ["regression"]
+    changing = np.zeros((ERRORS, ERRORS))
+    for name in own:
+        changing[PLACES[name], PLACES[name]] = known.covariance[PLACES[name], PLACES[name]]
+    K1, K2 = (s.solution[:, 1:] for s in (first, second))
+    lasting = (K2 - K1) @ (known.covariance - changing) @ (K2 - K1).T
+    expected = lasting + K1 @ changing @ K1.T + K2 @ changing @ K2.T
+    found = known.difference_covariance(first, second, 0.0, stiction)
+    found -= known.rows_covariance(first, second, 0.0, stiction)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-9)
+
+
+def test_what_earlier_rows_left_is_forgotten_with_them() -> None:
+    """The products of n blocks, each kept by a factor for every later one, sum to those of weighted rows."""
+    keep, rows = 0.8, drawn(3, blocks=30)
+    segment = summed(rows, keep)
+    scale = np.sqrt(keep) ** np.arange(len(rows) - 1, -1, -1)
+    A = np.vstack([s * r.columns[:, :10] for s, r in zip(scale, rows, strict=True)])
+    B = np.vstack([s * r.columns[:, 10:] for s, r in zip(scale, rows, strict=True)])
+    left = B - A @ np.linalg.lstsq(A, B, rcond=None)[0]
+    np.testing.assert_allclose(segment.remainder, left.T @ left, rtol=1e-3, atol=1e-3 * np.abs(left.T @ left).max())
+
+
+@pytest.mark.parametrize(("still", "moves"), [(6, True), (7, False)])
+def test_a_robot_moves_if_at_least_half_of_its_joints_do(still: int, moves: bool) -> None:
+    (rows,) = drawn(4, blocks=1, still=still)
+    assert rows.moving is moves
+
+
+def test_sampling_errors_lie_between_none_and_their_largest_and_are_uniform_there() -> None:
+    """The larger the noise may be, the less a residual that it explains says about the robot: uniform between E_w and
+    E_d, so of variance (E_d - E_w)² / 12 about their middle.
+    """
+    settings, white, largest = TrunkSettings(), 10.0, 90.0
+    products = np.zeros((1 + ERRORS, 1 + ERRORS))
+    at = 1 + PLACES["sampling"].start
+    products[at, at], products[0, 0] = largest, 300.0
+    offset = 1 + np.arange(PLACES["offset"].start, PLACES["offset"].stop)
+    stated = 40.0
+    products[offset, offset] = stated / 12.0 / MODEL.variance[PLACES["offset"]]
+    found = Fit.of(RowSums(products, products, 0.0, 10.0, white), errors(), settings)
+    tried = np.linspace(-5.0, 5.0, 4001) * settings.scale_spread
+    square = np.exp(2.0 * (tried - settings.scale_spread**2))
+    mean, own = 0.5 * (white + largest), (0.5 * (largest - white)) ** 2 / 3.0 + (settings.noise_known * white) ** 2
+    expected = mean + square * stated
+    variance = own + square**2 * 2.0 * stated**2 / 12.0
+    half = expected**2 / variance
+    likely = chi2.logpdf(2.0 * half * 300.0 / expected, 2.0 * half) + np.log(2.0 * half / expected)
+    weight = np.exp(likely - likely.max() - 0.5 * (tried / settings.scale_spread) ** 2)
+    assert found.scale**2 == pytest.approx(weight @ square / weight.sum(), rel=0.02)
+    assert found.misfit == pytest.approx(300.0 / (mean + stated), rel=1e-6)
+    assert Fit.of(RowSums(products, products, 0.0, 10.0, white), errors(), settings, 2.5).misfit == pytest.approx(
+        2.5 * found.misfit
+    )
+
+
+def test_sums_that_scatter_more_than_their_rows_raise_kappa_by_at_most_nine_times() -> None:
+    """κ is the mean of rᵀ (Σ Aᵀ A)⁻¹ r / 4, r = Σ Aᵀ residual, over clusters, each clipped at nine times κ."""
+    settings = OutlierSettings(prior_clusters=1.0)
+    known, wide = summed(drawn(5, blocks=60)), np.full(4, 1e6)
+    scatter = Scatter(wide, 1e9, settings)
+    p, theta, kappa = np.zeros(ERRORS), known.mean(np.zeros(ERRORS)), 1.0
+    for cluster in range(1, 4):
+        total, normal = np.zeros(4), np.zeros((4, 4))
+        for rows in drawn(100 + cluster, blocks=settings.cluster):
+            loud = WeightedRows(rows.time, np.where(np.arange(11 + ERRORS) == 10, 3.0 * cluster, 1.0) * rows.columns, 1.0)
+            scatter.count(loud, known, p)
+            A = loud.columns[:, :4]
+            total += A.T @ (loud.columns[:, 10] - loud.columns[:, :10] @ theta)
+            normal += A.T @ A
+        ratio = total @ np.linalg.solve(normal, total) / 4.0
+        kappa += (min(ratio, 9.0 * kappa) - kappa) / (1.0 + cluster)
+        assert scatter.value == pytest.approx(kappa, rel=1e-6)
+
+
+def test_tails_are_one_for_gaussian_residuals_and_the_ratio_of_squares_for_others() -> None:
+    settings = OutlierSettings()
+    known = summed(drawn(6, blocks=60))
+    robust, p = RobustWeights(settings), np.zeros(ERRORS)
+    theta, squares, clipped, weights = known.mean(p), [], [], []
+    rng = np.random.default_rng(7)
+    for rows in drawn(8, blocks=800):
+        residual = rng.standard_normal(6) * (4.0 if rng.random() < 0.1 else 1.0)
+        columns = rows.columns.copy()
+        columns[:, 10] = columns[:, :10] @ theta + residual
+        weights.append(robust.weight(WeightedRows(rows.time, columns, 1.0), known, p))
+        squares.append(float(residual @ residual) / 6.0)
+        clipped.append(min(squares[-1], settings.outlier * robust.usual))
+    w = np.array(weights)
+    assert robust.tails == pytest.approx(np.mean(clipped) * w.sum() / (w @ np.array(squares)), rel=0.03)
+    assert robust.tails > 1.1
+
+
+def test_centres_follow_first_moments_and_masses() -> None:
+    """c = h / m, by differences."""
+    moments = np.array([8.0, -1.6, 0.8, 1.2])
+    for k in range(4):
+        step = np.zeros(4)
+        step[k] = 1e-6
+        low, high = (np.array([m[0], *m[1:] / m[0]]) for m in (moments - step, moments + step))
+        np.testing.assert_allclose(centre_slope(moments)[:, k], (high - low) / 2e-6, atol=1e-7)
+
+
+def test_considered_errors_are_not_forgotten_with_the_rows() -> None:
+    """Less weight for all rows changes neither the estimate nor what a considered error does to it."""
+    rng = np.random.default_rng(9)
+    rows, considered = rng.standard_normal((20, 3)), rng.standard_normal((20, 2))
+    known = Information.empty(Unknowns.of(x=3), 2).add(rows, rng.standard_normal(20), considered)
+    later = known.forget(0.25)
+    np.testing.assert_allclose(later.mean, known.mean, atol=1e-12)
+    own = np.linalg.inv(rows.T @ rows)
+    moved = own @ rows.T @ considered
+    np.testing.assert_allclose(known.covariance(), own + moved @ moved.T, atol=1e-12)
+    np.testing.assert_allclose(later.covariance(), own / 0.25 + moved @ moved.T, atol=1e-12)
