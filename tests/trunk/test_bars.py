@@ -139,7 +139,9 @@ def test_sums_that_scatter_more_than_their_rows_raise_kappa_by_at_most_nine_time
     for cluster in range(1, 4):
         total, normal = np.zeros(4), np.zeros((4, 4))
         for rows in drawn(100 + cluster, blocks=settings.cluster):
-            loud = WeightedRows(rows.time, np.where(np.arange(11 + ERRORS) == 10, 3.0 * cluster, 1.0) * rows.columns, 1.0)
+            loud = WeightedRows(
+                rows.time, np.where(np.arange(11 + ERRORS) == 10, 3.0 * cluster, 1.0) * rows.columns, 1.0
+            )
             scatter.count(loud, known, p)
             A = loud.columns[:, :4]
             total += A.T @ (loud.columns[:, 10] - loud.columns[:, :10] @ theta)

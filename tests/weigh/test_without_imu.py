@@ -117,7 +117,7 @@ def test_terminal_json_and_report_say_what_is_not_known(log: Path, tmp_path: Pat
     assert found["trunk"]["inertia"] is None
     assert found["vertical"]["source"] == "forces"
     assert np.linalg.norm(found["vertical"]["up"]["value"]) == pytest.approx(1.0)
-    assert 0 < found["vertical"]["tilt_std"] < 0.02
+    assert 0 < found["vertical"]["tilt_std"] < 0.03
     assert "no IMU" in found["notes"][0]
     assert "direction of the feet" in page.read_text()
 

@@ -56,14 +56,27 @@ class _Feet:
         self.force = mount.in_trunk_axes(imu.linear_acceleration[kept])
         self.gyro = mount.in_trunk_axes(imu.angular_velocity[kept])
         count = min(len(self.time), max(1, round(limits.levelled / float(np.median(np.diff(self.time))))))
-        smooth = np.column_stack([np.convolve(x, np.ones(count), "same") for x in self.force.T])
-        up = smooth / np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-9)
+        up = _upwards(self.force, self.gyro, self.time, count)
         pieces = [slice(k, k + _AT_ONCE) for k in range(0, len(self.time), _AT_ONCE)]
         parts = [_of_legs(model, position[k], velocity[k], effort[k], self.force[k]) for k in pieces]
         self.place, self.motion, forces = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         self.load = np.einsum("nli,ni->nl", forces, up) / (robot.mass * GRAVITY)
         self.height = np.einsum("nli,ni->nl", self.place, up) / model.length
         self.windows = Windows.of(self.time, limits.length)
+
+
+def _upwards(force: Array, gyro: Array, time: Array, count: int) -> Array:
+    """The vertical (samples, 3), trunk axes: the mean of the specific force over `count` samples, turned by what the
+    gyro says the trunk has turned since their middle, u̇ = -ω x u. Without that a trunk that pitches as it bounds seems
+    to lift its feet.
+    """
+    ones, steps = np.ones(count), np.diff(time, prepend=time[:1])[:, None]
+    near = np.convolve(np.ones(len(time)), ones, "same")[:, None]
+    turned = np.cumsum(gyro * steps, axis=0)
+    away = turned - np.column_stack([np.convolve(x, ones, "same") for x in turned.T]) / near
+    mean = np.column_stack([np.convolve(x, ones, "same") for x in force.T]) / near
+    up = mean - np.cross(away, mean)
+    return np.asarray(up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9))
 
 
 def _of_legs(
@@ -156,7 +169,8 @@ def _gyro(feet: _Feet, standing: Bools, limits: WindowLimits) -> Iterator[Window
     best = min(others, key=lambda name: others[name])
     independent = len(moved) / limits.repeated
     spans = feet.windows.spans(np.ones(len(feet.windows), dtype=bool))
-    if independent * (own / max(others[best], 1e-12) - 1.0) > limits.evidence and others[best] < none:
+    evidence = independent * (min(own, none) / max(others[best], 1e-12) - 1.0)
+    if evidence > limits.evidence:  # better than no rotation, too, of which noise at rest cannot be told
         yield WindowFault("imu", "the gyro", f"{best}, by the feet that stand", spans, lasting=True)
     elif none < limits.better * own:
         text = "contradicts the feet that stand, which turn less"

@@ -105,6 +105,7 @@ class CheckLimits:
     # share of a step's effect on the rows that no load and no other error explains, below which it is not seen
     step_seen: float = 0.02
     step_alike: float = 10.0  # difference in z² within which other joints are named with it
+    step_alike_most: int = 3  # number of joints named above which it is no joint's own
     step_lively: float = 0.6  # share of instants with motion before and after
     step_scatter: float = 3.0  # scatter of the rows, in % of the weight, above which they are too rough for the test
     # force of two feet against each other as a share of their load that swapped torques would explain; push_left: share

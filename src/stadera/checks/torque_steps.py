@@ -48,6 +48,8 @@ def torque_step(footing: Footing, limits: CheckLimits) -> TorqueStep | None:
         return None
     names = [joint for leg in footing.robot.legs for joint in leg.joints]
     alike = [k for k in np.argsort(-squares) if squares[k] > squares[best] - limits.step_alike]
+    if len(alike) > limits.step_alike_most:
+        return None
     size = float(sizes[best] * rows.limit[best])
     return TorqueStep(
         tuple(names[k] for k in alike), float(blocks.time[span.start + at]), size, float(np.sqrt(squares[best]))

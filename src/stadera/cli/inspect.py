@@ -1,10 +1,13 @@
 """`stadera inspect`: shows the content of a robot model or a log."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from stadera.cli.options import TEMPLATE, LogOptions, argument, grouped, limits_of, option
 from stadera.cli.terminal import progress, show
+
+if TYPE_CHECKING:
+    from stadera.logs import LogFile
 
 
 @grouped
@@ -40,7 +43,7 @@ def inspect(
     log = options.log(Path(target))
     if robot is None:
         summary = summarize(stream(log))
-        show(*log_contents(summary, _fitting(summary.joints)))
+        show(*log_contents(summary, _fitting(summary.joints, log)))
         return
     from stadera.robot import load_robot
     from stadera.weigh.weigh import inspected
@@ -74,10 +77,23 @@ def _is_robot(target: str) -> bool:
         return file.read(64).lstrip().startswith(b"<")
 
 
-def _fitting(joints: tuple[str, ...]) -> list[str]:
-    """Robots known by name that the log fits, with its legs where they are not all."""
+def _fitting(joints: tuple[str, ...], log: "LogFile") -> list[str]:
+    """Robots known by name that the log fits, with its legs where they are not all. Those that the log's feet carry
+    come first, since robots of one family have joints of the same names.
+    """
+    from stadera.logs.reader import read_head
+    from stadera.robot import load_robot
     from stadera.robot.load import fitting
+    from stadera.weigh.other_robot import likeness
 
     with progress() as watch:
         found = fitting(joints, watch)
-    return [name if len(legs) == 4 else f"{name} ({', '.join(legs)})" for name, legs in found.items()]
+    head = read_head(log, joints)
+    whole = [likeness(head, load_robot(name)) for name, legs in found.items() if len(legs) == 4]
+    near = [each for each in whole if each is not None and each.alike]
+    if not near:
+        return [name if len(legs) == 4 else f"{name} ({', '.join(legs)})" for name, legs in found.items()]
+    near.sort(key=lambda each: abs(each.ratio - 1.0))
+    others = [name for name in found if name not in [each.name for each in near]]
+    said = [f"{each.name} (its feet carry {each.carried:.3g} kg, it has {each.mass:.3g})" for each in near]
+    return said + ([f"by the joints' names alone {', '.join(others)}"] if others else [])

@@ -19,6 +19,8 @@ IMU_COLUMNS: dict[str, tuple[str, ...]] = {
     "linear_acceleration": tuple(f"imu.linear_acceleration.{axis}" for axis in "xyz"),
     "orientation": tuple(f"imu.orientation.{axis}" for axis in "xyzw"),
 }
+HALF_IMU = "left out the IMU: no column"
+"""Beginning of the note on a log that has some of an IMU's columns."""
 IMU_FRAME = "imu.frame"
 """Key of the IMU frame's name in a Parquet table's metadata."""
 _LEG_JOINTS = 3
@@ -249,7 +251,7 @@ def _imu(names: Collection[str], source: str, required: bool) -> tuple[dict[str,
         others = f"; nor {_listed(needed[1:])}" if needed[1:] else ""
         raise RecordingError(f"{_missing(needed[0], names, source)}{others}")
     some = any(column in names for columns in IMU_COLUMNS.values() for column in columns)
-    return {}, (f"left out the IMU: no column {_listed(needed)}",) if some else ()
+    return {}, (f"{HALF_IMU} {_listed(needed)}",) if some else ()
 
 
 def _forces(names: Collection[str]) -> dict[str, tuple[str, ...]]:

@@ -140,6 +140,7 @@ class TrunkEstimator:
             inertia = self.robot.inertias[self.robot.trunk].inertia_com
         self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
         self._front = front(self.robot, self.mount, self.settings.swing)
+        self._stops = _stops(self.robot)
         self._length = LegModel.of(self.robot).length
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
         self._swing = SwingJoints(self._model, self.settings.swing)
@@ -393,8 +394,17 @@ class TrunkEstimator:
         elif made.refused is not None:
             leg = self.robot.legs[made.refused].name
             self._refuse(f"leg {leg} is so stretched that its foot's force is not felt")
-        elif made.rows is not None:
+        elif made.rows is not None and not self._at_a_stop(table):
             self._learn(made.rows)
+
+    def _at_a_stop(self, table: Array) -> bool:
+        """Refuses a block in which a joint is at its mechanical stop, whose torque no sensor shows."""
+        away = np.abs(table[:, 1 : 1 + self._stops.shape[1], None] - self._stops.T).min(axis=(0, 2))
+        at = int(np.argmin(away))
+        if away[at] >= self.settings.stop:
+            return False
+        self._refuse(f"joint {self.robot.tree.joints[at]!r} is at its mechanical stop, which carries a torque unseen")
+        return True
 
     def _learn(self, made: BlockRows) -> None:
         swing = made.swing
@@ -577,6 +587,12 @@ class TrunkEstimator:
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason = Status.REFUSED, reason
+
+
+def _stops(robot: Robot) -> Array:
+    """The joints' least and largest positions, (2, joints) [rad], in the tree's order."""
+    limits = [robot.limits[joint] for joint in robot.tree.joints]
+    return np.array([[limit.lower for limit in limits], [limit.upper for limit in limits]])
 
 
 def _order(robot: Robot, joints: Sequence[str] | None) -> NDArray[np.int_]:

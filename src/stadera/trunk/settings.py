@@ -56,7 +56,8 @@ class ModelErrors:
         load_friction: friction as a share of the torque that a joint carries [1], in addition to Coulomb friction.
             Planetary gears lose about 3 % a stage, harmonic drives 10 to 20 %; on real walks of a Mini Cheetah and legs
             of a Go2 friction that grows with the torque leaves half to three quarters of the knees' residual.
-        held: static friction, as a share of the joint's friction [1], which bounds it.
+        held: static friction, as a share of the joint's friction [1], which bounds it: a robot that sags as it is
+            loaded comes to rest with friction at its bound.
         sagging: correlation of static friction between joints of one kind [1]: in a robot that sags under a load,
             friction holds all knees alike.
     """
@@ -83,7 +84,7 @@ class ModelErrors:
     surest: float = 0.1
     alike: float = 0.7
     load_friction: float = 0.06
-    held: float = 0.8
+    held: float = 1.0
     sagging: float = 0.9
 
     def __post_init__(self) -> None:
@@ -269,6 +270,8 @@ class TrunkSettings:
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
             contains.
+        stop: distance from its mechanical stop within which a joint may touch it [rad]: end stops are calibrated to
+            half a degree, and give by as much.
         updated, updated_late: number of blocks between two updates of model errors and fit, at first and at last.
         grown: growth of the rows after which they are updated, between these numbers [1].
         evaluated: time of rows before the fit of legs in the air is evaluated [s].
@@ -294,6 +297,7 @@ class TrunkSettings:
     scale_spread: float = 0.55
     scale_shared: float = 0.5
     impact: float = 0.25
+    stop: float = 0.015
     updated: int = 10
     updated_late: int = 50
     grown: float = 0.06
@@ -311,8 +315,18 @@ class TrunkSettings:
             raise StaderaError(f"weighing needs a block of 10 to 200 ms, a memory and changes ≥ 0, got {self}")
         if not (2 <= self.updated <= self.updated_late and self.grown >= 0.0 and self.impact > 0.0):
             raise StaderaError(f"weighing needs 2 ≤ updated ≤ updated_late, grown ≥ 0 and impact > 0, got {self}")
-        rest = ("checked", "after_change", "evaluated", "lost", "bridged", "lost_ground", "noise_known", "explained")
-        require_positive("setting of weighing", self, rest)
+        rest = (
+            "checked",
+            "after_change",
+            "evaluated",
+            "lost",
+            "bridged",
+            "lost_ground",
+            "noise_known",
+            "explained",
+            "stop",
+        )
+        require_positive("setting of weighing", self, (*rest, "stop"))
 
     def wait(self, blocks: int) -> int:
         """Number of blocks until model errors and fit are updated, after so many; the first ones update every time."""

@@ -17,6 +17,7 @@ from stadera.checks import FATAL, Finding, contradictions, diagnose
 from stadera.checks.leg_windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
+from stadera.logs.columns import HALF_IMU
 from stadera.logs.join import with_velocity
 from stadera.logs.reader import HEAD_ROWS, read_head
 from stadera.logs.recording import OtherJoints
@@ -41,10 +42,16 @@ _VERDICTS: dict[str, Verdict] = {
 
 def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
     """Chooses the method for a log: in motion, standing included, with an IMU and at least 50 samples a second,
-    otherwise at rest. A tare's log needs an IMU as well. Raises RecordingError as `read_head`.
+    otherwise at rest. A tare's log needs an IMU as well. Raises RecordingError as `read_head`, and for a log with half
+    an IMU, of which perhaps only a column's name is not known.
     """
     first = read_head(source, robot.tree.joints)
     if first.imu is None:
+        if half := next((note for note in first.notes if note.startswith(HALF_IMU)), ""):
+            raise RecordingError(
+                f"{source.source}: {half}: name it with --columns, or weigh without the IMU, at rest only, by "
+                f"--method {WITHOUT_IMU}"
+            )
         return WITHOUT_IMU
     other = None if tare is None or isinstance(tare, tuple) else read_head(tare, robot.tree.joints)  # type: ignore[arg-type]
     slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
@@ -117,8 +124,8 @@ class CheckedLog:
         for chunk in stream(self.source, joints=self._request.robot.tree.joints, require=("effort", *self._require)):
             checked = with_velocity(chunk)
             if not known:
-                self._check_windows(chunk)
                 self.begin = float(chunk.time[0]) if np.isnan(self.begin) else self.begin
+                self._check_windows(chunk)
                 self.end = float(chunk.time[-1])
                 self.notes |= dict.fromkeys(checked.notes)
                 self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}

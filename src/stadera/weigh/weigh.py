@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from os import PathLike
 
+import numpy as np
+
 from stadera.checks import Finding, Guard
 from stadera.errors import StaderaError, UntrustedError
 from stadera.logs import LogFile
@@ -15,6 +17,7 @@ from stadera.trust import Trust
 from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.in_motion import weigh_in_motion
+from stadera.weigh.other_robot import other_robots
 from stadera.weigh.reading import choose_method, with_extra_joints
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice
@@ -71,7 +74,23 @@ def weigh(
     name = method or choose_method(model, source, unloaded, chosen)
     result = _trusted(Request(model, source, unloaded, name, imu_frame, stiffness, force, chosen, progress, watch))
     trust = result.trust.with_legs(model.distrust)
+    if kin := _other_robots(model, result):
+        if result.payload is None:
+            shifted = (*shifted, f"{kin}; or it carries a load")
+        else:
+            trust = trust.at_most("doubtful", f"{kin}; or it carried a load at the tare")
     return replace(result, trust=trust, notes=(*said, *shifted, *result.notes))
+
+
+def _other_robots(robot: Robot, result: Weighing) -> str:
+    """Says that the robot, as it was at the tare, is as heavy as another one known by name; empty if it is not."""
+    if not np.isfinite(result.mass):
+        return ""
+    added = 0.0 if result.payload is None else result.payload.mass
+    mass = robot.mass + result.mass - robot.inertias[robot.trunk].mass - added
+    others = other_robots(robot, mass, result.payload is None)
+    has = f"the robot has {mass:.3g} kg with all that is on it, {robot.name} {robot.mass:.3g} kg"
+    return f"{has}: perhaps it is {' or '.join(others[:3])}" if others else ""
 
 
 def _trusted(request: Request) -> Weighing:

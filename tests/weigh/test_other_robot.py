@@ -1,0 +1,64 @@
+"""Logs of another robot than the one they are weighed as, and logs with half an IMU."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from stadera.errors import RecordingError
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.logs import Recording
+from stadera.logs.tables.write import write_table
+from stadera.robot import load_robot
+from stadera.weigh import weigh
+from stadera.weigh.other_robot import likeness, other_robots
+
+
+@pytest.fixture(scope="module")
+def go2_trot() -> Recording:
+    load = Load(2.0, "kg", (0.0, 0.0, 0.12))
+    settings = SimulateSettings("standard", load, duration=5.0, seed=5, load_time=3.0)
+    log = simulate(load_robot("go2"), "trot-load", settings).recording
+    assert log.imu is not None
+    return replace(log, imu=replace(log.imu, frame=None))  # the robots name the IMU's frame differently
+
+
+def test_a_go2s_log_is_doubtful_as_an_a1s(go2_trot: Recording) -> None:
+    own, other = (weigh(name, go2_trot, tare=(0.5, 2.5)) for name in ("go2", "a1"))
+    assert own.trust.verdict == "good"
+    assert not any("perhaps it is" in text for text in (*own.trust.reasons, *own.notes))
+    assert other.trust.verdict == "doubtful"
+    assert "perhaps it is go2 (16.1 kg)" in " ".join(other.trust.reasons)
+    whole = weigh("a1", go2_trot)  # without a tare it may carry a load
+    assert whole.trust.verdict == "good"
+    assert any("perhaps it is go2 (16.1 kg)" in note and "it carries a load" in note for note in whole.notes)
+
+
+def test_what_the_feet_carry_is_compared_with_the_model(go2_trot: Recording) -> None:
+    go2, a1, b1 = (likeness(go2_trot, load_robot(name)) for name in ("go2", "a1", "b1"))
+    assert go2 is not None
+    assert a1 is not None
+    assert b1 is not None
+    assert go2.carried == pytest.approx(go2.mass + 0.8, abs=1.0)  # the load is on it for two fifths of the time
+    assert abs(go2.ratio - 1.0) < abs(a1.ratio - 1.0) < abs(b1.ratio - 1.0)
+    assert go2.alike
+    assert not b1.alike
+    assert likeness(replace(go2_trot, effort=None), load_robot("go2")) is None
+
+
+def test_only_a_robot_that_is_much_too_heavy_has_others_named() -> None:
+    a1 = load_robot("a1")
+    assert other_robots(a1, 1.15 * a1.mass, loaded=False) == ()
+    assert other_robots(a1, 17.0, loaded=False)[0].startswith("go2")
+    assert other_robots(a1, 300.0, loaded=True) == ()
+
+
+def test_half_an_imu_is_named_not_passed_over(go2_trot: Recording, tmp_path: Path) -> None:
+    log = write_table(go2_trot, tmp_path / "log.csv")
+    half = tmp_path / "half.csv"
+    half.write_text(log.read_text().replace("imu.linear_acceleration", "imu.acceleration_of_mine"))
+    with pytest.raises(RecordingError, match=r"no column imu\.linear_acceleration\.x.*--columns.*--method poses"):
+        weigh("go2", half)
