@@ -239,6 +239,8 @@ def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:
         )
         yield Finding("imu_late", text)
         return
+    if not found.fits:
+        return
     others = "".join(f", or {other.text}" for other in found.others)
     text = (
         f"{found.hypothesis.text}{others}: as recorded, feet that carry slide at {100 * found.slides:.2g} cm/s and the "

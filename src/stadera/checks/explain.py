@@ -54,12 +54,13 @@ def explain(blocks: Instants, model: ConsistencyModel) -> Explanation | None:
 
 @dataclass(frozen=True, eq=False)
 class MotionExplanation:
-    """The hypothesis that makes the motion more consistent, its reduction of the cost, the median speed of loaded feet
-    as recorded and after undoing the fault [m/s], and at most two others with about the same gain.
+    """The hypothesis that makes the motion more consistent, its reduction of the cost, whether it then fits, the median
+    speed of loaded feet as recorded and after undoing the fault [m/s], and at most two others with about the same gain.
     """
 
     hypothesis: FaultHypothesis
     gain: Gain
+    fits: bool
     slides: float
     would_slide: float
     others: tuple[FaultHypothesis, ...]
@@ -90,7 +91,8 @@ def explain_motion(footing: Footing, model: ConsistencyModel) -> MotionExplanati
     gain, best, costs = fitting[0]
     others = tuple(other for g, other, _ in fitting[1:3] if g.mean > limits.alike * gain.mean)
     length = footing.legs.length
-    return MotionExplanation(best, gain, _speed(now, length, limits), _speed(costs, length, limits), others)
+    fits, slides = costs.mean < limits.better * now.mean, _speed(now, length, limits)
+    return MotionExplanation(best, gain, fits, slides, _speed(costs, length, limits), others)
 
 
 @dataclass(frozen=True)

@@ -170,7 +170,8 @@ def _gyro(feet: _Feet, standing: Bools, limits: WindowLimits) -> Iterator[Window
     independent = len(moved) / limits.repeated
     spans = feet.windows.spans(np.ones(len(feet.windows), dtype=bool))
     evidence = independent * (min(own, none) / max(others[best], 1e-12) - 1.0)
-    if evidence > limits.evidence:  # better than no rotation, too, of which noise at rest cannot be told
+    # better than no rotation, too, of which noise at rest cannot be told
+    if evidence > limits.evidence and others[best] < limits.turned * own:
         yield WindowFault("imu", "the gyro", f"{best}, by the feet that stand", spans, lasting=True)
     elif none < limits.better * own:
         text = "contradicts the feet that stand, which turn less"

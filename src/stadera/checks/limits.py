@@ -57,6 +57,7 @@ class CheckLimits:
     trial_instants: int = 200
     excerpt: int = 8  # every so many seconds of a log suffice to rule out most hypotheses
     much_better: float = 0.25  # largest share of the cost that remains under a confirmed hypothesis
+    better: float = 0.75  # the same in motion, where rough steps and friction leave more
     # same, similar: differences in cost within which the simpler hypothesis is chosen, and within which both are named
     same: float = 0.02
     similar: float = 0.3
@@ -177,5 +178,6 @@ class WindowLimits:
     slip: float = 0.3  # relative speed of standing feet beyond which they slip [m/s]
     repeated: float = 10.0  # samples at 100 Hz that share one error
     evidence: float = 20.0  # χ² above which another gyro is the right one
+    turned: float = 0.8  # share of the feet's relative motion, squared, that it may leave
     better: float = 0.4  # remaining share of the feet's relative motion if they rotate less than the gyro reads
     left_out: float = 0.3  # largest share of the log that may be excluded because of faults in part of it

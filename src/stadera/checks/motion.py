@@ -54,6 +54,12 @@ class MotionCosts:
         return self._slide[0]
 
     @property
+    def mean(self) -> float:
+        """Of both together over the instants that are used."""
+        parts = [part[np.isfinite(part)] for part in (self.feet, self.balance)]
+        return float(sum(part.mean() for part in parts if len(part)))
+
+    @property
     def lively(self) -> float:
         """Share of instants in which the robot moves."""
         return self._slide[1]
