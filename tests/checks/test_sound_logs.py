@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.checks.leg_windows import _upwards, leg_faults
+from stadera.checks.leg_windows import _Feet, _swinging, _upwards, leg_faults
 from stadera.checks.limits import WindowLimits
 from stadera.checks.windows import joint_faults
 from stadera.lab.scenarios.run import simulate
@@ -36,6 +36,17 @@ def test_the_vertical_follows_a_trunk_that_pitches() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
+def test_a_trunk_that_bobs_does_not_lift_its_feet() -> None:
+    robot = load_robot("hyq")
+    log = simulate(robot, "trot", SimulateSettings("standard", duration=4.0, seed=1)).recording
+    feet = _Feet(log, robot, ImuMount.of(robot, None), LIMITS)
+    raised, _ = _swinging(feet, LIMITS)
+    assert 0.1 < raised.mean() < 0.5
+    feet.height = feet.height + 0.06 * (1.0 + np.sin(2.0 * np.pi * 3.0 * feet.time))[:, None]
+    bobbing, _ = _swinging(feet, LIMITS)
+    assert (raised == bobbing).mean() > 0.93
+
+
 def test_the_gyro_of_a_robot_at_rest_is_not_turned(seed: int) -> None:
     robot = load_robot("a1")
     log = simulate(robot, "stand", SimulateSettings("real", duration=4.0, seed=seed)).recording

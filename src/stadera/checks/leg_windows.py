@@ -114,6 +114,7 @@ def _swinging(feet: _Feet, limits: WindowLimits) -> tuple[Bools, Bools]:
     )
     above = feet.height - lowest[feet.windows.of_sample]
     order = np.argsort(above, axis=1)
+    above = above - np.take_along_axis(above, order[:, :2], axis=1).mean(axis=1)[:, None]
     pair = np.take_along_axis(feet.motion + cross_rows(feet.gyro, feet.place), order[:, :2, None], axis=1).mean(axis=1)
     speed = np.linalg.norm(feet.motion + cross_rows(feet.gyro, feet.place) - pair[:, None], axis=-1)
     raised = (above > limits.raised[0]) & (speed > limits.raised[1])

@@ -40,8 +40,10 @@ def headline(result: Weighing) -> str:
             most = max(payload.mass, 0.0) + 2.0 * payload.mass_std
             return f"Payload not determined: below {number(most, 2)} kg (95 %)"
         answer = f"Payload {with_std(payload.mass, payload.mass_std)} kg"
-    else:
+    elif result.mass == result.mass:
         answer = f"Trunk with all that is on it {with_std(result.mass, result.mass_std)} kg"
+    else:
+        answer = "The trunk's mass was not observed"
     return answer if result.is_trusted else f"{answer}, {UNTRUSTED}"
 
 
