@@ -84,7 +84,7 @@ def test_on_a_robot_that_stands_feet_that_push_against_each_other_are_a_doubt(pa
     [
         ("hyq", "trot", 17, "lf_haa_joint"),
         ("hyq", "trot", 17, "rf_hfe_joint"),
-        ("anymal_c", "crawl", 13, "LF_HFE"),
+        ("anymal_c", "crawl", 13, "RH_HFE"),
         ("go2", "shake", 12, "FL_thigh_joint"),
         ("go2", "shake", 12, "FR_calf_joint"),
     ],

@@ -27,13 +27,18 @@ class ModelErrors:
         coulomb: Coulomb friction [1]. Identified on a real Go2: 0.55 to 1.24 N·m on calves of 45 N·m, 1.2 to 2.8 %.
         offset: constant torque error [1]. `identify` on the logs of real legs in the air that come with the package
             gives root mean squares of 0.33 % (Go2) and 0.41 % (Aliengo), their own uncertainty of 0.3 % included.
-        gain: scale of each joint's torque [1]: tolerances of motor and gear. Assumed.
-        common_gain: scale of all torques together [1]. It cannot be separated from weight.
-        encoder: zero of each joint's encoder [rad]; calibration by end stops is good to about half a degree.
-        contact: position of each foot's contact point, each component [m].
-        link_mass: of each leg link [1]. link_com: of its centre of mass, each component [m]. CAD compared with weighed
-            parts.
-        imu_lever: position of the IMU, each component [m]. imu_rotation: of its axes, each component [rad].
+        gain: scale of each joint's torque [1]: tolerances of motor and gear. Assumed: of no legged robot was a measured
+            one found.
+        common_gain: scale of all torques together [1]. It cannot be separated from weight. Assumed, as `gain`.
+        encoder: zero of each joint's encoder [rad]; calibration by end stops is good to about half a degree. Of a
+            quadruped whose foot tips were up to 14 mm off, calibrated zeros left 2.3 mm (Zhao et al., Accurate joint
+            offset calibration for quadrupedal robots, ROBIO 2022): half a degree at three joints makes 5 mm.
+        contact: position of each foot's contact point, each component [m]: those 2.3 mm, and a rubber ball that rolls
+            and yields.
+        link_mass: of each leg link [1]. link_com: of its centre of mass, each component [m]. Cables, screws and
+            grease, which CAD lacks; assumed.
+        imu_lever: position of the IMU, each component [m]. imu_rotation: of its axes, each component [rad]. Assumed: a
+            board in a housing, whose place model files state to a centimetre.
         accelerometer: constant error, each axis [m/s²]. Assumed for a MEMS sensor that was calibrated at rest and has
             warmed up by 20 K since: 0.25 mg/K, as is quoted of Bosch's BMI270 (second hand; the data sheet was not
             read). Without calibration 20 mg are quoted of BMI270 and BMI088, four times as much, which acts on the

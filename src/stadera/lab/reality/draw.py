@@ -67,7 +67,9 @@ class RealSizes:
 REAL_SETS: Mapping[str, RealSizes] = MappingProxyType(
     {"real": RealSizes(), "real-unit-gain": replace(RealSizes(), common_gain=0.0)}
 )
-"""By name: realistic errors, and the same with a mean gain of all torques of one, which weight cannot show."""
+"""By name: realistic errors, and the same with a mean gain of all torques of one, which weight cannot show. Gains of
+`real` are not normalised: their mean is the common gain times the mean of the joints' own.
+"""
 
 
 _KINDS = 3  # of joints in a leg
@@ -127,8 +129,8 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
     n, limit = len(robot.tree.joints), effort_limits(robot)
     noise = float(sensors.uniform(*sizes.noise))
     common = 1.0 + sizes.common_gain * float(sensors.standard_normal())
-    gain = 1.0 + sizes.joint_gain * sensors.standard_normal(n)
-    gain *= common / gain.mean()
+    gain = 1.0 + sizes.joint_gain * _heavy(sensors, n)
+    gain *= common if sizes.common_gain else 1.0 / gain.mean()
     quantised = bool(sensors.uniform() < sizes.quantised)
     quantum = 2.0 * np.pi / 2.0 ** int(sensors.choice(sizes.bits))
     scaled = STANDARD.times(noise)
@@ -137,8 +139,8 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
         noise=noise,
         torque_gain=gain,
         torque_offset=scaled.torque_constant * limit * sensors.standard_normal(n),
-        common_gain=common,
-        encoder_zero=sizes.encoder_zero * sensors.standard_normal(n),
+        common_gain=float(gain.mean()),
+        encoder_zero=sizes.encoder_zero * _heavy(sensors, n),
         imu_rotation=sizes.imu_rotation / np.sqrt(3.0) * sensors.standard_normal(3),
         imu_place=sizes.imu_place / np.sqrt(3.0) * sensors.standard_normal(3),
         gyro_offset=scaled.gyro_constant * sensors.standard_normal(3),
@@ -174,8 +176,8 @@ def with_usual_drives(robot: Robot, sizes: RealSizes) -> Robot:
 
 def _true_robot(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Generator) -> Robot:
     def moved(inertia: InertialParameters) -> InertialParameters:
-        scale = 1.0 + sizes.link_mass * rng.standard_normal()
-        return InertialParameters(scale * inertia.vector).shifted(sizes.link_com * rng.standard_normal(3))
+        scale = 1.0 + sizes.link_mass * float(_heavy(rng, 1)[0])
+        return InertialParameters(scale * inertia.vector).shifted(sizes.link_com * _heavy(rng, 3))
 
     def trodden(leg: Leg) -> Leg:
         radius = max(foot_radius(leg) + sizes.foot * float(rng.standard_normal()), CONTACT.least_radius)
@@ -203,6 +205,14 @@ def _joints(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Generat
             viscous=given.viscous + float(viscous[k] * differ[1]) * most,
         )
     return result
+
+
+def _heavy(rng: np.random.Generator, n: int) -> Array:
+    """Draws (n,) of unit variance with heavy tails: Student's t with four degrees of freedom, over √2, at most 5. Most
+    joints of a robot are good and a few are not; estimators that assume Gaussian errors are not drawn from their own
+    assumption.
+    """
+    return np.clip(rng.standard_t(4.0, n) / np.sqrt(2.0), -5.0, 5.0)
 
 
 def _log_uniform(limits: Range, rng: np.random.Generator) -> Array:
