@@ -103,6 +103,10 @@ def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, se
     when = re.search(r"at about ([\d.]+) s", finding.message)
     assert when is not None
     assert float(when[1]) == pytest.approx(3.0, abs=0.5)
+    if finding.message.startswith(f"the torque of {joint!r}"):  # another joint may explain it as well
+        size = re.search(r"jumps by (-?[\d.]+) N", finding.message)
+        assert size is not None
+        assert 0.5 < float(size[1]) / (0.1 * robot.limits[joint].effort) < 2.0
     found = weigh(robot, replace(log, effort=effort), (0.0, 2.9), force=True)
     assert found.trust.verdict != "good"
     assert any(joint in reason for reason in found.trust.reasons)

@@ -43,6 +43,18 @@ def test_where_the_clock_is_set_back_the_log_is_split(tmp_path: Path) -> None:
     assert note.startswith("time is set back at sample 400, 0.798 to 0.300 s: the log is split there")
 
 
+def test_a_clock_that_is_set_back_twice_and_drifts_keeps_its_steps(tmp_path: Path) -> None:
+    time = 1.001 * PERIOD * np.arange(1000)
+    time[300:] -= 0.2
+    time[700:] -= 0.4
+    log = read(written(tmp_path / "log.csv", time))
+    steps = np.diff(log.time)
+    assert len(log) == 1000
+    assert np.flatnonzero(steps > 5 * PERIOD).tolist() == [299, 699]
+    np.testing.assert_allclose(np.delete(steps, [299, 699]), 1.001 * PERIOD, atol=1e-9)
+    assert [note[:31] for note in log.notes] == ["time is set back at sample 300,", "time is set back at sample 700,"]
+
+
 def test_time_that_is_no_clock_is_refused(tmp_path: Path) -> None:
     time = PERIOD * np.arange(1000)
     time[500:520] = time[499]

@@ -68,6 +68,8 @@ def test_what_is_doubted(robot: Robot) -> None:
     assert [verdict for verdict, _ in found[-0.2]] == ["bad"]
     assert all("RF" in found[share][0][1] for share in (0.2, -0.2))
     assert found[0.05] == found[-0.05] == []
+    edge = [with_load(robot, -share * LIMITS.least * robot.mass, foot) for share in (0.95, 1.05)]
+    assert [len(list(doubts(robot, load, None, stands, LIMITS))) for load in edge] == [0, 1]
     half_way = 0.5 * (foot + feet(robot).mean(axis=0))
     assert not list(doubts(robot, with_load(robot, 0.3 * robot.mass, half_way), None, stands, LIMITS))
     centre = robot.inertias[robot.trunk].com
