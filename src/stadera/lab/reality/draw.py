@@ -212,7 +212,7 @@ def _heavy(rng: np.random.Generator, n: int) -> Array:
     joints of a robot are good and a few are not; estimators that assume Gaussian errors are not drawn from their own
     assumption.
     """
-    return np.clip(rng.standard_t(4.0, n) / np.sqrt(2.0), -5.0, 5.0)
+    return np.asarray(np.clip(rng.standard_t(4.0, n) / np.sqrt(2.0), -5.0, 5.0))
 
 
 def _log_uniform(limits: Range, rng: np.random.Generator) -> Array:
