@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from stadera.live.keys import Sent as Attached
 from stadera.live.topics import Arrival
 from stadera.logs import Recording, Topics
 from stadera.logs.bags.unitree import motor_names
+from stadera.report.live import live_lines
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
 from stadera.weigh.weigh import weigh
@@ -318,3 +320,14 @@ def test_a_state_is_plain_json_and_text(robot: Robot, unloaded: list[Arrival]) -
     assert state.figures()["trunk mass [kg]"].count("±") == 1
     assert str(state.to_dict()["spikes"]) == state.figures()["outliers replaced"]
     assert f"{state.to_dict()['impacts']:.2f}" == state.figures()["left out for impacts [s]"]
+
+
+def test_a_person_reads_seconds_since_the_first_sample(robot: Robot, walk: Recording) -> None:
+    stamped = replace(walk, time=walk.time + 1.7e9)
+    session = LiveSession(robot)
+    state = fed(session, arrivals(list(bags.of_recording(stamped))))
+    assert state.time == pytest.approx(stamped.time[-1], abs=0.1)
+    assert 0.0 < state.since(state.time) < walk.time[-1] - walk.time[0] + 0.1
+    (change,) = state.changes
+    assert f"{change.time - state.begin:.2f} s" in state.figures()["last change [kg]"]
+    assert "17000" not in " ".join([*state.figures().values(), *live_lines(state, None), session.tare().message])

@@ -67,7 +67,7 @@ class LiveSession:
         if imu_frame is not None:
             ImuMount.of(robot, imu_frame)  # raises immediately for an unknown name
         self._fault = ""
-        self._time, self._arrived = np.nan, np.nan
+        self._begin, self._time, self._arrived = np.nan, np.nan, np.nan
         self._tared_after: int | None = None
 
     def feed(self, arrivals: Iterable[Arrival]) -> None:
@@ -102,7 +102,7 @@ class LiveSession:
             return Answer(False, f"no tare: {'; '.join(trust_now(estimator).reasons)}")
         estimator.tare()
         self._tared_after = len(estimator.changes)
-        return Answer(True, f"tared at {self._time:.2f} s")
+        return Answer(True, f"tared at {self._time - self._begin:.2f} s")
 
     def reset(self) -> Answer:
         """Discards all estimates, including the tare and the changes."""
@@ -148,6 +148,7 @@ class LiveSession:
             notes=tuple(intake.notes),
             spikes=estimator.spikes,
             impacts=estimator.impacts,
+            begin=0.0 if np.isnan(self._begin) else self._begin,
         )
 
     def _trust(self, estimator: TrunkEstimator) -> Trust:
@@ -173,6 +174,7 @@ class LiveSession:
 
     def _use(self, recording: Recording) -> None:
         """Passes samples to the estimator, unless the guard found that they cannot be weighed."""
+        self._begin = float(recording.time[0]) if np.isnan(self._begin) else self._begin
         if self._guard.wrong:
             self._time = float(recording.time[-1])
             return

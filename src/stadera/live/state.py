@@ -43,6 +43,11 @@ class LiveState:
     notes: tuple[str, ...] = ()  # events, one sentence each
     spikes: int = 0  # samples of which single wild values were replaced since the estimates began
     impacts: float = 0.0  # s, left out since then because the rate does not resolve impacts
+    begin: float = 0.0  # time of the first sample used [s], from which times that a person reads are counted
+
+    def since(self, time: float) -> float:
+        """Time since the first sample [s] of one on the state's clock."""
+        return time - self.begin
 
     @property
     def is_trusted(self) -> bool:
@@ -85,7 +90,7 @@ class LiveState:
                 shown[f"{what} com {axis} [m]"] = with_std(value, error) + mark
         for change in last:
             shown["last change [kg]"] = (
-                f"{change.kind} at {change.time:.2f} s, {with_std(change.mass, change.mass_std)}"
+                f"{change.kind} at {self.since(change.time):.2f} s, {with_std(change.mass, change.mass_std)}"
             )
         misfit = number(self.trust.misfit, 3, "not evaluated")
         shown["trust"] = f"{self.trust.verdict}, misfit {misfit}"

@@ -62,7 +62,7 @@ class Viewer:
         self._force_scale = 2.0 * self._longest / (robot.mass * GRAVITY)
         self._rec = rerun.RecordingStream(f"stadera {robot.name}")
         self._open(spawn, save)
-        self._due, self._changes, self._verdict = -np.inf, 0, ""
+        self._begin, self._due, self._changes, self._verdict = np.nan, -np.inf, 0, ""
         self._pose: Posture | None = None
         self._style()
 
@@ -81,6 +81,7 @@ class Viewer:
             self._at(posture.time)
             self._draw_robot(posture)
         time = float(samples.time[-1])
+        self._begin = float(samples.time[0]) if np.isnan(self._begin) else self._begin
         if self._pose is not None and not self._due - self._period <= time < self._due:
             self._due = time + self._period
             self._at(time)
@@ -141,7 +142,7 @@ class Viewer:
             self._plot("payload", payload.mass, payload.mass_std, payload.com, payload.com_std)
             self._draw_payload(payload.com, payload.com_covariance, f"{payload.mass:.2f} kg", posture, colour)
         for change in estimator.changes[self._changes :]:
-            log("events", rr.TextLog(f"load {change.kind}, at {change.time:.2f} s", level="INFO"))
+            log("events", rr.TextLog(f"load {change.kind}, at {change.time - self._begin:.2f} s", level="INFO"))
         self._changes = len(estimator.changes)
 
     def _draw_payload(self, com: Array, covariance: Array, label: str, posture: Posture, colour: list[int]) -> None:

@@ -29,13 +29,13 @@ def live_screen(state: LiveState) -> RenderableType:
     if state.changes:
         parts.append(_changes(state))
     parts += [_health(state), *(Text(f"note: {note}", style="dim") for note in state.notes)]
-    time = "" if state.time != state.time else f" at {state.time:.2f} s"
+    time = "" if state.time != state.time else f" at {state.since(state.time):.2f} s"
     return Panel(Group(*parts), title=f"{state.robot}{time}, {state.status}", title_align="left", border_style=colour)
 
 
 def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
     """Yields a line for each difference from the previous state: missing input, trust, tare and changes."""
-    at = "" if state.time != state.time else f"{state.time:.2f} s: "
+    at = "" if state.time != state.time else f"{state.since(state.time):.2f} s: "
     old = _Seen() if before is None else _Seen.of(before)
     new = _Seen.of(state)
     if old.waiting_for != new.waiting_for:
@@ -49,7 +49,7 @@ def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
     for change in state.changes:
         if change.noticed not in old.changes:
             mass = with_std(change.mass, change.mass_std)
-            yield f"{at}load {change.kind} at {change.time:.2f} s, {mass} kg so far{_mark(state)}"
+            yield f"{at}load {change.kind} at {state.since(change.time):.2f} s, {mass} kg so far{_mark(state)}"
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,8 @@ def _changes(state: LiveState) -> Table:
         table.add_column(Text(heading), justify="right")
     for change in reversed(state.changes[-SHOWN.changes :]):
         after = f"{change.noticed - change.time:.2f}"
-        table.add_row(change.kind, f"{change.time:.2f}", after, with_std(change.mass, change.mass_std) + _mark(state))
+        mass = with_std(change.mass, change.mass_std) + _mark(state)
+        table.add_row(change.kind, f"{state.since(change.time):.2f}", after, mass)
     return table
 
 

@@ -8,6 +8,7 @@ torque lag) are assumed to be the same in both.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -151,13 +152,19 @@ class _LogPass:
             begin=log.begin,
             end=log.end,
             torque_lag=estimator.torque_lag,
-            notes=tuple(dict.fromkeys(note for read in logs for note in read.notes)),
+            notes=(*dict.fromkeys(note for read in logs for note in read.notes), *self._uncovered()),
             evidence=estimator.evidence,
             spikes=estimator.spikes,
             impacts=estimator.impacts,
         )
 
     # -- inside -----------------------------------------------------------------------------------------------
+    def _uncovered(self) -> Iterator[str]:
+        """Says, of a log without a tare, until when a load is not told from the trunk."""
+        if not self.tared:
+            known = self._request.settings.trunk.changes.history
+            yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
+
     def _made(self, chunk: Recording) -> TrunkEstimator:
         robot, settings, imu = self._request.robot, self._request.settings, chunk.imu
         mount = ImuMount.of(robot, self._request.imu_frame or (None if imu is None else imu.frame))
