@@ -89,7 +89,8 @@ def _other_robots(robot: Robot, result: Weighing) -> str:
     added = 0.0 if result.payload is None else result.payload.mass
     mass = robot.mass + result.mass - robot.inertias[robot.trunk].mass - added
     others = other_robots(robot, mass, result.payload is None)
-    has = f"the robot has {mass:.3g} kg with all that is on it, {robot.name} {robot.mass:.3g} kg"
+    what = "with all that is on it" if result.payload is None else "without the payload"
+    has = f"the robot has {mass:.3g} kg {what}, {robot.name} {robot.mass:.3g} kg"
     return f"{has}: perhaps it is {' or '.join(others[:3])}" if others else ""
 
 
