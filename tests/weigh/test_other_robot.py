@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from stadera.checks.other_robot import likeness, other_robots
 from stadera.errors import RecordingError
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -14,7 +15,6 @@ from stadera.logs import Recording
 from stadera.logs.tables.write import write_table
 from stadera.robot import load_robot
 from stadera.weigh import weigh
-from stadera.weigh.other_robot import likeness, other_robots
 
 
 @pytest.fixture(scope="module")

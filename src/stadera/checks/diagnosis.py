@@ -18,6 +18,7 @@ from stadera.checks.finding import Finding
 from stadera.checks.footing import Footing
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
+from stadera.checks.other_robot import carried_by_others
 from stadera.checks.statics import Consistency, ConsistencyModel, block_means, blocks_of
 from stadera.checks.torque_order import SwappedTorques, pushing_at_rest, swapped_in_motion
 from stadera.checks.torque_steps import TorqueStep, torque_step
@@ -53,7 +54,7 @@ def diagnose(
         found += _orientation(recording.imu, recording.time, limits)
     blocks = Instants.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
     found += _contradictions(blocks, ConsistencyModel(robot, limits))
-    return tuple(found)
+    return tuple(_or_other_robot(finding, recording, robot) for finding in found)
 
 
 _BLINDING = ("time_unit", "position_unit", "imu_gravity")
@@ -221,6 +222,18 @@ def _contradictions(blocks: Instants, model: ConsistencyModel) -> Iterator[Findi
     else:
         who = "encoders, torques and IMU" if now.imu else "encoders and torques"
         yield Finding("contradiction", f"{who} contradict each other: {listed(faults, 3)}{_outlier(now)}")
+
+
+def _or_other_robot(finding: Finding, recording: Recording, robot: Robot) -> Finding:
+    """The finding; torques in another unit may be those of another robot, whose log is not scaled."""
+    others = carried_by_others(recording, robot) if finding.cause == "torque_unit" else ()
+    if not others:
+        return finding
+    names = " or ".join(
+        f"{other.name} ({other.mass:.3g} kg, its legs carry {other.carried:.3g})" for other in others[:2]
+    )
+    text = f"the robot is another one, perhaps {names}; or {finding.message}"
+    return Finding(finding.cause, text, f"--robot {others[0].name}, or {finding.option or '--gear RATIO'}")
 
 
 def _in_motion(footing: Footing, model: ConsistencyModel) -> Iterator[Finding]:

@@ -81,10 +81,10 @@ def _fitting(joints: tuple[str, ...], log: "LogFile") -> list[str]:
     """Robots known by name that the log fits, with its legs where they are not all. Those that the log's feet carry
     come first, since robots of one family have joints of the same names.
     """
+    from stadera.checks.other_robot import likeness
     from stadera.logs.reader import read_head
     from stadera.robot import load_robot
     from stadera.robot.load import fitting
-    from stadera.weigh.other_robot import likeness
 
     with progress() as watch:
         found = fitting(joints, watch)

@@ -6,6 +6,7 @@ from os import PathLike
 import numpy as np
 
 from stadera.checks import Finding, Guard
+from stadera.checks.other_robot import other_robots
 from stadera.errors import StaderaError, UntrustedError
 from stadera.logs import LogFile
 from stadera.logs.reader import Log, as_log, read_head
@@ -17,7 +18,6 @@ from stadera.trust import Trust
 from stadera.types import Progress
 from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.in_motion import weigh_in_motion
-from stadera.weigh.other_robot import other_robots
 from stadera.weigh.reading import choose_method, with_extra_joints
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice

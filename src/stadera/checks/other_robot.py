@@ -55,6 +55,14 @@ def likeness(recording: Recording, robot: Robot) -> Likeness | None:
     return Likeness(robot.name, robot.mass, float(carried))
 
 
+def carried_by_others(recording: Recording, robot: Robot) -> tuple[Likeness, ...]:
+    """The other robots known by name that have the log's joints, and whose legs carry about their mass, nearest first.
+    Raises nothing: a log without torques has none.
+    """
+    found = [likeness(recording, other) for other in _kin(robot)]
+    return tuple(sorted((each for each in found if each and each.alike), key=lambda each: abs(each.ratio - 1.0)))
+
+
 def other_robots(robot: Robot, mass: float, loaded: bool) -> tuple[str, ...]:
     """Robots known by name, with the same joints, whose own mass is nearer to this one [kg], perhaps with a load on it,
     nearest first, each with its mass; none if the robot's own is near.
