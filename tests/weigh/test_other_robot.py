@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stadera.checks.other_robot import likeness, other_robots
-from stadera.errors import RecordingError
+from stadera.errors import RecordingError, UntrustedError
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
@@ -35,6 +36,14 @@ def test_a_go2s_log_is_doubtful_as_an_a1s(go2_trot: Recording) -> None:
     whole = weigh("a1", go2_trot)  # without a tare it may carry a load
     assert whole.trust.verdict == "good"
     assert any("perhaps it is go2 (16.1 kg)" in note and "it carries a load" in note for note in whole.notes)
+
+
+def test_a_go2s_log_as_a_spots_is_not_one_with_torques_in_another_unit_alone(go2_trot: Recording) -> None:
+    with pytest.raises(UntrustedError, match=r"another one, perhaps go2 \(16.1 kg.*add --robot go2, or --gear"):
+        weigh("spot", go2_trot)
+    small = replace(go2_trot, effort=np.asarray(go2_trot.effort) / 6.33)
+    with pytest.raises(UntrustedError, match=r"^[^:]*: the torques are .* too small"):
+        weigh("go2", small)
 
 
 def test_what_the_feet_carry_is_compared_with_the_model(go2_trot: Recording) -> None:
