@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.checks import CheckLimits
-from stadera.checks.explain import Excerpt
+from stadera.checks.explain import Excerpt, explain_motion
 from stadera.checks.footing import Footing
 from stadera.checks.hypotheses import hypotheses_in_motion
 from stadera.checks.instants import Instants
@@ -144,6 +144,20 @@ def test_hypotheses_share_what_they_do_not_change() -> None:
         most = [Gain.most(now, balance) + 1e-12 for balance in (least, part, nothing)]
         assert Gain.of(now, costs).mean <= most[0] <= most[1] <= most[2]
     assert len(footing.known.legs) < len(found)  # of 4 legs each
+
+
+@pytest.mark.parametrize("better", [0.75, 1e-6])
+def test_a_hypothesis_must_itself_fit(better: float) -> None:
+    """Reversed gyro: undone, the motion fits, to a share of the cost that the limit says."""
+    robot = load_robot("go2")
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=6.0, rate=250.0, seed=1)).recording
+    assert log.imu is not None
+    log = replace(log, imu=replace(log.imu, angular_velocity=-log.imu.angular_velocity))
+    limits = CheckLimits(better=better)
+    model = ConsistencyModel(robot, limits)
+    found = explain_motion(Footing(robot, Instants.of(log, robot.tree.joints, ImuMount.of(robot), limits)), model)
+    assert found is not None
+    assert found.fits == (better > 0.1)
 
 
 def test_balance_leaves_what_least_squares_leave() -> None:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.checks.leg_windows import _Feet, _swinging, _upwards, leg_faults
+from stadera.checks.leg_windows import _Feet, _gyro, _swinging, _upwards, leg_faults
 from stadera.checks.limits import WindowLimits
-from stadera.checks.windows import joint_faults
+from stadera.checks.windows import Windows, joint_faults
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
@@ -51,6 +51,25 @@ def test_the_gyro_of_a_robot_at_rest_is_not_turned(seed: int) -> None:
     robot = load_robot("a1")
     log = simulate(robot, "stand", SimulateSettings("real", duration=4.0, seed=seed)).recording
     assert list(leg_faults(log, robot, ImuMount.of(robot, None), LIMITS)) == []
+
+
+@pytest.mark.parametrize(("noise", "turned"), [(0.0, True), (2.3, False)])
+def test_a_gyro_is_turned_only_if_that_leaves_little(noise: float, turned: bool) -> None:
+    """One that reads -0.3 times the rotation leaves (1 + 0.3)² of the feet's motion, reversed (1 - 0.3)²; with noise
+    on the feet neither explains them.
+    """
+    rng, n = np.random.default_rng(1), 4000
+    robot = load_robot("hyq")
+    feet = _Feet.__new__(_Feet)
+    feet.time = 0.01 * np.arange(n)
+    feet.windows = Windows.of(feet.time, 1.0)
+    feet.place = np.broadcast_to([(x, y, -0.5) for x in (0.3, -0.3) for y in (0.2, -0.2)], (n, 4, 3))
+    turns = 0.1 * rng.standard_normal((n, 3))
+    feet.motion = -np.cross(turns[:, None], feet.place)
+    feet.motion = feet.motion + noise * 0.03 * rng.standard_normal(feet.motion.shape)
+    feet.gyro = -0.3 * turns
+    found = list(_gyro(feet, np.ones((n, len(robot.legs)), dtype=bool), LIMITS))
+    assert [f.evidence.startswith("reads the opposite") for f in found] == [True] * turned
 
 
 @pytest.mark.parametrize(("seconds", "accused"), [(1.0, False), (3.0, True)])

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stadera.checks import torque_steps
 from stadera.checks.footing import Footing
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
@@ -110,6 +111,17 @@ def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, se
     found = weigh(robot, replace(log, effort=effort), (0.0, 2.9), force=True)
     assert found.trust.verdict != "good"
     assert any(joint in reason for reason in found.trust.reasons)
+
+
+@pytest.mark.parametrize(("most", "named"), [(3, False), (12, True)])
+def test_a_step_that_any_joint_explains_is_not_named(monkeypatch: pytest.MonkeyPatch, most: int, named: bool) -> None:
+    """Four joints alike: what comes to the whole robot at once is no joint's sensor."""
+    squares, sizes = np.r_[np.full(4, 400.0), np.zeros(8)], np.full(12, 0.1)
+    robot, log = load_robot("go2"), log_of("go2", "shake", 11, False)
+    monkeypatch.setattr(torque_steps, "_likeliest", lambda *_: ((squares, sizes), (slice(0, 40), 20)))
+    blocks = Instants.of(log, robot.tree.joints, ImuMount.of(robot), CheckLimits())
+    found = torque_steps.torque_step(Footing(robot, blocks), CheckLimits(step_alike_most=most))
+    assert (found is not None) == named
 
 
 @pytest.mark.parametrize("name", ["go2", "hyq"])

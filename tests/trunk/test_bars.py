@@ -69,6 +69,15 @@ def test_static_friction_is_as_large_as_friction_and_what_is_unknown_of_it() -> 
     assert np.diag(found.covariance)[PLACES["stiction"]] == pytest.approx(expected, rel=1e-9)
 
 
+def test_static_friction_of_legs_that_never_swing_is_as_large_as_the_prior_allows() -> None:
+    dynamics = {j: replace(ROBOT.dynamics[j], coulomb=1.0) for leg in ROBOT.legs for j in leg.joints}
+    model = ErrorModel(ROBOT.with_dynamics(dynamics), ModelErrors(), 0.7)
+    found = Errors(model, SwingJoints(model, SWING), 1.0)
+    expected = ModelErrors().held ** 2 * (1.0 + model.variance[PLACES["coulomb"]])
+    assert (model.variance[PLACES["coulomb"]] > 0.2).all()
+    assert np.diag(found.covariance)[PLACES["stiction"]] == pytest.approx(expected, rel=1e-9)
+
+
 @pytest.mark.parametrize("stiction", [True, False])
 def test_friction_and_noise_do_not_cancel_between_two_loads_and_all_else_does(stiction: bool) -> None:
     """With K the sensitivities: D Σ Dᵀ of what lasts, K₁ C K₁ᵀ + K₂ C K₂ᵀ of what is another one under each load."""
