@@ -93,7 +93,7 @@ class JointDynamics:
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg: three joints from the trunk outwards (HAA, HFE, KFE) and a point foot.
+    """One leg: its joints from the trunk outwards (three of a quadruped: HAA, HFE, KFE) and a foot.
 
     Attributes:
         name: LF, RF, LH or RH.
@@ -101,14 +101,16 @@ class Leg:
         foot: the foot frame's name in the model file, or "<last link>_foot" if the file has none.
         foot_position: (3,) [m], centre of the foot sphere in the last link's frame; it may lie off the foot frame.
         foot_radius: [m], 0 if unknown.
+        contact: components of what the ground does to the foot: 3 for a point, 6 for a flat foot.
     """
 
     name: str
-    joints: tuple[str, str, str]
-    links: tuple[str, str, str]
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
     foot: str
     foot_position: tuple[float, float, float]
     foot_radius: float = 0.0
+    contact: int = 3
 
 
 @dataclass(frozen=True, eq=False)
