@@ -60,7 +60,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: every p
 import numpy as np
 from limits_rows import LogRows
 from limits_tables import FIGURES, tables
-from limits_truth import WITHOUT, ErrorLaw, Truths, law_of_errors, log_of, usual_errors
+from limits_truth import PLACES, WITHOUT, ErrorLaw, Truths, law_of_errors, log_of, usual_errors
 
 from stadera import TrunkEstimator
 from stadera.cli.terminal import progress, show
@@ -76,7 +76,6 @@ from stadera.lab.plant import SimulationError
 from stadera.lab.reality.draw import REAL_SETS
 from stadera.report.terminal import rich_table
 from stadera.robot import Robot, load_robot
-from stadera.trunk.error_model import PLACES
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Array

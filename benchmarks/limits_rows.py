@@ -15,17 +15,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from limits_truth import ERRORS, PLACES
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stadera.body import Body, Motion
 from stadera.inertia import InertialParameters
-from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions
-from stadera.legs.friction import joint_columns
 from stadera.legs.model import LegModel
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
-from stadera.trunk.compiled_front import front
-from stadera.trunk.error_model import ERRORS, PLACES
+from stadera.trunk.front import Front
 from stadera.trunk.row_sums import robot_weight, unit_of_rows
 from stadera.trunk.rows import BlockRows, half_window
 from stadera.trunk.samples import SampleBuffer, Samples
@@ -62,7 +61,7 @@ class LogRows:
         """Of all blocks that the estimator would use; with the true trunk, at which errors of the IMU are linearised,
         and the true model errors (ERRORS,), with which all legs in the air are found.
         """
-        maker = front(robot, ImuMount.of(robot), settings.swing)
+        maker = Front(robot, ImuMount.of(robot), settings.swing)
         known = errors[PLACES["rotor"].start : PLACES["coulomb"].stop].reshape(3, 12)
         maker.know_joints(known, np.zeros((3, 12)))
         buffer, most = SampleBuffer(robot.tree.joints, settings), settings.impact * robot_weight(robot)
@@ -126,24 +125,26 @@ class _JointEffects:
     """Derivatives of h - τ by gains, links, encoders, IMU axes and lag of the velocities, at all samples of a log."""
 
     def __init__(self, robot: Robot, samples: Samples) -> None:
-        self.time, columns = samples.time[1:-1], joint_columns(robot)
+        self.time, legs = samples.time[1:-1], Body.of(robot).in_legs.reshape(4, 3)
         motion, jerk = _motion(robot, samples)
-        plain, h, tau = BaseWrenchRegressor(robot), _torque(robot, motion), samples.effort[1:-1][:, columns]
+        h, tau = _torque(robot, motion), samples.effort[1:-1][:, legs]
         own: list[tuple[str, int, Array]] = []  # kind of error, joint or link of each leg, effect (n, 4, 3)
         shared: list[tuple[str, int, Array]] = []  # one error for all legs
         for k in range(3):
             own.append(("gain", k, tau * _AXES[k]))
-            moved = motion._replace(position=motion.position + _STEP * _AXES[k])
-            own.append(("encoder", k, (h - plain.at(moved).torque) / _STEP))
+            step = np.zeros(motion.position.shape[1])
+            step[legs[:, k]] = _STEP
+            moved = motion._replace(position=motion.position + step)
+            own.append(("encoder", k, (h - _torque(robot, moved)) / _STEP))
             own.append(("link_mass", k, _torque(_with_links(robot, k, 2.0, np.zeros(3)), motion) - h))
             for axis in range(3):
                 other = _with_links(robot, k, 1.0, _SHIFT * _AXES[axis])
                 own.append(("link_com", 12 * axis + k, (_torque(other, motion) - h) / _SHIFT))
             turn = Rotation.from_rotvec(-_STEP * _AXES[k]).as_matrix()
-            tilted = motion._replace(**{name: turn @ getattr(motion, name) for name in _OF_TRUNK})
-            shared.append(("imu_rotation", k, (plain.at(tilted).torque - h) / _STEP))
+            tilted = motion._replace(**{name: getattr(motion, name) @ turn.T for name in _OF_TRUNK})
+            shared.append(("imu_rotation", k, (_torque(robot, tilted) - h) / _STEP))
         late = motion._replace(acceleration=motion.acceleration + _SHIFT * jerk)
-        shared.append(("velocity_lag", 0, (plain.at(late).torque - h) / _SHIFT))
+        shared.append(("velocity_lag", 0, (_torque(robot, late) - h) / _SHIFT))
         self._values = np.stack([effect.reshape(-1, 12) for *_, effect in own + shared], axis=-1)
         # each error's column, by joint (12, errors)
         legs = 3 * (np.arange(12)[:, None] // 3)
@@ -161,22 +162,23 @@ class _JointEffects:
         return out
 
 
-def _motion(robot: Robot, samples: Samples) -> tuple[LegMotions, Array]:
-    """The motion at all samples but the first and last, and the rates of the joints' accelerations (n, 4, 3)."""
-    columns, lever = joint_columns(robot), ImuMount.of(robot).translation
+def _motion(robot: Robot, samples: Samples) -> tuple[Motion, Array]:
+    """The motion at all samples but the first and last, and the rates of the joints' accelerations."""
+    lever = ImuMount.of(robot).translation
     span, omega = (samples.time[2:] - samples.time[:-2])[:, None], samples.angular_velocity[1:-1]
     alpha = (samples.angular_velocity[2:] - samples.angular_velocity[:-2]) / span
     a = samples.specific_force[1:-1] - np.cross(alpha, lever) - np.cross(omega, np.cross(omega, lever))
-    q, v = samples.position[1:-1][:, columns], samples.velocity[:, columns]
-    acceleration = (v[2:] - v[:-2]) / span[:, :, None]
-    jerk = (v[2:] - 2.0 * v[1:-1] + v[:-2]) / (0.5 * span[:, :, None]) ** 2
-    down = np.tile(-_AXES[2][:, None], len(q))  # of the ground, which no torque h depends on
-    return LegMotions(q, v[1:-1], acceleration, omega.T, alpha.T, a.T, down), jerk
+    q, v = samples.position[1:-1], samples.velocity
+    acceleration = (v[2:] - v[:-2]) / span
+    jerk = (v[2:] - 2.0 * v[1:-1] + v[:-2]) / (0.5 * span) ** 2
+    up = _AXES[2]  # of the ground, which no torque h depends on
+    return Motion(q, v[1:-1], acceleration, omega, alpha, a, up), jerk
 
 
-def _torque(robot: Robot, motion: LegMotions) -> Array:
+def _torque(robot: Robot, motion: Motion) -> Array:
     """h (n, 4, 3)."""
-    return BaseWrenchRegressor(robot).at(motion).torque
+    body = Body.of(robot, others=False)
+    return body.left(body.at(motion), motion, np.zeros(motion.position.shape)).reshape(-1, 4, 3)
 
 
 def _with_links(robot: Robot, k: int, scale: float, shift: Array) -> Robot:

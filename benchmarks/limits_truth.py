@@ -19,13 +19,12 @@ from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
-from stadera.legs.base_wrench import BaseWrenchRegressor
 from stadera.legs.friction import JointFriction, joint_columns
 from stadera.legs.model import LegModel
 from stadera.logs import Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
-from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array
@@ -40,6 +39,9 @@ WITHOUT: Mapping[str, Mapping[str, Any]] = {
 
 _AXES = np.eye(3)
 _KINDS = np.tile(_AXES, (4, 1))  # (12, 3): joints of a kind
+
+LAYOUT = ErrorLayout(joints=12, links=12, contacts=4, legs=(3, 3, 3, 3))
+PLACES, ERRORS = LAYOUT.places, LAYOUT.count
 
 
 def true_errors(robot: Robot, drawn: Mapping[str, Any], samples: Samples) -> Array:
@@ -72,7 +74,7 @@ def true_errors(robot: Robot, drawn: Mapping[str, Any], samples: Samples) -> Arr
 
 def _contact(robot: Robot, drawn: Mapping[str, Any], samples: Samples) -> Array:
     """(4, 3) [m], mean displacement of the contact points in trunk axes."""
-    model = BaseWrenchRegressor(robot)
+    model = LegModel.of(robot)
     turn = model.parts(samples.position[:, model.columns].transpose(1, 2, 0)).turn[:, :, :, 2]  # (3, 3, leg, samples)
     up = samples.specific_force.mean(axis=0)
     out = np.empty((4, 3))

@@ -16,6 +16,7 @@ from limits import Best, LimitSettings, best_of, tables
 from limits_rows import LogRows
 from limits_truth import ErrorLaw, Truths, law_of_errors, true_errors, true_trunks, usual_errors
 
+from layout import ERRORS, PLACES
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.reality.runs import RealityCase
 from stadera.lab.reality.draw import REAL_SETS, drawn
@@ -23,7 +24,6 @@ from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk.error_model import ERRORS, PLACES
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Array

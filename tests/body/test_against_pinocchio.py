@@ -70,6 +70,7 @@ def of_file(name: str) -> Case:
         np.array([joint_axis(joint) is None for joint in list(model.joints)[2:]]),
         np.array([InertialParameters.from_pinocchio(inertia).vector for inertia in list(model.inertias)[2:]]),
         np.array(model.armature)[6:],
+        *np.zeros((3, n)),
         tuple(legs),
         np.full(len(legs), size, dtype=np.int64),
         np.array([point for _, point in points]),

@@ -20,9 +20,10 @@ from legs.reference import (
     random_trunk,
     robot_of,
 )
+from stadera.body import Body, Motion
 from stadera.errors import IdentificationError, MissingExtraError
 from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion, inertial_columns, stack
-from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions
+from stadera.legs.friction import JointFriction, joint_columns
 from stadera.robot import Robot, load_robot
 from stadera.robot.pinocchio import pinocchio_model
 
@@ -179,16 +180,14 @@ def test_identified_friction_is_the_friction_that_every_estimator_uses(speed: fl
     regressor = JointTorqueRegressor(robot.tree, FrictionModel(("coulomb",)))
     parameters = dict.fromkeys(regressor.columns, 0.0) | dict.fromkeys(names, 1.0)
     identified = regressor.predict(JointMotion(still, velocity[None], still), parameters)[0]
-    wrench = BaseWrenchRegressor(robot)
-    by_leg = velocity[wrench.columns]
-    added = wrench.friction.torque(by_leg) - BaseWrenchRegressor(plain).friction.torque(by_leg)
-    np.testing.assert_allclose(added, identified[wrench.columns])
-    rest, up = np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])
-    motion = LegMotions(
-        still[:, wrench.columns], velocity[None, wrench.columns], still[:, wrench.columns], rest, rest, rest, up
-    )
-    carried = wrench.at(motion).torque - BaseWrenchRegressor(plain).at(motion).torque
-    np.testing.assert_allclose(carried[0], identified[wrench.columns], atol=1e-9)
+    columns = joint_columns(robot)
+    added = JointFriction.of(robot).torque(velocity[columns]) - JointFriction.of(plain).torque(velocity[columns])
+    np.testing.assert_allclose(added, identified[columns])
+    rest, with_friction, without = np.zeros((1, 3)), Body.of(robot), Body.of(plain)
+    motion = Motion(still, velocity[None], still, rest, rest, rest, np.array([0.0, 0.0, 1.0]))
+    state = with_friction.at(motion)
+    carried = with_friction.left(state, motion, still) - without.left(state, motion, still)
+    np.testing.assert_allclose(carried[0], identified[columns.ravel()], atol=1e-9)
 
 
 @pytest.mark.parametrize("terms", [(), ("armature",), ("offset", "viscous")])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stadera.body import Body, Motion
 from stadera.errors import MissingExtraError
-from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions
 from stadera.legs.friction import JointFriction, direction
 from stadera.legs.instant import LegDynamics
 from stadera.legs.instant import inverse_transposed as inverse_of_one
@@ -32,13 +32,12 @@ def configurations(robot: Robot, samples: int = 5) -> np.ndarray:
 def test_many_samples_are_as_one_after_the_other(name: str) -> None:
     """Kinematics, weight, and torques of a turning trunk: arrays against Pinocchio, sample by sample."""
     robot = robot_named(name)
-    legs, single, q = BaseWrenchRegressor(robot), LegDynamics(robot), configurations(robot)
+    legs, body, single, q = LegModel(robot), Body.of(robot), LegDynamics(robot), configurations(robot)
     rng = np.random.default_rng(1)
     rate, omega, force = rng.standard_normal(q.shape), *rng.standard_normal((2, len(q), 3))
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    still = np.zeros((len(q), 4, 3))
-    motion = LegMotions(q[:, legs.columns], rate[:, legs.columns], still, omega.T, np.zeros((3, len(q))), force.T, up.T)
-    many = legs.at(motion)
+    motion = Motion(q, rate, np.zeros_like(q), omega, np.zeros((len(q), 3)), force, up)
+    many = body.left(body.at(motion), motion, np.zeros_like(q)).reshape(-1, 4, 3)
     pose = legs.pose(q[:, legs.columns])
     contacts = legs.contacts(pose.feet, up.T)
     by_torque, volume = inverse_transposed(pose.jacobians(contacts))
@@ -51,7 +50,7 @@ def test_many_samples_are_as_one_after_the_other(name: str) -> None:
         np.testing.assert_allclose(by_torque[:, k].swapaxes(0, 1), inverse_of_one(J, 0.0), rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(volume[k], np.linalg.det(J), atol=1e-12)
         friction = legs.friction.torque(rate[k, legs.columns])
-        np.testing.assert_allclose(many.torque[k], one.bias + friction, atol=1e-10)
+        np.testing.assert_allclose(many[k], one.bias + friction, atol=1e-10)
         at_rest = single.at(q[k], np.zeros_like(q[k]), np.zeros(3), force[k])
         held = np.einsum("ilk,i->lk", legs.weight_torques(pose)[:, k], force[k])
         np.testing.assert_allclose(held, at_rest.bias, atol=1e-10)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from layout import ERRORS, LAYOUT, PLACES
 from stadera.information import Information, Unknowns
 from stadera.robot import load_robot
-from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import centre_slope
@@ -40,7 +41,7 @@ def drawn(seed: int, blocks: int = 40, still: int = 0) -> list[WeightedRows]:
 
 
 def summed(rows: list[WeightedRows], keep: float = 1.0) -> Segment:
-    segment = Segment.prior(np.zeros(10), np.full(10, 1e4))
+    segment = Segment.prior(np.zeros(10), np.full(10, 1e4), LAYOUT)
     for each in rows:
         segment = segment.add(each, keep)
     return segment
@@ -109,7 +110,7 @@ def test_what_earlier_rows_left_is_forgotten_with_them() -> None:
 @pytest.mark.parametrize(("still", "moves"), [(6, True), (7, False)])
 def test_a_robot_moves_if_at_least_half_of_its_joints_do(still: int, moves: bool) -> None:
     (rows,) = drawn(4, blocks=1, still=still)
-    assert rows.moving is moves
+    assert Segment.prior(np.zeros(10), np.ones(10), LAYOUT).moves(rows) is moves
 
 
 def test_sampling_errors_lie_between_none_and_their_largest_and_are_uniform_there() -> None:

@@ -7,12 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from reference_changes import Deviations, ReferenceDetector
 from scipy.stats import norm, t
 
+from layout import LAYOUT
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.robot import load_robot
-from stadera.trunk.changes import ChangeDetector, Deviations, Spread
+from stadera.trunk.changes import Spread
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings
@@ -26,9 +28,9 @@ BLOCK = 0.02
 AT = SETTINGS.windows.index(50)
 
 
-def detector(samples: float = 1e6, blocks: int = 10**9) -> ChangeDetector:
+def detector(samples: float = 1e6, blocks: int = 10**9) -> ReferenceDetector:
     """One whose averages had a standard deviation of 0.01, seen in so many of them over so many blocks."""
-    made, windows = ChangeDetector(SETTINGS, SCALE, BLOCK), len(SETTINGS.windows)
+    made, windows = ReferenceDetector(SETTINGS, SCALE, BLOCK, LAYOUT), len(SETTINGS.windows)
     made._set(Spread(np.full((windows, 4), 1e-4), np.zeros((windows, 4)), np.full(windows, samples)))
     made._past_blocks = blocks
     return made

@@ -7,9 +7,10 @@ from collections import deque
 import numpy as np
 import pytest
 
+from layout import ERRORS, JOINTS, LAYOUT, LEARNT, PLACES
 from stadera.robot import load_robot
 from stadera.trunk.changes import ChangeDetector, Jump
-from stadera.trunk.error_model import ERRORS, JOINTS, LEARNT, PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.row_sums import RowSums
 from stadera.trunk.segment import Segment, WeightedRows
@@ -46,8 +47,8 @@ def looked(
     made: list[WeightedRows], settings: ChangeSettings, noise: float, held: bool = False
 ) -> list[tuple[float, Jump]]:
     """Every jump that is found, and when; nothing begins anew."""
-    detector, known = ChangeDetector(settings, SCALE, BLOCK), errors()
-    before = old = Segment.prior(TRUNK, 50.0 * np.ones(10))
+    detector, known = ChangeDetector(settings, SCALE, BLOCK, LAYOUT), errors()
+    before = old = Segment.prior(TRUNK, 50.0 * np.ones(10), LAYOUT)
     recent: deque[WeightedRows] = deque()
     found = []
     for k, r in enumerate(made):
@@ -160,8 +161,8 @@ def test_a_load_far_smaller_than_the_joints_disturbance_is_found_at_its_time() -
         errors = np.zeros((6, ERRORS))
         errors[:, place] = column
         made.append(WeightedRows.of(r.time, r.matrix, errors, r.target + column * friction, r.white))
-    detector = ChangeDetector(settings, SCALE, BLOCK)
-    before, known, found = Segment.prior(TRUNK, 50.0 * np.ones(10)), Errors(model, swing, 1.0), []
+    detector = ChangeDetector(settings, SCALE, BLOCK, LAYOUT)
+    before, known, found = Segment.prior(TRUNK, 50.0 * np.ones(10), LAYOUT), Errors(model, swing, 1.0), []
     for k, r in enumerate(made):
         if k > settings.pending:
             before = before.add(made[k - settings.pending - 1])
@@ -199,8 +200,12 @@ def stepping(seconds: float, load: np.ndarray, at: float, seed: int) -> list[Wei
 def found_with(learnt: slice, made: list[WeightedRows]) -> list[float]:
     """When changes are reported, with errors `learnt` that are estimated from the rows before."""
     model, settings = ErrorModel(ROBOT, ModelErrors(), 0.7), ChangeSettings()
-    swing, detector = SwingJoints(model, SwingDetection()), ChangeDetector(settings, SCALE, BLOCK)
-    segments, known, out = [Segment.prior(TRUNK, 50.0 * np.ones(10))], Errors(model, swing, 1.0, None, learnt), []
+    swing, detector = SwingJoints(model, SwingDetection()), ChangeDetector(settings, SCALE, BLOCK, LAYOUT)
+    segments, known, out = (
+        [Segment.prior(TRUNK, 50.0 * np.ones(10), LAYOUT)],
+        Errors(model, swing, 1.0, None, learnt),
+        [],
+    )
     for k, r in enumerate(made):
         segments.append(segments[-1].add(r))
         before, old = (segments[max(k + 1 - n, 0)] for n in (settings.pending, 2 * settings.pending))

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from layout import ERRORS, PLACES
 from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
-from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, SwingDetection

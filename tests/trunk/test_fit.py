@@ -7,9 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from layout import ERRORS, LAYOUT, PLACES
+from stadera.legs.model import LegModel
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
-from stadera.trunk.error_model import ERRORS, INVISIBLE, PLACES, ErrorModel
+from stadera.trunk.error_model import INVISIBLE, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.row_sums import RowSums, robot_weight, unit_of_rows, weighted
@@ -38,14 +40,14 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
     for k in range(0, len(s) - BLOCK - 2, BLOCK):
         block = maker.block(s[k : k + BLOCK + 2], motion.normal[k + BLOCK // 2], trunk).rows
         if block is not None:
-            made.append(weighted(block, unit_of_rows(robot_weight(ROBOT), maker.regressor.length)))
-    length = maker.regressor.length
+            made.append(weighted(block, unit_of_rows(robot_weight(ROBOT), LegModel.of(ROBOT).length)))
+    length = LegModel.of(ROBOT).length
     return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
 
 
 def prior(length: float) -> Segment:
     wide = ROBOT.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
-    return Segment.prior(ROBOT.inertias[ROBOT.trunk].vector, wide)
+    return Segment.prior(ROBOT.inertias[ROBOT.trunk].vector, wide, LAYOUT)
 
 
 def drawn(walk: Walk, scale: float, seed: int) -> Segment:

@@ -8,9 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from stadera.body import Body
+from stadera.body import Motion as BodyMotion
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 from stadera.inertia import skew
-from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions
 from stadera.legs.model import LegModel, foot_positions, inverse_transposed
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.pinocchio import pinocchio_model
@@ -85,10 +86,11 @@ class Motion:
 
     def batch(self, robot: Robot) -> np.ndarray:
         """Forces (4, 3) [N] by the model for many samples, accelerations included."""
-        legs = BaseWrenchRegressor(robot)
-        joints = (x[None, legs.columns] for x in (self.joint, self.rate, self.joint_acceleration))
-        trunk = (x[:, None] for x in (self.omega, self.alpha, self.specific, self.normal))
-        return legs.at(LegMotions(*joints, *trunk)).forces(self.effort[None, legs.columns])[:, 0].T
+        joints = (x[None] for x in (self.joint, self.rate, self.joint_acceleration))
+        trunk = (x[None] for x in (self.omega, self.alpha, self.specific))
+        body, motion = Body.of(robot), BodyMotion(*joints, *trunk, self.normal)
+        state = body.at(motion)
+        return body.forces(state, body.left(state, motion, self.effort[None]))[0]
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from layout import ERRORS, LAYOUT, LEARNT, PLACES
 from stadera.robot import load_robot
-from stadera.trunk.error_model import ERRORS, LEARNT, PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.row_sums import RowSums
 from stadera.trunk.segment import Segment, WeightedRows
@@ -64,7 +65,7 @@ def test_errors_and_their_covariance_are_those_of_dense_least_squares_with_consi
     rng, noise, repeated = np.random.default_rng(5), 2.0, 7.0
     usual = np.sqrt(np.diag(MODEL.covariance))
     made = rows_with(usual * rng.standard_normal(ERRORS) * (np.arange(ERRORS) < LEARNT.stop), noise, rng)
-    segment = Segment.prior(np.zeros(10), np.full(10, 1e4))
+    segment = Segment.prior(np.zeros(10), np.full(10, 1e4), LAYOUT)
     for r in made:
         segment = segment.add(r)
     swing = SwingJoints(MODEL, SwingDetection())
@@ -101,7 +102,7 @@ def test_gains_cannot_take_up_what_all_torques_have_in_common() -> None:
     """Noise of the torques is in the target and in the gains' columns: a free mean would explain it by a lighter robot.
     Here the vertical force is the sum of twelve noisy torques.
     """
-    rng, segment, weight = np.random.default_rng(3), Segment.prior(np.zeros(10), np.full(10, 1e3)), 100.0
+    rng, segment, weight = np.random.default_rng(3), Segment.prior(np.zeros(10), np.full(10, 1e3), LAYOUT), 100.0
     gain = np.arange(11 + PLACES["gain"].start, 11 + PLACES["gain"].stop)
     for k in range(3000):
         columns = np.zeros((6, 11 + ERRORS))
@@ -117,7 +118,7 @@ def test_errors_that_return_with_every_step_tell_no_more_however_often_they_retu
     """As many rows as `returning`, or ten times the same ones, leave the same mean and covariance."""
     rng, swing = np.random.default_rng(6), SwingJoints(MODEL, SwingDetection())
     steps = rows_with(np.sqrt(np.diag(MODEL.covariance)), 1.0, rng, blocks=80)
-    once = often = Segment.prior(np.zeros(10), np.full(10, 1e6))
+    once = often = Segment.prior(np.zeros(10), np.full(10, 1e6), LAYOUT)
     for k in range(10):
         for r in steps:
             once, often = (once if k else once.add(r)), often.add(r)
@@ -135,7 +136,7 @@ def test_a_robot_at_rest_tells_nothing_of_its_model() -> None:
     still = [replace(r, columns=r.columns.copy()) for r in rows_with(np.zeros(ERRORS), 1.0, rng, blocks=60)]
     for r in still:
         r.columns[:, 11 + PLACES["stiction"].start : 11 + PLACES["stiction"].stop] = 1.0
-    alone = resting = Segment.prior(np.zeros(10), np.full(10, 1e4))
+    alone = resting = Segment.prior(np.zeros(10), np.full(10, 1e4), LAYOUT)
     for r in moving:
         alone = alone.add(r)
     for r in still:

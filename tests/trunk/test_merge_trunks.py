@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from layout import ERRORS, LAYOUT, PLACES
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.inertia import InertialParameters
 from stadera.information import Information, Unknowns
 from stadera.lab.plant import STANDARD
 from stadera.robot import load_robot
-from stadera.trunk.error_model import ERRORS, PLACES
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.merge import SHARED, TrunkEvidence, merge_trunks
 from stadera.trunk.samples import Samples
@@ -39,7 +39,11 @@ def synthetic(seed: int, covariance: np.ndarray) -> tuple[TrunkEvidence, tuple[n
     rng = np.random.default_rng(seed)
     A, C, b = rng.normal(size=(60, 10)), rng.normal(size=(60, ERRORS)), rng.normal(size=60)
     known = Information.empty(Unknowns.of(theta=10), ERRORS).add(A, b, C)
-    return TrunkEvidence(known, 0.01 * rng.normal(size=ERRORS), covariance, covariance, covariance, 0.7), (A, C, b)
+    return TrunkEvidence(known, 0.01 * rng.normal(size=ERRORS), covariance, covariance, covariance, 0.7, LAYOUT), (
+        A,
+        C,
+        b,
+    )
 
 
 def test_merged_is_the_batch_of_all_rows() -> None:
@@ -111,7 +115,7 @@ def test_errors_that_each_log_has_estimated_are_common_only_as_far_as_they_remai
         posterior = prior.copy()
         posterior[at, at] = 1.0 / (1.0 + 1.0 / sigma**2)
         known = Information(Unknowns.of(theta=10), np.eye(10), np.zeros(10), G, 0.0, 10)
-        made[name] = TrunkEvidence(known, np.zeros(ERRORS), posterior, prior, posterior, 0.7)
+        made[name] = TrunkEvidence(known, np.zeros(ERRORS), posterior, prior, posterior, 0.7, LAYOUT)
     covariance = merge_trunks(made).known.covariance()
     error = rng.standard_normal(200_000)
     left = [(error + sigma * rng.standard_normal(len(error))) / (1.0 + sigma**2) - error for sigma in noise]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadera.trunk.error_model import ERRORS
+from layout import ERRORS, LAYOUT
 from stadera.trunk.scatter import RobustWeights
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import OutlierSettings
@@ -25,7 +25,7 @@ def summed(errors: np.ndarray, robust: bool) -> tuple[np.ndarray, RobustWeights,
     rng, weights, segment, given = (
         np.random.default_rng(1),
         RobustWeights(SETTINGS),
-        Segment.prior(TRUNK, np.full(10, 1e3)),
+        Segment.prior(TRUNK, np.full(10, 1e3), LAYOUT),
         [],
     )
     for k, error in enumerate(errors):

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from layout import PLACES
 from stadera.constants import GRAVITY
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
@@ -16,7 +17,7 @@ from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import TrunkEstimator
-from stadera.trunk.error_model import PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.front import Front
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, SwingDetection

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from layout import ERRORS, PLACES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator
-from stadera.trunk.error_model import ERRORS
-from stadera.trunk.segment import STICTION, RowMoments, WeightedRows
+from stadera.trunk.segment import RowMoments, WeightedRows
 from stadera.trunk.wrench import trunk_matrix
 
 LENGTH = 0.6
@@ -26,7 +26,7 @@ def _swaying(rng: np.random.Generator, blocks: int) -> list[WeightedRows]:
         columns = np.zeros((6, 11 + ERRORS))
         a = np.array([0.5, -0.2, 9.8]) + mixed @ rng.normal(size=3)
         columns[:, :10] = trunk_matrix(np.concatenate([a, np.zeros(9)])) / unit[:, None]
-        columns[:, STICTION] = stiction
+        columns[:, 11 + PLACES["stiction"].start : 11 + PLACES["stiction"].stop] = stiction
         rows.append(WeightedRows(0.02 * k, columns, 0.0))
     return rows
 
@@ -35,9 +35,9 @@ def test_the_variance_is_that_of_errors_drawn_along_any_direction_of_the_sway() 
     rng = np.random.default_rng(3)
     rows = _swaying(rng, 200)
     root = rng.normal(size=(12, 12))
-    sums, weights = RowMoments(), np.zeros(0)
+    sums, weights = RowMoments.none(12), np.zeros(0)
     for row in rows:
-        sums, weights = sums.add(row, KEEP), np.append(KEEP * weights, 1.0)
+        sums, weights = sums.add(row, row.errors[:, PLACES["stiction"]], KEEP), np.append(KEEP * weights, 1.0)
     stated = sums.follows_motion(root @ root.T, LENGTH)
 
     A = np.array([row.matrix for row in rows])
@@ -48,7 +48,7 @@ def test_the_variance_is_that_of_errors_drawn_along_any_direction_of_the_sway() 
     draws = 20_000
     along = rng.normal(size=(draws, 3))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    errors = rows[0].columns[:, STICTION] @ root @ rng.normal(size=(12, draws))  # (6, draws)
+    errors = rows[0].errors[:, PLACES["stiction"]] @ root @ rng.normal(size=(12, draws))  # (6, draws)
     effect = np.einsum("t,trp,tu->pru", weights, A, whitened)  # Σ w Aᵀ of each component
     found = np.einsum("pru,rd,du->dp", effect, errors, along)
     np.testing.assert_allclose(found.T @ found / draws, stated, atol=0.05 * np.abs(stated).max())

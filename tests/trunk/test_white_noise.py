@@ -10,7 +10,7 @@ from stadera.trunk.rows import half_differences, half_window
 from stadera.trunk.samples import Samples
 
 TORQUE, VELOCITY, GYRO, ACCELEROMETER = 0.4, 0.03, 0.004, 0.1
-COLUMNS = np.arange(12).reshape(4, 3)
+COLUMNS = np.arange(12)
 BLOCK, SECONDS = 0.02, 16.0
 
 

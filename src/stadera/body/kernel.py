@@ -1,4 +1,4 @@
-"""Dynamics of a floating tree with contacts at many samples, compiled. `stadera.body.tree` says what it computes and why.
+"""Dynamics of a floating tree with contacts at many samples, compiled; `stadera.body.tree` derives them.
 
 All vectors are in trunk axes, wrenches are force above moment about the trunk's origin. A link's own columns are first
 formed in its own axes, where its ten parameters φ are constant: with a, ω, α of its frame,
@@ -23,129 +23,102 @@ from stadera.types import Array, Bools
 Ints = NDArray[np.int64]
 
 
-@part
-def cross(a: Array, b: Array, out: Array) -> None:
-    """Writes a x b."""
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+Vector = tuple[float, float, float]
 
 
 @part
-def dot(a: Array, b: Array) -> float:
-    """a · b."""
-    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+def of(a: Array, k: int) -> Vector:
+    """Row k of an array as a vector."""
+    return a[k, 0], a[k, 1], a[k, 2]
 
 
 @part
-def rotate(R: Array, v: Array, out: Array) -> None:
-    """Writes R v."""
+def put(a: Array, k: int, v: Vector) -> None:
+    """Writes a vector into row k of an array."""
+    a[k, 0], a[k, 1], a[k, 2] = v
+
+
+@part
+def plus(a: Vector, b: Vector) -> Vector:
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@part
+def times(s: float, a: Vector) -> Vector:
+    """s a."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+@part
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@part
+def rotated(R: Array, j: int, v: Vector) -> Vector:
+    """R_j v."""
+    return (
+        R[j, 0, 0] * v[0] + R[j, 0, 1] * v[1] + R[j, 0, 2] * v[2],
+        R[j, 1, 0] * v[0] + R[j, 1, 1] * v[1] + R[j, 1, 2] * v[2],
+        R[j, 2, 0] * v[0] + R[j, 2, 1] * v[1] + R[j, 2, 2] * v[2],
+    )
+
+
+@part
+def rotated_back(R: Array, j: int, v: Vector) -> Vector:
+    """R_jᵀ v."""
+    return (
+        R[j, 0, 0] * v[0] + R[j, 1, 0] * v[1] + R[j, 2, 0] * v[2],
+        R[j, 0, 1] * v[0] + R[j, 1, 1] * v[1] + R[j, 2, 1] * v[2],
+        R[j, 0, 2] * v[0] + R[j, 1, 2] * v[1] + R[j, 2, 2] * v[2],
+    )
+
+
+@part
+def turn_about(R: Array, parent: int, fixed: Array, j: int, axis: Vector, angle: float) -> None:
+    """Writes R_j = R_parent B_j exp([axis]x angle), with exp([a]x q) = cos q 1 + sin q [a]x + (1 - cos q) a aᵀ."""
+    s, c = sin(angle), cos(angle)
     for i in range(3):
-        out[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
+        row = rotated_back(fixed, j, (R[parent, i, 0], R[parent, i, 1], R[parent, i, 2]))
+        along = (1.0 - c) * (row[0] * axis[0] + row[1] * axis[1] + row[2] * axis[2])
+        row = plus(plus(times(c, row), times(s, cross(row, axis))), times(along, axis))
+        R[j, i, 0], R[j, i, 1], R[j, i, 2] = row
 
 
 @part
-def rotate_back(R: Array, v: Array, out: Array) -> None:
-    """Writes Rᵀ v."""
+def columns_of_link(a: Vector, omega: Vector, alpha: Vector, j: int, out: Array) -> None:
+    """Writes the inertial wrench of link j as columns (6, 10) of its parameters, all in its own axes."""
+    for c in range(6):
+        for k in range(10):
+            out[j, c, k] = 0.0
+    square = omega[0] * omega[0] + omega[1] * omega[1] + omega[2] * omega[2]
     for i in range(3):
-        out[i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
-
-
-@part
-def turn_about(before: Array, fixed: Array, axis: Array, angle: float, out: Array) -> None:
-    """Writes B R exp([axis]x angle) of rotations B and R: cos 1 + sin [a]x + (1 - cos) a aᵀ (Rodrigues)."""
-    s, c, whole = sin(angle), cos(angle), np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                whole[i, j] += before[i, k] * fixed[k, j]
-    x, y, z = axis
-    for i in range(3):
-        u, v, w = whole[i]
-        along = (1.0 - c) * (u * x + v * y + w * z)  # (row x axis) sin + row cos + axis (row · axis) (1 - cos)
-        out[i, 0] = c * u + s * (v * z - w * y) + along * x
-        out[i, 1] = c * v + s * (w * x - u * z) + along * y
-        out[i, 2] = c * w + s * (u * y - v * x) + along * z
-
-
-@part
-def columns_of_link(a: Array, omega: Array, alpha: Array, out: Array) -> None:
-    """Writes the inertial wrench of a link as columns (6, 10) of its parameters, all in its own axes."""
-    out[:] = 0.0
-    square = dot(omega, omega)
-    for i in range(3):
-        out[i, 0] = a[i]
-        for j in range(3):
-            out[i, 1 + j] = omega[i] * omega[j]
-        out[i, 1 + i] -= square
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # [v]x has -v_k at (i, j) and v_k at (j, i)
-        out[i, 1 + j] -= alpha[k]
-        out[j, 1 + i] += alpha[k]
-        out[3 + i, 1 + j] += a[k]
-        out[3 + j, 1 + i] -= a[k]
-    at = 4
-    for i in range(3):
-        for j in range(i, 3):
-            for v in range(2 if i != j else 1):
-                p, q = (i, j) if v == 0 else (j, i)  # I has an entry at (p, q): e_p α_q + ω x e_p ω_q
-                one, two = (p + 1) % 3, (p + 2) % 3
-                out[3 + p, at] += alpha[q]
-                out[3 + one, at] += omega[two] * omega[q]
-                out[3 + two, at] -= omega[one] * omega[q]
-            at += 1
-
-
-@part
-def next_link(
-    parent: int,
-    j: int,
-    fixed: Array,
-    arm: Array,
-    axis: Array,
-    slides: bool,
-    state: Array,
-    R: Array,
-    o: Array,
-    s: Array,
-    omega: Array,
-    alpha: Array,
-    a: Array,
-) -> None:
-    """Writes rotation, origin, axis, angular velocity, angular acceleration and specific force of link j, whose joint
-    is in the `state` q, q̇, q̈, from those of its parent; the trunk's come last.
-    """
-    q, rate, more = state
-    r, spin, u, v = np.empty(3), np.zeros(3), np.empty(3), np.empty(3)
-    if slides:
-        turn_about(R[parent], fixed, axis, 0.0, R[j])
-    else:
-        turn_about(R[parent], fixed, axis, q, R[j])
-    rotate(R[parent], arm, r)
-    rotate(R[j], axis, s[j])
-    if slides:
-        for c in range(3):
-            r[c] += q * s[j, c]
-    cross(omega[parent], r, u)
-    cross(omega[parent], u, v)  # ω x (ω x r)
-    cross(alpha[parent], r, u)
-    for c in range(3):
-        o[j, c], a[j, c] = o[parent, c] + r[c], a[parent, c] + u[c] + v[c]
-        spin[c] = rate * s[j, c]
-    cross(omega[parent], spin, u)
-    for c in range(3):
-        if slides:
-            omega[j, c], alpha[j, c] = omega[parent, c], alpha[parent, c]
-            a[j, c] += 2.0 * u[c] + more * s[j, c]
-        else:
-            omega[j, c] = omega[parent, c] + spin[c]
-            alpha[j, c] = alpha[parent, c] + u[c] + more * s[j, c]
+        out[j, i, 0] = a[i]
+        for k in range(3):
+            out[j, i, 1 + k] = omega[i] * omega[k]
+        out[j, i, 1 + i] -= square
+    for i, k, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # [v]x has -v_third at (i, k) and v_third at (k, i)
+        out[j, i, 1 + k] -= alpha[third]
+        out[j, k, 1 + i] += alpha[third]
+        out[j, 3 + i, 1 + k] += a[third]
+        out[j, 3 + k, 1 + i] -= a[third]
+    for at, p, q in ((4, 0, 0), (5, 0, 1), (5, 1, 0), (6, 0, 2), (6, 2, 0), (7, 1, 1), (8, 1, 2), (8, 2, 1), (9, 2, 2)):
+        # an entry at (p, q) of the inertia: e_p α_q + ω x e_p ω_q
+        one, two = (p + 1) % 3, (p + 2) % 3
+        out[j, 3 + p, at] += alpha[q]
+        out[j, 3 + one, at] += omega[two] * omega[q]
+        out[j, 3 + two, at] -= omega[one] * omega[q]
 
 
 @part
 def inverse(A: Array, out: Array) -> float:
     """Writes the inverse of a small matrix, which is overwritten, by Gauss and Jordan. Returns its determinant."""
     n, found = len(A), 1.0
-    out[:] = 0.0
     for i in range(n):
-        out[i, i] = 1.0
+        for k in range(n):
+            out[i, k] = 1.0 if i == k else 0.0
     for k in range(n):
         best = k
         for i in range(k + 1, n):
@@ -153,106 +126,147 @@ def inverse(A: Array, out: Array) -> float:
                 best = i
         if best != k:
             found = -found
-            for j in range(n):
-                A[k, j], A[best, j] = A[best, j], A[k, j]
-                out[k, j], out[best, j] = out[best, j], out[k, j]
+            for c in range(n):
+                A[k, c], A[best, c] = A[best, c], A[k, c]
+                out[k, c], out[best, c] = out[best, c], out[k, c]
         pivot = A[k, k]
         found *= pivot
-        for j in range(n):
-            A[k, j] /= pivot
-            out[k, j] /= pivot
+        for c in range(n):
+            A[k, c] /= pivot
+            out[k, c] /= pivot
         for i in range(n):
             if i != k:
                 share = A[i, k]
-                for j in range(n):
-                    A[i, j] -= share * A[k, j]
-                    out[i, j] -= share * out[k, j]
+                for c in range(n):
+                    A[i, c] -= share * A[k, c]
+                    out[i, c] -= share * out[k, c]
     return found
 
 
 @part
-def map_leg(joints: Ints, size: int, point: Array, o: Array, s: Array, E: Array) -> float:
-    """Writes E (joints, 6) of a leg's joints: the trunk's wrench for a unit of h - τ, from a contact at a point with
-    `size` components. Returns det J, or √(det J Jᵀ) of a leg with more joints than that.
+def least_squares(J: Array, square: Array, back: Array, out: Array) -> float:
+    """Writes (Jᵀ J)⁻¹ Jᵀ of J (n, m), n > m, as `out` (m, n). Returns √(det Jᵀ J)."""
+    n, m = J.shape
+    for i in range(m):
+        for k in range(m):
+            square[i, k] = 0.0
+            for c in range(n):
+                square[i, k] += J[c, i] * J[c, k]
+    found = sqrt(max(inverse(square, back), 0.0))
+    for i in range(m):
+        for k in range(n):
+            out[i, k] = 0.0
+            for c in range(m):
+                out[i, k] += back[i, c] * J[k, c]
+    return found
 
-    J has the rows s x (p - o) and, of a contact that transmits moments, s. With more joints than components the force
-    is that of least squares, (J Jᵀ)⁻¹ J (h - τ).
+
+@part
+def map_leg(
+    joints: Ints, n: int, size: int, point: Vector, o: Array, s: Array, rooms: Array, at: int, E: Array
+) -> float:
+    """Writes E (joints, 6) of a leg's joints at sample `at`: the trunk's wrench for a unit of h - τ, from a contact at
+    a point with `size` components. Returns det J, or √(det J Jᵀ) of a leg with more joints than that.
+
+    Jᵀ has the rows s x (p - o) and, of a contact that transmits moments, s. With more joints than components the force
+    is that of least squares, (J Jᵀ)⁻¹ J (h - τ). `rooms`: (4, n, n), scratch.
     """
-    n, u, v = len(joints), np.empty(3), np.empty(3)
-    J = np.empty((n, size))
+    J = rooms[0, :n, :size]
     for k in range(n):
         j = joints[k]
-        for c in range(3):
-            u[c] = point[c] - o[j, c]
-        cross(s[j], u, v)
-        for c in range(3):
-            J[k, c] = v[c]
-            if size == 6:
-                J[k, 3 + c] = s[j, c]
-    to_force, square = np.zeros((size, n)), np.zeros((size, size))
+        J[k, 0], J[k, 1], J[k, 2] = cross(of(s, j), plus(point, times(-1.0, of(o, j))))
+        if size == 6:
+            J[k, 3], J[k, 4], J[k, 5] = of(s, j)
+    to_force = rooms[1, :size, :n]
     if n == size:
         volume = inverse(J, to_force)
     else:
-        for i in range(size):
-            for k in range(size):
-                for l in range(n):
-                    square[i, k] += J[l, i] * J[l, k]
-        back = np.empty((size, size))
-        volume = sqrt(max(inverse(square, back), 0.0))
-        for i in range(size):
-            for k in range(n):
-                for l in range(size):
-                    to_force[i, k] += back[i, l] * J[k, l]
+        volume = least_squares(J, rooms[2, :size, :size], rooms[3, :size, :size], to_force)
     for k in range(n):
-        for c in range(3):
-            u[c] = E[joints[k], c] = to_force[c, k]
-        cross(point, u, v)
-        for c in range(3):
-            E[joints[k], 3 + c] = v[c] + (to_force[3 + c, k] if size == 6 else 0.0)
+        force = to_force[0, k], to_force[1, k], to_force[2, k]
+        moment = cross(point, force)
+        if size == 6:
+            moment = plus(moment, (to_force[3, k], to_force[4, k], to_force[5, k]))
+        j = joints[k]
+        E[at, j, 0], E[at, j, 1], E[at, j, 2] = force
+        E[at, j, 3], E[at, j, 4], E[at, j, 5] = moment
     return volume
 
 
 @part
-def across(o: Array, s: Array, slides: bool, out: Array) -> None:
-    """Writes r (6,) of a joint, which needs the torque rᵀ w for a wrench w."""
+def next_link(
+    parent: int,
+    j: int,
+    slides: bool,
+    fixed: Array,
+    arms: Array,
+    axes: Array,
+    state: Vector,
+    R: Array,
+    o: Array,
+    s: Array,
+    omega: Array,
+    alpha: Array,
+    a: Array,
+) -> None:
+    """Writes rotation, origin, axis, ω, α and specific force of link j, whose joint is in the `state` q, q̇, q̈:
+
+        turning:  ω_j = ω + s q̇,   α_j = α + s q̈ + ω x s q̇,   a_j = a + α x r + ω x (ω x r)
+        sliding:  ω_j = ω,         α_j = α,                    a_j = a + α x r + ω x (ω x r) + 2 ω x s q̇ + s q̈
+
+    with ω, α, a of its parent and r from the parent's origin to its own.
+    """
+    q, rate, more = state
+    turn_about(R, parent, fixed, j, of(axes, j), 0.0 if slides else q)
+    here, arm, w, dw = rotated(R, j, of(axes, j)), rotated(R, parent, of(arms, j)), of(omega, parent), of(alpha, parent)
     if slides:
-        out[:3] = s
-        out[3:] = 0.0
+        arm = plus(arm, times(q, here))
+    spin = times(rate, here)
+    force = plus(of(a, parent), plus(cross(dw, arm), cross(w, cross(w, arm))))
+    if slides:
+        force = plus(force, plus(times(2.0, cross(w, spin)), times(more, here)))
     else:
-        cross(o, s, out[:3])
-        out[3:] = s
+        dw = plus(dw, plus(cross(w, spin), times(more, here)))
+        w = plus(w, spin)
+    put(o, j, plus(of(o, parent), arm))
+    put(s, j, here)
+    put(omega, j, w)
+    put(alpha, j, dw)
+    put(a, j, force)
 
 
 @part
-def wrench_of(columns: Array, parameters: Array, R: Array, o: Array, out: Array) -> None:
-    """Writes a link's inertial wrench about the trunk's origin, from its columns in its own axes."""
-    own, u = np.zeros(6), np.empty(3)
-    for c in range(6):
-        for k in range(10):
-            own[c] += columns[c, k] * parameters[k]
-    rotate(R, own[:3], out[:3])
-    rotate(R, own[3:], out[3:])
-    cross(o, out[:3], u)
-    for c in range(3):
-        out[3 + c] += u[c]
+def across(o: Array, s: Array, j: int, slides: bool, out: Array) -> None:
+    """Writes r (6,) of joint j, which needs the torque rᵀ w for a wrench w."""
+    out[j, 0], out[j, 1], out[j, 2] = of(s, j) if slides else cross(of(o, j), of(s, j))
+    out[j, 3], out[j, 4], out[j, 5] = (0.0, 0.0, 0.0) if slides else of(s, j)
 
 
 @part
-def effect_of(T: Array, columns: Array, R: Array, o: Array, out: Array) -> None:
-    """Writes T X (6, 10) with X a link's columns as wrenches about the trunk's origin."""
-    X = np.empty((6, 6))  # T [R 0 ; [o]x R, R]: its rows as those of T, turned
-    u, row = np.empty(3), np.empty(3)
+def own_columns(j: int, R: Array, omega: Array, alpha: Array, a: Array, out: Array) -> None:
+    """Writes the columns of link j, (6, 10), in its own axes."""
+    force, w, dw = (rotated_back(R, j, of(a, j)), rotated_back(R, j, of(omega, j)), rotated_back(R, j, of(alpha, j)))
+    columns_of_link(force, w, dw, j, out)
+
+
+@part
+def in_link(row: Vector, moment: Vector, j: int, R: Array, o: Array) -> tuple[Vector, Vector]:
+    """A row (force, moment) that acts on wrenches about the trunk's origin, as one that acts on those of link j in its
+    own axes: row [R 0 ; [o]x R, R].
+    """
+    return rotated_back(R, j, plus(row, cross(moment, of(o, j)))), rotated_back(R, j, moment)
+
+
+@part
+def effect_of(T: Array, j: int, own: Array, R: Array, o: Array, at: int, out: Array) -> None:
+    """Writes T_j times the columns of link j, as wrenches about the trunk's origin."""
     for i in range(6):
-        cross(T[i, 3:], o, u)
+        force, moment = in_link((T[j, i, 0], T[j, i, 1], T[j, i, 2]), (T[j, i, 3], T[j, i, 4], T[j, i, 5]), j, R, o)
+        for k in range(10):
+            out[at, j, i, k] = 0.0
         for c in range(3):
-            row[c] = T[i, c] + u[c]
-        rotate_back(R, row, X[i, :3])
-        rotate_back(R, T[i, 3:], X[i, 3:])
-    for i in range(6):
-        for k in range(10):
-            out[i, k] = 0.0
-            for c in range(6):
-                out[i, k] += X[i, c] * columns[c, k]
+            for k in range(10):
+                out[at, j, i, k] += force[c] * own[j, c, k] + moment[c] * own[j, 3 + c, k]
 
 
 @compiled(
@@ -296,55 +310,106 @@ def evaluate(
         joints: (N, n, 3), q, q̇, q̈. trunk: (N, 3, 3), ω, α and a. normal: (N, 3), of the ground.
         columns: (N, n, 6, 10), or (0, n, 6, 10) if they are not needed.
     """
-    n, count = len(parents), len(legs)
+    n, count, most = len(parents), len(legs), legs.shape[1]
     R, o, s = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3))
     omega, alpha, a = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3))
-    own_a, own_omega, own_alpha = np.empty(3), np.empty(3), np.empty(3)
-    own, wrench, r, contact = np.empty((n, 6, 10)), np.empty((n, 6)), np.empty((n, 6)), np.empty(3)
-    T, lengths, u, v = np.empty((n + 1, 6, 6)), np.zeros(count, dtype=np.int64), np.empty(3), np.empty(3)
+    own, wrench, r, T = np.empty((n, 6, 10)), np.empty((n, 6)), np.empty((n, 6)), np.empty((n + 1, 6, 6))
+    rooms, lengths = np.empty((4, max(most, 6), max(most, 6))), np.zeros(count, dtype=np.int64)
     for leg in range(count):
-        while lengths[leg] < legs.shape[1] and legs[leg, lengths[leg]] >= 0:
+        while lengths[leg] < most and legs[leg, lengths[leg]] >= 0:
             lengths[leg] += 1
-    R[n], o[n], s[n], T[n] = np.eye(3), 0.0, 0.0, -np.eye(6)
-    for k in range(len(joints)):
-        omega[n], alpha[n], a[n] = trunk[k, 0], trunk[k, 1], trunk[k, 2]
-        inertial[k], to_wrench[k] = 0.0, 0.0
-        for j in range(n):
-            state = joints[k, j]
-            next_link(parents[j], j, rotations[j], arms[j], axes[j], slides[j], state, R, o, s, omega, alpha, a)
-            rotate_back(R[j], a[j], own_a)
-            rotate_back(R[j], omega[j], own_omega)
-            rotate_back(R[j], alpha[j], own_alpha)
-            columns_of_link(own_a, own_omega, own_alpha, own[j])
-            wrench_of(own[j], parameters[j], R[j], o[j], wrench[j])
-            across(o[j], s[j], slides[j], r[j])
+    R[n], o[n], T[n] = np.eye(3), 0.0, -np.eye(6)
+    for at in range(len(joints)):
+        omega[n], alpha[n], a[n] = trunk[at, 0], trunk[at, 1], trunk[at, 2]
+        inertial[at], to_wrench[at] = 0.0, 0.0
+        for j in range(n):  # outwards: motion of the links, and their wrenches
+            state = joints[at, j, 0], joints[at, j, 1], joints[at, j, 2]
+            next_link(parents[j], j, slides[j], rotations, arms, axes, state, R, o, s, omega, alpha, a)
+            own_columns(j, R, omega, alpha, a, own)
+            across(o, s, j, slides[j], r)
             for c in range(6):
-                inertial[k, leg_of[j], c] += wrench[j, c]
-        for j in range(n - 1, -1, -1):
-            torque[k, j] = 0.0
+                wrench[j, c] = 0.0
+                for k in range(10):
+                    wrench[j, c] += own[j, c, k] * parameters[j, k]
+            force = rotated(R, j, (wrench[j, 0], wrench[j, 1], wrench[j, 2]))
+            moment = rotated(R, j, (wrench[j, 3], wrench[j, 4], wrench[j, 5]))
+            moment = plus(moment, cross(of(o, j), force))
+            wrench[j, 0], wrench[j, 1], wrench[j, 2] = force
+            wrench[j, 3], wrench[j, 4], wrench[j, 5] = moment
             for c in range(6):
-                torque[k, j] += r[j, c] * wrench[j, c]
+                inertial[at, leg_of[j], c] += wrench[j, c]
+        for j in range(n - 1, -1, -1):  # inwards: what the joints carry
+            torque[at, j] = 0.0
+            for c in range(6):
+                torque[at, j] += r[j, c] * wrench[j, c]
                 if parents[j] < n:
                     wrench[parents[j], c] += wrench[j, c]
         for leg in range(count):
-            own_joints = legs[leg, : lengths[leg]]
-            last = own_joints[-1]
-            rotate(R[last], points[leg], u)
+            last = legs[leg, lengths[leg] - 1]
+            foot = plus(of(o, last), rotated(R, last, of(points, leg)))
+            contact = plus(foot, times(-radii[leg], of(normal, at)))
+            volume[at, leg] = map_leg(legs[leg], lengths[leg], sizes[leg], contact, o, s, rooms, at, to_wrench)
+            speed = cross(of(omega, n), foot)
+            for k in range(lengths[leg]):
+                j = legs[leg, k]
+                arm = cross(of(s, j), plus(foot, times(-1.0, of(o, j))))
+                speed = plus(speed, times(joints[at, j, 1], arm))
             for c in range(3):
-                feet[k, leg, c] = o[last, c] + u[c]
-                contact[c] = feet[k, leg, c] - radii[leg] * normal[k, c]
-            volume[k, leg] = map_leg(own_joints, sizes[leg], contact, o, s, to_wrench[k])
-            cross(omega[n], feet[k, leg], pace[k, leg])
-            for j in own_joints:
-                for c in range(3):
-                    u[c] = feet[k, leg, c] - o[j, c]
-                cross(s[j], u, v)
-                for c in range(3):
-                    pace[k, leg, c] += joints[k, j, 1] * v[c]
+                feet[at, leg, c], pace[at, leg, c] = foot[c], speed[c]
         for j in range(n):
-            origin[k, j], axis[k, j] = o[j], s[j]
+            for c in range(3):
+                origin[at, j, c], axis[at, j, c] = o[j, c], s[j, c]
             if len(columns):
                 for c in range(6):
                     for d in range(6):
-                        T[j, c, d] = T[parents[j], c, d] + to_wrench[k, j, c] * r[j, d]
-                effect_of(T[j], own[j], R[j], o[j], columns[k, j])
+                        T[j, c, d] = T[parents[j], c, d] + to_wrench[at, j, c] * r[j, d]
+                effect_of(T, j, own, R, o, at, columns)
+
+
+@compiled(
+    "void(int64[::1], float64[:,:,::1], float64[:,::1], float64[:,::1], boolean[::1], float64[:,:,::1], "
+    "float64[:,:,::1], int64[:,::1], float64[:,::1])"
+)
+def torque_columns(
+    parents: Ints,
+    rotations: Array,
+    arms: Array,
+    axes: Array,
+    slides: Bools,
+    joints: Array,
+    trunk: Array,
+    picks: Ints,
+    out: Array,
+) -> None:
+    """Derivatives of joint torques, and of the wrench on the trunk, by the parameters of links, rᵀ X_j.
+
+    Args:
+        parents, ..., trunk: as of `evaluate`; of a trunk whose motion is constant, (1, 3, 3).
+        picks: (k, 3), an output: a joint, or n + 0 to 5 for the trunk's force and moment; a link, n for the trunk's;
+            and one of the link's ten parameters. Those of one output and link follow each other.
+        out: (k, N).
+    """
+    n = len(parents)
+    R, o, s, own = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 6, 10))
+    omega, alpha, a, r = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 6, 6))
+    R[n], o[n], r[n:] = np.eye(3), 0.0, np.eye(6)
+    for at in range(len(joints)):
+        if at < len(trunk):
+            put(omega, n, of(trunk[at], 0))
+            put(alpha, n, of(trunk[at], 1))
+            put(a, n, of(trunk[at], 2))
+            own_columns(n, R, omega, alpha, a, own)
+        for j in range(n):
+            state = joints[at, j, 0], joints[at, j, 1], joints[at, j, 2]
+            next_link(parents[j], j, slides[j], rotations, arms, axes, state, R, o, s, omega, alpha, a)
+            own_columns(j, R, omega, alpha, a, own)
+            across(o, s, j, slides[j], r)
+        force = moment = (0.0, 0.0, 0.0)
+        for p in range(len(picks)):
+            k, j, c = picks[p, 0], picks[p, 1], picks[p, 2]
+            if p == 0 or k != picks[p - 1, 0] or j != picks[p - 1, 1]:
+                force, moment = in_link((r[k, 0], r[k, 1], r[k, 2]), (r[k, 3], r[k, 4], r[k, 5]), j, R, o)
+            value = 0.0
+            for d in range(3):
+                value += force[d] * own[j, d, c] + moment[d] * own[j, 3 + d, c]
+            out[p, at] = value

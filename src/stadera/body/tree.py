@@ -30,7 +30,7 @@ posture.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 
 from stadera.body.kernel import evaluate
 from stadera.errors import ModelError
+from stadera.legs.friction import direction
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
@@ -94,7 +95,8 @@ class Body:
         joints: their names. parents: (n,), the joint whose link carries each; n for the trunk.
         rotations, translations, axes: (n, 3, 3), (n, 3) and (n, 3), pose of each joint in its parent link at zero [m],
             and unit vector. slides: (n,), True for a prismatic joint.
-        parameters: (n, 10), of each joint's link, in its frame. armature: (n,) [kg·m²].
+        parameters: (n, 10), of each joint's link, in its frame.
+        armature, viscous, coulomb, offset: (n,) [kg·m², N·m·s/rad, N·m, N·m], of the joints; zero outside the tree.
         legs: joints of each leg, from the trunk outwards.
         sizes: (L,), components of each leg's contact, 3 or 6. points: (L, 3) [m], in the last link; radii: (L,) [m].
         lumped: (10,), links outside the legs that the trunk's parameters contain at a reference position.
@@ -111,6 +113,9 @@ class Body:
     slides: Bools
     parameters: Array
     armature: Array
+    viscous: Array
+    coulomb: Array
+    offset: Array
     legs: tuple[tuple[int, ...], ...]
     sizes: NDArray[np.int64]
     points: Array
@@ -124,9 +129,9 @@ class Body:
                 raise ModelError(f"a contact of {size} components needs as many joints; leg has {named}")
 
     @classmethod
-    def of(cls, robot: Robot) -> Body:
-        """Of a robot: its tree's joints, then those of `Robot.extra`."""
-        tree, extra, n = robot.tree, robot.extra, len(robot.tree.joints)
+    def of(cls, robot: Robot, others: bool = True) -> Body:
+        """Of a robot: its tree's joints, then, if `others`, those of `Robot.extra`."""
+        tree, extra, n = robot.tree, robot.extra if others else None, len(robot.tree.joints)
         total = n + (len(extra.joints) if extra is not None else 0)
         parents = [p - 1 if p > 0 else total for p in tree.parents]
         bodies = [robot.inertias[link].vector for link in tree.links[1:]]
@@ -137,14 +142,20 @@ class Body:
             bodies += [body.vector for body in extra.bodies]
             turns, arms, axes = [*turns, extra.rotations], [*arms, extra.translations], [*axes, extra.axes]
             slides, lumped = slides + list(extra.sliding), extra.lumped.vector
-        armature = [robot.dynamics[joint].armature for joint in tree.joints] + [0.0] * (total - n)
+        dynamics = np.zeros((4, total))
+        dynamics[:, :n] = np.array([astuple(robot.dynamics[joint]) for joint in tree.joints]).T
         return cls(
             tree.joints + (extra.joints if extra is not None else ()),
             np.array(parents, dtype=np.int64),
-            *(np.ascontiguousarray(np.concatenate(x)) for x in (turns, arms, axes)),
+            np.concatenate(turns),
+            np.concatenate(arms),
+            np.concatenate(axes),
             np.array(slides),
             np.array(bodies),
-            np.array(armature),
+            dynamics[0],
+            dynamics[1],
+            dynamics[2],
+            dynamics[3],
             tuple(tuple(tree.joints.index(joint) for joint in leg.joints) for leg in robot.legs),
             np.array([leg.contact for leg in robot.legs], dtype=np.int64),
             np.array([leg.foot_position for leg in robot.legs], dtype=float),
@@ -166,9 +177,44 @@ class Body:
         return np.concatenate([np.array(leg, dtype=np.int64) for leg in self.legs])
 
     @cached_property
+    def starts(self) -> list[int]:
+        """Place of each leg's first joint in `in_legs`."""
+        return [0, *np.cumsum([len(leg) for leg in self.legs])[:-1].tolist()]
+
+    @cached_property
+    def most(self) -> int:
+        """Number of joints of the longest leg."""
+        return max(len(leg) for leg in self.legs)
+
+    @cached_property
     def _padded(self) -> NDArray[np.int64]:
-        most = max(len(leg) for leg in self.legs)
-        return np.array([[*leg, *[-1] * (most - len(leg))] for leg in self.legs], dtype=np.int64)
+        return np.array([[*leg, *[-1] * (self.most - len(leg))] for leg in self.legs], dtype=np.int64)
+
+    def friction(self, velocity: Array, sliding: Array) -> Array:
+        """Torque of friction and offsets (N, n) [N·m]; the velocities `sliding` determine Coulomb friction's direction
+        (`stadera.legs.friction`).
+        """
+        return np.asarray(self.viscous * velocity + self.offset + self.coulomb * direction(sliding))
+
+    def left(self, state: State, motion: Motion, effort: Array) -> Array:
+        """h - τ of the legs' joints (N, joints of the legs), friction included, from efforts (N, n or more)."""
+        J = self.in_legs
+        return np.asarray((state.torque + self.friction(motion.velocity, motion.velocity))[:, J] - effort[:, J])
+
+    def by_leg(self, state: State, left: Array) -> Array:
+        """b by leg (N, L, 6), of h - τ of the legs' joints: the wrench of its contact minus that of its links."""
+        felt = state.to_wrench[:, self.in_legs] * left[..., None]
+        return np.asarray(np.add.reduceat(felt, self.starts, axis=1) - state.inertial[:, :-1])
+
+    def target(self, state: State, left: Array) -> Array:
+        """b (N, 6)."""
+        felt = (state.to_wrench[:, self.in_legs] * left[..., None]).sum(axis=1)
+        return np.asarray(felt - state.inertial.sum(axis=1))
+
+    def forces(self, state: State, left: Array) -> Array:
+        """Contact forces (N, L, 3) [N]."""
+        felt = state.to_wrench[:, self.in_legs, :3] * left[..., None]
+        return np.asarray(np.add.reduceat(felt, self.starts, axis=1))
 
     def at(self, motion: Motion, columns: bool = False) -> State:
         """The dynamics at some samples.
@@ -177,9 +223,10 @@ class Body:
             columns: compute `State.columns`.
         """
         samples, n, legs = *motion.position.shape, len(self.legs)
-        joints = np.stack(motion[:3], axis=-1)
-        trunk = np.stack(motion[3:6], axis=1)
-        normal = np.ascontiguousarray(np.broadcast_to(motion.normal, (samples, 3)))
+        joints, trunk, normal = np.empty((samples, n, 3)), np.empty((samples, 3, 3)), np.empty((samples, 3))
+        for k in range(3):
+            joints[:, :, k], trunk[:, k] = motion[k], motion[3 + k]
+        normal[:] = motion.normal
         out = State(
             np.empty((samples, n)),
             np.empty((samples, legs + 1, 6)),

@@ -33,6 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body import Body, Motion
 from stadera.checks.footing import Footing
 from stadera.checks.hypotheses import FaultHypothesis, torque_orders
 from stadera.checks.instants import Instants
@@ -40,9 +41,9 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import MotionCosts
 from stadera.constants import GRAVITY, NOTHING
 from stadera.inertia import skews
-from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions, LegWrenches
 from stadera.legs.friction import direction
-from stadera.trunk.error_model import ERRORS, PLACES, ErrorModel
+from stadera.legs.model import LegModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals
 from stadera.types import Array
@@ -178,19 +179,27 @@ class InstantRows:
         takes a quarter of the memory.
         """
         robot, b = footing.robot, footing.blocks
-        legs = BaseWrenchRegressor(robot)
-        a, omega = footing.specific_force, b.angular_velocity
+        body, length = Body.of(robot, others=False), LegModel.of(robot).length
+        legs = body.in_legs.reshape(4, 3)
+        a, omega, velocity = footing.specific_force, b.angular_velocity, b.rate
         assert omega is not None
-        q, qd, torque = (x[:, legs.columns] for x in (b.position, b.rate, b.effort))
-        qdd, alpha, rate = (slopes(x, b) for x in (qd, omega, torque))
+        qd, torque = velocity[:, legs], b.effort[:, legs]
+        acceleration, alpha, rate = slopes(velocity, b), slopes(omega, b), slopes(torque, b)
+        qdd = acceleration[:, legs]
 
-        def at(position: Array) -> LegWrenches:
-            return legs.at(LegMotions(position, qd, qdd, omega.T, alpha.T, a.T, footing.up.T))
+        def at(position: Array) -> _Wrenches:
+            return _Wrenches.of(body, Motion(position, velocity, acceleration, omega, alpha, a, footing.up))
 
-        wrenches, displaced = at(q), [at(q + step) for step in _STEP * np.eye(3)]
-        scale = 0.01 * robot.mass * GRAVITY * np.array([1.0, 1.0, 1.0, *[legs.length] * 3])
-        model = ErrorModel(robot, ModelErrors(), legs.length)
-        chosen = np.concatenate([np.arange(ERRORS)[PLACES[name]] for name in (*_OTHERS, *_OF_TORQUES)])
+        def moved(joint: int) -> Array:
+            step = np.zeros(len(body.joints))
+            step[legs[:, joint]] = _STEP
+            return np.asarray(b.position + step)
+
+        wrenches, displaced = at(b.position), [at(moved(joint)) for joint in range(3)]
+        scale = 0.01 * robot.mass * GRAVITY * np.array([1.0, 1.0, 1.0, *[length] * 3])
+        model = ErrorModel(robot, ModelErrors(), length)
+        places = model.layout.places
+        chosen = np.concatenate([np.arange(model.layout.count)[places[name]] for name in (*_OTHERS, *_OF_TORQUES)])
         root = np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)])
         E, n = wrenches.to_wrench, len(b)
         moment = robot.inertias[robot.trunk].first_moment + footing.states.moment.sum(axis=1).mean(axis=1)
@@ -203,10 +212,31 @@ class InstantRows:
         of_torques = _by_torques(wrenches, displaced, torque, rate, of_leg)
         both = np.hstack([_flat(unloaded, scale), fixed, *(_flat(x, scale) for x in of_torques)])
         matrix = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale[:, None]
-        size = robot.mass * np.array([1.0, *[0.5 * legs.length] * 3, *[0.5 * legs.length**2] * 6])
+        size = robot.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
         return cls(
             both, fixed.shape[1], (matrix * size).reshape(6 * n, 10), root, _flat(-E, scale) * model.limit, model.limit
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Wrenches:
+    """The legs' side of the rows at n instants: E (6, n, 4, 3), h (n, 4, 3), inertial wrenches (6, n, 4)."""
+
+    to_wrench: Array
+    torque: Array
+    inertial: Array
+
+    @classmethod
+    def of(cls, body: Body, motion: Motion) -> _Wrenches:
+        state, legs = body.at(motion), body.in_legs.reshape(4, 3)
+        torque = state.torque + body.friction(motion.velocity, motion.velocity)
+        return cls(
+            state.to_wrench[:, legs].transpose(3, 0, 1, 2), torque[:, legs], state.inertial[:, :4].transpose(2, 0, 1)
+        )
+
+    def target(self, effort: Array) -> Array:
+        """b by leg (6, n, 4), from efforts (n, 4, 3) [N·m]."""
+        return np.asarray((self.to_wrench * (self.torque - effort)).sum(axis=-1) - self.inertial)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +266,7 @@ class Likelihood:
 
 
 def _by_torques(
-    wrenches: LegWrenches, displaced: Sequence[LegWrenches], torque: Array, rate: Array, of_leg: Sequence[slice]
+    wrenches: _Wrenches, displaced: Sequence[_Wrenches], torque: Array, rate: Array, of_leg: Sequence[slice]
 ) -> list[Array]:
     """Columns of b and C that depend on the torques and their rates (n, 4, 3), see `_Rows.seconds`, for each leg in
     `of_leg`, whose torques all legs are given; all legs for each with its own.

@@ -85,7 +85,7 @@ class LegBounds:
         )
 
     @property
-    def joints(self) -> tuple[str, str, str]:
+    def joints(self) -> tuple[str, ...]:
         """Names of the leg's joints."""
         return self.robot.leg(self.leg).joints
 

@@ -21,24 +21,22 @@ from a load.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import lru_cache
 from math import exp
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from stadera.constants import MEDIAN_OF_CHI2
-from stadera.trunk.error_model import ERRORS, LEARNT
+from stadera.trunk import change_kernel as kernel
+from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.segment import PROJECTED, Segment, WeightedRows
+from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
-
-_DEVIATION = 1.5  # standard deviation over the median absolute deviation, of Gaussian values
-_ESTIMATED = slice(11 + LEARNT.start, 11 + LEARNT.stop)  # columns of projected rows, of errors that are estimated
 
 
 @dataclass(frozen=True)
@@ -55,34 +53,6 @@ class Jump:
     blocks: int
     reported: bool
     shown: Array
-
-
-class Deviations(NamedTuple):
-    """Averages over the latest blocks, one for each window, in units of `scale`.
-
-    Attributes:
-        blocks: (windows,) number of blocks.
-        size: δ (windows, 4). by_errors: (windows, 4) variances due to model errors.
-        own, before: (windows, 4) variances due to white noise, of the averages and of the earlier estimate.
-    """
-
-    blocks: NDArray[np.intp]
-    size: Array
-    by_errors: Array
-    own: Array
-    before: Array
-
-    @classmethod
-    def none(cls) -> Deviations:
-        """No windows."""
-        return cls(np.zeros(0, dtype=np.intp), *np.zeros((4, 0, 4)))
-
-    def __add__(self, others: object) -> Deviations:
-        """These and the deviations of longer windows."""
-        assert isinstance(others, Deviations)
-        if not len(others.blocks):
-            return self
-        return Deviations(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
 
 
 class Largest(NamedTuple):
@@ -122,30 +92,27 @@ class Spread(NamedTuple):
 class Blocks:
     """Ring buffer of the latest blocks: running sums of the projected rows, and reduced rows.
 
-    A sum over any range is the difference of two running sums. The reduced rows (4, 12) hold A, b - C p and the weight:
-    p is constant over many blocks, so a residual costs ten products. Of C, only the columns are kept for which errors
-    are estimated, `LEARNT`; p is zero elsewhere.
+    Rows are projected on the specific force a, for the differences in mass and in first moment: a · r_force and
+    a x r_moment of A, b and C, and the square of a, (4, 10 + 1 + errors + 1). A sum over any range is the difference of
+    two running sums. The reduced rows (4, 12) hold A, b - C p and the weight: p is constant over many blocks, so a
+    residual costs ten products. Of C, only the columns are kept for which errors are estimated; p is zero elsewhere.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most, self.end, self.count = most, 0, 0
-        self._rows = np.empty((2 * most, 4, _ESTIMATED.stop + 1))
+    def __init__(self, most: int, layout: ErrorLayout) -> None:
+        self._most, self.end, self.count, self._learnt = most, 0, 0, layout.learnt
+        self._rows = np.empty((2 * most, 4, 11 + layout.learnt.stop + 1))
         self._reduced = np.empty((2 * most, 4, 12))
-        self.sums = np.zeros((2 * most + 1, 4, PROJECTED))
-        self._errors, self._valid = np.zeros(ERRORS), 0  # p, and the first row that is reduced with it
+        self.sums = np.zeros((2 * most + 1, 4, 10 + 1 + layout.count + 1))
+        self._errors, self._valid = np.zeros(layout.count), 0  # p, and the first row that is reduced with it
 
     def push(self, rows: WeightedRows, errors: Array) -> None:
-        """Appends a block; p (ERRORS,) are the model errors."""
+        """Appends a block; p are the model errors."""
         if self.end == len(self._rows):
             self._move()
         if errors is not self._errors:
             self._errors, self._valid = errors, self.end
         self._write(rows, self.end)
         self.end, self.count = self.end + 1, min(self.count + 1, self._most)
-
-    def totals(self, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-        """Sums (k, 4, PROJECTED) over ranges given by their numbers of blocks before the latest (k,)."""
-        return np.asarray(self.sums[self.end - end] - self.sums[self.end - begin])
 
     def reduced(self, n: int, errors: Array) -> Array:
         """Reduced rows of the last n blocks, (n, 4, 12)."""
@@ -170,16 +137,12 @@ class Blocks:
 
     def _write(self, rows: WeightedRows, at: int) -> None:
         """Writes a block's running sums and reduced rows."""
-        projected = rows.projected
-        np.add(self.sums[at], projected, out=self.sums[at + 1])
-        self._rows[at, :, :-1], self._rows[at, :, -1] = projected[:, : _ESTIMATED.stop], projected[:, -1]
-        self._reduce(at, at + 1)
+        columns = np.ascontiguousarray(rows.columns)
+        kernel.push(columns, self._errors[self._learnt], self._rows, self._reduced, self.sums, at)
 
     def _reduce(self, begin: int, end: int) -> None:
         """Reduces rows of a range."""
-        rows, out = self._rows[begin:end], self._reduced[begin:end]
-        out[..., :10], out[..., 11] = rows[..., :10], rows[..., -1]
-        out[..., 10] = rows[..., 10] - rows[..., _ESTIMATED] @ self._errors[LEARNT]
+        kernel.reduce(self._rows, self._reduced, self._errors[self._learnt], begin, end)
 
 
 class ChangeDetector:
@@ -188,18 +151,17 @@ class ChangeDetector:
     Args:
         settings: limits for a change.
         scale: (4,) units of mass and first moments: the robot's mass, and that times the leg's length.
-        block: length of a block [s].
+        block: length of a block [s]. layout: places of the model errors.
 
     Attributes:
         suspected: (4,) [kg, kg·m], difference in mass and first moment over the latest blocks if a change is likely but
             not yet certain. It decays, and is reset when a change is detected.
     """
 
-    def __init__(self, settings: ChangeSettings, scale: Array, block: float) -> None:
-        self.settings, self._scale, self._block = settings, scale, block
+    def __init__(self, settings: ChangeSettings, scale: Array, block: float, layout: ErrorLayout) -> None:
+        self.settings, self._scale, self._block, self._learnt = settings, scale, block, layout.learnt
         self._short = tuple(n for n in settings.windows if n <= settings.pending)
-        self._long = tuple(n for n in settings.windows if n > settings.pending)
-        self._blocks = Blocks(round(settings.memory / block))
+        self._blocks = Blocks(round(settings.memory / block), layout)
         windows = len(settings.windows)
         # up to the last change of the load, and up to now
         self._usual = Spread(np.full((windows, 4), settings.prior**2), np.zeros((windows, 4)), np.zeros(windows))
@@ -281,29 +243,29 @@ class ChangeDetector:
 
     def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
         """Spread of the averages over the first n blocks alone; also updates what is usual for single blocks."""
-        singles, weights = (x[:n] for x in self._singles(self._blocks.count, before, errors))
-        middle, self._heaviest = np.median(singles, axis=0), np.median(weights, axis=0)
-        self._scatter = np.maximum(_DEVIATION * np.median(np.abs(singles - middle), axis=0), 1e-6)
-        sums = np.zeros((n + 1, 4, 2))
-        near = sums[1:]
-        near[..., 1] = np.minimum(weights, self._heaviest)
-        np.multiply(self._near(singles, middle), near[..., 1], out=near[..., 0])
-        np.cumsum(near, axis=0, out=near)
-        self._centre = sums[-1, :, 0] / np.maximum(sums[-1, :, 1], 1e-12)
-        self._past_blocks, windows = n, self.settings.windows
-        limit = self.settings.clipped**2 / MEDIAN_OF_CHI2
-        found = Spread(np.zeros((len(windows), 4)), np.zeros((len(windows), 4)), np.zeros(len(windows)))
-        for k, m in enumerate(windows):
-            first = np.arange(0, n - m, max(m // 2, 1))
-            if not len(first):
-                continue
-            parts = sums[first + m] - sums[first]
-            squares = (parts[..., 0] / np.maximum(parts[..., 1], 1e-12) - self._centre) ** 2
-            found.square[k] = np.minimum(squares, limit * np.median(squares, axis=0)).mean(axis=0)
-            begin = self._blocks.count - first
-            expected = self._by_errors(self._blocks.totals(begin, begin - m), before, errors)
-            found.usual[k], found.samples[k] = np.quantile(expected, self.settings.phases, axis=0), 0.5 * len(first)
-        return found
+        blocks, windows, settings = self._blocks, len(self.settings.windows), self.settings
+        square, usual, counts = np.zeros((windows, 4)), np.zeros((windows, 4)), np.zeros(windows, dtype=np.int64)
+        usually, self._past_blocks = np.empty((3, 4)), n
+        kernel.spreads(
+            blocks.all_reduced(blocks.count, errors.mean),
+            blocks.sums,
+            blocks.end - blocks.count,
+            n,
+            settings.phases,
+            np.array(settings.windows),
+            before.mean(errors.mean),
+            before.solution,
+            errors.std,
+            self._scale,
+            settings.outlier,
+            settings.clipped**2 / MEDIAN_OF_CHI2,
+            usually,
+            square,
+            usual,
+            counts,
+        )
+        self._scatter, self._centre, self._heaviest = usually
+        return Spread(square, usual, np.asarray(0.5 * counts, dtype=float))
 
     def _suspect(self, best: Largest) -> None:
         """Updates `suspected`: a likely change enters the error bars while it lasts. If it persists without being
@@ -321,50 +283,39 @@ class ChangeDetector:
         self.suspected = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
 
     def _best(self, before: Segment, long_before: Segment, errors: Errors, scatter: float) -> Largest:
-        """The largest deviation of the latest blocks."""
-        deviations = self._since(before, errors, self._short) + self._since(long_before, errors, self._long)
-        return self._largest(deviations, scatter)
-
-    def _largest(self, found: Deviations, scatter: float) -> Largest:
-        """The deviation with most standard deviations.
+        """The deviation of the latest blocks with most standard deviations, from the estimate before short windows and
+        from the one before long windows.
 
         A window's variance is its spread, increased by the part of the present model errors' effect that exceeds the
         usual one. Changes below `least_change` count in long averages only, and update the estimate without a report.
         """
-        n = len(found.blocks)
-        if not n:
-            return Largest(0, 0.0, False, np.zeros(4), np.ones(4))
-        at = np.searchsorted(self.settings.windows, found.blocks)
-        spread = self._spreads.square[at] + np.maximum(found.by_errors - self._spreads.usual[at], 0.0)
-        # of the earlier estimate by its rows, or by the spread of as many averages as went into the Huber mean
-        share = found.blocks[:, None] / max(self._past_blocks, 1)
-        known = np.maximum(scatter * found.before, share * self._spreads.square[at])
-        variance = np.maximum(spread, found.own) + known
-        size = np.abs(found.size)
-        ratios, large = size / np.sqrt(variance), size > self.settings.least_change
-        reported = np.asarray(large.any(axis=1))
-        ratios[reported] *= large[reported]
-        ratio = ratios.max(axis=1) * self._student[at]
-        ratio *= np.logical_or(reported, 3 * found.blocks > self.settings.pending)
-        k = int(np.argmax(ratio))
-        return Largest(int(found.blocks[k]), float(ratio[k]), bool(reported[k]), found.size[k], variance[k])
-
-    def _since(self, before: Segment, errors: Errors, windows: tuple[int, ...]) -> Deviations:
-        """Deviations from a segment for each full window; none if the segment is too short."""
-        windows = tuple(n for n in windows if n <= self._blocks.count)
-        if before.blocks * self._block < self.settings.history or not windows:
-            return Deviations.none()
-        blocks = np.array(windows)
-        known = (before.inverse[:4] ** 2).sum(axis=1) / self._scale**2
-        singles, weights = self._singles(windows[-1], before, errors)
-        totals = self._blocks.totals(blocks, np.zeros_like(blocks))
-        weights = np.minimum(weights, self._heaviest)
-        size, own = np.empty((2, len(windows), 4))
-        for k, n in enumerate(windows):
-            last, weight = singles[-n:], np.maximum(weights[-n:].sum(axis=0), 1e-12)
-            size[k] = (self._near(last, _median(last)) * weights[-n:]).sum(axis=0) / weight - self._centre
-            own[k] = 1.0 / (weight * self._scale**2)
-        return Deviations(blocks, size, self._by_errors(totals, before, errors), own, known + np.zeros_like(size))
+        blocks, settings = self._blocks, self.settings
+        full, found = bisect_right(settings.windows, blocks.count), np.empty((3, 4))
+        short = full if before.blocks * self._block >= settings.history else 0
+        long = full if long_before.blocks * self._block >= settings.history else 0
+        ratio = kernel.largest(
+            blocks.all_reduced(settings.windows[full - 1] if full else 0, errors.mean),
+            blocks.sums,
+            blocks.end,
+            np.array(settings.windows),
+            min(short, len(self._short)),
+            long,
+            np.ascontiguousarray(before.inverse),
+            before.solution,
+            np.ascontiguousarray(long_before.inverse),
+            long_before.solution,
+            errors.mean[self._learnt],
+            errors.std,
+            self._scale,
+            np.array([settings.outlier * self._scatter, self._centre, self._heaviest]),
+            self._spreads.square,
+            self._spreads.usual,
+            self._student,
+            scatter,
+            np.array([settings.least_change, settings.pending, len(self._short), self._past_blocks]),
+            found,
+        )
+        return Largest(int(found[0, 0]), ratio, bool(found[0, 1]), found[1], found[2])
 
     def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array]:
         """For the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
@@ -377,14 +328,6 @@ class ChangeDetector:
         """Single blocks (n, 4), clipped at Huber's limit from `middle`."""
         limit = self.settings.outlier * self._scatter
         return np.asarray(np.minimum(np.maximum(singles, middle - limit), middle + limit))
-
-    def _by_errors(self, totals: Array, before: Segment, errors: Errors) -> Array:
-        """(n, 4) variances of averages due to model errors, from summed rows (n, 4, PROJECTED)."""
-        flat = totals.reshape(-1, PROJECTED)
-        moved = flat[:, 11:-1] - flat[:, :10] @ before.sensitivity
-        moved *= errors.std
-        square = np.einsum("ne,ne->n", moved, moved).reshape(-1, 4)
-        return np.asarray(square / (np.maximum(totals[..., -1], 1e-12) * self._scale) ** 2)
 
     def _placed(self, best: Largest, before: Segment, errors: Errors) -> int:
         """Most likely number of blocks since the change.

@@ -9,62 +9,76 @@ parameters).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.legs.friction import JointFriction
 from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array, Bools
 
-_SIZES = {
-    "rotor": 12,
-    "viscous": 12,
-    "coulomb": 12,
-    "torque_lag": 1,
-    "offset": 12,
-    "gain": 12,
-    "encoder": 12,
-    "contact": 12,
-    "link_mass": 12,
-    "link_com": 36,
-    "imu_lever": 3,
-    "imu_rotation": 3,
-    "accelerometer": 3,
-    "imu_response": 3,
-    "velocity_lag": 1,
-    "stiction": 12,
-    "common_gain": 1,
-    "regression": 3,
-    "sampling": 1,
-}
 
+@dataclass(frozen=True)
+class ErrorLayout:
+    """Places of the errors in p, of a robot whose legs have some joints, by leg and outwards, some links, in the order
+    of its tree, and some contacts.
 
-def _places() -> dict[str, slice]:
-    out, start = {}, 0
-    for name, size in _SIZES.items():
-        out[name] = slice(start, start + size)
-        start += size
-    return out
+    `link_com` goes by axis and link, `contact` by leg and trunk axis. `stiction` is the torque of static friction,
+    `regression` the part removed from noisy angular acceleration (`stadera.trunk.calibration`), `sampling` half the
+    difference between rows of every other sample.
+    """
 
+    joints: int
+    links: int
+    contacts: int
+    legs: tuple[int, ...]  # joints of each leg
 
-PLACES = MappingProxyType(_places())
-"""Index ranges of the errors in p, by name. Entries of twelve go by leg and joint; `link_com` by axis, leg and link;
-`contact` by leg and trunk axis. `stiction` is the torque of static friction, `regression` the part removed from noisy
-angular acceleration (`stadera.trunk.calibration`), `sampling` half the difference between rows of every other sample.
-"""
+    @classmethod
+    def of(cls, robot: Robot) -> ErrorLayout:
+        """Of a robot."""
+        legs = tuple(len(leg.joints) for leg in robot.legs)
+        return cls(sum(legs), len(robot.tree.joints), len(legs), legs)
 
-ERRORS = sum(_SIZES.values())
-JOINTS = slice(0, PLACES["offset"].stop)
-"""Errors that legs in the air determine: these and offsets."""
+    @cached_property
+    def places(self) -> Mapping[str, slice]:
+        """Index ranges of the errors in p, by name."""
+        joints, links, sizes = self.joints, self.links, {}
+        for name in ("rotor", "viscous", "coulomb"):
+            sizes[name] = joints
+        sizes |= {"torque_lag": 1, "offset": joints, "gain": joints, "encoder": joints, "contact": 3 * self.contacts}
+        sizes |= {"link_mass": links, "link_com": 3 * links, "imu_lever": 3, "imu_rotation": 3, "accelerometer": 3}
+        sizes |= {"imu_response": 3, "velocity_lag": 1, "stiction": joints, "common_gain": 1, "regression": 3}
+        sizes["sampling"] = 1
+        ends = np.cumsum(list(sizes.values())).tolist()
+        return MappingProxyType(
+            {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+        )
 
-LEARNT = slice(0, PLACES["velocity_lag"].stop)
-"""Errors that are estimated together with the trunk (`stadera.trunk.joint_errors`). Of all others the mean is zero."""
+    @cached_property
+    def count(self) -> int:
+        """Number of errors."""
+        return int(self.places["sampling"].stop)
 
-STICKING = PLACES["stiction"]
-"""Static friction. Before any row, only these errors and those in `JOINTS` are correlated among each other."""
+    @cached_property
+    def by_swing(self) -> slice:
+        """Errors that legs in the air determine: those of the joints up to offsets."""
+        return slice(0, self.places["offset"].stop)
+
+    @cached_property
+    def learnt(self) -> slice:
+        """Errors that are estimated together with the trunk (`stadera.trunk.joint_errors`). Of all others the mean is
+        zero.
+        """
+        return slice(0, self.places["velocity_lag"].stop)
+
+    @property
+    def sticking(self) -> slice:
+        """Static friction. Before any row, these errors and those in `by_swing` alone are correlated with others."""
+        return self.places["stiction"]
+
 
 INVISIBLE = ("common_gain", "regression", "sampling")
 """Errors that no residual shows, or whose size the log shows directly; they keep their prior size."""
@@ -87,7 +101,7 @@ _AS_STATED = (
 
 
 def _identified(robot: Robot, sizes: ModelErrors, limit: Array) -> dict[str, Array]:
-    """Standard deviations (12,) of the terms of identified joints, by error: those of the identification, and what
+    """Standard deviations (joints,) of the terms of identified joints, by error: those of the identification, and what
     changes from log to log, in squares. NaN where there are none.
     """
     joints, none = [joint for leg in robot.legs for joint in leg.joints], JointDynamics(*[np.nan] * 4)
@@ -109,63 +123,72 @@ class ErrorModel:
         sizes: standard deviations.
 
     Attributes:
-        limit: (12,) effort limits by leg and joint [N·m]; where the model has none, the torque that carries the robot's
-            weight on one stretched leg.
-        dry: (12,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is not.
+        layout: places of the errors.
+        limit: (joints,) effort limits by leg and joint [N·m]; where the model has none, the torque that carries the
+            robot's weight on one stretched leg.
+        dry: (joints,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is
+            not.
         by_load: friction that grows with the torque carried, of a joint that carries a quarter of the robot [N·m].
-        covariance: (ERRORS, ERRORS).
+        covariance: (count, count).
         length: of a leg [m].
         held: `ModelErrors.held`.
     """
 
     def __init__(self, robot: Robot, sizes: ModelErrors, length: float) -> None:
-        given = np.array([[robot.limits[joint].effort for joint in leg.joints] for leg in robot.legs]).ravel()
+        self.layout = layout = ErrorLayout.of(robot)
+        places = layout.places
+        given = np.array([robot.limits[joint].effort for leg in robot.legs for joint in leg.joints])
         self.length, self.held = length, sizes.held
         largest = GRAVITY * robot.mass * length
         self.limit = np.where(given < 2.0 * largest, given, largest)
-        leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / 4.0
-        std = np.zeros(ERRORS)
-        std[PLACES["rotor"]] = sizes.rotor * leg_mass * length**2
+        leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / layout.contacts
+        std = np.zeros(layout.count)
+        std[places["rotor"]] = sizes.rotor * leg_mass * length**2
         for name in ("viscous", "coulomb", "offset"):
-            std[PLACES[name]] = getattr(sizes, name) * self.limit
+            std[places[name]] = getattr(sizes, name) * self.limit
         known = _identified(robot, sizes, self.limit)
         for name, own in known.items():
-            place = PLACES[name]
+            place = places[name]
             least = np.maximum(own, sizes.surest * std[place])
             std[place] = np.fmin(std[place], least)  # as it was for a joint or term that was not identified, NaN
-        self.dry = np.abs(JointFriction.of(robot).coulomb).ravel()
+        self.dry = np.abs([robot.dynamics[joint].coulomb for leg in robot.legs for joint in leg.joints])
         # on a leg bent to 80 % of its length, the foot below the hip, the knee is off the line by 0.3 of the length
         self.by_load = sizes.load_friction * 0.25 * 0.3 * largest
-        std[PLACES["stiction"]] = sizes.held * np.hypot(self.dry, std[PLACES["coulomb"]])
+        std[places["stiction"]] = sizes.held * np.hypot(self.dry, std[places["coulomb"]])
         for name in _AS_STATED:
-            std[PLACES[name]] = getattr(sizes, name)
-        std[PLACES["regression"]] = std[PLACES["sampling"]] = 1.0
+            std[places[name]] = getattr(sizes, name)
+        std[places["regression"]] = std[places["sampling"]] = 1.0
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}
         found = {name: np.isfinite(own) for name, own in known.items()}
-        self.covariance: Array = _correlation(alike, found | {"stiction": found["coulomb"]}) * np.outer(std, std)
-        self.variance, self._sticking = np.diag(self.covariance).copy(), self.covariance[STICKING, STICKING].copy()
-        self._invisible = np.zeros(ERRORS)
+        self.covariance: Array = _correlation(layout, alike, found | {"stiction": found["coulomb"]}) * np.outer(
+            std, std
+        )
+        self.variance = np.diag(self.covariance).copy()
+        self._sticking = self.covariance[layout.sticking, layout.sticking].copy()
+        self._invisible = np.zeros(layout.count)
         for name in INVISIBLE:
-            self._invisible[PLACES[name]] = self.variance[PLACES[name]]
+            self._invisible[places[name]] = self.variance[places[name]]
         self._visible = self.variance - self._invisible
 
     def scaled(self, scale: float) -> tuple[Array, Array]:
-        """Covariance of static friction (12, 12) and variances (ERRORS,) with all standard deviations but the invisible
-        ones multiplied by `scale`.
+        """Covariance of static friction (joints, joints) and variances (count,), with all standard deviations but the
+        invisible ones multiplied by `scale`.
         """
         return scale**2 * self._sticking, scale**2 * self._visible + self._invisible
 
 
-def _correlation(alike: Mapping[str, float], known: Mapping[str, Bools]) -> Array:
-    """Correlation matrix (ERRORS, ERRORS) of errors that are alike, by name, in the four legs' joints of one kind.
+def _correlation(layout: ErrorLayout, alike: Mapping[str, float], known: Mapping[str, Bools]) -> Array:
+    """Correlation matrix (count, count) of errors that are alike, by name, in joints of one kind: the n-th ones of legs
+    with as many joints.
 
-    Errors of identified joints, `known` (12,) by name, are changes since the identification; those of other joints are
-    differences from the model file, which these tell nothing about.
+    Errors of identified joints, `known` (joints,) by name, are changes since the identification; those of other joints
+    are differences from the model file, which these tell nothing about.
     """
-    correlation = np.eye(ERRORS)
+    correlation = np.eye(layout.count)
+    kind = np.array([(size, k) for size in layout.legs for k in range(size)])
+    same = (kind[:, None] == kind).all(axis=-1)
     for name, shared in alike.items():
-        for joint in range(3):
-            kind = PLACES[name].start + joint + 3 * np.arange(4)
-            own = known[name][joint::3]
-            correlation[np.ix_(kind, kind)] = np.where(own[:, None] == own, shared, 0.0) + (1.0 - shared) * np.eye(4)
+        both = same & (known[name][:, None] == known[name])
+        place = layout.places[name]
+        correlation[place, place] = np.where(both, shared, 0.0) + (1.0 - shared) * np.eye(layout.joints)
     return correlation

@@ -30,12 +30,10 @@ from stadera.legs.model import LegModel
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
-from stadera.trunk.changes import Jump
-from stadera.trunk.compiled_changes import change_detector
-from stadera.trunk.compiled_front import front
-from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
+from stadera.trunk.changes import ChangeDetector, Jump
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import Fit
-from stadera.trunk.front import BLIND
+from stadera.trunk.front import BLIND, Front
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
 from stadera.trunk.measurement import Measurement
@@ -49,12 +47,10 @@ from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.scatter import RobustWeights, Scatter
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
-from stadera.trunk.summing import summing
+from stadera.trunk.summing import Summing
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
-
-_SAMPLING = 11 + PLACES["sampling"].start
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +135,7 @@ class TrunkEstimator:
         if inertia is None:
             inertia = self.robot.inertias[self.robot.trunk].inertia_com
         self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
-        self._front = front(self.robot, self.mount, self.settings.swing)
+        self._front = Front(self.robot, self.mount, self.settings.swing)
         self._stops = _stops(self.robot)
         self._length = LegModel.of(self.robot).length
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
@@ -150,9 +146,9 @@ class TrunkEstimator:
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
         self._recent: deque[WeightedRows] = deque()
         # estimates before each of them, and with all of them
-        self._known = deque([Segment.prior(self._start.vector, self._wide)])
+        self._known = deque([Segment.prior(self._start.vector, self._wide, self._model.layout)])
         scale = mass * np.array([1.0, le, le, le])
-        self._detector = change_detector(self.settings.changes, scale, self.settings.block)
+        self._detector = ChangeDetector(self.settings.changes, scale, self.settings.block, self._model.layout)
         self._finished: tuple[Segment, ...] = ()
         self._earlier: RowSums | None = None  # their sum
         self._changes: list[LoadChange] = []
@@ -166,7 +162,7 @@ class TrunkEstimator:
         self._fit: Fit | None = None
         self._swing_misfit: float | None = None  # of the last fit; None before it is evaluated
         self._scatter = Scatter(self._wide[:4], self.settings.memory / self.settings.block, self.settings.outliers)
-        self._summing = summing(robot_weight(self.robot), self._length, self._scatter)
+        self._summing = Summing(robot_weight(self.robot), self._length, self._scatter)
         self._gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self._impact = self.settings.impact * robot_weight(self.robot)
         self._blocks, self._refresh_at, self.impacts = 0, 0, 0.0
@@ -230,7 +226,7 @@ class TrunkEstimator:
         self._tare, self._unused = self._current, self.settings.changes.spoilt
         self._rival = None
         self._since_tare = RobustWeights(self.settings.outliers)
-        self._loaded = Segment.prior(self._current.mean(self._errors.mean), self.settings.after_change * self._wide)
+        self._loaded = self._widened(self._current)
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -304,7 +300,7 @@ class TrunkEstimator:
     @property
     def torque_lag(self) -> tuple[float, float]:
         """Estimated delay of the torques and its standard deviation [s]."""
-        at = PLACES["torque_lag"].start
+        at = self._model.layout.places["torque_lag"].start
         return float(self._errors.mean[at]), float(self._errors.std[at])
 
     @property
@@ -312,7 +308,9 @@ class TrunkEstimator:
         """Information on the trunk from the rows since the last change of the load, for merging with other logs."""
         known = self._current.known.scaled_noise(float(np.sqrt(self._scatter.value)))
         errors = self._errors
-        return TrunkEvidence(known, errors.mean, errors.covariance, errors.prior, errors.remaining, self._length)
+        return TrunkEvidence(
+            known, errors.mean, errors.covariance, errors.prior, errors.remaining, self._length, errors.layout
+        )
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:
@@ -445,7 +443,7 @@ class TrunkEstimator:
 
     def _struck(self, made: BlockRows) -> bool:
         """True if the block is left out for its impacts; if most of the time is, that is a reason to refuse."""
-        if np.abs(made.columns[:3, _SAMPLING]).max() <= self._impact:
+        if np.abs(made.columns[:3, 11 + self._model.layout.places["sampling"].start]).max() <= self._impact:
             return False
         self.impacts += made.elapsed
         if self.impacts > self._seen_for:
@@ -457,13 +455,18 @@ class TrunkEstimator:
         # rows in which a change may still be detected do not count against the model
         last = self._aged if self._aged.blocks >= self.settings.outliers.cluster or self._finished else self._current
         rows = self._summed((last,)) if self._earlier is None else self._earlier.plus(last)
-        usual = Errors(self._model, self._swing, 1.0, rows, JOINTS)
+        usual = Errors(self._model, self._swing, 1.0, rows, self._model.layout.by_swing)
         self._fit = Fit.of(rows, usual, self.settings, self._summing.tails)
         self._errors = Errors(self._model, self._swing, self._fit.shared_scale(self.settings), rows)
-        place = slice(PLACES["rotor"].start, PLACES["coulomb"].stop)
-        self._front.know_joints(self._errors.mean[place].reshape(3, 12), self._errors.std[place].reshape(3, 12))
+        laws = [self._model.layout.places[name] for name in ("rotor", "viscous", "coulomb")]
+        self._front.know_joints(*(np.array([x[law] for law in laws]) for x in (self._errors.mean, self._errors.std)))
         self._swing_misfit = self._swing.misfit if self._seen_for >= self.settings.evaluated else None
         self._trust = None
+
+    def _widened(self, known: Segment) -> Segment:
+        """A prior for the trunk under another load."""
+        wide = self.settings.after_change * self._wide
+        return Segment.prior(known.mean(self._errors.mean), wide, self._model.layout)
 
     def _summed(self, segments: Sequence[Segment]) -> RowSums:
         swing = self.settings.swing
@@ -480,7 +483,7 @@ class TrunkEstimator:
         )
         self._finished = (*self._finished[-3:], before)
         self._earlier = self._summed(self._finished)
-        self._known = deque([Segment.prior(before.mean(self._errors.mean), self.settings.after_change * self._wide)])
+        self._known = deque([self._widened(before)])
         self._loaded = None
         self._recent = deque(recent[len(recent) - blocks + spoilt :])
         for rows in self._recent:  # weights were those of residuals from the earlier load

@@ -32,7 +32,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.row_sums import RowSums
 from stadera.trunk.settings import TrunkSettings
@@ -66,7 +66,7 @@ class Fit:
     Attributes:
         scale: s, of the model errors that show in residuals.
         misfit: variance of the residual divided by the expected one.
-        sums: see `Segment.remainder`. errors: p̂ (ERRORS,).
+        sums: see `Segment.remainder`. errors: p̂. layout: their places.
         white: E_w.
     """
 
@@ -75,6 +75,7 @@ class Fit:
     sums: Array
     errors: Array
     white: float
+    layout: ErrorLayout
 
     @classmethod
     def of(cls, rows: RowSums, errors: Errors, settings: TrunkSettings, tails: float = 1.0) -> Fit:
@@ -86,15 +87,17 @@ class Fit:
                 the estimate and in s, but not in the misfit.
         """
         sums, white, p = rows.remainder, rows.white, errors.mean
-        products = sums[1:, 1:]
-        along = sums[1:, 0] - products[:, JOINTS] @ p[JOINTS]
+        products, joints = sums[1:, 1:], errors.layout.by_swing
+        along = sums[1:, 0] - products[:, joints] @ p[joints]
         square = float(sums[0, 0] - (sums[1:, 0] + along) @ p)
         of_sampling, stated, doubled = errors.energies(sums)
         more = 0.5 * max(of_sampling - white, 0.0)  # none to all of it
         unsure = (settings.noise_known * white) ** 2 + more**2 / 3.0
         residual, noise = max(square, 0.0), white + more
         square = _scale_square(max(residual, white), (noise, unsure), (stated, 2.0 * doubled), settings.scale_spread)
-        return cls(float(np.sqrt(square)), tails * residual / max(noise + stated, 1e-300), sums, p, noise)
+        return cls(
+            float(np.sqrt(square)), tails * residual / max(noise + stated, 1e-300), sums, p, noise, errors.layout
+        )
 
     def shared_scale(self, settings: TrunkSettings) -> float:
         """Scale of the errors that residuals do not show: s above one, s to the power of `scale_shared` below."""
@@ -103,7 +106,7 @@ class Fit:
     @cached_property
     def remainder(self) -> Array:
         """See `Segment.remainder`, of the residual after subtracting C p̂."""
-        return _without(self.sums, self.errors)
+        return _without(self.sums, self.errors, self.layout.by_swing)
 
     def trust(
         self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float, stepped: Array
@@ -140,15 +143,14 @@ class Fit:
         cross = self.remainder[1:, 1:] * std * std[:, None]
         expected = (cross**2).sum(axis=1) + np.diag(cross)
         ratio = along**2 / np.maximum(expected, 1e-300)
-        out = {}
-        for k, leg in enumerate(robot.legs):
-            places = [PLACES[n].start + 3 * k + j for n in ("gain", "coulomb", "offset", "encoder") for j in range(3)]
-            out[leg.name] = float(ratio[places].mean())
-        return out
+        places = [self.layout.places[name] for name in ("gain", "coulomb", "offset", "encoder")]
+        by_joint = np.mean([ratio[place] for place in places], axis=0)
+        means = [part.mean() for part in np.split(by_joint, np.cumsum(self.layout.legs)[:-1])]
+        return {leg.name: float(mean) for leg, mean in zip(robot.legs, means, strict=True)}
 
     def _causes(self, errors: ErrorModel, most: float) -> tuple[str, ...]:
         """The three errors that explain most of the residual, each alone and up to `most` times its prior size."""
-        shares = {name: self._explained(errors, PLACES[name], most) for name in _CAUSES}
+        shares = {name: self._explained(errors, self.layout.places[name], most) for name in _CAUSES}
         best = sorted(shares, key=lambda name: -shares[name])[:3]
         return tuple(
             f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain; "
@@ -185,10 +187,10 @@ def _scale_square(residual: float, noise: tuple[float, float], errors: tuple[flo
     return float(weight @ square / weight.sum())
 
 
-def _without(products: Array, errors: Array) -> Array:
-    """Products of target and errors, after subtracting C p̂ from the target; p̂ is zero but for `JOINTS`."""
+def _without(products: Array, errors: Array, joints: slice) -> Array:
+    """Products of target and errors, after subtracting C p̂ from the target; p̂ is zero but for `joints`."""
     out = products.copy()
-    out[1:, 0] -= products[1:, 1:][:, JOINTS] @ errors[JOINTS]
+    out[1:, 0] -= products[1:, 1:][:, joints] @ errors[joints]
     out[0, 1:] = out[1:, 0]
     out[0, 0] -= (products[1:, 0] + out[1:, 0]) @ errors
     return out

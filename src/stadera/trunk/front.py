@@ -1,7 +1,4 @@
-"""From blocks of samples to rows: spikes, the ground's normal, and `RowMaker`, in numpy.
-
-`stadera.trunk.compiled_front` does the same by compiled functions.
-"""
+"""From blocks of samples to rows: spikes, the ground's normal, and `RowMaker`."""
 
 from __future__ import annotations
 
@@ -17,8 +14,8 @@ from stadera.trunk.settings import SwingDetection
 from stadera.trunk.spikes import SpikeFilter
 from stadera.types import Array
 
-BLIND = 4
-"""Refusal of a block in which the accelerometer reads zero; smaller numbers are near-singular legs."""
+BLIND = -1
+"""Refusal of a block in which the accelerometer reads zero; other numbers are near-singular legs."""
 
 
 class Made(NamedTuple):
@@ -48,7 +45,7 @@ class Front:
 
     @property
     def torque_noise(self) -> Array:
-        """Standard deviation of the torques' white noise, (12,) [N·m]."""
+        """Standard deviation of the torques' white noise, (joints,) [N·m]."""
         return self._maker.noise.torque
 
     @property
@@ -66,10 +63,10 @@ class Front:
         self._ground = GroundNormal(self._maker.weight)
 
     def know_joints(self, mean: Array, std: Array) -> None:
-        """Takes rotor inertia, viscous and Coulomb friction of the joints (3, 12), by leg and joint, and their standard
+        """Takes rotor inertia, viscous and Coulomb friction of the legs' joints (3, joints), and their standard
         deviations, for what a swinging leg seems to carry.
         """
-        self._maker.known, self._maker.known_std = mean.reshape(3, 4, 3), std.reshape(3, 4, 3)
+        self._maker.lifted.known, self._maker.lifted.known_std = mean, std
 
     def block(self, table: Array, trunk: InertialParameters) -> Made:
         """Processes one block.

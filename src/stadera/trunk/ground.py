@@ -18,7 +18,6 @@ from stadera.types import Array
 _MEMORY = 1.0  # s
 LEAST_LOAD = 0.08  # of the robot's weight, along the vertical: above it a foot counts as loaded
 _BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
-_FIRST, _SECOND = (np.array(k) for k in zip((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3), strict=True))
 
 
 class GroundNormal:
@@ -55,13 +54,13 @@ class GroundNormal:
         return np.asarray(normal + skew(back) @ normal)
 
     def learn(self, feet: Array, force: Array, duration: float) -> None:
-        """Updates the normal from the feet (3, 4) [m] at a block's end and the forces on them (3, 4) [N]."""
+        """Updates the normal from the feet (legs, 3) [m] at a block's end and the forces on them (legs, 3) [N]."""
         assert self.up is not None
-        carrying = self.up @ force > self._least
-        both = carrying[_FIRST] & carrying[_SECOND]
-        lines = feet[:, _FIRST[both]] - feet[:, _SECOND[both]]
-        lines = lines / np.linalg.norm(lines, axis=0)
-        self._lines += (duration / _MEMORY) * (lines @ lines.T)
+        carrying = feet[force @ self.up > self._least]
+        first, second = np.triu_indices(len(carrying), 1)
+        lines = carrying[first] - carrying[second]
+        lines = lines / np.linalg.norm(lines, axis=1, keepdims=True)
+        self._lines += (duration / _MEMORY) * (lines.T @ lines)
 
 
 def turned(angular_velocity: Array, duration: float) -> Array:

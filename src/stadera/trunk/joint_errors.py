@@ -33,13 +33,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
-from stadera.trunk.error_model import ERRORS, JOINTS, LEARNT, PLACES, STICKING, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.row_sums import RowSums
 from stadera.trunk.segment import Segment
 from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
-_GAIN, _COULOMB, _REGRESSION, _SAMPLING = (PLACES[name] for name in ("gain", "coulomb", "regression", "sampling"))
 _QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
 _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance
 
@@ -52,28 +51,37 @@ class Errors:
         swing: sums of the legs in the air.
         scale: of the standard deviations in `model`, from the fit.
         rows: sums of the loaded legs; None before any.
-        learnt: errors that are estimated from `rows`, from the first one on; the rest is considered.
+        learnt: errors that are estimated from `rows`, from the first one on; the rest is considered. None for those
+            of the model's layout.
 
     Attributes:
-        mean: (ERRORS,). covariance: Σ (ERRORS, ERRORS). std: (ERRORS,).
-        prior, remaining: (ERRORS, ERRORS), the covariance before loaded rows, and that of p̂'s errors with those before:
+        layout: places of the errors.
+        mean: (errors,). covariance: Σ (errors, errors). std: (errors,).
+        prior, remaining: (errors, errors), the covariance before loaded rows, and that of p̂'s errors with those before:
             (P⁻¹ + M/σ²)⁻¹ is both their variance and their covariance with the prior's error.
     """
 
     def __init__(
-        self, model: ErrorModel, swing: SwingJoints, scale: float, rows: RowSums | None = None, learnt: slice = LEARNT
+        self,
+        model: ErrorModel,
+        swing: SwingJoints,
+        scale: float,
+        rows: RowSums | None = None,
+        learnt: slice | None = None,
     ) -> None:
-        self._length = model.length
+        self._length, self.layout = model.length, model.layout
+        learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
+        gain, stuck = self.layout.places["gain"], self.layout.sticking
         joints, covariance = swing.posterior(scale)
         sticking, variance = model.scaled(scale)
-        self.mean, self.covariance = np.zeros(ERRORS), np.diag(variance)
-        self.mean[JOINTS], self.covariance[JOINTS, JOINTS] = joints, covariance
-        self.covariance[_GAIN, _GAIN] -= variance[_GAIN].mean() / 12.0
-        before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, ERRORS), None
+        self.mean, self.covariance = np.zeros(count), np.diag(variance)
+        self.mean[by_swing], self.covariance[by_swing, by_swing] = joints, covariance
+        self.covariance[gain, gain] -= variance[gain].mean() / self.layout.joints
+        before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
         if rows is not None and rows.weight:
-            by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt])), rows, learnt)
+            by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
         self._sticking = self._held(model, swing, sticking)
-        before[STICKING, STICKING] = self.covariance[STICKING, STICKING] = self._sticking
+        before[stuck, stuck] = self.covariance[stuck, stuck] = self._sticking
         self.prior, self.remaining = before, self.covariance.copy()
         if by_rest is not None:
             across = -by_rest @ self.covariance[rest, rest]
@@ -84,9 +92,9 @@ class Errors:
 
     def _learn(self, root: _Root, rows: RowSums, learnt: slice) -> Array:
         """Updates mean and covariance of the errors that are estimated. Returns S M_c/σ², by these and the rest."""
-        products, p = rows.in_motion[1:, 1:][learnt], self.mean[learnt]
+        products, p, joints = rows.in_motion[1:, 1:][learnt], self.mean[learnt], self.layout.by_swing
         right = rows.in_motion[1:, 0][learnt]
-        v = right - products[:, JOINTS] @ p[JOINTS]
+        v = right - products[:, joints] @ p[joints]
         before = float(rows.in_motion[0, 0] - (right + v) @ p)
         normal, along = root.after(root.after(products[:, learnt]).T), root.after(v[None])[0]
         square, loud = before, rows.repeats
@@ -104,14 +112,15 @@ class Errors:
         return np.asarray(S @ products[:, learnt.stop :] / loud)
 
     def _held(self, model: ErrorModel, swing: SwingJoints, sticking: Array) -> Array:
-        """Covariance (12, 12) of static friction, of the size that the present Coulomb friction allows.
+        """Covariance (joints, joints) of static friction, of the size that the present Coulomb friction allows.
 
         Rows under load tell friction as far as the direction of sliding is known, and noise at rest mimics that, so
         without legs in the air its size is that before any row.
         """
-        square = model.dry**2 + model.variance[_COULOMB]
+        coulomb = self.layout.places["coulomb"]
+        square = model.dry**2 + model.variance[coulomb]
         if swing.rows:
-            square = (model.dry + self.mean[_COULOMB]) ** 2 + np.diagonal(self.covariance)[_COULOMB]
+            square = (model.dry + self.mean[coulomb]) ** 2 + np.diagonal(self.covariance)[coulomb]
         ratio = model.held * np.sqrt(square) / np.maximum(np.sqrt(np.diagonal(sticking)), 1e-300)
         return np.asarray(sticking * ratio * ratio[:, None])
 
@@ -120,7 +129,8 @@ class Errors:
         """Errors that may change with the load: noise that is removed from angular accelerations, and static friction,
         with their covariances.
         """
-        return [(_REGRESSION, self.covariance[_REGRESSION, _REGRESSION]), (STICKING, self._sticking)]
+        regression = self.layout.places["regression"]
+        return [(regression, self.covariance[regression, regression]), (self.layout.sticking, self._sticking)]
 
     def trunk_covariance(self, segment: Segment, scatter: float) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10); `scatter` is κ."""
@@ -160,10 +170,10 @@ class Errors:
         tr (D Σ')². With own variance e² and f the column of Σ over it, Σ' = Σ - e² f fᵀ, and e² fᵀ D f is the first.
 
         Args:
-            products: (1 + ERRORS, 1 + ERRORS) of target and errors; D is all but the first row and column.
+            products: (1 + errors, 1 + errors) of target and errors; D is all but the first row and column.
         """
-        D, column = products[1:, 1:], self.covariance[:, _SAMPLING.start]
-        own = column[_SAMPLING.start]
+        at = self.layout.places["sampling"].start
+        D, column, own = products[1:, 1:], self.covariance[:, at], self.covariance[at, at]
         moved = D @ (self.covariance - np.outer(column, column) / own)
         return float(column @ D @ column / own), float(np.trace(moved)), float(np.einsum("ij,ji->", moved, moved))
 
@@ -173,34 +183,37 @@ class _Root:
     """L of the prior covariance L Lᵀ of the errors that are estimated.
 
     Attributes:
-        joints: (JOINTS, JOINTS), its block of the joints.
+        joints: its block of the errors that legs in the air determine.
         std: its diagonal elsewhere. The gains' block is their standard deviation times the projection on a mean of
-            zero.
+            zero; `gain` is its place.
     """
 
     joints: Array
     std: Array
+    gain: slice
 
     @classmethod
-    def of(cls, joints: Array, std: Array) -> _Root:
+    def of(cls, joints: Array, std: Array, gain: slice) -> _Root:
         """Of the covariance of the joints, and the standard deviations of all errors that are estimated."""
         size = np.sqrt(np.diagonal(joints))
         correlation = joints / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
         correlation.flat[:: len(size) + 1] += _ROUNDING
-        return cls(size[:, None] * np.linalg.cholesky(correlation), std)
+        return cls(size[:, None] * np.linalg.cholesky(correlation), std, gain)
 
     def after(self, rows: Array) -> Array:
         """rows L."""
         out: Array = rows * self.std
-        out[:, JOINTS] = rows[:, JOINTS] @ self.joints
-        if len(self.std) >= _GAIN.stop:
-            out[:, _GAIN] -= out[:, _GAIN].mean(axis=1, keepdims=True)
+        swing, gain = slice(0, len(self.joints)), self.gain
+        out[:, swing] = rows[:, swing] @ self.joints
+        if len(self.std) >= gain.stop:
+            out[:, gain] -= out[:, gain].mean(axis=1, keepdims=True)
         return out
 
     def before(self, columns: Array) -> Array:
         """L columns."""
         out: Array = columns * self.std[:, None]
-        out[JOINTS] = self.joints @ columns[JOINTS]
-        if len(self.std) >= _GAIN.stop:
-            out[_GAIN] -= out[_GAIN].mean(axis=0)
+        swing, gain = slice(0, len(self.joints)), self.gain
+        out[swing] = self.joints @ columns[swing]
+        if len(self.std) >= gain.stop:
+            out[gain] -= out[gain].mean(axis=0)
         return out

@@ -26,7 +26,7 @@ import numpy as np
 
 from stadera.errors import IdentificationError
 from stadera.information import Information, Unknowns
-from stadera.trunk.error_model import ERRORS, PLACES
+from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.load import Payload
 from stadera.trunk.result import ObservedLimits
 from stadera.types import Array, Bools
@@ -42,7 +42,7 @@ SHARED = (
     "velocity_lag",
     "common_gain",
 )
-"""Errors that belong to the robot, by their names in `stadera.trunk.error_model.PLACES`; all others belong to a log."""
+"""Errors that belong to the robot, by their names in `ErrorLayout.places`; all others belong to a log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +51,10 @@ class TrunkEvidence:
 
     Attributes:
         known: information on `theta`, the ten parameters, with considered model errors, in units of the rows' scatter.
-        mean: (ERRORS,), p̂. covariance: (ERRORS, ERRORS), Σ.
-        prior: (ERRORS, ERRORS), the covariance before the log. remaining: (ERRORS, ERRORS), that of p̂'s errors with the
+        mean: (errors,), p̂. covariance: (errors, errors), Σ.
+        prior: (errors, errors), the covariance before the log. remaining: (errors, errors), that of p̂'s errors with the
             errors before the log.
-        length: of the robot's legs [m].
+        length: of the robot's legs [m]. layout: places of the errors.
     """
 
     known: Information
@@ -63,6 +63,7 @@ class TrunkEvidence:
     prior: Array
     remaining: Array
     length: float
+    layout: ErrorLayout
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,24 +106,25 @@ def merge_trunks(logs: Mapping[str, TrunkEvidence]) -> MergedTrunks:
     """
     if not logs:
         raise IdentificationError("no log was weighed in motion, so there is nothing to merge")
-    shared = np.zeros(ERRORS, dtype=bool)
+    layout = next(iter(logs.values())).layout
+    shared, count = np.zeros(layout.count, dtype=bool), layout.count
     for name in SHARED:
-        shared[PLACES[name]] = True
+        shared[layout.places[name]] = True
     root = _root(np.mean([log.prior[np.ix_(shared, shared)] for log in logs.values()], axis=0))
-    considered = len(root) + ERRORS * len(logs)
+    considered = len(root) + count * len(logs)
     total = Information.empty(Unknowns(tuple(logs), (10,) * len(logs)), considered)
     for k, (name, log) in enumerate(logs.items()):
-        G, start = np.zeros((10, considered)), len(root) + ERRORS * k
+        G, start = np.zeros((10, considered)), len(root) + count * k
         by_shared, rest = _given(log, shared)
         G[:, : len(root)] = log.known.G @ by_shared @ root
-        G[:, start : start + ERRORS] = log.known.G @ _root(rest)
+        G[:, start : start + count] = log.known.G @ _root(rest)
         z = log.known.z - log.known.G @ log.mean
         total = total.merge(Information(Unknowns((name,), (10,)), log.known.R, z, G, log.known.cost, log.known.count))
     return MergedTrunks(total, next(iter(logs.values())).length)
 
 
 def _given(log: TrunkEvidence, shared: Bools) -> tuple[Array, Array]:
-    """Splits the errors of p̂ into Φ times the shared errors and a rest; returns Φ (ERRORS, shared) and the rest's
+    """Splits the errors of p̂ into Φ times the shared errors and a rest; returns Φ (errors, shared) and the rest's
     covariance.
     """
     inside, across = log.prior[np.ix_(shared, shared)], log.remaining[:, shared]

@@ -42,33 +42,32 @@ class WhiteNoise:
     """Running estimate of the standard deviations of white noise.
 
     Args:
-        torque, velocity: prior (12,) [N·m, rad/s], by leg and joint. gyro, accelerometer: [rad/s, m/s²].
+        torque, velocity: prior (joints,) and for all joints [N·m, rad/s]. gyro, accelerometer: [rad/s, m/s²].
 
     Attributes:
-        variance, prior_variance: (30,), of torques, velocities, gyro and accelerometer.
+        variance, prior_variance: (2 joints + 6,), of torques, velocities, gyro and accelerometer.
     """
 
     def __init__(self, torque: Array, velocity: float, gyro: float, accelerometer: float) -> None:
-        self.prior_variance = (
-            np.concatenate([torque, np.full(12, velocity), np.full(3, gyro), np.full(3, accelerometer)]) ** 2
-        )
+        self._joints = len(torque)
+        stds = [torque, np.full(len(torque), velocity), np.full(3, gyro), np.full(3, accelerometer)]
+        self.prior_variance = np.concatenate(stds) ** 2
         self.variance = self.prior_variance.copy()
 
     @classmethod
-    def prior(cls, robot: Robot, columns: NDArray[np.int_]) -> WhiteNoise:
+    def prior(cls, robot: Robot, joints: int) -> WhiteNoise:
         """Prior: torques 0.5 % of the torque that carries the robot on one leg; IMU and encoders as in data sheets
         (gyro 0.005 rad/s, accelerometer 0.05 m/s², velocities 0.02 rad/s).
         """
         weight = 0.005 * GRAVITY * robot.mass * 0.25
-        return cls(np.full(columns.size, weight), 0.02, 0.005, 0.05)
+        return cls(np.full(joints, weight), 0.02, 0.005, 0.05)
 
     def learn(self, samples: Samples, columns: NDArray[np.int_]) -> None:
-        """Updates the estimate from a block of at least four samples."""
+        """Updates the estimate from a block of at least four samples; `columns` are the joints among all."""
         if len(samples) < 4:
             return
-        flat = columns.ravel()
         signals = np.hstack(
-            [samples.effort[:, flat], samples.velocity[:, flat], samples.angular_velocity, samples.specific_force]
+            [samples.effort[:, columns], samples.velocity[:, columns], samples.angular_velocity, samples.specific_force]
         )
         seen = third_differences_squared(signals)
         above = seen > lower_quartile(len(samples) - 3) * self.variance
@@ -77,23 +76,23 @@ class WhiteNoise:
 
     @property
     def torque(self) -> Array:
-        """Standard deviation of the torques, (12,) [N·m]."""
-        return np.asarray(np.sqrt(self.variance[:12]))
+        """Standard deviation of the torques, (joints,) [N·m]."""
+        return np.asarray(np.sqrt(self.variance[: self._joints]))
 
     @property
     def velocity(self) -> Array:
-        """Standard deviation of the joint velocities, (12,) [rad/s]."""
-        return np.asarray(np.sqrt(self.variance[12:24]))
+        """Standard deviation of the joint velocities, (joints,) [rad/s]."""
+        return np.asarray(np.sqrt(self.variance[self._joints : -6]))
 
     @property
     def gyro(self) -> float:
         """Standard deviation of the gyro [rad/s]."""
-        return float(np.sqrt(self.variance[24:27].mean()))
+        return float(np.sqrt(self.variance[-6:-3].mean()))
 
     @property
     def accelerometer(self) -> float:
         """Standard deviation of the accelerometer [m/s²]."""
-        return float(np.sqrt(self.variance[27:].mean()))
+        return float(np.sqrt(self.variance[-3:].mean()))
 
 
 @lru_cache(maxsize=64)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite, nan
 
 import numpy as np
 
-from stadera.compiled import kernel
 from stadera.errors import RecordingError
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
@@ -150,8 +149,6 @@ class SampleBuffer:
         self._last, self._step = -inf, inf
         self._latest = -inf  # time of the last measurement that waits
         self.due = -inf
-        compiled = kernel("stadera.trunk.kernels.samples")
-        self._store: Callable[..., bool] = _stored if compiled is None else compiled.store
 
     def gather(self, m: Measurement) -> Array | None:
         """Stores one measurement. Returns the table of all stored ones, for `take`, when a block is full or the
@@ -162,11 +159,7 @@ class SampleBuffer:
             more = np.empty((max(k, _ROOM), 7 + 3 * len(self._joints) + len(m.extra)))
             self._waiting = waiting = np.concatenate([waiting, more]) if k else more
         time, channels = m.time, (m.joint_position, m.joint_velocity, m.effort, m.angular_velocity, m.specific_force)
-        try:
-            finite = self._store(waiting, k, time, *channels, m.extra)
-        except TypeError:  # compiled for contiguous arrays of floats that may be written
-            self._store = _stored
-            finite = _stored(waiting, k, time, *channels, m.extra)
+        finite = _stored(waiting, k, time, *channels, m.extra)
         follows = max(self._latest, self._last) < time < self.due
         self._filled, self._latest = k + 1, time
         if follows and finite:

@@ -11,21 +11,14 @@ so `repeated` rows count as one.
 
 from __future__ import annotations
 
-from types import ModuleType
-
 import numpy as np
 from scipy.linalg import lapack
 
-from stadera.compiled import kernel
-from stadera.trunk.error_model import JOINTS, PLACES, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
 
-_COUNT, _LAG = JOINTS.stop, PLACES["torque_lag"].start
-_EACH = np.arange(12)
-_AT = np.array([PLACES[name].start + _EACH for name in ("rotor", "viscous", "coulomb", "offset")])
-_PLACES = np.column_stack([*_AT, np.full(12, _LAG)])
-_ENOUGH = 4 * _COUNT  # rows needed to evaluate the fit of the joints' law
+_ENOUGH = 4  # rows for each unknown, needed to evaluate the fit of the joints' law
 _QUIETEST = 0.02  # of the stated variance: smaller residuals do not sharpen the estimate further
 _LIKE = 0.05  # relative difference from one of a scale that is taken for one
 _RECENT = 12.0  # rows of a joint, over which its latest residual is averaged
@@ -45,18 +38,22 @@ class SwingJoints:
 
     Attributes:
         rows: number of rows so far.
-        stepped: [N·m] by joint (12,), by how much the recorded torque has departed from the law that held at first,
+        stepped: [N·m] by joint, by how much the recorded torque has departed from the law that held at first,
             if an average over successive rows is beyond all usual ones, as after a jump of a torque sensor; else zero.
     """
 
     def __init__(self, errors: ErrorModel, settings: SwingDetection) -> None:
-        self._limit, self._settings = errors.limit, settings
-        self._prior = np.linalg.inv(errors.covariance[JOINTS, JOINTS])
-        self._normal, self._right = np.zeros((_COUNT, _COUNT)), np.zeros(_COUNT)
+        layout, count = errors.layout, errors.layout.by_swing.stop
+        self._limit, self._settings, self._legs = errors.limit, settings, layout.legs
+        self._each, self._lag = np.arange(layout.joints), layout.places["torque_lag"].start
+        laws = [layout.places[name].start for name in ("rotor", "viscous", "coulomb", "offset")]
+        self._at = np.array(laws)[:, None] + self._each
+        self._prior = np.linalg.inv(errors.covariance[layout.by_swing, layout.by_swing])
+        self._normal, self._right = np.zeros((count, count)), np.zeros(count)
         self._square, self.rows = 0.0, 0
-        self._last, self._limit_square = np.zeros(_COUNT), np.inf
-        self._expected, self._loud = np.zeros(_COUNT), np.inf
-        self._joints = np.zeros((3, 12))
+        self._last, self._limit_square = np.zeros(count), np.inf
+        self._expected, self._loud = np.zeros(count), np.inf
+        self._joints = np.zeros((3, layout.joints))
         self._averaged, self._average, self.stepped = self._joints
         self._found: dict[float, tuple[Array, Array]] = {}  # by scale: at one, and at the last other one
 
@@ -64,21 +61,17 @@ class SwingJoints:
         """Adds one block.
 
         Args:
-            air: (4,) bool, the legs in the air throughout the block.
-            terms: (4, 12), averages of q̈, q̇, s and 1 by joint.
-            rate: (12,) [N·m/s], of the torques. residual: (12,) [N·m], h - τ_measured.
-            white: (12,) [N·m], standard deviation of its white noise.
+            air: (legs,) bool, the legs in the air throughout the block.
+            terms: (4, joints), averages of q̈, q̇, s and 1 by joint.
+            rate: (joints,) [N·m/s], of the torques. residual: (joints,) [N·m], h - τ_measured.
+            white: (joints,) [N·m], standard deviation of its white noise.
         """
-        compiled = kernel("stadera.trunk.kernels.errors")
-        if compiled is not None:
-            self._add(compiled, air, terms, rate, residual, white)
-            return
-        rows = np.zeros((12, _COUNT))
-        rows[_EACH, _AT] = terms
-        rows[:, _LAG] = -rate
+        rows = np.zeros((len(rate), len(self._right)))
+        rows[self._each, self._at] = terms
+        rows[:, self._lag] = -rate
         weight = 1.0 / (white**2 + (self._settings.residual * self._limit) ** 2)
         usual = weight * (residual + rows @ self._last) ** 2 <= self._limit_square
-        swinging = air.repeat(3)
+        swinging = np.repeat(air, self._legs)
         used = usual & swinging
         self._compare(swinging, residual + rows @ self._expected, weight)
         if not used.any():
@@ -90,18 +83,6 @@ class SwingJoints:
         self._square += float(weight[used] @ residual**2)
         self.rows += len(rows)
         self._found.clear()
-
-    def _add(self, compiled: ModuleType, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
-        """The same by `stadera.trunk.kernels.errors`."""
-        limits = self._settings.residual, self._limit_square, self._loud, _RECENT, _STEP, self._square
-        numbers, sums = np.array(limits), (self._normal, self._right)
-        means = self._last, self._expected
-        used = compiled.swing(
-            air, terms, rate, residual, white, self._limit, numbers, _PLACES, *means, *sums, self._joints
-        )
-        if used:
-            self._square, self.rows = float(numbers[-1]), self.rows + used
-            self._found.clear()
 
     def _compare(self, swinging: Bools, residual: Array, weight: Array) -> None:
         """Averages the latest residuals of each joint, and keeps those that are beyond the usual ones."""
@@ -117,13 +98,13 @@ class SwingJoints:
     @property
     def misfit(self) -> float:
         """Variance of the rows' residual divided by the stated one."""
-        if self.rows < _ENOUGH:
+        if self.rows < _ENOUGH * len(self._right):
             return 1.0
         mean, _ = self.posterior(1.0)
         return float(self._square - mean @ (2.0 * self._right - self._normal @ mean)) / self.rows
 
     def posterior(self, scale: float) -> tuple[Array, Array]:
-        """Mean (49,) and covariance (49, 49) of the errors that swing rows determine, in the order of `JOINTS`.
+        """Mean and covariance of the errors that swing rows determine, `ErrorLayout.by_swing`.
 
         Args:
             scale: factor on the prior's standard deviations.
@@ -136,26 +117,21 @@ class SwingJoints:
         return self._found[scale]
 
     def _solved(self, scale: float) -> tuple[Array, Array]:
-        compiled, repeated = kernel("stadera.trunk.kernels.errors"), self._settings.repeated
-        if compiled is None:
-            mean, covariance, loud = self._solved_by_lapack(scale)
-        else:
-            mean, covariance = np.empty(_COUNT), np.empty((_COUNT, _COUNT))
-            sums = self._normal, self._right, self._square, self.rows
-            loud = compiled.posterior(*sums, self._prior, scale, repeated, _QUIETEST, mean, covariance)
-        if self.rows > 2 * _COUNT and scale == 1.0 and self._loud == np.inf:  # compared with the log's beginning
-            self._expected, self._loud = mean, _STEP_WILD**2 * loud / repeated
-        if self.rows > _ENOUGH and scale == 1.0:
-            self._last, self._limit_square = mean, _WILD**2 * loud / repeated
+        mean, covariance, loud = self._least_squares(scale)
+        loud, count = loud / self._settings.repeated, len(mean)
+        if self.rows > 2 * count and scale == 1.0 and self._loud == np.inf:  # compared with the log's beginning
+            self._expected, self._loud = mean, _STEP_WILD**2 * loud
+        if self.rows > _ENOUGH * count and scale == 1.0:
+            self._last, self._limit_square = mean, _WILD**2 * loud
         return mean, covariance
 
-    def _solved_by_lapack(self, scale: float) -> tuple[Array, Array, float]:
+    def _least_squares(self, scale: float) -> tuple[Array, Array, float]:
         loud, information, mean = self._settings.repeated, self._prior, self._right
         factor = information
         for _ in range(2):  # the second pass uses the first one's residual
             information = self._normal / loud + self._prior / scale**2
             factor, mean, _ = lapack.dposv(information, self._right / loud)
-            if self.rows > _COUNT:
+            if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
                 loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
         upper = np.triu(lapack.dpotri(factor)[0])

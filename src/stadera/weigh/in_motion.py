@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from stadera.compiled import available
 from stadera.errors import IdentificationError, RecordingError
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
@@ -97,8 +96,8 @@ class _LogPass:
         settings, frame = self._request.settings, self._request.imu_frame
         for chunk in self.log:
             if self._estimator is None:
-                if self._request.progress and available():
-                    self._request.progress("preparing; the first run on a machine compiles for half a minute", 0, 0)
+                if self._request.progress:
+                    self._request.progress("preparing; the first run on a machine compiles for some seconds", 0, 0)
                 self._estimator = self._made(chunk)
             samples = Samples.of_recording(chunk, self._request.robot, frame)
             self._check_rate(samples)

@@ -1,7 +1,7 @@
 """Base of the baselines that weigh a moving robot: rows from signals averaged over ten milliseconds.
 
 Positions, velocities, torques, angular velocity and specific force are averaged over a block, accelerations are the
-differences of the velocities over it, and the exact rows A θ = b (`stadera.legs.base_wrench`) are computed from these:
+differences of the velocities over it, and the exact rows A θ = b (`stadera.body.tree`) are computed from these:
 the usual way, in which signals are filtered first. The ground is assumed level, at the surface of the feet's spheres.
 """
 
@@ -11,9 +11,10 @@ from abc import abstractmethod
 
 import numpy as np
 
+from stadera.body import Body, Motion
 from stadera.constants import GRAVITY
 from stadera.inertia import InertialParameters
-from stadera.legs.base_wrench import BaseWrenchRegressor, LegMotions
+from stadera.legs.model import LegModel
 from stadera.robot.imu import ImuMount, force_at_origin
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
@@ -37,11 +38,11 @@ class SignalBaseline:
     def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
         self.robot, self.bounds = robot, TrunkBounds.of(robot)
         self._start = self.bounds.check(start or TrunkModel.prior(robot))
-        self._regressor = BaseWrenchRegressor(robot)
+        self._body, self._length = Body.of(robot, others=False), LegModel.of(robot).length
+        length = self._length
         self._lever = (mount or ImuMount.of(robot)).translation
         self._buffer = SampleBuffer(robot.tree.joints, TrunkSettings(block=self.block))
         self._first = np.nan
-        length = self._regressor.length
         self._scale = robot.mass * np.array([1.0, *[length] * 3, *[length**2] * 6])
         self._limit = ObservedLimits().centre(robot.mass, length)
         self._floor = (self.least_residual * robot.mass * GRAVITY) ** 2
@@ -104,28 +105,29 @@ class SignalBaseline:
     def _rows(self, samples: Samples) -> tuple[Array, Array, float]:
         """A (6, 10) and b (6,) of a block, and its duration [s]."""
         motion, effort = self._motion(samples)
-        target = self._regressor.at(motion).target(effort).sum(axis=-1).mean(axis=-1)
-        signals = trunk_signals(motion.specific_force, motion.angular_velocity, motion.angular_acceleration)
+        state = self._body.at(motion)
+        target = self._body.target(state, self._body.left(state, motion, effort)).mean(axis=0)
+        signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T)
         return trunk_matrix(signals.mean(axis=-1)), target, float(samples.time[-1] - samples.time[1])
 
-    def _motion(self, samples: Samples) -> tuple[LegMotions, Array]:
-        """The motion used for rows, and the legs' efforts (n, 4, 3): here the block's mean motion, n = 1."""
-        inside, columns = samples[1:-1], self._regressor.columns
+    def _motion(self, samples: Samples) -> tuple[Motion, Array]:
+        """The motion used for rows, and the efforts (n, joints): here the block's mean motion, n = 1."""
+        inside = samples[1:-1]
         span = float(samples.time[-1] - samples.time[0])
         alpha = (samples.angular_velocity[-1] - samples.angular_velocity[0]) / span
         joint_rate = (samples.velocity[-1] - samples.velocity[0]) / span
         omega = inside.angular_velocity.mean(axis=0)
         specific = force_at_origin(inside.specific_force.mean(axis=0), omega, self._lever, alpha)
-        motion = LegMotions(
-            inside.position.mean(axis=0)[columns][None],
-            inside.velocity.mean(axis=0)[columns][None],
-            joint_rate[columns][None],
-            omega[:, None],
-            alpha[:, None],
-            specific[:, None],
-            (specific / np.linalg.norm(specific))[:, None],
+        motion = Motion(
+            inside.position.mean(axis=0)[None],
+            inside.velocity.mean(axis=0)[None],
+            joint_rate[None],
+            omega[None],
+            alpha[None],
+            specific[None],
+            specific / np.linalg.norm(specific),
         )
-        return motion, inside.effort.mean(axis=0)[columns][None]
+        return motion, inside.effort.mean(axis=0)[None]
 
     def _refuse(self, reason: str) -> None:
         now = self._now

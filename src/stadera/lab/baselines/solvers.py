@@ -7,8 +7,8 @@ from math import exp
 
 import numpy as np
 
+from stadera.body import Motion
 from stadera.lab.baselines.signals import SignalBaseline
-from stadera.legs.base_wrench import LegMotions
 from stadera.robot.imu import ImuMount, force_at_origin
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
@@ -36,24 +36,24 @@ class LeastSquaresTrunk(SignalBaseline):
         super().__init__(robot, start, mount)
         self._kept: deque[tuple[Array, Array]] = deque(maxlen=round(self.settled / self.block))
 
-    def _motion(self, samples: Samples) -> tuple[LegMotions, Array]:
+    def _motion(self, samples: Samples) -> tuple[Motion, Array]:
         """The motion at every sample, n of them."""
-        inside, columns = samples[1:-1], self._regressor.columns
+        inside = samples[1:-1]
         span = (samples.time[2:] - samples.time[:-2])[:, None]
         alpha = (samples.angular_velocity[2:] - samples.angular_velocity[:-2]) / span
         joint_rate = (samples.velocity[2:] - samples.velocity[:-2]) / span
         specific = force_at_origin(inside.specific_force, inside.angular_velocity, self._lever, alpha)
         up = specific.mean(axis=0)
-        motion = LegMotions(
-            inside.position[:, columns],
-            inside.velocity[:, columns],
-            joint_rate[:, columns],
-            inside.angular_velocity.T,
-            alpha.T,
-            specific.T,
-            np.tile(up[:, None] / np.linalg.norm(up), len(inside)),
+        motion = Motion(
+            inside.position,
+            inside.velocity,
+            joint_rate,
+            inside.angular_velocity,
+            alpha,
+            specific,
+            up / np.linalg.norm(up),
         )
-        return motion, inside.effort[:, columns]
+        return motion, inside.effort
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
         self._kept.append((matrix, target))
@@ -121,7 +121,7 @@ class KalmanTrunk(SignalBaseline):
     def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
         super().__init__(robot, start, mount)
         self._theta = self._prior().copy()
-        length = self._regressor.length
+        length = self._length
         self._P = np.diag((self.first * robot.mass * np.array([1.0, length, length])) ** 2)
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:

@@ -41,7 +41,7 @@ from stadera.inertia import skew, skews
 from stadera.legs.model import LegModel
 from stadera.legs.rows import Rows
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import PLACES, STICKING, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.standing.contact import ContactForces
@@ -110,11 +110,10 @@ class ConstantErrors:
         their offsets and by static friction, which holds up to a joint's Coulomb friction and its friction under load.
         """
         model = ErrorModel(robot, sizes or ModelErrors(), LegModel.of(robot).length)
-        std = np.sqrt(model.variance)
-        tilt = float(np.hypot(std[PLACES["imu_rotation"]].max(), std[PLACES["accelerometer"]].max() / GRAVITY))
-        others = [std[PLACES[name]] for name in ("contact", "link_mass")]
-        C = np.diag(np.concatenate([std[PLACES["offset"]], others[0], np.full(3, tilt), others[1]]) ** 2)
-        unloaded = model.covariance[STICKING, STICKING]
+        std = {name: np.sqrt(model.variance[place]) for name, place in model.layout.places.items()}
+        tilt = float(np.hypot(std["imu_rotation"].max(), std["accelerometer"].max() / GRAVITY))
+        C = np.diag(np.concatenate([std["offset"], std["contact"], np.full(3, tilt), std["link_mass"]]) ** 2)
+        unloaded = model.covariance[model.layout.sticking, model.layout.sticking]
         held = np.sqrt(np.diag(unloaded))
         more = np.hypot(held, model.held * model.by_load) / np.maximum(held, 1e-12)
         sticking = unloaded * more * more[:, None]

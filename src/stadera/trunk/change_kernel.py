@@ -1,4 +1,4 @@
-"""Averages over the latest blocks, compiled: what `ChangeDetector` of `stadera.trunk.changes` does at each block."""
+"""Averages over the latest blocks, compiled: the parts of `stadera.trunk.changes` that run at each block."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stadera.compiled import compiled, part, reordered
 from stadera.types import Array
 
-DEVIATION = 1.5  # as in `stadera.trunk.changes`
+DEVIATION = 1.5  # standard deviation over the median absolute deviation, of Gaussian values
 
 
 @reordered
@@ -243,7 +243,7 @@ def reduce(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> 
 
 @compiled("void(float64[:,::1], float64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], int64)")
 def push(columns: Array, errors: Array, rows: Array, reduced: Array, sums: Array, at: int) -> None:
-    """Adds a block's rows (6, 10 + 1 + errors), projected as `WeightedRows.projected`, to the running sums, writes
+    """Adds a block's rows (6, 10 + 1 + errors), projected as in `Blocks`, to the running sums, writes
     those of A, b, the first errors and the weight into `rows` (..., 4, 10 + 1 + k + 1), and reduces them.
     """
     a, b, c = columns[0, 0], columns[1, 0], columns[2, 0]
@@ -293,7 +293,7 @@ def largest(
     limits: Array,
     out: Array,
 ) -> float:
-    """The deviation with most standard deviations, as `ChangeDetector._largest` of both `_since`. Returns its ratio.
+    """The deviation with most standard deviations, as `ChangeDetector._best`. Returns its ratio.
 
     Args:
         reduced, sums: of all blocks, of which the last is before `end`.
@@ -313,22 +313,6 @@ def largest(
     first = int(limits[2])
     best = look_back(reduced, sums, end, windows, first, long, long_inverse, long_solution, errors, *shared, best, out)
     return max(best, 0.0)
-
-
-@compiled("void(float64[::1], float64[::1], boolean, boolean, float64, float64[::1], float64[::1])")
-def undetected(size: Array, scale: Array, likely: bool, persists: bool, keep: float, missed: Array, out: Array) -> None:
-    """`ChangeDetector.suspected` (4,) after a block, written, and what was missed (4,), updated.
-
-    Args:
-        size, scale: δ (4,) and its unit. likely, persists: whether a change is, and for long.
-        keep: factor on what was missed.
-    """
-    for i in range(4):
-        now = size[i] * scale[i] if likely else 0.0
-        missed[i] *= keep
-        if persists and abs(now) > abs(missed[i]):
-            missed[i] = now
-        out[i] = now if abs(now) > abs(missed[i]) else missed[i]
 
 
 @part

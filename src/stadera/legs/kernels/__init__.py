@@ -1,1 +1,0 @@
-"""Compiled functions for the regressors of joint torques (`stadera.compiled`)."""
