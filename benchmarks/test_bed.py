@@ -26,10 +26,10 @@ import numpy as np
 from stadera.files import written_together
 from stadera.lab.control import Shake, TestBed, Trot, TrunkController
 from stadera.lab.control.stand import Controller
+from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.plant import STANDARD, Plant, Sensors
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactCom
 
 ROBOTS = "hyq,go2,anymal_c,b1"
 _STIFFNESS, _DAMPING = 5.0, 0.03  # 1/rad of a joint's effort limit; s

@@ -29,7 +29,8 @@ def test_a_map_and_units_identify_what_the_table_does(run, log: Path, swing: Rec
     for k, options in enumerate(((log,), (own, "--columns", given), (degrees, "--units", "deg,deg/s,ms"))):
         assert run("identify", *options, *legs, "--json", tmp_path / f"{k}.json").code == 0
         found.append(values_of(tmp_path / f"{k}.json"))
-    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-6, atol=1e-5)
+    # rotor inertias that are zero lie at their bound, where the interior-point solver stops within 1e-4 kg·m²
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-6, atol=1e-4)
 
 
 def test_a_template_is_a_map(run, log: Path, tmp_path: Path) -> None:

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
 from stadera.legs.model import foot_positions
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Estimator, Measurement, Status, TrunkBounds, TrunkEstimate, TrunkModel
+from stadera.trunk.posture import PostureLaw
 from stadera.trunk.registry import Setup, make_estimator
-from stadera.trunk.standing.orientation import PostureLaw
 from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
-from stadera.trunk.standing.static_poses import PoseOffset, standing_still, static_poses
 from standing import GRAVITY, StandingRobot
 
 ROBOT = load_robot("hyq")

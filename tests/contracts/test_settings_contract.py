@@ -17,12 +17,12 @@ from stadera.identify.observability import VerdictLimits
 from stadera.identify.settings import LagSettings, SignalSettings, TrustSettings
 from stadera.identify.solutions import SolverSettings
 from stadera.identify.spikes import SpikeSettings
+from stadera.lab.laws.mass import MassSettings
+from stadera.lab.laws.static_poses import Reach
 from stadera.live.settings import LiveSettings
 from stadera.logs.bags.settings import BagSettings
 from stadera.robot.stance import StanceSettings
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection
-from stadera.trunk.standing.mass import MassSettings
-from stadera.trunk.standing.static_poses import Reach
 from stadera.weigh.settings import WeighSettings
 
 SETTINGS = (

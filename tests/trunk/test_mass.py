@@ -10,13 +10,13 @@ import pytest
 
 from stadera.errors import StaderaError
 from stadera.lab.control import TestBed, TrunkController
+from stadera.lab.laws.mass import MassEstimator, MassSettings
 from stadera.lab.plant import IDEAL, STANDARD, Plant, RigidMass, SensorErrors, Sensors, Terrain
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import MassEstimator, Measurement, Status, TrunkEstimate, TrunkModel
+from stadera.trunk import Measurement, Status, TrunkEstimate, TrunkModel
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.mass import MassSettings
 from stadera.trunk.standing.noise import ForceNoise
 
 ROBOT = load_robot("hyq")

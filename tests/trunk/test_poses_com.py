@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
+from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
 from stadera.legs.model import foot_positions
 from stadera.robot import Robot, load_robot
 from stadera.trunk import Measurement
@@ -23,7 +24,6 @@ from stadera.trunk.standing.equilibrium import (
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.noise import ForceNoise
 from stadera.trunk.standing.poses import COMBINED, PosesCom
-from stadera.trunk.standing.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
 from standing import GRAVITY, StandingRobot
 
 ROBOT = load_robot("hyq")

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
+from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.plant import IDEAL, Plant, SensorReading, Sensors, recording_of
 from stadera.logs import Imu
 from stadera.robot import Robot, load_robot
@@ -18,7 +19,6 @@ from stadera.trunk import (
     Estimator,
     ForceNoise,
     ImplausibleError,
-    MassEstimator,
     Measurement,
     StaticLimits,
     Status,

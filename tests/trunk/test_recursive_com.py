@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import IdentificationError, ModelError
+from stadera.lab.laws.contact_com import ContactCom
+from stadera.lab.laws.convergence import Settled, settling_time, step_size
+from stadera.lab.laws.orientation import OrientationCom
+from stadera.lab.laws.recursive import LawSettings, Phase, Plane
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, Status, TrunkModel
-from stadera.trunk.standing.contact_com import ContactCom
-from stadera.trunk.standing.convergence import Settled, settling_time, step_size
-from stadera.trunk.standing.orientation import OrientationCom, PostureLaw
-from stadera.trunk.standing.recursive import LawSettings, Phase, Plane
+from stadera.trunk.posture import PostureLaw
 from standing import StandingRobot
 
 ROBOT = load_robot("hyq")

@@ -9,19 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import (
-    ContactForceEstimator,
-    MassEstimator,
-    Measurement,
-    StaticDetector,
-    StaticLimits,
-    Status,
-    TrunkBounds,
-)
+from stadera.trunk import ContactForceEstimator, Measurement, StaticDetector, StaticLimits, Status, TrunkBounds
 from stadera.trunk.measurement import measurements_of
 from stadera.trunk.standing.detection import VelocityNoise
 from stadera.trunk.standing.poses import SETTLED

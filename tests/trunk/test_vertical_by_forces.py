@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
+from stadera.lab.laws.contact_com import ContactCom
+from stadera.lab.laws.mass import felt_by_mass
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ConstantErrors, ContactCom, ContactForceEstimator, Measurement, Status
+from stadera.trunk import ConstantErrors, ContactForceEstimator, Measurement, Status
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.equilibrium import equilibrium_rows, weight_felt
 from stadera.trunk.standing.fit import centre_of, with_errors, with_poses
-from stadera.trunk.standing.mass import felt_by_mass
 from stadera.trunk.standing.pose_means import Alike, PoseMean
 from stadera.trunk.standing.poses import plausible
 from stadera.trunk.standing.vertical import measurements_without_imu, vertical_by_forces

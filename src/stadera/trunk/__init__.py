@@ -10,32 +10,26 @@ from stadera.trunk.result import TrunkParameters
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
 from stadera.trunk.standing.contact import ground_normal
-from stadera.trunk.standing.contact_com import ContactCom
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
 from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.legs import MeasuredLegs
-from stadera.trunk.standing.mass import MassEstimator
 from stadera.trunk.standing.noise import ForceNoise
-from stadera.trunk.standing.orientation import OrientationCom
 from stadera.trunk.standing.poses import PosesCom
 
 __all__ = [
     "METHODS",
     "ChangeSettings",
     "ConstantErrors",
-    "ContactCom",
     "ContactForceEstimator",
     "Estimator",
     "ForceNoise",
     "ImplausibleError",
     "LoadChange",
-    "MassEstimator",
     "MeasuredLegs",
     "Measurement",
     "Method",
     "ModelErrors",
-    "OrientationCom",
     "OutlierSettings",
     "Payload",
     "PosesCom",

@@ -13,10 +13,9 @@ import numpy as np
 
 from stadera.body import Body, Motion, State
 from stadera.constants import GRAVITY
+from stadera.trunk.row_kernel import lifted_legs
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
-
-_STANDING = 0.05  # smoothing factor of each foot's usual height, for blocks in which it is loaded
 
 
 class Lifted:
@@ -31,13 +30,12 @@ class Lifted:
     """
 
     def __init__(self, body: Body, swing: SwingDetection, weight: float, length: float) -> None:
-        self._legs, self._starts, self._swing = body.in_legs, body.starts, swing
-        self._weight, self._length = weight, length
+        self._joints, self._legs, self._part = body.in_legs, body.leg_of[body.in_legs], swing.part
+        light, fast = swing.load * weight, swing.speed**2 * GRAVITY * length
+        limits = [swing.lift * length, fast, light**2, weight**2, light, swing.carried * weight]
+        self._limits = np.array(limits)
         self.known, self.known_std = np.zeros((2, 3, len(body.in_legs)))
-        self._standing = np.zeros(
-            len(body.legs)
-        )  # m, by how much each foot lies higher than the others when it carries
-        self._others = np.ones((len(body.legs),) * 2) - np.eye(len(body.legs))
+        self._standing = np.zeros(len(body.legs))  # m, by how much each foot is higher than the others when it carries
 
     def legs(self, state: State, motion: Motion, force: Array, sure: Array, step: float) -> Bools:
         """Legs in the air throughout a block, (legs,).
@@ -46,30 +44,12 @@ class Lifted:
             force: (n, legs, 3) [N], of the model as it is. sure: (n, joints), smoothed sign of the velocities.
             step: between samples [s].
         """
-        swing, n, J = self._swing, len(force), self._legs
-        E = state.to_wrench[:, J, :3]
-        moved = np.stack([motion.acceleration[:, J], motion.velocity[:, J], sure], axis=1)  # (n, 3, joints)
-        torque = (self.known * moved).sum(axis=1)
-        unsure = ((E * E).sum(axis=2)) * ((self.known_std * moved) ** 2).sum(
-            axis=1
-        )  # (n, joints), of the force squared
-        felt = np.concatenate([E * torque[..., None], unsure[..., None]], axis=2)
-        seen = np.empty((n, force.shape[1], 8))
-        seen[..., :4] = np.add.reduceat(felt, self._starts, axis=1)
-        seen[..., :3] += force
-        seen[..., 4:7], seen[..., 7] = state.pace, state.feet @ motion.normal
-        parts = min(max(round(n * step / swing.part), 1), n)
-        begin = np.arange(parts) * n // parts
-        seen = np.add.reduceat(seen, begin, axis=0) / np.diff(np.append(begin, n))[:, None, None]
-        force, pace, height = seen[..., :3], seen[..., 4:7], seen[..., 7] - self._standing
-        limit = np.minimum((swing.load * self._weight) ** 2 + seen[..., 3], self._weight**2)
-        light, along = (force * force).sum(axis=2) < limit, force @ motion.normal
-        pressed = np.maximum(along, 0.0)
-        share, carried = np.maximum(pressed @ self._others, 1e-9), along @ self._others
-        lifted = height - (pressed * height) @ self._others / share
-        pace = pace - np.einsum("pl,plc,lm->pmc", pressed, pace, self._others) / share[..., None]
-        up = lifted > swing.lift * self._length
-        moves = (pace * pace).sum(axis=2) > swing.speed**2 * GRAVITY * self._length
-        stands = ((along > swing.load * self._weight) & ~up).all(axis=0)
-        self._standing += _STANDING * np.where(stands, lifted.mean(axis=0), 0.0)
-        return np.asarray(((up | moves) & light & (carried > swing.carried * self._weight)).all(axis=0))
+        n, J, motions = len(force), self._joints, (motion.acceleration, motion.velocity)
+        moved = np.stack([*(x[:, J] for x in motions), sure], axis=1)
+        parts, air = min(max(round(n * step / self._part), 1), n), np.empty(force.shape[1], dtype=bool)
+        known = np.ascontiguousarray(self.known), np.ascontiguousarray(self.known_std)
+        places = state.feet, state.pace, motion.normal
+        lifted_legs(
+            J, self._legs, state.to_wrench, force, moved, *known, *places, parts, self._limits, self._standing, air
+        )
+        return air

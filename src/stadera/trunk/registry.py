@@ -11,10 +11,9 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.model import TrunkModel
+from stadera.trunk.posture import PostureLaw
 from stadera.trunk.protocol import Estimator
-from stadera.trunk.standing.contact_com import ContactCom
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.orientation import OrientationCom, PostureLaw
 from stadera.trunk.standing.poses import COMBINED, PosesCom
 
 
@@ -55,7 +54,15 @@ class Method:
 def _orientation(setup: Setup) -> Estimator:
     if setup.posture is None:
         raise IdentificationError("the method 'orientation' needs the trunk controller's stiffness and reference")
+    from stadera.lab.laws.orientation import OrientationCom
+
     return OrientationCom(setup.robot, setup.posture, setup.start, setup.forces)
+
+
+def _contact(setup: Setup) -> Estimator:
+    from stadera.lab.laws.contact_com import ContactCom
+
+    return ContactCom(setup.robot, setup.start, setup.forces)
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
@@ -64,9 +71,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "least squares over static poses", lambda s: PosesCom(s.robot, s.start, s.forces), needs_imu=False
         ),
         "orientation": Method("steps by the trunk's orientation error under a known controller", _orientation),
-        "contact": Method(
-            "steps by the contact forces' line of action", lambda s: ContactCom(s.robot, s.start, s.forces)
-        ),
+        "contact": Method("steps by the contact forces' line of action", _contact),
         "combined": Method(
             "static poses, with torque offsets and feet as unknowns",
             lambda s: PosesCom(s.robot, s.start, s.forces, COMBINED),

@@ -27,9 +27,9 @@ G, L, K of the legs are found by feeding each acceleration alone at the block's 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +48,7 @@ from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.lifted import Lifted
 from stadera.trunk.noise import WhiteNoise
+from stadera.trunk.row_kernel import window_sums
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
 from stadera.trunk.wrench import (
@@ -116,27 +117,33 @@ class BlockResult(NamedTuple):
 
 
 class _Sums:
-    """Names of the weighted sums over a window, one vector: of a robot with J joints in its legs and K links."""
+    """Weighted sums over a window, by name, of a robot with J joints in its legs and K links:
+
+    plain: of signals (12), target (6), jerk (J + 3), and six numbers of each joint: q̈, q̇, s, 1, τ̇, h - τ.
+    by_rate, squared: (6,), of E τ̇, and, with w² for w, of E σ² Eᵀ of white torque noise.
+    by_terms, by_links: (J, 6, terms) and (K, 6, 10), of E times q̈, q̇, s, 1, τ and √(1 - s²), and of `State.columns`.
+    """
 
     def __init__(self, layout: ErrorLayout) -> None:
-        J, K, begin, self._parts = layout.joints, layout.links, 0, {}
-        shapes = {
-            "signals": (12,),
-            "target": (6,),
-            "by_rate": (6,),  # E τ̇
-            "squared": (6,),  # times w instead of once: Σ w² E σ² Eᵀ of white torque noise
-            "jerk": (J + 3,),
-            "joint": (6, J),  # q̈, q̇, s, 1, τ̇, h - τ
-            "by_terms": (J, 6, len(_TERMS)),  # E times q̈, q̇, s, 1, τ and √(1 - s²)
-            "by_links": (K, 6, 10),
-        }
-        for name, shape in shapes.items():
-            self._parts[name] = slice(begin, begin + prod(shape)), shape
-            begin += prod(shape)
+        J, K = layout.joints, layout.links
+        self._shapes: dict[str, tuple[int, ...]] = {"plain": (21 + 7 * J,), "by_rate": (6,), "squared": (6,)}
+        self._shapes |= {"by_terms": (J, 6, len(_TERMS)), "by_links": (K, 6, 10)}
+        self._joints = 21 + J + J * np.arange(7)
 
-    def of(self, values: Array) -> dict[str, Array]:
-        """The sums by name."""
-        return {name: values[part].reshape(shape) for name, (part, shape) in self._parts.items()}
+    def zeros(self, halves: int) -> dict[str, Array]:
+        """Room for sums over some halves of windows."""
+        return {name: np.empty((halves, *shape)) for name, shape in self._shapes.items()}
+
+    def of(self, first: Mapping[str, Array], second: Mapping[str, Array]) -> dict[str, Array]:
+        """The sums over a window, of the rising half of the first block and the falling half of the second."""
+        sums = {name: first[name][0] + second[name][1] for name in self._shapes}
+        plain, at = sums.pop("plain"), self._joints
+        return sums | {
+            "signals": plain[:12],
+            "target": plain[12:18],
+            "jerk": plain[18 : at[0]],
+            "joint": plain[at[0] :].reshape(6, -1),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +152,7 @@ class _Half:
 
     end: float
     samples: int
-    sums: Array  # (2, ...), see `_Sums`
+    sums: Mapping[str, Array]  # (2, ...), see `_Sums`
     alternating: Array  # (2, 18): signals and target, with signs that alternate from sample to sample
     probes: Array  # (6, 6 + J), ∂b/∂(a, α, q̈) of the legs
     middle: Array  # (6, J + contacts), ∂b/∂(q, p_contact)
@@ -228,37 +235,47 @@ class RowMaker:
 
     def _summed(self, samples: Samples, motion: Motion, state: State) -> tuple[_Half, Array]:
         """The half window of a block, and the feet's forces (legs, 3) at its end."""
-        n, J, own = len(samples) - 2, self._columns, self.body
+        n, J, own, halves = len(samples) - 2, self._columns, self.body, self._sums.zeros(2)
         span = (samples.time[2:] - samples.time[:-2])[:, None]
-        E, tau = state.to_wrench[:, J], samples.effort[1:-1, J]
+        tau, rate = samples.effort[1:-1, J], (samples.effort[2:, J] - samples.effort[:-2, J]) / span
         acceleration, velocity = motion.acceleration[:, J], motion.velocity[:, J]
-        rate = (samples.effort[2:, J] - samples.effort[:-2, J]) / span
         sure = direction(_fitted(velocity))
         stuck, one = np.sqrt(np.maximum(1.0 - sure * sure, 0.0)), np.ones(tau.shape)
-        friction = own.viscous[J] * velocity + own.coulomb[J] * sure + own.offset[J]
-        left = state.torque[:, J] + friction - tau
+        left = state.torque[:, J] + own.viscous[J] * velocity + own.coulomb[J] * sure + own.offset[J] - tau
         terms = np.stack([acceleration, velocity, sure, one, tau, stuck], axis=-1)
-        joint = np.stack([acceleration, velocity, sure, one, rate, left], axis=1)
         turning = np.hstack([samples.velocity[:, J], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
         signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T).T
-        felt = E * left[..., None]
-        target = felt.sum(axis=1) - state.inertial.sum(axis=1)
-        rising = half_window(n)
+        rising, target, force = half_window(n), np.empty((n, 6)), np.empty((n, len(own.legs), 3))
         weights = np.stack([rising, rising[::-1]])  # both halves at once
         signs = 1.0 - 2.0 * (np.arange(n) % 2)
         alternating = weights * np.stack([signs[::-1], -signs])  # + at a block's end, - where the next one begins
-        parts = [signals, target, (E * rate[..., None]).sum(axis=1), np.zeros((n, 6)), jerk, joint]
-        parts += [E[..., None] * terms[:, :, None], state.columns[:, : self._layout.links]]
-        sums = weights @ np.concatenate([part.reshape(n, -1) for part in parts], axis=1)
-        sums[:, 24:30] = weights**2 @ (E**2 * self.noise.torque[:, None] ** 2).sum(axis=1)
-        force = np.add.reduceat(felt[..., :3], own.starts, axis=1)
+        window_sums(
+            weights,
+            J,
+            self._legs,
+            state.to_wrench,
+            state.inertial,
+            state.columns,
+            terms,
+            np.ascontiguousarray(left),
+            np.ascontiguousarray(rate),
+            self.noise.torque**2,
+            target,
+            halves["by_rate"],
+            halves["squared"],
+            halves["by_terms"],
+            halves["by_links"],
+            force,
+        )
+        plain = np.hstack([signals, target, jerk, acceleration, velocity, sure, one, rate, left])
+        halves["plain"][:] = weights @ plain
         step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
         half = _Half(
             end=float(samples.time[-2]),
             samples=n,
-            sums=sums,
-            alternating=alternating @ np.hstack([signals, target]),
+            sums=halves,
+            alternating=alternating @ plain[:, :18],
             probes=self._probes(motion),
             middle=self._middle(motion, tau, left),
             angular_velocity=motion.angular_velocity.mean(axis=0),
@@ -336,7 +353,7 @@ class RowMaker:
 
     def _rows(self, first: _Half, second: _Half, trunk: InertialParameters) -> BlockRows:
         J, layout, places, noise = self._layout.joints, self._layout, self._layout.places, self.noise
-        sums = self._sums.of(first.sums[0] + second.sums[1])
+        sums = self._sums.of(first.sums, second.sums)
         alternated = first.alternating[0] + second.alternating[1]
         averaged, differentiated = first.averaged + second.averaged, first.differentiated + second.differentiated
         probes, middle = 0.5 * (first.probes + second.probes), 0.5 * (first.middle + second.middle)
@@ -358,7 +375,7 @@ class RowMaker:
         lifts = np.sign(sums["by_terms"][:, :3, _TERMS.index("offset")] @ sums["signals"][:3])
         # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
         self._speeds.append(sums["joint"][1] ** 2 / (averaged * noise.velocity**2))
-        still = np.mean(self._speeds, axis=0) < _MOVES**2
+        still = np.array(self._speeds).mean(axis=0) < _MOVES**2
         for name in ("rotor", "viscous", "coulomb"):
             C[:, places[name]] *= ~still
         C[:, places["stiction"]] *= lifts * still

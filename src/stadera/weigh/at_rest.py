@@ -14,14 +14,14 @@ from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters, skew
 from stadera.trunk.load import LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of
-from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
+from stadera.trunk.posture import PostureLaw
 from stadera.trunk.registry import Setup, make_estimator
+from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.standing.equilibrium import ConstantErrors, weight_felt
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.legs import MeasuredLegs
 from stadera.trunk.standing.noise import ForceNoise
-from stadera.trunk.standing.orientation import PostureLaw
 from stadera.trunk.standing.payload import payload_between, sized_by_poses
 from stadera.trunk.standing.pose_means import Alike, PoseMean
 from stadera.trunk.standing.vertical import measurements_without_imu

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from lab.control.testbed import ROBOTS, bed, load_of, moved, robot_named
 from stadera.lab.control import TestBed, TrunkGains, TrunkPose
 from stadera.lab.control.gains import composite
+from stadera.lab.laws.mass import MassEstimator, MassSettings
 from stadera.lab.plant import STANDARD, SimulationError, Terrain, VirtualForce
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator, MassEstimator, TrunkModel
-from stadera.trunk.standing.mass import MassSettings
+from stadera.trunk import ContactForceEstimator, TrunkModel
 
 STAND_CASES = [(0.0, 0.0), (10.0, 0.06), (15.0, 0.12)]
 WRONG_SHARES = [(0.4, -0.3), (-0.3, 0.4)]

@@ -23,9 +23,9 @@ from stadera.lab.plant.payload import Tray
 from stadera.lab.report.demo.page import demo_html
 from stadera.lab.report.demo.scene import packed, robot_parts, scene
 from stadera.lab.report.demo.terminal import headline
+from stadera.lab.supervise import State
 from stadera.robot import load_robot
 from stadera.robot.kinematics import forward_kinematics
-from stadera.supervise import State
 
 SHORT = DemoSettings(seconds=7.0, seed=1, after_fall=0.4)
 CLASSIC = DemoSettings(mass=10.0, corner="LH", load_at=1.3, seconds=7.6, speed=0.1, seed=1, classic=True)

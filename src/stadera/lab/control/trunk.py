@@ -9,7 +9,7 @@ demanded wrench is
 
 so the spring acts on the modelled centre of mass, and a change of the model does not cause motion. F and Γ are
 distributed over the feet (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f. With a wrong
-model the springs give way until they balance the true weight (eq. 12): see `stadera.trunk.standing.orientation`.
+model the springs give way until they balance the true weight (eq. 12): see `stadera.lab.laws.orientation`.
 
 A gait relieves a leg of its load, lets it swing along a trajectory, and lands it at touch-down. Swinging legs follow
 inverse dynamics (`stadera.lab.control.swing`), and F, Γ include the reaction of their acceleration.

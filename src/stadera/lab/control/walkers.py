@@ -9,9 +9,9 @@ from stadera.lab.control.crawl.settings import CrawlPhase
 from stadera.lab.control.gains import ANGULAR, DAMPING
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.trunk import TrunkController
+from stadera.lab.laws.static_poses import PoseOffset
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.standing.orientation import PostureLaw
-from stadera.trunk.standing.static_poses import PoseOffset
+from stadera.trunk.posture import PostureLaw
 
 
 class CrawlWalker:

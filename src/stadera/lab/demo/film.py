@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalk
-from stadera.supervise import NonstopSupervisor, Supervisor
+from stadera.lab.supervise import NonstopSupervisor, Supervisor
 from stadera.types import Array, Bools
 
 PERIODS = 40

@@ -17,10 +17,10 @@ from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
 from stadera.lab.control.trot import Trot
 from stadera.lab.control.trunk import TrunkController
+from stadera.lab.laws.static_poses import static_poses
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.robot.model import Robot
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.standing.static_poses import static_poses
 
 SWING = "swing"
 """The scenario with legs in the air and without a controller: see `stadera.lab.scenarios.swing`."""

@@ -304,3 +304,16 @@ def _estimated_trunk(forces: ContactForces, leg_moment: Array, leg_mass: float, 
     mass = float(up @ forces.total_force) / GRAVITY
     moment = np.cross(up, forces.moment) / GRAVITY
     return np.array([mass - leg_mass, *(moment - leg_moment)])
+
+
+def felt_by_mass(forces: ContactForces, measurement: Measurement, robot: Robot) -> Array:
+    """Error (39,) of the trunk's mass [kg] per unit of the constant errors; that of the vertical has no effect.
+
+    If the vertical is computed from the forces, the errors tilt it as well.
+    """
+    up = measurement.up
+    if measurement.vertical_by_forces:
+        return np.asarray(weight_felt(forces, robot, measurement.joint_position, up)[0])
+    by_legs = leg_mass_slope(forces, robot, measurement.joint_position, up)[:3]
+    slope = np.hstack([forces.wrench_slope[:3], np.zeros((3, 3)), by_legs])
+    return np.asarray(up @ slope / GRAVITY)

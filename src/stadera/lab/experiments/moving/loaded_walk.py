@@ -36,9 +36,9 @@ from stadera.lab.plant import (
 )
 from stadera.lab.plant.payload import Tray
 from stadera.lab.sensors import estimator_model, plant_model
+from stadera.lab.supervise import LoadCheck, NonstopSupervisor, State, SuperviseSettings, Supervisor, Transition
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.supervise import LoadCheck, NonstopSupervisor, State, SuperviseSettings, Supervisor, Transition
 from stadera.trunk import ContactForceEstimator, TrunkModel
 from stadera.trunk.load import Payload as FoundPayload
 from stadera.types import Array

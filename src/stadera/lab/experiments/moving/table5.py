@@ -13,11 +13,11 @@ from stadera.lab.experiments.grid import Outcome, run_grid
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
 from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.lab.supervise import State, SuperviseSettings, Supervisor
+from stadera.lab.supervise.corrected import CorrectedForces
+from stadera.lab.supervise.weighing import Stage, StandingWeighing
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
-from stadera.supervise import State, SuperviseSettings, Supervisor
-from stadera.supervise.corrected import CorrectedForces
-from stadera.supervise.weighing import Stage, StandingWeighing
 from stadera.types import Progress
 
 PAPER = Paper.of("table5")

@@ -10,15 +10,15 @@ from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.experiments.standing.case import load_point
+from stadera.lab.laws.contact_com import ContactCom
+from stadera.lab.laws.convergence import settling_time
+from stadera.lab.laws.recursive import LawSettings
 from stadera.lab.plant import IDEAL, Plant, Sensors, VirtualForce
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line, stacked
 from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator
-from stadera.trunk.standing.contact_com import ContactCom
-from stadera.trunk.standing.convergence import settling_time
-from stadera.trunk.standing.recursive import LawSettings
 from stadera.types import Array, Progress
 
 PAPER = Paper.of("fig6")

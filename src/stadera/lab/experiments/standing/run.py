@@ -15,17 +15,19 @@ import numpy as np
 
 from stadera.lab.control import TestBed, TrunkController, TrunkPose
 from stadera.lab.experiments.standing.case import StandingCase, StandingOutcome, load_point, start_model
+from stadera.lab.laws.contact_com import ContactCom
+from stadera.lab.laws.mass import MassEstimator
+from stadera.lab.laws.orientation import OrientationCom
+from stadera.lab.laws.recursive import RecursiveCom
+from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.lab.plant import Plant, Sensors, Terrain, VirtualForce
 from stadera.lab.sensors import plant_model
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator, Estimator, MassEstimator, Measurement, Status
+from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status
+from stadera.trunk.posture import PostureLaw
 from stadera.trunk.registry import Setup, make_estimator
-from stadera.trunk.standing.contact_com import ContactCom
-from stadera.trunk.standing.orientation import OrientationCom, PostureLaw
 from stadera.trunk.standing.poses import PosesCom
-from stadera.trunk.standing.recursive import RecursiveCom
-from stadera.trunk.standing.static_poses import PoseOffset, static_poses
 from stadera.types import Array
 
 _POSES = {"poses": 5, "combined": 11}

@@ -13,13 +13,13 @@ from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record, crossed
 from stadera.lab.experiments.standing.case import METHOD_NAMES, StandingCase, StandingOutcome, StandingTimes
 from stadera.lab.experiments.standing.run import poses_of, stand
+from stadera.lab.laws.static_poses import PoseOffset, expected_covariance
 from stadera.lab.plant import Gaussian, SensorErrors
 from stadera.report.table import TableData
 from stadera.robot import Robot, load_robot
 from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.noise import ForceNoise
 from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
-from stadera.trunk.standing.static_poses import PoseOffset, expected_covariance
 from stadera.types import Progress
 
 PAPER = Paper.of("table4")

@@ -15,10 +15,10 @@ from stadera.lab.demo.schema import KNOWN, known_after, true_load
 from stadera.lab.report.demo.plots import com_figure, margin_figure, mass_figure
 from stadera.lab.report.demo.scene import scene
 from stadera.lab.report.demo.terminal import comparison_table, headline, load_table, log_table
+from stadera.lab.supervise import LoadTestSettings
 from stadera.report.figures import Figure
 from stadera.report.numbers import number, with_std
 from stadera.report.page import render, script_data
-from stadera.supervise import LoadTestSettings
 
 _LEGEND = (
     ("truth", "●", "true centre of mass of robot and box"),

@@ -10,8 +10,8 @@ import numpy as np
 from stadera.lab.demo import DemoResult
 from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
 from stadera.lab.report.demo.terminal import NAMES
+from stadera.lab.supervise import LoadCheck, State
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, line, stacked
-from stadera.supervise import LoadCheck, State
 
 CLOSE = (1.0, 2.5)
 """Default time range of plots of weighing while walking: before the load and after it [s]."""

@@ -21,10 +21,10 @@ from stadera.lab.demo import DemoResult, DemoRun
 from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.lab.plant.payload import Tray
 from stadera.lab.report.demo.terminal import NAMES
+from stadera.lab.supervise import State
 from stadera.report.numbers import with_std
 from stadera.robot import load_robot
 from stadera.robot.model import Leg, Robot
-from stadera.supervise import State
 from stadera.types import Array
 
 _WITH_MESHES = ("hyq",)

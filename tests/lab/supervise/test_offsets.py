@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from stadera.lab.supervise import LoadTest
+from stadera.lab.supervise.offsets import LegOffsets, SwingOffsets
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.supervise import LoadTest
-from stadera.supervise.offsets import LegOffsets, SwingOffsets
 from stadera.trunk import ForceNoise, MeasuredLegs, Measurement
 
 HYQ = load_robot("hyq")

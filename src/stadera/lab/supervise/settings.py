@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stadera.errors import StaderaError, UnknownNameError, require_positive
-from stadera.supervise.load_test import LoadTestSettings
-from stadera.supervise.offsets import OffsetSettings
-from stadera.supervise.rest import RestLimits
+from stadera.lab.supervise.load_test import LoadTestSettings
+from stadera.lab.supervise.offsets import OffsetSettings
+from stadera.lab.supervise.rest import RestLimits
 from stadera.trunk.registry import METHODS
 
 

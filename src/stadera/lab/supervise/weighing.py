@@ -11,15 +11,15 @@ from enum import StrEnum
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.supervise.corrected import CorrectedForces
-from stadera.supervise.settings import SuperviseSettings
-from stadera.supervise.walker import PosingWalker, Walker
+from stadera.lab.laws.mass import MassEstimator
+from stadera.lab.laws.static_poses import PoseOffset, static_poses
+from stadera.lab.supervise.corrected import CorrectedForces
+from stadera.lab.supervise.settings import SuperviseSettings
+from stadera.lab.supervise.walker import PosingWalker, Walker
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
 from stadera.trunk.registry import Setup, make_estimator
-from stadera.trunk.standing.mass import MassEstimator
-from stadera.trunk.standing.static_poses import PoseOffset, static_poses
 
 
 class Stage(StrEnum):

@@ -15,15 +15,15 @@ import numpy as np
 
 from stadera.constants import ROUNDING, SATURATED
 from stadera.errors import StaderaError
+from stadera.lab.supervise.corrected import CorrectedForces, PayloadScale
+from stadera.lab.supervise.load_test import LoadCheck, LoadTest
+from stadera.lab.supervise.offsets import SwingOffsets
+from stadera.lab.supervise.rest import RestWatch
+from stadera.lab.supervise.settings import SuperviseSettings
+from stadera.lab.supervise.strength import hardest_effort
+from stadera.lab.supervise.walker import State, Supervised, Walker
+from stadera.lab.supervise.weighing import Stage, StandingWeighing, require_poses
 from stadera.robot.model import Robot
-from stadera.supervise.corrected import CorrectedForces, PayloadScale
-from stadera.supervise.load_test import LoadCheck, LoadTest
-from stadera.supervise.offsets import SwingOffsets
-from stadera.supervise.rest import RestWatch
-from stadera.supervise.settings import SuperviseSettings
-from stadera.supervise.strength import hardest_effort
-from stadera.supervise.walker import State, Supervised, Walker
-from stadera.supervise.weighing import Stage, StandingWeighing, require_poses
 from stadera.trunk.load import Payload
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel

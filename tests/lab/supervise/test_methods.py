@@ -9,13 +9,13 @@ import pytest
 
 from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.control.walkers import StandingWalker
+from stadera.lab.laws.static_poses import PoseOffset, standing_still
 from stadera.lab.plant import IDEAL, Plant, RigidMass, Sensors
+from stadera.lab.supervise import PosingWalker, State, SuperviseSettings, Supervisor
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.supervise import PosingWalker, State, SuperviseSettings, Supervisor
 from stadera.trunk import ContactForceEstimator, TrunkModel
-from stadera.trunk.standing.orientation import PostureLaw
-from stadera.trunk.standing.static_poses import PoseOffset, standing_still
+from stadera.trunk.posture import PostureLaw
 
 HYQ = load_robot("hyq")
 PERIOD = 0.01

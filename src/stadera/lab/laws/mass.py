@@ -22,7 +22,7 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
 from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.equilibrium import ConstantErrors, leg_mass_slope, weight_felt
+from stadera.trunk.standing.equilibrium import ConstantErrors, felt_by_mass
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.static import StaticEstimator
 from stadera.types import Array
@@ -123,16 +123,3 @@ class MassEstimator(StaticEstimator):
         keep = exp(-dt * self.settings.faster / self.settings.time_constant)
         self._fast_weight = keep * self._fast_weight + (1.0 - keep)
         self._fast += (1.0 - keep) / self._fast_weight * (mass - self._fast)
-
-
-def felt_by_mass(forces: ContactForces, measurement: Measurement, robot: Robot) -> Array:
-    """Error (39,) of the trunk's mass [kg] per unit of the constant errors; that of the vertical has no effect.
-
-    If the vertical is computed from the forces, the errors tilt it as well.
-    """
-    up = measurement.up
-    if measurement.vertical_by_forces:
-        return np.asarray(weight_felt(forces, robot, measurement.joint_position, up)[0])
-    by_legs = leg_mass_slope(forces, robot, measurement.joint_position, up)[:3]
-    slope = np.hstack([forces.wrench_slope[:3], np.zeros((3, 3)), by_legs])
-    return np.asarray(up @ slope / GRAVITY)

@@ -10,14 +10,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from lab.supervise.scripted import ScriptedWalker
 from tests.standing import StandingRobot
 
 from stadera.errors import StaderaError, UnknownNameError
+from stadera.lab.supervise import State, SuperviseSettings, Supervisor, Transition, Walker
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.supervise import State, SuperviseSettings, Supervisor, Transition, Walker
 from stadera.trunk import Measurement
-from supervise.scripted import ScriptedWalker
 
 HYQ = load_robot("hyq")
 PLACE = (-0.3, 0.15, 0.2)

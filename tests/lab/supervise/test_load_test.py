@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom
 
 from stadera.errors import StaderaError
-from stadera.supervise import LoadCheck, LoadTest, LoadTestSettings, RestMoment
+from stadera.lab.supervise import LoadCheck, LoadTest, LoadTestSettings, RestMoment
 from stadera.trunk import ForceNoise
 
 ROBOT_MASS, TRUNK_MASS = 87.0, 61.0

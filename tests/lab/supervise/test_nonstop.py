@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from lab.supervise.scripted import ScriptedWalker
 from tests.standing import StandingRobot
 
+from stadera.lab.supervise import NonstopSupervisor, State, Walker
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.supervise import NonstopSupervisor, State, Walker
 from stadera.trunk import Measurement, TrunkModel
-from supervise.scripted import ScriptedWalker
 
 HYQ = load_robot("hyq")
 PLACE = (-0.2, 0.1, 0.2)

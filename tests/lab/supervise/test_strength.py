@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from stadera.lab.supervise import hardest_effort
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.supervise import hardest_effort
 from stadera.trunk import TrunkModel
 
 HYQ = load_robot("hyq")

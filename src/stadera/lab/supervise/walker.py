@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
+from stadera.lab.laws.static_poses import PoseOffset
 from stadera.robot.model import Robot
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.standing.orientation import PostureLaw
-from stadera.trunk.standing.static_poses import PoseOffset
+from stadera.trunk.posture import PostureLaw
 
 
 @runtime_checkable

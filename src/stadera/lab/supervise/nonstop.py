@@ -8,9 +8,9 @@ Until then controller and planner keep the last trunk; from then on they get eve
 
 from __future__ import annotations
 
+from stadera.lab.supervise.strength import hardest_effort
+from stadera.lab.supervise.walker import State, Supervised, Walker
 from stadera.robot.model import Robot
-from stadera.supervise.strength import hardest_effort
-from stadera.supervise.walker import State, Supervised, Walker
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.measurement import Measurement

@@ -32,68 +32,20 @@ A settling time is accepted only if κ is at most a quarter of that (a gain marg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import IdentificationError, ModelError, positive
+from stadera.errors import IdentificationError, ModelError
 from stadera.inertia import skew
+from stadera.lab.laws.convergence import step_size
+from stadera.lab.laws.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
+from stadera.trunk.posture import PostureLaw, rotation_of
 from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.convergence import step_size
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom
 from stadera.types import Array
-
-
-@dataclass(frozen=True, eq=False)
-class PostureLaw:
-    """Parameters of the trunk controller that approach (b) needs.
-
-    Attributes:
-        stiffness: (3,) [N·m/rad], K about the trunk's axes.
-        reference: (3, 3), R_d, of the trunk in the world.
-        frequency: ω [rad/s], and
-        damping: ζ, of the trunk's response in roll and pitch.
-        lag: with which a new estimate is used [s].
-        gain_margin: of the loop of posture and estimate [1]; 4 is 12 dB.
-        feeds_back: True if the controller uses this estimate; else it keeps the estimator's initial one.
-
-    Raises:
-        ModelError: wrong shape, values that are not positive, or a reference that is not a rotation.
-    """
-
-    stiffness: Array
-    reference: Array
-    frequency: float = 16.0
-    damping: float = 0.8
-    lag: float = 0.05
-    feeds_back: bool = True
-    gain_margin: float = 4.0
-
-    def __post_init__(self) -> None:
-        stiffness = np.array(self.stiffness, dtype=float)
-        if stiffness.shape != (3,) or not (np.isfinite(stiffness).all() and (stiffness > 0).all()):
-            raise ModelError(f"a posture's stiffness needs three positive numbers, got {self.stiffness}")
-        object.__setattr__(self, "stiffness", stiffness)
-        object.__setattr__(self, "reference", _rotation(self.reference))
-        for name in ("frequency", "damping", "gain_margin"):
-            positive(f"a posture's {name}", getattr(self, name), error=ModelError)
-        if not (np.isfinite(self.lag) and self.lag >= 0):
-            raise ModelError(f"a posture's lag must not be negative, got {self.lag} s")
-
-    def fastest_settling(self, period: float) -> float:
-        """Shortest settling time [s] with the gain margin, for an update every `period` [s]."""
-        if not self.feeds_back:
-            return 0.0
-        lag = self.lag + period  # half a period held, half a period from averaging
-        spring, damper = self.frequency**2, 2.0 * self.damping * self.frequency
-        a3 = 1.0 + damper * lag
-        most = (a3 * (damper + spring * lag) - spring * lag) / a3**2
-        return 3.0 * self.gain_margin / most
 
 
 class OrientationCom(RecursiveCom):
@@ -139,7 +91,7 @@ class OrientationCom(RecursiveCom):
                 than 3° from the last one.
             ModelError: not a rotation.
         """
-        rotation = _rotation(reference)
+        rotation = rotation_of(reference)
         turned = float(np.arccos(np.clip(rotation[2] @ self._reference[2], -1.0, 1.0)))
         if self.phase is Phase.PLANE and turned < LEAST_TILT:
             raise IdentificationError(
@@ -196,13 +148,6 @@ class OrientationCom(RecursiveCom):
         felt = super()._felt(instant)
         felt[1:, 24:27] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
         return felt
-
-
-def _rotation(matrix: Array) -> Array:
-    rotation = np.array(matrix, dtype=float)
-    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
-        raise ModelError("a posture's reference must be a rotation matrix (3, 3)")
-    return rotation
 
 
 def _log(rotation: Array) -> Array:

@@ -35,12 +35,12 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, require_positive
 from stadera.inertia import skew
+from stadera.lab.laws.convergence import TOLERANCE, Settled, settling_time
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
 from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.convergence import TOLERANCE, Settled, settling_time
 from stadera.trunk.standing.detection import StaticLimits
 from stadera.trunk.standing.equilibrium import ConstantErrors, leg_mass_slope
 from stadera.trunk.standing.forces import ContactForceEstimator

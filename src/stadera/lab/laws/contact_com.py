@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from stadera.lab.laws.convergence import step_size
+from stadera.lab.laws.recursive import LEAST_TILT, RecursiveCom
 from stadera.legs.model import cross
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.convergence import step_size
-from stadera.trunk.standing.recursive import LEAST_TILT, RecursiveCom
 
 _NOT_TILTED = f"the height is observable in a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found"
 

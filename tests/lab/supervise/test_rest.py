@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.standing import StandingRobot
 
+from stadera.lab.supervise import RestLimits, RestMoment, RestWatch
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.supervise import RestLimits, RestMoment, RestWatch
 from stadera.trunk import ContactForceEstimator, Measurement
 
 HYQ = load_robot("hyq")

@@ -5,7 +5,7 @@ Gaussian x = (m, n) ~ N(x̂, P). Moment k gives
 
     m_k = h_k x + e_k,     h_k = (1, s_k),     e_k ~ N(0, σ_k² + σ_u²)
 
-(s_k, σ_k: `stadera.supervise.rest`; σ_u: residual of statics while a robot walks). So, if nothing has changed,
+(s_k, σ_k: `stadera.lab.supervise.rest`; σ_u: residual of statics while a robot walks). So, if nothing has changed,
 
     ν_k = m_k - h_k x̂ ~ N(0, S_k),     S_k = h_k P h_kᵀ + σ_k² + σ_u²
 
@@ -17,7 +17,7 @@ another, although offsets bias the mass alike in every cycle of a run, and
 raises a false alarm with probability α in each check, in any run: α = rate x interval, with at most one check in each
 interval. A change δ is missed by one check with probability Φ(z - |δ| / √S_k); `LoadTest.detectable` is the δ for a
 given probability. After a change the mass is unknown again and the offsets are kept: P_mm is set to a large value, P_mn
-to zero. A leg in the air measures its own offsets (`stadera.supervise.offsets`), three of x's components, whose
+to zero. A leg in the air measures its own offsets (`stadera.lab.supervise.offsets`), three of x's components, whose
 variance is increased slightly before, since offsets may drift.
 """
 
@@ -30,8 +30,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from stadera.errors import StaderaError, require_positive
-from stadera.supervise.offsets import LegOffsets
-from stadera.supervise.rest import RestMoment
+from stadera.lab.supervise.offsets import LegOffsets
+from stadera.lab.supervise.rest import RestMoment
 from stadera.trunk.standing.noise import ForceNoise
 from stadera.types import Array
 
