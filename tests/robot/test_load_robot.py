@@ -12,6 +12,7 @@ from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 from stadera.legs.model import foot_positions
 from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
+from stadera.robot.catalog import _example_robot_data
 from stadera.robot.kinematics import forward_kinematics
 
 
@@ -217,13 +218,39 @@ def test_mass_that_is_no_number(tmp_path: Path) -> None:
 
 
 def test_three_legs(tmp_path: Path) -> None:
-    assert "3 legs" in _refused(write(tmp_path, quadruped(RH="")))
+    robot = load_robot(write(tmp_path, quadruped(RH="")))
+    assert sorted(leg.name for leg in robot.legs) == ["LF", "LH", "RF"]
+    assert not robot.quadruped
 
 
 def test_six_legs(tmp_path: Path) -> None:
     middle = urdf_leg("x", (0.0, 0.2)) + urdf_leg("y", (0.0, -0.2))
     legs = "".join(urdf_leg(name, corner) for name, corner in zip("abcd", CORNERS.values(), strict=True))
-    assert "6 legs" in _refused(write(tmp_path, urdf(legs + middle)))
+    robot = load_robot(write(tmp_path, urdf(legs + middle)))
+    assert sorted(leg.name for leg in robot.legs) == list("abcdxy")
+    assert all(leg.contact == 3 for leg in robot.legs)
+
+
+def test_one_leg(tmp_path: Path) -> None:
+    assert "1 legs" in _refused(write(tmp_path, quadruped(RH="", LH="", RF="")))
+
+
+@pytest.mark.parametrize(
+    ("file", "legs", "joints", "contact", "others"),
+    [
+        ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["left", "right"], 6, 6, 17),
+        ("talos_data/robots/talos_full_v2.urdf", ["left", "right"], 6, 6, 32),
+        ("bolt_description/robots/bolt.urdf", ["LF", "RF"], 3, 3, 0),
+    ],
+)
+def test_roles_of_robots_with_two_legs(file: str, legs: list[str], joints: int, contact: int, others: int) -> None:
+    folder = _example_robot_data()
+    if folder is None:
+        pytest.skip("example-robot-data is not installed")
+    robot = load_robot(folder / file)
+    assert [leg.name for leg in robot.legs] == legs
+    assert {(len(leg.joints), leg.contact) for leg in robot.legs} == {(joints, contact)}
+    assert (0 if robot.extra is None else len(robot.extra.joints)) == others
 
 
 def test_a_leg_of_four_joints(tmp_path: Path) -> None:

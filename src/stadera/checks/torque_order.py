@@ -42,7 +42,6 @@ from stadera.checks.motion import MotionCosts
 from stadera.constants import GRAVITY, NOTHING
 from stadera.inertia import skews
 from stadera.legs.friction import direction
-from stadera.legs.model import LegModel
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals
@@ -179,7 +178,7 @@ class InstantRows:
         takes a quarter of the memory.
         """
         robot, b = footing.robot, footing.blocks
-        body, length = Body.of(robot, others=False), LegModel.of(robot).length
+        body, length = Body.of(robot, others=False), robot.leg_length
         legs = body.in_legs.reshape(4, 3)
         a, omega, velocity = footing.specific_force, b.angular_velocity, b.rate
         assert omega is not None

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from stadera.checks.limits import WindowLimits
 from stadera.constants import GRAVITY, MEDIAN_OF_CHI2
-from stadera.legs.model import LegModel
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.model import Robot
@@ -164,7 +163,7 @@ def _jumps(
 
 
 def _beyond(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
-    strongest = limits.weights * robot.mass * GRAVITY * LegModel.of(robot).length
+    strongest = limits.weights * robot.mass * GRAVITY * robot.leg_length
     for j, joint in enumerate(robot.tree.joints):
         most = min(limits.beyond * robot.limits[joint].effort, strongest)
         wild = np.abs(effort[:, j]) > most

@@ -16,7 +16,7 @@ same model for a single sample with Pinocchio, as a 1 kHz controller needs: it t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -115,11 +115,10 @@ class LegModel:
         """The model of a robot, cached."""
         return LegModel(robot)
 
-    @cached_property
+    @property
     def length(self) -> float:
-        """Length of the shortest leg, hip to foot when fully extended [m]."""
-        thigh = np.linalg.norm(self.arms[:, :, 2, 0], axis=0)
-        return float((thigh + np.linalg.norm(self.foot[..., 0], axis=0)).min())
+        """`Robot.leg_length`."""
+        return self.robot.leg_length
 
     @property
     def least_volume(self) -> float:

@@ -20,7 +20,7 @@ from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
 from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
 from stadera.robot.sense import check_sense, checked_limits
-from stadera.robot.shapes import find_foot, fitted_shapes
+from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
 from stadera.robot.xmltree import parsed, require_depth, require_size
 from stadera.types import Array, Progress
 
@@ -28,7 +28,7 @@ _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no 
 
 
 def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -> Robot:
-    """Loads the quadruped of that name or file; a robot is returned unchanged.
+    """Loads the robot of that name or file; a robot is returned unchanged.
 
     Trunk, legs, feet and joint order are determined from the model itself; assumptions are listed in `Robot.notes`.
     Joints are ordered by leg, LF, RF, LH, RH, and in each from the trunk outwards: HAA, HFE, KFE. Inertias are those of
@@ -42,7 +42,8 @@ def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -
         UnknownNameError: neither a known name nor a file.
         LimitError: the file exceeds the limits.
         MissingExtraError: the package that contains this named robot, or MuJoCo for an MJCF, is not installed.
-        ModelError: the file cannot be read, or is not a quadruped with point feet and three revolute joints per leg.
+        ModelError: the file cannot be read, or has no legs: chains of three or more revolute joints that reach down
+            from the trunk. Legs of six joints or more have flat feet, others point feet.
     """
     if isinstance(source, Robot):
         return source
@@ -99,7 +100,7 @@ def _understand(file: ModelFile) -> Robot:
     shapes = tuple(_on_moving_links(file, frames))
     legs, foot_notes = _legs(file, chains, frames, shapes)
     for leg in legs:
-        frames.setdefault(leg.foot, Frame(leg.links[2], np.eye(3), np.asarray(leg.foot_position)))
+        frames.setdefault(leg.foot, Frame(leg.links[-1], np.eye(3), np.asarray(leg.foot_position)))
     limits, limit_notes = _limits(file, tree)
     robot = Robot(
         name=file.name,
@@ -218,13 +219,14 @@ def _legs(
     legs: list[Leg] = []
     feet_by_note: dict[str, list[str]] = {}
     for chain in chains:
-        a, b, c = (file.model.names[joint] for joint in chain.joints)
-        links = (file.links[a], file.links[b], file.links[c])
+        joints = tuple(file.model.names[joint] for joint in chain.joints)
+        links = tuple(file.links[joint] for joint in joints)
+        flat = len(joints) >= FLAT
         try:
-            foot = find_foot(links[2], frames, shapes)
+            foot = find_sole(links[-1], frames, shapes) if flat else find_foot(links[-1], frames, shapes)
         except ModelError as error:
             raise ModelError(f"{file.path}: leg {chain.name}: {error}") from error
-        legs.append(Leg(chain.name, (a, b, c), links, foot.frame, foot.position, foot.radius))
+        legs.append(Leg(chain.name, joints, links, foot.frame, foot.position, foot.radius, FLAT if flat else 3))
         feet_by_note.setdefault(foot.note, []).append(foot.frame)
     return tuple(legs), [f"foot {', '.join(feet)}: {note}" for note, feet in feet_by_note.items() if note]
 

@@ -1,4 +1,4 @@
-"""Model of a quadruped as plain frozen values, independent of the library that read the file.
+"""Model of a legged robot as plain frozen values, independent of the library that read the file.
 
 Frames: the trunk frame is the floating base's. A link's frame is its joint's frame, fixed to the link: for a URDF the
 link frame; for an MJCF the body's axes with the origin at the joint's anchor.
@@ -96,7 +96,7 @@ class Leg:
     """One leg: its joints from the trunk outwards (three of a quadruped: HAA, HFE, KFE) and a foot.
 
     Attributes:
-        name: LF, RF, LH or RH.
+        name: LF, RF, LH or RH of a quadruped.
         joints, links: names in the model file, from the trunk outwards.
         foot: the foot frame's name in the model file, or "<last link>_foot" if the file has none.
         foot_position: (3,) [m], centre of the foot sphere in the last link's frame; it may lie off the foot frame.
@@ -139,12 +139,12 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A quadruped: tree, legs, prior inertial parameters and joint dynamics, limits, frames and simple shapes.
+    """A legged robot: tree, legs, prior inertial parameters and joint dynamics, limits, frames and simple shapes.
 
     Attributes:
         name: as requested, or the model file's own.
         tree: all leg joints; other joints are fixed and their links merged into the parents.
-        legs: LF, RF, LH, RH in this order.
+        legs: of a quadruped LF, RF, LH, RH in this order.
         inertias: prior (CAD) parameters by link, in the link's frame, with everything fixed to the link included.
         dynamics: prior joint dynamics by joint.
         dynamics_std: standard deviations of `dynamics`, for joints that were identified; NaN for terms that were not.
@@ -198,8 +198,22 @@ class Robot:
         return sum(self.inertias[link].mass for link in self.tree.links)
 
     @property
+    def quadruped(self) -> bool:
+        """True if it has the legs LF, RF, LH and RH of three joints each."""
+        return tuple(leg.name for leg in self.legs) == LEG_NAMES and all(len(leg.joints) == 3 for leg in self.legs)
+
+    @cached_property
+    def leg_length(self) -> float:
+        """Length of the shortest leg when fully extended [m], from its second joint to its foot."""
+        lengths = []
+        for leg in self.legs:
+            arms = [self.tree.translations[self.tree.joints.index(joint)] for joint in leg.joints[2:]]
+            lengths.append(sum(float(np.linalg.norm(arm)) for arm in (*arms, np.array(leg.foot_position))))
+        return min(lengths)
+
+    @property
     def hips(self) -> Array:
-        """Origins of the legs' first joints in the trunk frame [m], (4, 3)."""
+        """Origins of the legs' first joints in the trunk frame [m], (legs, 3)."""
         return np.array([self.tree.translations[self.tree.joints.index(leg.joints[0])] for leg in self.legs])
 
     def leg(self, name: str) -> Leg:

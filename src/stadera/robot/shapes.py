@@ -26,11 +26,11 @@ def fitted_shapes(
 
 
 def _leg_shapes(tree: Tree, leg: Leg, own: Sequence[Shape], slenderness: float) -> Iterator[Shape]:
-    last, foot = leg.links[2], np.array(leg.foot_position)
+    last, foot = leg.links[-1], np.array(leg.foot_position)
     spheres = [shape for shape in own if shape.link == last and shape.kind == "sphere"]  # a foot is no shape of a link
     covered = {shape.link for shape in own if shape not in spheres}
-    hip, knee = (tree.translations[tree.joints.index(name)] for name in leg.joints[1:])
-    for link, end in zip(leg.links, (hip, knee, foot), strict=True):
+    ends = (tree.translations[tree.joints.index(name)] for name in leg.joints[1:])
+    for link, end in zip(leg.links, (*ends, foot), strict=True):
         if link not in covered and np.linalg.norm(end) > 1e-6:
             yield _capsule(link, end, slenderness)
     if leg.foot_radius > 0 and not spheres:
@@ -45,7 +45,7 @@ def _capsule(link: str, end: Array, slenderness: float) -> Shape:
 def _trunk_box(tree: Tree, legs: tuple[Leg, ...], flatness: float) -> Shape:
     hips = np.array([tree.translations[tree.joints.index(leg.joints[0])] for leg in legs])
     low, high = hips.min(axis=0), hips.max(axis=0)
-    length, width = float(high[0] - low[0]), float(high[1] - low[1])
+    length, width = (max(float(side), 0.1) for side in (high - low)[:2])  # of two hips side by side too
     return Shape(tree.links[0], "box", (length, width, flatness * width), np.eye(3), 0.5 * (low + high))
 
 
@@ -57,7 +57,10 @@ def _z_along(direction: Array) -> Array:
     return np.column_stack([x, np.cross(direction, x), direction])
 
 
+FLAT = 6
+"""Components of the contact of a flat foot, and joints of a leg that determine them."""
 _FOOT_NAME = re.compile(r"foot|toe", re.IGNORECASE)
+_SOLE_NAME = re.compile(r"sole|foot|toe", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,19 @@ def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], n
         raise ModelError(f"link {link!r} has no frame named foot or toe, and no primitive shape to find a foot on")
     point, radius = max(map(_far_end, own), key=lambda end: _far(end[0]))
     return Foot(name, _triple(point), radius, "taken at the far end of its link's geometry")
+
+
+def find_sole(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -> Foot:
+    """Finds the point of a flat foot at which its contact's wrench is told: the frame on `link` whose name contains
+    sole, foot or toe, else the middle of its spheres, else the link's origin. No row depends on it.
+    """
+    spheres = [shape.translation for shape in shapes if shape.link == link and shape.kind == "sphere"]
+    named = [name for name, frame in frames.items() if frame.link == link and _SOLE_NAME.search(name) and name != link]
+    if named:
+        name = max(named, key=lambda n: _far(frames[n].translation))
+        return Foot(name, _triple(frames[name].translation), 0.0)
+    middle = np.mean(spheres, axis=0) if spheres else np.zeros(3)
+    return Foot(f"{link}_foot", _triple(middle), 0.0, "a flat foot")
 
 
 def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape], near: float) -> Foot:

@@ -128,7 +128,7 @@ class ErrorModel:
             robot's weight on one stretched leg.
         dry: (joints,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is
             not.
-        by_load: friction that grows with the torque carried, of a joint that carries a quarter of the robot [N·m].
+        by_load: friction that grows with the torque carried, of a knee of one of the legs [N·m].
         covariance: (count, count).
         length: of a leg [m].
         held: `ModelErrors.held`.
@@ -153,7 +153,7 @@ class ErrorModel:
             std[place] = np.fmin(std[place], least)  # as it was for a joint or term that was not identified, NaN
         self.dry = np.abs([robot.dynamics[joint].coulomb for leg in robot.legs for joint in leg.joints])
         # on a leg bent to 80 % of its length, the foot below the hip, the knee is off the line by 0.3 of the length
-        self.by_load = sizes.load_friction * 0.25 * 0.3 * largest
+        self.by_load = sizes.load_friction * 0.3 * largest / layout.contacts
         std[places["stiction"]] = sizes.held * np.hypot(self.dry, std[places["coulomb"]])
         for name in _AS_STATED:
             std[places[name]] = getattr(sizes, name)

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.inertia import InertialParameters
-from stadera.legs.model import LegModel
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
@@ -137,7 +136,7 @@ class TrunkEstimator:
         self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
         self._front = Front(self.robot, self.mount, self.settings.swing)
         self._stops = _stops(self.robot)
-        self._length = LegModel.of(self.robot).length
+        self._length = self.robot.leg_length
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
         self._swing = SwingJoints(self._model, self.settings.swing)
         self._errors = Errors(self._model, self._swing, 1.0)

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from stadera.body import Body, Motion
 from stadera.errors import StaderaError, positive
 from stadera.inertia import InertialParameters
 from stadera.legs.model import nominal_feet
@@ -93,8 +94,9 @@ class TrunkBounds:
         """Computes the bounds from the robot's model.
 
         In x and y the box is the rectangle of the feet in the nominal stance (a trunk balanced outside it could not
-        stand), in z half the standing height above and below the hips. The mass ranges from a tenth of the prior trunk
-        to the prior trunk plus twice the robot's mass.
+        stand), of other robots than quadrupeds in the model's zero pose and wider by a quarter of a leg, in z half the
+        standing height above and below the hips. The mass ranges from a tenth of the prior trunk to the prior trunk
+        plus twice the robot's mass.
         """
         return _bounds_of(robot, plausible or PlausibleRange())
 
@@ -131,8 +133,7 @@ class TrunkBounds:
 
 @lru_cache(maxsize=16)
 def _bounds_of(robot: Robot, plausible: PlausibleRange) -> TrunkBounds:
-    feet = nominal_feet(robot)
-    hips = robot.hips
+    feet, hips = _feet_of(robot), robot.hips
     level = float(hips[:, 2].mean())
     reach = plausible.height * (level - float(feet[:, 2].mean()))
     prior = robot.inertias[robot.trunk].mass
@@ -141,3 +142,13 @@ def _bounds_of(robot: Robot, plausible: PlausibleRange) -> TrunkBounds:
         low=np.array([*feet[:, :2].min(axis=0), level - reach]),
         high=np.array([*feet[:, :2].max(axis=0), level + reach]),
     )
+
+
+def _feet_of(robot: Robot) -> Array:
+    """Feet in a stance (k, 3) [m]; of other robots than quadrupeds the corners of a wider rectangle."""
+    if robot.quadruped:
+        return nominal_feet(robot)
+    still, rest, up = np.zeros((1, len(robot.tree.joints))), np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])
+    feet = Body.of(robot, others=False).at(Motion(still, still, still, rest, rest, rest, up)).feet[0]
+    wide = 0.25 * robot.leg_length * np.array([1.0, 1.0, 0.0])
+    return np.concatenate([feet - wide, feet + wide])

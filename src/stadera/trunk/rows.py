@@ -39,7 +39,6 @@ from stadera.body import Body, Motion, State
 from stadera.constants import GRAVITY, SINGULAR
 from stadera.inertia import InertialParameters, skew, skews
 from stadera.legs.friction import direction
-from stadera.legs.model import LegModel
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration
@@ -178,7 +177,7 @@ class RowMaker:
 
     def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection) -> None:
         self.body, self._robot, self._lever = Body.of(robot, others=False), robot, mount.translation
-        self._layout, length = ErrorLayout.of(robot), LegModel.of(robot).length
+        self._layout, length = ErrorLayout.of(robot), robot.leg_length
         self._sums, self._columns = _Sums(self._layout), self.body.in_legs
         self.noise = WhiteNoise.prior(robot, self._layout.joints)
         self.weight, self.flat = robot.mass * GRAVITY, SINGULAR * length**3

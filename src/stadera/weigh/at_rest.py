@@ -15,8 +15,8 @@ from stadera.inertia import InertialParameters, skew
 from stadera.trunk.load import LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of
 from stadera.trunk.posture import PostureLaw
-from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
+from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.standing.equilibrium import ConstantErrors, weight_felt
 from stadera.trunk.standing.forces import ContactForceEstimator

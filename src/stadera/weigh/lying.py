@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stadera.legs.model import LegModel, foot_positions
+from stadera.legs.model import foot_positions
 from stadera.robot.model import Robot, Shape
 from stadera.types import Array
 
@@ -27,7 +27,7 @@ def lying(robot: Robot, position: Array, up: Array) -> Array:
     lowest = np.min([_lowest(shape, up) for shape in robot.shapes if shape.link == robot.trunk], axis=0)
     feet = np.einsum("nli,ni->nl", foot_positions(robot, position), up)
     ground = (feet - np.array([leg.foot_radius for leg in robot.legs])).min(axis=1)
-    return np.asarray(lowest - ground < LOW * LegModel.of(robot).length)
+    return np.asarray(lowest - ground < LOW * robot.leg_length)
 
 
 def _lowest(shape: Shape, up: Array) -> Array:

@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from lab.supervise.scripted import ScriptedWalker
 from tests.standing import StandingRobot
 
+from lab.supervise.scripted import ScriptedWalker
 from stadera.lab.supervise import NonstopSupervisor, State, Walker
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration

@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from lab.supervise.scripted import ScriptedWalker
 from tests.standing import StandingRobot
 
+from lab.supervise.scripted import ScriptedWalker
 from stadera.errors import StaderaError, UnknownNameError
 from stadera.lab.supervise import State, SuperviseSettings, Supervisor, Transition, Walker
 from stadera.robot import load_robot

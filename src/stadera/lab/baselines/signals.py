@@ -14,7 +14,6 @@ import numpy as np
 from stadera.body import Body, Motion
 from stadera.constants import GRAVITY
 from stadera.inertia import InertialParameters
-from stadera.legs.model import LegModel
 from stadera.robot.imu import ImuMount, force_at_origin
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
@@ -38,7 +37,7 @@ class SignalBaseline:
     def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
         self.robot, self.bounds = robot, TrunkBounds.of(robot)
         self._start = self.bounds.check(start or TrunkModel.prior(robot))
-        self._body, self._length = Body.of(robot, others=False), LegModel.of(robot).length
+        self._body, self._length = Body.of(robot, others=False), robot.leg_length
         length = self._length
         self._lever = (mount or ImuMount.of(robot)).translation
         self._buffer = SampleBuffer(robot.tree.joints, TrunkSettings(block=self.block))

@@ -109,7 +109,7 @@ class ConstantErrors:
         """Of a real robot, with the sizes that weighing in motion assumes too (`trunk.error_model`): torques are off by
         their offsets and by static friction, which holds up to a joint's Coulomb friction and its friction under load.
         """
-        model = ErrorModel(robot, sizes or ModelErrors(), LegModel.of(robot).length)
+        model = ErrorModel(robot, sizes or ModelErrors(), robot.leg_length)
         std = {name: np.sqrt(model.variance[place]) for name, place in model.layout.places.items()}
         tilt = float(np.hypot(std["imu_rotation"].max(), std["accelerometer"].max() / GRAVITY))
         C = np.diag(np.concatenate([std["offset"], std["contact"], np.full(3, tilt), std["link_mass"]]) ** 2)
