@@ -12,7 +12,10 @@ import pinocchio as pin
 import pytest
 
 from robot.robot_files import urdf, urdf_leg, write
+from stadera import identify, weigh
+from stadera.errors import IdentificationError, RecordingError
 from stadera.inertia import InertialParameters
+from stadera.logs import Imu, Recording
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.catalog import _example_robot_data
 from stadera.trunk import Samples, TrunkEstimator
@@ -130,3 +133,22 @@ def test_a_payload_is_weighed_on_any_legs(name: str | int, arms: float, tmp_path
     assert abs(payload.mass - mass) < 4.0 * payload.mass_std
     np.testing.assert_allclose(payload.com[:2], [0.02, -0.03], atol=0.02)
     assert estimator.trust.verdict == "good", estimator.trust.reasons
+
+
+def test_a_log_of_a_humanoid_is_weighed_as_any_other() -> None:
+    robot = of_file("g1")
+    load = InertialParameters.from_com(3.0, (0.02, -0.03, 0.1), 0.03 * np.eye(3))
+    samples = swaying(robot, load, 0.0)
+    imu = Imu(samples.angular_velocity, samples.specific_force)
+    channels = samples.position, samples.velocity
+    log = Recording(samples.time, robot.tree.joints, *channels, effort=samples.effort, imu=imu)
+    found = weigh(robot, log, (0.0, TARED))
+    assert found.trust.verdict == "good"
+    assert found.payload is not None
+    assert found.payload.mass == pytest.approx(3.0, abs=0.005 * robot.mass)
+    (change,) = found.changes
+    assert change.time == pytest.approx(LOADED, abs=0.1)
+    with pytest.raises(IdentificationError, match="at rest, is for four legs of three joints"):
+        weigh(robot, log, method="poses")
+    with pytest.raises(RecordingError, match=r"feet carry a share of the robot's weight \(left"):
+        identify(robot, log)

@@ -52,6 +52,8 @@ def diagnose(
         return tuple(found)
     if recording.imu is not None:
         found += _orientation(recording.imu, recording.time, limits)
+    if not robot.quadruped:
+        return tuple(found)
     blocks = Instants.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
     found += _contradictions(blocks, ConsistencyModel(robot, limits))
     return tuple(_or_other_robot(finding, recording, robot) for finding in found)
@@ -74,11 +76,13 @@ def unit_findings(recording: Recording, robot: Robot, limits: CheckLimits | None
 
 
 def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = None) -> tuple[str, ...]:
-    """Impossible properties of a log of a robot on its feet, one clause each, without a search for the cause.
+    """Impossible properties of a log of a quadruped on its feet, one clause each, without a search for the cause.
 
     Arguments and errors as `diagnose`; the recording has all of the robot's joints and their torques.
     """
     limits = CheckLimits()
+    if not robot.quadruped:
+        return ()
     blocks = Instants.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
     return tuple(ConsistencyModel(robot, limits).evaluate(Footing(robot, blocks)).faults()) if len(blocks) else ()
 

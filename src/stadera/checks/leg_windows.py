@@ -191,7 +191,7 @@ def window_faults(
     limits = limits or WindowLimits()
     found = list(joint_faults(recording, robot, limits))
     imu = recording.imu
-    complete = recording.velocity is not None and recording.effort is not None
+    complete = recording.velocity is not None and recording.effort is not None and robot.quadruped
     if imu is not None and complete and not any(fault.channel == "velocity" for fault in found):
         found += leg_faults(recording, robot, ImuMount.of(robot, imu_frame or imu.frame), limits)
     return tuple(found)

@@ -1,8 +1,8 @@
 """Is the trunk held, and are the legs in the air? The vertical of a held trunk, and the load on each foot in a log.
 
 The vertical comes from the IMU if there is one. Feet must carry nearly nothing while legs are identified in free swing.
-Their forces are those of a robot at rest (`LegModel.forces_at_rest`), averaged over the log: accelerations and friction
-cancel over a motion that stays in place.
+Their forces are those of a robot at rest, averaged over the log: accelerations and friction cancel over a motion that
+stays in place.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.constants import GRAVITY
-from stadera.legs.model import LegModel
+from stadera.body import Body, Motion
+from stadera.constants import GRAVITY, SINGULAR
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -44,10 +44,10 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
 
 
 def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int = 4000) -> dict[str, float]:
-    """Mean upward force on each foot of a recorded leg as a share of the robot's weight; `up` (3,) is the vertical in
-    trunk axes. A log of more than `samples` is thinned out.
+    """Mean upward force on each foot of a recorded leg as a share of the robot's weight, of postures in which the leg
+    is not near-singular; `up` (3,) is the vertical in trunk axes. A log of more than `samples` is thinned out.
     """
-    model, joints = LegModel.of(robot), robot.tree.joints
+    body, joints = Body.of(robot, others=False), robot.tree.joints
     thin = slice(None, None, -(-len(recording) // samples))
     position, effort = np.zeros((2, len(recording.time[thin]), len(joints)))
     recorded = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
@@ -57,7 +57,9 @@ def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int =
             recording.channel(name, leg.joints)[thin] for name in ("position", "effort")
         )
     vertical = up / np.linalg.norm(up)
-    held = np.tile(GRAVITY * vertical, (len(position), 1))
-    force, _ = model.forces_at_rest(position[:, model.columns], effort[:, model.columns], held)
-    loads = force.mean(axis=0) @ vertical / (robot.mass * GRAVITY)
+    still, rest = np.zeros_like(position), np.zeros((len(position), 3))
+    state = body.at(Motion(position, still, still, rest, rest, rest + GRAVITY * vertical, vertical))
+    force = body.forces(state, (state.torque - effort)[:, body.in_legs]) @ vertical / (robot.mass * GRAVITY)
+    felt = np.abs(state.volume) > SINGULAR * robot.leg_length**3
+    loads = np.where(felt, force, 0.0).sum(axis=0) / np.maximum(felt.sum(axis=0), 1)
     return {leg.name: float(loads[robot.legs.index(leg)]) for leg in recorded}

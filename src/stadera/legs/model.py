@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from stadera.constants import SINGULAR
 from stadera.inertia import skew
 from stadera.legs.friction import JointFriction, joint_columns
-from stadera.robot.kinematics import checked_angles
+from stadera.robot.kinematics import checked_angles, forward_kinematics
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
@@ -197,11 +197,13 @@ class LegModel:
 
 
 def foot_positions(robot: Robot, q: ArrayLike) -> Array:
-    """Centres of the feet in the trunk frame [m], shape (N, 4, 3), legs in the robot's order; q is (N, n) [rad]. Raises
-    ModelError: q has another shape.
+    """Centres of the feet in the trunk frame [m], shape (N, legs, 3), legs in the robot's order; q is (N, n) [rad].
+    Raises ModelError: q has another shape.
     """
-    model = LegModel.of(robot)
-    return model.pose(checked_angles(robot.tree, q)[:, model.columns]).feet.transpose(1, 2, 0)
+    rotations, translations = forward_kinematics(robot.tree, q)
+    last = [robot.tree.links.index(leg.links[-1]) for leg in robot.legs]
+    feet = np.array([leg.foot_position for leg in robot.legs])
+    return np.asarray(translations[:, last] + np.einsum("nlij,lj->nli", rotations[:, last], feet))
 
 
 def nominal_feet(robot: Robot) -> Array:

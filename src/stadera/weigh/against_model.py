@@ -53,9 +53,9 @@ class Footprint:
 
     def __init__(self, robot: Robot, limits: AgreementLimits) -> None:
         self._robot, self._limits = robot, limits
-        self._pairs = np.triu_indices(4, 1)
-        self._count, self._feet, self._up = 0, np.zeros((4, 3)), np.zeros(3)
-        self._moments = np.zeros((2, 6))  # of the distances between feet
+        self._pairs = np.triu_indices(len(robot.legs), 1)
+        self._count, self._feet, self._up = 0, np.zeros((len(robot.legs), 3)), np.zeros(3)
+        self._moments = np.zeros((2, len(self._pairs[0])))  # of the distances between feet
         self._low = 0  # postures with the trunk on the ground
 
     def add(self, samples: Samples) -> None:
@@ -95,7 +95,7 @@ class Footprint:
         level = np.eye(3) - np.outer(up, up)
         places = (feet - centre) @ level
         length = float(np.linalg.norm(places, axis=1).mean())
-        places = np.column_stack([np.ones(4), places / length])
+        places = np.column_stack([np.ones(len(places)), places / length])
         difference = np.concatenate([[mass], level @ (moment - mass * centre) / length])
         force = places @ difference / (places**2).sum(axis=1)
         left = np.linalg.norm(difference - force[:, None] * places, axis=1)

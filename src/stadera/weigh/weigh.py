@@ -7,7 +7,7 @@ import numpy as np
 
 from stadera.checks import Finding, Guard
 from stadera.checks.other_robot import other_robots
-from stadera.errors import StaderaError, UntrustedError
+from stadera.errors import IdentificationError, StaderaError, UntrustedError
 from stadera.logs import LogFile
 from stadera.logs.reader import Log, as_log, read_head
 from stadera.logs.topics import OpenedLog
@@ -72,6 +72,11 @@ def weigh(
     span, shifted = _in_time_of(source, tare, model) if isinstance(tare, tuple) else (None, ())
     unloaded = others[0] if others else span
     name = method or choose_method(model, source, unloaded, chosen)
+    if name != IN_MOTION and not model.quadruped:
+        raise IdentificationError(
+            f"{source.source}: the method {name!r}, at rest, is for four legs of three joints; {model.name} is weighed "
+            f"by {IN_MOTION!r}, which needs an IMU and 50 samples a second"
+        )
     result = _trusted(Request(model, source, unloaded, name, imu_frame, stiffness, force, chosen, progress, watch))
     trust = result.trust.with_legs(model.distrust)
     if kin := _other_robots(model, result):
