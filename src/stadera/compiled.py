@@ -9,6 +9,7 @@ must not call one of another file.
 """
 
 from collections.abc import Callable
+from functools import cache, wraps
 from typing import Any, TypeVar, cast
 
 import numba
@@ -16,37 +17,44 @@ import numba
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def compiled(signature: str | None = None, **options: Any) -> Callable[[_Function], _Function]:
-    """Decorator that compiles a function, without changing the order of its operations.
+def compiled(signature: str) -> Callable[[_Function], _Function]:
+    """Decorator of a function that is compiled at its first call, without changing the order of its operations.
 
     Divisions by zero give infinity or NaN, as numpy's do.
 
     Args:
-        signature: types of result and arguments, compiled for at import; None to compile at the first call.
-        options: of `numba.njit`.
+        signature: types of result and arguments.
     """
 
     def decorate(function: _Function) -> _Function:
-        settings, signatures = (
-            {"cache": True, "error_model": "numpy", **options},
-            () if signature is None else (signature,),
-        )
-        try:
-            return cast(_Function, numba.njit(*signatures, **settings)(function))
-        except RuntimeError as error:  # no folder for the cache can be written
-            if "cannot cache" not in str(error):
-                raise
-            return cast(_Function, numba.njit(*signatures, **{**settings, "cache": False})(function))
+        @cache
+        def made() -> _Function:
+            try:
+                return _njit(function, signature, cache=True)
+            except RuntimeError as error:  # no folder for the cache can be written
+                if "cannot cache" not in str(error):
+                    raise
+                return _njit(function, signature)
+
+        @wraps(function)
+        def call(*arguments: Any) -> Any:
+            return made()(*arguments)
+
+        return cast(_Function, call)
 
     return decorate
 
 
+def _njit(function: _Function, *signature: str, **options: Any) -> _Function:
+    return cast(_Function, numba.njit(*signature, error_model="numpy", **options)(function))
+
+
 def part(function: _Function) -> _Function:
     """Decorator for a function that only compiled ones of the same file call: compiled with these."""
-    return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)(function)
+    return _njit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 
 
 def reordered(function: _Function) -> _Function:
     """Decorator for a `part` whose sums may be formed in any order, several terms at once."""
     allowed = {"contract", "nsz", "reassoc"}
-    return compiled(cache=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath=allowed)(function)
+    return _njit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath=allowed)

@@ -77,6 +77,15 @@ def rotated_back(R: Array, j: int, v: Vector) -> Vector:
 
 
 @part
+def set_trunk(n: int, R: Array, o: Array) -> None:
+    """Writes the trunk's rotation and origin, at place n."""
+    for i in range(3):
+        o[n, i] = 0.0
+        for j in range(3):
+            R[n, i, j] = 1.0 if i == j else 0.0
+
+
+@part
 def turn_about(R: Array, parent: int, fixed: Array, j: int, axis: Vector, angle: float) -> None:
     """Writes R_j = R_parent B_j exp([axis]x angle), with exp([a]x q) = cos q 1 + sin q [a]x + (1 - cos q) a aᵀ."""
     s, c = sin(angle), cos(angle)
@@ -318,10 +327,18 @@ def evaluate(
     for leg in range(count):
         while lengths[leg] < most and legs[leg, lengths[leg]] >= 0:
             lengths[leg] += 1
-    R[n], o[n], T[n] = np.eye(3), 0.0, -np.eye(6)
+    set_trunk(n, R, o)
+    for c in range(6):
+        for d in range(6):
+            T[n, c, d] = -1.0 if c == d else 0.0
     for at in range(len(joints)):
-        omega[n], alpha[n], a[n] = trunk[at, 0], trunk[at, 1], trunk[at, 2]
-        inertial[at], to_wrench[at] = 0.0, 0.0
+        for c in range(3):
+            omega[n, c], alpha[n, c], a[n, c] = trunk[at, 0, c], trunk[at, 1, c], trunk[at, 2, c]
+        for c in range(6):
+            for leg in range(count + 1):
+                inertial[at, leg, c] = 0.0
+            for j in range(n):
+                to_wrench[at, j, c] = 0.0
         for j in range(n):  # outwards: motion of the links, and their wrenches
             state = joints[at, j, 0], joints[at, j, 1], joints[at, j, 2]
             next_link(parents[j], j, slides[j], rotations, arms, axes, state, R, o, s, omega, alpha, a)
@@ -392,12 +409,14 @@ def torque_columns(
     n = len(parents)
     R, o, s, own = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 6, 10))
     omega, alpha, a, r = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 6, 6))
-    R[n], o[n], r[n:] = np.eye(3), 0.0, np.eye(6)
+    set_trunk(n, R, o)
+    for c in range(6):
+        for d in range(6):
+            r[n + c, d] = 1.0 if c == d else 0.0
     for at in range(len(joints)):
         if at < len(trunk):
-            put(omega, n, of(trunk[at], 0))
-            put(alpha, n, of(trunk[at], 1))
-            put(a, n, of(trunk[at], 2))
+            for c in range(3):
+                omega[n, c], alpha[n, c], a[n, c] = trunk[at, 0, c], trunk[at, 1, c], trunk[at, 2, c]
             own_columns(n, R, omega, alpha, a, own)
         for j in range(n):
             state = joints[at, j, 0], joints[at, j, 1], joints[at, j, 2]

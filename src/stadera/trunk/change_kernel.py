@@ -224,8 +224,8 @@ def look_back(
     return best
 
 
-@compiled("void(float64[:,:,::1], float64[:,:,::1], float64[::1], int64, int64)")
-def reduce(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> None:
+@part
+def reduced_rows(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> None:
     """A, b - C p and the weight of projected rows (..., 4, 10 + 1 + k + 1), into (..., 4, 12), of a range of blocks.
 
     Args:
@@ -256,14 +256,21 @@ def push(columns: Array, errors: Array, rows: Array, reduced: Array, sums: Array
         projected[2, k] = z * columns[3, k] - x * columns[5, k]
         projected[3, k] = x * columns[4, k] - y * columns[3, k]
     projected[0, width] = a * a + b * b + c * c
-    projected[1:, width] = x * x + y * y + z * z
+    for i in range(1, 4):
+        projected[i, width] = x * x + y * y + z * z
     for i in range(4):
         for k in range(kept):
             rows[at, i, k] = projected[i, k]
         rows[at, i, kept] = projected[i, width]
         for k in range(width + 1):
             sums[at + 1, i, k] = sums[at, i, k] + projected[i, k]
-    reduce(rows, reduced, errors, at, at + 1)
+    reduced_rows(rows, reduced, errors, at, at + 1)
+
+
+@compiled("void(float64[:,:,::1], float64[:,:,::1], float64[::1], int64, int64)")
+def reduce(rows: Array, reduced: Array, errors: Array, begin: int, end: int) -> None:
+    """`reduced_rows`, for errors that have changed."""
+    reduced_rows(rows, reduced, errors, begin, end)
 
 
 @compiled(
@@ -306,8 +313,9 @@ def largest(
         limits: least change, pending blocks, number of short windows, number of past blocks.
         out: (3, 4), blocks and whether to report; δ; variance.
     """
-    out[:] = 0.0
-    out[2] = 1.0
+    for i in range(3):
+        for k in range(4):
+            out[i, k] = 1.0 if i == 2 else 0.0
     shared = std, scale, blocks, square, usual, student, scatter, limits
     best = look_back(reduced, sums, end, windows, 0, short, inverse, solution, errors, *shared, -1.0, out)
     first = int(limits[2])

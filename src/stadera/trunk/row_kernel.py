@@ -43,12 +43,11 @@ def window_sums(
         weights: (H, n). joints, legs: (J,), of the joints in the legs, their place among all and their leg.
         E, inertial, columns: of a `State`. terms: (n, J, T), left, rate: (n, J), h - τ and τ̇.
         variance: (J,), of the torques' white noise.
-        target: (n, 6), written: b of each sample. force: (n, legs, 3), written: of the contacts.
-        by_rate, squared, by_terms, by_links: (H, 6), (H, 6), (H, J, 6, T), (H, K, 6, 10), written: Σ w E τ̇,
+        target: (n, 6), zero, b of each sample is added. force: (n, legs, 3), zero, those of the contacts are added.
+        by_rate, squared, by_terms, by_links: (H, 6), (H, 6), (H, J, 6, T), (H, K, 6, 10), zero; added are Σ w E τ̇,
             Σ w² E σ² E, Σ w E by term, and Σ w of `columns` of the first K links.
     """
     n, count, halves = len(left), len(joints), len(weights)
-    by_rate[:], squared[:], by_terms[:], by_links[:], target[:], force[:] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         for c in range(6):
             for body in range(inertial.shape[1]):
@@ -105,7 +104,8 @@ def lifted_legs(
     """
     n, count = len(force), force.shape[1]
     usually, stands = np.zeros(count), np.ones(count, dtype=np.bool_)
-    air[:] = True
+    for leg in range(count):
+        air[leg] = True
     for p in range(parts):
         begin, end = p * n // parts, (p + 1) * n // parts
         felt, speed = np.zeros((count, 3)), np.zeros((count, 3))
@@ -130,19 +130,19 @@ def lifted_legs(
             for c in range(3):
                 along[leg] += felt[leg, c] * normal[c]
         for leg in range(count):
-            carried = pressed = level = 0.0
-            others = np.zeros(3)
+            carried = pressed = level = x = y = z = 0.0
             for other in range(count):
                 if other != leg:
                     press = max(along[other], 0.0)
                     carried += along[other]
                     pressed += press
                     level += press * height[other]
-                    others += press * speed[other]
+                    x, y, z = x + press * speed[other, 0], y + press * speed[other, 1], z + press * speed[other, 2]
             pressed = max(pressed, 1e-9)
-            raised, fast, square = height[leg] - level / pressed, 0.0, 0.0
+            raised, square = height[leg] - level / pressed, 0.0
+            x, y, z = speed[leg, 0] - x / pressed, speed[leg, 1] - y / pressed, speed[leg, 2] - z / pressed
+            fast = x * x + y * y + z * z
             for c in range(3):
-                fast += (speed[leg, c] - others[c] / pressed) ** 2
                 square += felt[leg, c] ** 2
             up = raised > limits[0]
             light = square < min(limits[2] + unsure[leg], limits[3])

@@ -131,7 +131,7 @@ class _Sums:
 
     def zeros(self, halves: int) -> dict[str, Array]:
         """Room for sums over some halves of windows."""
-        return {name: np.empty((halves, *shape)) for name, shape in self._shapes.items()}
+        return {name: np.zeros((halves, *shape)) for name, shape in self._shapes.items()}
 
     def of(self, first: Mapping[str, Array], second: Mapping[str, Array]) -> dict[str, Array]:
         """The sums over a window, of the rising half of the first block and the falling half of the second."""
@@ -245,7 +245,7 @@ class RowMaker:
         turning = np.hstack([samples.velocity[:, J], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
         signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T).T
-        rising, target, force = half_window(n), np.empty((n, 6)), np.empty((n, len(own.legs), 3))
+        rising, target, force = half_window(n), np.zeros((n, 6)), np.zeros((n, len(own.legs), 3))
         weights = np.stack([rising, rising[::-1]])  # both halves at once
         signs = 1.0 - 2.0 * (np.arange(n) % 2)
         alternating = weights * np.stack([signs[::-1], -signs])  # + at a block's end, - where the next one begins
