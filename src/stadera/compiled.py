@@ -46,7 +46,8 @@ def compiled(signature: str) -> Callable[[_Function], _Function]:
 
 
 def _njit(function: _Function, *signature: str, **options: Any) -> _Function:
-    return cast(_Function, numba.njit(*signature, error_model="numpy", **options)(function))
+    make: Any = numba.njit
+    return cast(_Function, make(*signature, error_model="numpy", **options)(function))
 
 
 def part(function: _Function) -> _Function:

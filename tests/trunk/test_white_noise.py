@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadera.trunk.noise import WhiteNoise
+from stadera.trunk.noise import WhiteNoise, third_differences_squared
 from stadera.trunk.rows import half_differences, half_window
 from stadera.trunk.samples import Samples
 
 TORQUE, VELOCITY, GYRO, ACCELEROMETER = 0.4, 0.03, 0.004, 0.1
-COLUMNS = np.arange(12)
 BLOCK, SECONDS = 0.02, 16.0
 
 
@@ -26,8 +25,9 @@ def learnt(rate: float, touchdowns: bool = False) -> WhiteNoise:
     velocity = 3.0 * wave + VELOCITY * rng.standard_normal((len(time), 12))
     gyro, force = (std * rng.standard_normal((len(time), 3)) for std in (GYRO, ACCELEROMETER))
     log = Samples(time, np.zeros((len(time), 12)), velocity, torque, gyro, force)
+    channels = np.hstack([log.effort, log.velocity, log.angular_velocity, log.specific_force])
     for k in range(1, len(time) - n, n):
-        found.learn(log[k - 1 : k + n + 1], COLUMNS)
+        found.learn(third_differences_squared(channels[k - 1 : k + n + 1]), n + 2)
     return found
 
 

@@ -83,7 +83,7 @@ class Front:
             self._maker.restart()
             return Made(None, BLIND)
         normal = self._ground.ahead(force.mean(axis=0), omega.mean(axis=0), duration)
-        made = self._maker.block(samples, normal, trunk)
+        made = self._maker.block(samples, normal, trunk, self._spikes.squares)
         if made.singular is None:
             self._ground.learn(made.feet, made.force, duration)
         return Made(made.rows, made.singular)

@@ -14,14 +14,13 @@ weights and decides what counts as motion; error bars are scaled by the rows' sc
 from __future__ import annotations
 
 from functools import lru_cache
+from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
-from stadera.trunk.samples import Samples
 from stadera.types import Array
 
 _GAIN = 0.03  # step of the variance's logarithm in each block
@@ -62,15 +61,9 @@ class WhiteNoise:
         weight = 0.005 * GRAVITY * robot.mass * 0.25
         return cls(np.full(joints, weight), 0.02, 0.005, 0.05)
 
-    def learn(self, samples: Samples, columns: NDArray[np.int_]) -> None:
-        """Updates the estimate from a block of at least four samples; `columns` are the joints among all."""
-        if len(samples) < 4:
-            return
-        signals = np.hstack(
-            [samples.effort[:, columns], samples.velocity[:, columns], samples.angular_velocity, samples.specific_force]
-        )
-        seen = third_differences_squared(signals)
-        above = seen > lower_quartile(len(samples) - 3) * self.variance
+    def learn(self, squares: Array, samples: int) -> None:
+        """Updates the estimate from mean squares of third differences (2 joints + 6,) over some samples."""
+        above = squares > lower_quartile(samples - 3) * self.variance
         self.variance *= np.exp(_GAIN * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
         np.clip(self.variance, _LEAST**2 * self.prior_variance, _MOST**2 * self.prior_variance, out=self.variance)
 
@@ -87,12 +80,12 @@ class WhiteNoise:
     @property
     def gyro(self) -> float:
         """Standard deviation of the gyro [rad/s]."""
-        return float(np.sqrt(self.variance[-6:-3].mean()))
+        return sqrt(sum(self.variance[-6:-3].tolist()) / 3.0)
 
     @property
     def accelerometer(self) -> float:
         """Standard deviation of the accelerometer [m/s²]."""
-        return float(np.sqrt(self.variance[-3:].mean()))
+        return sqrt(sum(self.variance[-3:].tolist()) / 3.0)
 
 
 @lru_cache(maxsize=64)

@@ -179,7 +179,9 @@ class RowMaker:
         self.body, self._robot, self._lever = Body.of(robot, others=False), robot, mount.translation
         self._layout, length = ErrorLayout.of(robot), robot.leg_length
         self._sums, self._columns = _Sums(self._layout), self.body.in_legs
-        self.noise = WhiteNoise.prior(robot, self._layout.joints)
+        self.noise, n = WhiteNoise.prior(robot, self._layout.joints), len(robot.tree.joints)
+        imu = 3 * n + np.arange(6)
+        self._channels = np.concatenate([2 * n + self._columns, n + self._columns, imu])  # of the noise, among all
         self.weight, self.flat = robot.mass * GRAVITY, SINGULAR * length**3
         self.lifted = Lifted(self.body, swing, self.weight, length)
         self._half: _Half | None = None
@@ -196,13 +198,16 @@ class RowMaker:
         self.restart()
         self._calibration = SignalCalibration()
 
-    def block(self, samples: Samples, normal: Array, trunk: InertialParameters) -> BlockResult:
+    def block(
+        self, samples: Samples, normal: Array, trunk: InertialParameters, squares: Array | None = None
+    ) -> BlockResult:
         """Processes one block.
 
         Args:
             samples: of the block, with one sample more before and after it.
             normal: (3,), of the ground, trunk axes.
             trunk: parameters at which errors of the IMU are linearised.
+            squares: `SpikeFilter.squares` of the block.
         """
         if samples.extra.shape[1] and len(self.body.joints) == samples.position.shape[1]:
             self.body = Body.of(self._robot)  # with the joints outside the legs
@@ -212,7 +217,8 @@ class RowMaker:
         if flat.any():
             self.restart()
             return BlockResult(None, state.feet[-1], np.zeros_like(state.feet[-1]), int(np.argmax(flat.any(axis=0))))
-        self.noise.learn(samples, self._columns)
+        if squares is not None:
+            self.noise.learn(squares[self._channels], len(samples))
         half, force = self._summed(samples, motion, state)
         rows = None if self._half is None else self._rows(self._half, half, trunk)
         self._half = half
@@ -270,13 +276,14 @@ class RowMaker:
         plain = np.hstack([signals, target, jerk, acceleration, velocity, sure, one, rate, left])
         halves["plain"][:] = weights @ plain
         step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
+        probes, middle = self._slopes(motion, tau)
         half = _Half(
             end=float(samples.time[-2]),
             samples=n,
             sums=halves,
             alternating=alternating @ plain[:, :18],
-            probes=self._probes(motion),
-            middle=self._middle(motion, tau, left),
+            probes=probes,
+            middle=middle,
             angular_velocity=motion.angular_velocity.mean(axis=0),
             air=self.lifted.legs(state, motion, force, sure, step),
             averaged=float(rising @ rising),
@@ -284,47 +291,43 @@ class RowMaker:
         )
         return half, force[-1]
 
-    def _probes(self, motion: Motion) -> Array:
-        """Derivatives (6, 6 + J) of b by the trunk's specific force and angular acceleration, and by the accelerations
-        of the joints, at the last posture: b is linear in them where nothing moves.
+    def _slopes(self, motion: Motion, tau: Array) -> tuple[Array, Array]:
+        """Derivatives (6, 6 + J) of b by the trunk's specific force and angular acceleration and by the joints'
+        accelerations, at the last posture; and (6, J + contacts), by each joint's position and each contact point's
+        position, in the middle of the block.
+
+        b is linear in accelerations where nothing moves. Joints of the same place in all legs are moved together, since
+        a leg's b is its own. Moving the point of application of f by δ changes joint torque k by
+        s_k · (δ x f) = (f x s_k) · δ and the moment on the trunk by δ x f. A contact that transmits moments has no such
+        point.
         """
-        body, most, n = self.body, self.body.most, len(self.body.joints)
-        N = 6 + most
-        still, trunk, more = np.zeros((N, n)), np.zeros((2, N, 3)), np.zeros((N, n))
-        trunk[0, :3] = trunk[1, 3:6] = _UNIT
-        order = self._order
-        more[6 + order, self._columns] = 1.0
+        body, J, order, k = self.body, self._columns, self._order, len(motion.position) // 2
+        first = 6 + body.most  # the middle as it is, then with joints displaced
+        N = first + 1 + body.most
         position = np.repeat(motion.position[-1:], N, axis=0)
-        state = body.at(Motion(position, still, more, np.zeros((N, 3)), trunk[1], trunk[0], motion.normal))
-        by_leg = body.by_leg(state, state.torque[:, self._columns])
-        by_trunk = by_leg[:6].sum(axis=1) - state.inertial[:6, -1]
-        return np.vstack([by_trunk, by_leg[6 + order, self._legs]]).T
-
-    def _middle(self, motion: Motion, tau: Array, left: Array) -> Array:
-        """Derivatives (6, J + contacts) of b by each joint's position and each contact point's position, at the middle
-        of the block.
-
-        Moving the point of application of f by δ changes joint torque k by s_k · (δ x f) = (f x s_k) · δ and the moment
-        on the trunk by δ x f. A contact that transmits moments has no such point.
-        """
-        body, J, order, N = self.body, self._columns, self._order, 1 + self.body.most
-        k = len(motion.position) // 2
-        position = np.repeat(motion.position[k : k + 1], N, axis=0)
-        position[1 + order, J] += _STEP
-        velocity = np.repeat(motion.velocity[k : k + 1], N, axis=0)
-        acceleration = np.repeat(motion.acceleration.mean(axis=0)[None], N, axis=0)
-        omega, alpha, a = (np.repeat(x[k : k + 1], N, axis=0) for x in motion[3:6])
+        velocity, acceleration, trunk = np.zeros_like(position), np.zeros_like(position), np.zeros((3, N, 3))
+        trunk[2, :3] = trunk[1, 3:6] = _UNIT
+        acceleration[6 + order, J] = 1.0
+        position[first:], velocity[first:] = motion.position[k], motion.velocity[k]
+        position[first + 1 + order, J] += _STEP
+        acceleration[first:] = motion.acceleration.mean(axis=0)
+        for part, values in zip(trunk, motion[3:6], strict=True):
+            part[first:] = values[k]
+        omega, alpha, a = trunk
         state = body.at(Motion(position, velocity, acceleration, omega, alpha, a, motion.normal))
-        h = state.torque[:, J] + body.friction(velocity, velocity)[:, J] - tau[k]
-        by_leg, E, s = body.by_leg(state, h), state.to_wrench[0, J], state.axis[0, J]
-        by_position = (by_leg[1 + order, self._legs] - by_leg[0, self._legs]) / _STEP
-        f = np.add.reduceat(E[:, :3] * h[0][:, None], body.starts, axis=0)
-        across = skews(f)  # f x s_k and f x δ
-        felt = E[:, :, None] * (across[self._legs] @ s[:, :, None])[:, None, :, 0]
+        h = state.torque[:, J]
+        h[first:] += body.friction(motion.velocity[k], motion.velocity[k])[J] - tau[k]
+        by_leg = body.by_leg(state, h)
+        by_trunk = by_leg[:6].sum(axis=1) - state.inertial[:6, -1]
+        middle, E, s = by_leg[first:], state.to_wrench[first, J], state.axis[first, J]
+        by_position = (middle[1 + order, self._legs] - middle[0, self._legs]) / _STEP
+        f = skews(np.add.reduceat(E[:, :3] * h[first][:, None], body.starts, axis=0))  # f x s_k and f x δ
+        felt = E[:, :, None] * (f[self._legs] @ s[:, :, None])[:, None, :, 0]
         by_contact = -np.add.reduceat(felt, body.starts, axis=0)  # (leg, 6, axis)
-        by_contact[:, 3:] -= across
+        by_contact[:, 3:] -= f
         by_contact[body.sizes == 6] = 0.0
-        return np.hstack([by_position.T, by_contact.transpose(1, 0, 2).reshape(6, -1)])
+        probes = np.vstack([by_trunk, by_leg[6 + order, self._legs]]).T
+        return probes, np.hstack([by_position.T, by_contact.transpose(1, 0, 2).reshape(6, -1)])
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
@@ -356,8 +359,8 @@ class RowMaker:
         alternated = first.alternating[0] + second.alternating[1]
         averaged, differentiated = first.averaged + second.averaged, first.differentiated + second.differentiated
         probes, middle = 0.5 * (first.probes + second.probes), 0.5 * (first.middle + second.middle)
-        elapsed = second.end - first.end
-        imu = np.repeat([averaged * noise.accelerometer**2, differentiated * noise.gyro**2], 3)
+        elapsed, of_gyro, of_force = second.end - first.end, noise.gyro**2, noise.accelerometer**2
+        imu = np.repeat([averaged * of_force, differentiated * of_gyro], 3)
         imu[:3] += imu[3] * (self._lever @ self._lever)
         turn = turned(second.angular_velocity, elapsed)
         signals, removed = self._calibration.calibrated(sums["signals"], imu, turn, elapsed)
@@ -394,9 +397,9 @@ class RowMaker:
         alternating = trunk_matrix(alternated[:12]) @ trunk.vector - alternated[12:]
         C[:, places["sampling"].start] = self._sign * alternating * (second.samples >= RESOLVED)
         L_noise = L + K @ skew(self._lever)
-        white = _OVERLAP * (sums["squared"] + averaged * noise.accelerometer**2 * (K * K).sum(axis=1))
+        white = _OVERLAP * (sums["squared"] + averaged * of_force * (K * K).sum(axis=1))
         by_velocity = (G * G) @ noise.velocity**2
-        white += _TELESCOPED * differentiated * (noise.gyro**2 * (L_noise * L_noise).sum(axis=1) + by_velocity)
+        white += _TELESCOPED * differentiated * (of_gyro * (L_noise * L_noise).sum(axis=1) + by_velocity)
         swing = SwingRows(first.air & second.air, sums["joint"][:4], sums["joint"][4], sums["joint"][5])
         return BlockRows(second.end, elapsed, columns, white, swing)
 

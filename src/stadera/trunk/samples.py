@@ -89,8 +89,8 @@ class Samples:
     @classmethod
     def of_table(cls, table: Array, joints: int) -> Samples:
         """From a `table`, as views, for a robot with so many joints in its tree."""
-        parts = np.split(table, [1, *(1 + joints * k for k in (1, 2, 3)), 4 + 3 * joints, 7 + 3 * joints], axis=1)
-        return cls(table[:, 0], *parts[1:])
+        edges = [1, 1 + joints, 1 + 2 * joints, 1 + 3 * joints, 4 + 3 * joints, 7 + 3 * joints, table.shape[1]]
+        return cls(table[:, 0], *(table[:, begin:end] for begin, end in pairwise(edges)))
 
     @classmethod
     def of_recording(cls, recording: Recording, robot: Robot, imu_frame: str | None = None) -> Samples:

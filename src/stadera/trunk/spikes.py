@@ -31,14 +31,17 @@ class SpikeFilter:
 
     Attributes:
         replaced: number of samples of which values were replaced so far.
+        squares: mean squares of third differences of all channels of the last block; None of less than four samples.
     """
 
     def __init__(self) -> None:
         self._usual: Array | None = None
+        self.squares: Array | None = None
         self._blocks = self.replaced = 0
 
     def clean(self, samples: Samples) -> Samples:
         """Returns the samples without spikes; a block has one more sample before and after it."""
+        self.squares = None
         if len(samples) < 4:
             return samples
         self._blocks += 1
@@ -64,7 +67,8 @@ class SpikeFilter:
                 expected[1:-1] = 0.5 * (values[:-2] + values[2:])
                 expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]
                 values = np.where(wild, expected, values)
-        square = third_differences_squared(values) + 1e-12
+        self.squares = third_differences_squared(values)
+        square = self.squares + 1e-12
         self._usual = square if usual is None else usual + (square - usual) / min(self._blocks, _MEMORY)
         if not cleaned:
             return samples
