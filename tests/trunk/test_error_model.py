@@ -16,6 +16,7 @@ from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
 from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.noise import third_differences_squared
 from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, SwingDetection
@@ -65,7 +66,9 @@ def rows_of(data: Samples, known: Robot, normal: np.ndarray, block: int = BLOCK)
     maker, trunk = RowMaker(known, ImuMount.of(known), SwingDetection()), robot().inertias[robot().trunk]
     made = []
     for k in range(0, len(data) - block - 2, block):
-        rows = maker.block(data[k : k + block + 2], normal[k + block // 2], trunk).rows
+        part = data[k : k + block + 2]
+        squares = third_differences_squared(part.table[:, 1:]) if block > 1 else None
+        rows = maker.block(part, normal[k + block // 2], trunk, squares).rows
         if rows is not None:
             made.append(rows)
     return made[2:]

@@ -14,6 +14,7 @@ from stadera.robot.imu import ImuMount
 from stadera.trunk.error_model import INVISIBLE, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
+from stadera.trunk.noise import third_differences_squared
 from stadera.trunk.row_sums import RowSums, robot_weight, unit_of_rows, weighted
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
@@ -38,7 +39,9 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
     s = Samples(motion.time, motion.position, motion.velocity, motion.effort, motion.angular_velocity, specific)
     made, trunk = [], ROBOT.inertias[ROBOT.trunk]
     for k in range(0, len(s) - BLOCK - 2, BLOCK):
-        block = maker.block(s[k : k + BLOCK + 2], motion.normal[k + BLOCK // 2], trunk).rows
+        part = s[k : k + BLOCK + 2]
+        squares = third_differences_squared(part.table[:, 1:])
+        block = maker.block(part, motion.normal[k + BLOCK // 2], trunk, squares).rows
         if block is not None:
             made.append(weighted(block, unit_of_rows(robot_weight(ROBOT), LegModel.of(ROBOT).length)))
     length = LegModel.of(ROBOT).length
