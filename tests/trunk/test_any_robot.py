@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from robot.robot_files import urdf, urdf_leg, write
 from stadera import identify, weigh
@@ -50,17 +51,43 @@ def with_legs(count: int, folder: Path) -> Robot:
 
 
 def waves(rng: np.random.Generator, time: Array, size: Array) -> tuple[Array, Array, Array]:
-    """Sums of two sines, with their first two derivatives, (n, channels)."""
-    out = np.zeros((3, len(time), len(size)))
+    """Sums of two sines that begin within a second, with their first two derivatives, (n, channels)."""
+    out = np.zeros((len(time), len(size)))
     for _ in range(2):
         w, phase = 2.0 * np.pi * rng.uniform(0.3, 1.6, len(size)), rng.uniform(0.0, 2.0 * np.pi, len(size))
-        along = time[:, None] * w + phase
-        out += 0.5 * size * np.array([np.sin(along), w * np.cos(along), -(w**2) * np.sin(along)])
-    return out[0], out[1], out[2]
+        out += 0.5 * size * np.sin(time[:, None] * w + phase)
+    begun = np.clip(time, 0.0, 1.0)[:, None]
+    path = make_interp_spline(time, out * begun**3 * (10.0 - 15.0 * begun + 6.0 * begun**2), 5)
+    return path(time), path(time, 1), path(time, 2)
+
+
+def planted(model: pin.Model, robot: Robot, start: Array, poses: list[pin.SE3]) -> Array:
+    """Positions (poses, joints) of the legs' joints that keep the feet where they are at `start`, the trunk at its
+    origin, when the trunk moves to each pose.
+    """
+    data, q = model.createData(), start.copy()
+    frames = [
+        (model.getJointId(leg.joints[-1]), pin.SE3(np.eye(3), np.array(leg.foot_position)), leg) for leg in robot.legs
+    ]
+    pin.forwardKinematics(model, data, q)
+    feet = [data.oMi[joint] * place for joint, place, _ in frames]
+    legs = [[model.joints[model.getJointId(joint)] for joint in leg.joints] for leg in robot.legs]
+    out = []
+    for pose in poses:
+        for _ in range(4):  # Newton, from the pose before
+            pin.computeJointJacobians(model, data, q)
+            for (joint, place, leg), foot, own in zip(frames, feet, legs, strict=True):
+                apart = (data.oMi[joint] * place).actInv(pose.actInv(foot))
+                missing = pin.log6(apart).vector if leg.contact == 6 else apart.translation
+                J = place.toActionMatrixInverse() @ pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+                at = [joint.idx_v for joint in own]
+                q[[joint.idx_q for joint in own]] += np.linalg.pinv(J[: leg.contact, at], rcond=1e-3) @ missing
+        out.append([q[joint.idx_q] for own in legs for joint in own])
+    return np.array(out)
 
 
 def swaying(robot: Robot, load: InertialParameters, arms: float) -> Samples:
-    """A robot that sways, whose other joints move by `arms` [rad], with a load from `LOADED` on."""
+    """A robot that sways with its feet planted, whose other joints move by `arms` [rad], with a load from `LOADED`."""
     model = pin.buildModelFromUrdf(str(robot.source), pin.JointModelFreeFlyer())
     extra = robot.extra.joints if robot.extra is not None else ()
     joints = (*robot.tree.joints, *extra)
@@ -70,33 +97,39 @@ def swaying(robot: Robot, load: InertialParameters, arms: float) -> Samples:
     model.gravity = pin.Motion.Zero()
     order = np.array([model.joints[model.getJointId(joint)].idx_v for joint in joints])
     rng, n = np.random.default_rng(1), len(robot.tree.joints)
-    time = np.arange(0.0, SECONDS, 1.0 / RATE)
-    size = np.concatenate([np.full(n, 0.06), np.full(len(extra), arms)])
-    q, v, a = waves(rng, time, size)
-    q[:, :n] += np.resize(BENT.get(robot.name, (0.0, 0.3, -0.54)), n)
-    _, omega, alpha = waves(rng, time, np.full(3, 0.06))
-    _, _, moved = waves(rng, time, np.full(3, 0.015))
-    up, force = np.array([0.0, 0.0, 1.0]), np.empty((len(time), 3))
-    effort = np.empty((len(time), n))
+    time, length = np.arange(0.0, SECONDS, 1.0 / RATE), robot.leg_length
+    others = waves(rng, time, np.full(len(extra), arms))
+    turned, turning, _ = waves(rng, time, np.full(3, 0.08))
+    place, _, moved = waves(rng, time, np.array([0.06, 0.06, 0.04]) * length)
+    rotations = [pin.exp3(phi) for phi in turned]
+    omega = np.array([pin.Jexp3(phi) @ rate for phi, rate in zip(turned, turning, strict=True)])
+    alpha = np.gradient(omega, time, axis=0, edge_order=2)
+    start, coarse = pin.neutral(model), slice(None, None, 10)
+    bent = np.resize(BENT.get(robot.name, (0.0, 0.5, -1.0)), n)
+    start[order[:n] + 1] = bent  # a free flyer has one position more than velocities
+    poses = [pin.SE3(R, p) for R, p in zip(rotations[coarse], place[coarse], strict=True)]
+    legs = [joint for leg in robot.legs for joint in leg.joints]
+    path = make_interp_spline(time[coarse], planted(model, robot, start, poses), 5)
+    own = [legs.index(joint) for joint in robot.tree.joints]
+    q, v, a = (np.hstack([path(time, nu)[:, own], other]) for nu, other in enumerate(others))
+    force, effort = np.empty((len(time), 3)), np.empty((len(time), n))
     points = [(model.getJointId(leg.joints[-1]), np.array(leg.foot_position), leg.contact) for leg in robot.legs]
     radii = [leg.foot_radius for leg in robot.legs]
     loaded = model.copy()
     loaded.inertias[1] += load.to_pinocchio()
     empty, full = model.createData(), loaded.createData()
     for k, t in enumerate(time):
-        force[k] = 9.81 * up + moved[k]
+        up = rotations[k][2]
+        force[k] = rotations[k].T @ (moved[k] + [0.0, 0.0, 9.81])
         now, data = (model, empty) if t < LOADED else (loaded, full)
         state, rate, more = pin.neutral(now), np.zeros(now.nv), np.zeros(now.nv)
-        for j, at in enumerate(order):
-            joint = now.joints[now.getJointId(joints[j])]
-            state[joint.idx_q] = q[k, j]
-            rate[at], more[at] = v[k, j], a[k, j]
+        state[order + 1], rate[order], more[order] = q[k], v[k], a[k]
         rate[3:6], more[3:6], more[:3] = omega[k], alpha[k], force[k]
         needed = np.array(pin.rnea(now, data, state, rate, more))
         pin.computeJointJacobians(now, data, state)
         J = []
-        for (joint, place, contact), radius in zip(points, radii, strict=True):
-            point = data.oMi[joint].act(place) - radius * up
+        for (joint, at, contact), radius in zip(points, radii, strict=True):
+            point = data.oMi[joint].act(at) - radius * up
             whole = np.array(pin.getJointJacobian(now, data, joint, pin.ReferenceFrame.WORLD))
             whole[:3] -= pin.skew(point) @ whole[3:]
             J.append(whole[:contact])
@@ -104,10 +137,7 @@ def swaying(robot: Robot, load: InertialParameters, arms: float) -> Samples:
         needed -= stacked.T @ (np.linalg.pinv(stacked[:, :6].T) @ needed[:6])
         assert np.abs(needed[:6]).max() < 1e-8
         effort[k] = needed[order[:n]]
-        up = up - np.cross(omega[k], up) / RATE
-        up /= np.linalg.norm(up)
-    others = np.hstack([q[:, n:], v[:, n:]])
-    return Samples(time, q[:, :n], v[:, :n], effort, omega, force, others)
+    return Samples(time, q[:, :n], v[:, :n], effort, omega, force, np.hstack([q[:, n:], v[:, n:]]))
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
     swing = SwingJoints(model, SwingDetection())
     if moved:
         terms = np.tile(np.array([[0.0], [1.0], [1.0], [1.0]]), 12)
-        swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1))
+        swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1), np.zeros(12))
     rows = RowSums(*np.zeros((2, 1 + ERRORS, 1 + ERRORS)), 100.0, 5.0)
     for summed in (None, rows):
         errors = Errors(model, swing, 1.0, summed)
@@ -171,3 +171,18 @@ def test_energies_are_those_of_the_sampling_error_and_of_the_others_without_it(s
     assert energy.mean() == pytest.approx(stated, rel=0.05)
     assert energy.var() == pytest.approx(2.0 * doubled, rel=0.2)
     assert 0.0 < own < products[1 + sampling, 1 + sampling]
+
+
+def test_noise_in_the_column_of_the_lag_is_subtracted() -> None:
+    """The lag that remains after half of its column's energy turned out to be noise is twice as large."""
+    lag, count = 1 + LAYOUT.places["torque_lag"].start, 1 + LAYOUT.count
+    products = np.zeros((count, count))
+    products[0, 0], products[lag, lag], products[0, lag] = 1e4, 1e12, 1e9
+    products[lag, 0] = products[0, lag]
+    swing = SwingJoints(MODEL, SwingDetection())
+    plain, cleaned = (
+        Errors(MODEL, swing, 1.0, RowSums(products, products, 1e3, 1.0, late=late)).mean[lag - 1]
+        for late in (0.0, 5e11)
+    )
+    assert plain == pytest.approx(1e-3, rel=0.05)
+    assert cleaned == pytest.approx(2.0 * plain, rel=0.1)

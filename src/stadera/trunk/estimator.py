@@ -406,7 +406,8 @@ class TrunkEstimator:
     def _learn(self, made: BlockRows) -> None:
         swing = made.swing
         if np.count_nonzero(swing.air):
-            self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, self._front.torque_noise)
+            white = self._front.torque_noise
+            self._swing.add(swing.air, swing.terms, swing.rate, swing.residual, white, swing.late)
         if self._struck(made):
             return
         self._blocks += 1

@@ -17,7 +17,8 @@ noise: static friction, the common scale of all torques, noise of the matrix. Th
 
     Σ = S + (S M_c/σ²) C (S M_c/σ²)ᵀ,      Σ_pc = -(S M_c/σ²) C
 
-Blocks in which most joints are at rest are left out: their columns are noise.
+Blocks in which most joints are at rest are left out: their columns are noise. The torques' white noise in the column of
+their lag is subtracted from M, else it would attenuate the lag.
 
 **The gains of single joints have a mean of zero.** A free mean of all gains takes up whatever is wrong: torques are in
 the target b and, with the same noise, in the gains' columns, so a common gain of minus one explains all residuals, and
@@ -36,7 +37,7 @@ from scipy.linalg import lapack
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.row_sums import RowSums
 from stadera.trunk.segment import Segment
-from stadera.trunk.swing import SwingJoints
+from stadera.trunk.swing import SwingJoints, without_noise
 from stadera.types import Array
 
 _QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
@@ -92,7 +93,9 @@ class Errors:
 
     def _learn(self, root: _Root, rows: RowSums, learnt: slice) -> Array:
         """Updates mean and covariance of the errors that are estimated. Returns S M_c/σ², by these and the rest."""
-        products, p, joints = rows.in_motion[1:, 1:][learnt], self.mean[learnt], self.layout.by_swing
+        lag = self.layout.places["torque_lag"].start
+        products = without_noise(rows.in_motion[1:, 1:], lag, rows.late)[learnt]
+        p, joints = self.mean[learnt], self.layout.by_swing
         right = rows.in_motion[1:, 0][learnt]
         v = right - products[:, joints] @ p[joints]
         before = float(rows.in_motion[0, 0] - (right + v) @ p)

@@ -28,7 +28,8 @@ def unit_of_rows(robot_weight: float, length: float) -> Array:
 
 def weighted(rows: BlockRows, unit: Array) -> WeightedRows:
     """Scales rows to their `unit_of_rows`."""
-    return WeightedRows(rows.time, rows.columns / unit[:, None], float((rows.white / unit**2).sum()))
+    white, late = (float((own / unit**2).sum()) for own in (rows.white, rows.late))
+    return WeightedRows(rows.time, rows.columns / unit[:, None], white, late=late)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,7 @@ class RowSums:
         repeated: number of successive rows with the same error [1], which persists through a swing or a stance.
         returning: number of rows after which such errors have returned, so that further rows tell nothing new [1].
         white: Σ of all rows' white variance [1].
+        late: Σ of its variance in the column of the torques' lag, over rows in motion [1/s²].
     """
 
     remainder: Array
@@ -49,12 +51,13 @@ class RowSums:
     repeated: float
     white: float = 0.0
     returning: float = float("inf")
+    late: float = 0.0
 
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float, returning: float = float("inf")) -> RowSums:
         """Sums up segments of the same robot."""
         first, *others = segments
-        total = cls(first.remainder, first.in_motion, first.moved, repeated, first.white, returning)
+        total = cls(first.remainder, first.in_motion, first.moved, repeated, first.white, returning, first.late)
         for segment in others:
             total = total.plus(segment)
         return total
@@ -68,6 +71,7 @@ class RowSums:
             self.repeated,
             self.white + segment.white,
             self.returning,
+            self.late + segment.late,
         )
 
     @property

@@ -44,7 +44,8 @@ class WeightedRows(Equations):
     Attributes:
         time: of the last sample [s].
         columns: (6, 10 + 1 + errors), of A, b and C.
-        white: variance of the white noise, summed over the six rows [1].
+        white: variance of the white noise, summed over the six rows [1]. late: of that in the column of the torques'
+            lag [1/s²].
         weight: of the rows in sums [1], see `stadera.trunk.scatter.RobustWeights`.
     """
 
@@ -52,6 +53,7 @@ class WeightedRows(Equations):
     columns: Array
     white: float
     weight: float = 1.0
+    late: float = 0.0
 
     @classmethod
     def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
@@ -124,7 +126,7 @@ class Segment:
         begin: time of the first row [s].
         blocks: number of blocks.
         sums: means and variation of the rows.
-        moved: sum of the weights of blocks in which the robot moves [1].
+        moved: sum of the weights of blocks in which the robot moves [1]. late: Σ of `WeightedRows.late` over these.
     """
 
     layout: ErrorLayout
@@ -136,6 +138,7 @@ class Segment:
     begin: float = np.nan
     blocks: int = 0
     moved: float = 0.0
+    late: float = 0.0
     _last: list[tuple[Segment, float, Array, bool]] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -165,6 +168,7 @@ class Segment:
             rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
             keep * self.moved + rows.weight * moving,
+            keep * self.late + rows.weight * moving * rows.late,
             [(self, keep, residue, moving)] if remainder else [],
         )
 

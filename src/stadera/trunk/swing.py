@@ -6,7 +6,8 @@ A leg in the air has no contact force, so each of its joints obeys
 
 with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, common to all joints. The trunk's mass
 does not enter these rows, so wrong torques under load cannot affect them. A friction law errs alike over a whole swing,
-so `repeated` rows count as one.
+so `repeated` rows count as one. White noise of τ is in the column of d too, where it would attenuate d towards zero
+(errors in variables), so its expected energy is subtracted from the normal matrix.
 """
 
 from __future__ import annotations
@@ -27,6 +28,14 @@ _STEP = (
 )
 _STEP_WILD = 6.0  # times the usual residual of all joints
 _WILD = 5.0  # standard deviations of the residual, beyond which a row is skipped
+_REAL = 0.25  # least share of a column's energy that is not noise
+
+
+def without_noise(normal: Array, at: int, noise: float) -> Array:
+    """A normal matrix without the energy that noise brings into the column `at`, of which at least a quarter is kept."""
+    out = normal.copy()
+    out[at, at] = max(normal[at, at] - noise, _REAL * normal[at, at])
+    return out
 
 
 class SwingJoints:
@@ -50,21 +59,22 @@ class SwingJoints:
         self._at = np.array(laws)[:, None] + self._each
         self._prior = np.linalg.inv(errors.covariance[layout.by_swing, layout.by_swing])
         self._normal, self._right = np.zeros((count, count)), np.zeros(count)
-        self._square, self.rows = 0.0, 0
+        self._square, self._late, self.rows = 0.0, 0.0, 0
         self._last, self._limit_square = np.zeros(count), np.inf
         self._expected, self._loud = np.zeros(count), np.inf
         self._joints = np.zeros((3, layout.joints))
         self._averaged, self._average, self.stepped = self._joints
         self._found: dict[float, tuple[Array, Array]] = {}  # by scale: at one, and at the last other one
 
-    def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
+    def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array, late: Array) -> None:
         """Adds one block.
 
         Args:
             air: (legs,) bool, the legs in the air throughout the block.
             terms: (4, joints), averages of q̈, q̇, s and 1 by joint.
             rate: (joints,) [N·m/s], of the torques. residual: (joints,) [N·m], h - τ_measured.
-            white: (joints,) [N·m], standard deviation of its white noise.
+            white: (joints,) [N·m], standard deviation of its white noise. late: (joints,) [N²·m²/s²], variance of
+                that in `rate`.
         """
         rows = np.zeros((len(rate), len(self._right)))
         rows[self._each, self._at] = terms
@@ -81,6 +91,7 @@ class SwingJoints:
         self._normal += weighted.T @ rows
         self._right -= weighted.T @ residual
         self._square += float(weight[used] @ residual**2)
+        self._late += float(weight[used] @ late[used])
         self.rows += len(rows)
         self._found.clear()
 
@@ -101,7 +112,12 @@ class SwingJoints:
         if self.rows < _ENOUGH * len(self._right):
             return 1.0
         mean, _ = self.posterior(1.0)
-        return float(self._square - mean @ (2.0 * self._right - self._normal @ mean)) / self.rows
+        return float(self._square - mean @ (2.0 * self._right - self._exact @ mean)) / self.rows
+
+    @property
+    def _exact(self) -> Array:
+        """The normal matrix without the torques' noise in the column of their lag."""
+        return without_noise(self._normal, self._lag, self._late)
 
     def posterior(self, scale: float) -> tuple[Array, Array]:
         """Mean and covariance of the errors that swing rows determine, `ErrorLayout.by_swing`.
@@ -127,12 +143,12 @@ class SwingJoints:
 
     def _least_squares(self, scale: float) -> tuple[Array, Array, float]:
         loud, information, mean = self._settings.repeated, self._prior, self._right
-        factor = information
+        factor, normal = information, self._exact
         for _ in range(2):  # the second pass uses the first one's residual
-            information = self._normal / loud + self._prior / scale**2
+            information = normal / loud + self._prior / scale**2
             factor, mean, _ = lapack.dposv(information, self._right / loud)
             if self.rows > len(mean):
-                square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
+                square = self._square - mean @ (2.0 * self._right - normal @ mean)
                 loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
         upper = np.triu(lapack.dpotri(factor)[0])
         return mean, upper + np.triu(upper, 1).T, loud
