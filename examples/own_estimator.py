@@ -1,8 +1,9 @@
 """Write your own estimator of the trunk: the mass of a robot at rest, from the forces of its feet.
 
-An estimator is any object with `update(measurement)` and `estimate()`. Registered in `METHODS` of `trunk/registry.py`
-it has a name for `stadera weigh --method`, and the contract tests run on it.
+An estimator is any class that is made with a robot and has `update(measurement)` and `estimate()`.
 
+    stadera simulate stand --robot hyq --out stand.csv
+    stadera weigh stand.csv --robot hyq --method examples/own_estimator.py:MeanMass
     python examples/own_estimator.py stand.csv hyq
 """
 
@@ -17,6 +18,9 @@ from stadera.logs import read
 from stadera.trunk.measurement import measurements_of
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
+
+
+TORQUE_SCALE = 0.03  # standard deviation of what all torques have in common, as torque sensors are specified
 
 
 class MeanMass:
@@ -42,7 +46,9 @@ class MeanMass:
         covariance = unobserved()  # NaN: not observed, as the centre of mass stays
         if not self.masses:
             return TrunkEstimate(self.time, self.prior, covariance, Status.WAITING)
-        covariance[0, 0] = np.var(self.masses) / len(self.masses)
+        # the mean of many samples is known well, but not the scale of the torques, which no number of samples shows
+        carried = np.mean(self.masses) + self.legs.leg_mass
+        covariance[0, 0] = np.var(self.masses) / len(self.masses) + (TORQUE_SCALE * carried) ** 2
         trunk = TrunkModel(float(np.mean(self.masses)), self.prior.com_trunk)
         return TrunkEstimate(self.time, trunk, covariance, Status.MOVING)
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import ast
 import inspect
+import pydoc
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import stadera
+from stadera.logs.frames import columns_of
+from stadera.trunk import Samples
+from standing import static_log
 
 HEAVY = ("mujoco", "matplotlib", "pyarrow", "cvxpy", "rosbags", "proxsuite", "jinja2")
 
@@ -110,6 +115,61 @@ def test_reprs_are_short() -> None:
     for value in (robot, robot.inertias[robot.trunk]):
         assert len(repr(value).splitlines()) < 10
         assert len(repr(value)) < 1000
+
+
+def standing() -> stadera.Recording:
+    return static_log(stadera.load_robot("hyq"))
+
+
+def test_what_is_asked_about_answers_in_few_lines() -> None:
+    """Trunk, payload, log, estimator: under ten lines each, and no digits of what was not observed."""
+    robot, log = stadera.load_robot("hyq"), standing()
+    estimator = stadera.TrunkEstimator(robot)
+    assert "mass not observed, com not observed" in repr(estimator)
+    estimator.add(Samples.of_recording(log, robot))
+    estimator.tare()
+    result = stadera.weigh(robot, log, tare=(0.0, 1.0))
+    for value in (estimator, estimator.trunk, estimator.payload, log, log.imu, result):
+        assert len(repr(value).splitlines()) < 10
+        assert len(repr(value)) < 1000
+        assert "nan" not in repr(value)
+    assert " ± " in repr(estimator.trunk)
+    assert repr(log).startswith("Recording of ")
+
+
+def test_names_only() -> None:
+    assert dir(stadera) == sorted(stadera.__all__)
+    assert not [name for name in dir(trunk) if name.startswith("_")]
+
+
+@pytest.mark.parametrize("name", ["identify", "weigh", "excite"])
+def test_help_shows_arguments(name: str) -> None:
+    text = pydoc.plain(pydoc.render_doc(getattr(stadera, name)))
+    assert f"{name}(robot" in text
+    assert "Args:" in text
+
+
+def test_what_is_wanted_is_said() -> None:
+    log, six = standing(), np.zeros((4, 6))
+    time, q = np.arange(4.0), np.zeros((4, 1))
+    with pytest.raises(stadera.RecordingError, match=r"imu needs stadera\.Imu\(angular_velocity.*ndarray"):
+        stadera.Recording.from_arrays(time, q, joints=["a"], imu=six)  # type: ignore[arg-type]
+    with pytest.raises(stadera.RecordingError, match=r"needs shape \(4, 3\), got \(3, 4\): transposed"):
+        stadera.Recording.from_arrays(time, q, joints=["a"], imu=stadera.Imu(np.zeros((3, 4)), np.zeros((3, 4))))
+    with pytest.raises(stadera.ModelError, match="a robot is a name, a path or a Robot, got int"):
+        stadera.load_robot(3)  # type: ignore[arg-type]
+    with pytest.raises(stadera.RecordingError, match=r"add takes .*Samples, got ndarray; one sample: update"):
+        stadera.TrunkEstimator("hyq").add(six)  # type: ignore[arg-type]
+    with pytest.raises(stadera.RecordingError, match="a Recording or a data frame, got int"):
+        stadera.weigh("hyq", 3)  # type: ignore[arg-type]
+    assert stadera.weigh("hyq", log, tare=[0.0, 1.0]).payload is not None  # type: ignore[arg-type]
+
+
+def test_a_data_frame_is_a_log() -> None:
+    log = standing()
+    frame = columns_of(log)
+    found = stadera.weigh("hyq", frame, imu_frame=stadera.load_robot("hyq").trunk)  # type: ignore[arg-type]
+    assert found.mass == pytest.approx(stadera.weigh("hyq", log).mass, rel=1e-6)
 
 
 def test_identify_and_excite_take_names_and_paths(tmp_path: Path) -> None:

@@ -28,12 +28,14 @@ if TYPE_CHECKING:
     from stadera.identify.result import Identification
     from stadera.identify.settings import IdentifySettings
     from stadera.inertia import InertialParameters
-    from stadera.logs.recording import Recording
+    from stadera.logs.recording import Imu, Recording
     from stadera.logs.topics import LogFile
     from stadera.robot.load import load_robot
     from stadera.robot.model import Robot
     from stadera.trunk.estimator import TrunkEstimator
+    from stadera.trunk.load import Payload
     from stadera.trunk.measurement import Measurement
+    from stadera.trunk.settings import TrunkSettings
     from stadera.trust import Trust
     from stadera.weigh.result import Weighing
     from stadera.weigh.settings import WeighSettings
@@ -45,16 +47,19 @@ __all__ = [
     "Identification",
     "IdentificationError",
     "IdentifySettings",
+    "Imu",
     "InertialParameters",
     "LogFile",
     "Measurement",
     "MissingExtraError",
     "ModelError",
+    "Payload",
     "Recording",
     "RecordingError",
     "Robot",
     "StaderaError",
     "TrunkEstimator",
+    "TrunkSettings",
     "Trust",
     "UnknownNameError",
     "UntrustedError",
@@ -77,12 +82,14 @@ _HOMES = {
     "identify.result": "Identification",
     "identify.settings": "IdentifySettings",
     "inertia": "InertialParameters",
-    "logs.recording": "Recording",
+    "logs.recording": "Imu Recording",
     "logs.topics": "LogFile",
     "robot.load": "load_robot",
     "robot.model": "Robot",
     "trunk.estimator": "TrunkEstimator",
+    "trunk.load": "Payload",
     "trunk.measurement": "Measurement",
+    "trunk.settings": "TrunkSettings",
     "trust": "Trust",
     "weigh": "weigh",
     "weigh.result": "Weighing",

@@ -26,7 +26,7 @@ def lazy_names(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str]
         return value
 
     def dir_() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *homes})
+        return sorted(homes)
 
     return getattr_, dir_
 
@@ -49,5 +49,9 @@ def make_callable(package: str, home: str) -> None:
         @property
         def __signature__(self) -> inspect.Signature:
             return inspect.signature(function())
+
+        @property
+        def __doc__(self) -> str:  # type: ignore[override]
+            return f"{name}{inspect.signature(function())}\n\n{inspect.getdoc(function())}"
 
     sys.modules[package].__class__ = CallablePackage

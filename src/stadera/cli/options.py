@@ -44,8 +44,8 @@ LegsFile = Annotated[
 Method = Annotated[
     str | None,
     option(
-        "walking|contact|orientation|poses|combined",
-        "walking: any motion; others: at rest, poses and combined without an IMU "
+        "walking|contact|orientation|poses|combined|FILE.py:NAME",
+        "walking: any motion; FILE.py:NAME: your own estimator; others: at rest, poses and combined without an IMU "
         "[default: walking with an IMU and 50 samples a second, else contact, or poses without an IMU].",
     ),
 ]

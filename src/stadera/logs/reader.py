@@ -3,7 +3,7 @@
 A new file format is one module with a reader and one line in READERS.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from os import PathLike
@@ -29,7 +29,7 @@ from stadera.logs.tables.refused import refusal
 from stadera.logs.topics import EXAMPLES, FirstChunk, LogFile, OpenedLog
 
 Log = str | PathLike[str] | Recording
-"""A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory."""
+"""A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory; a data frame too."""
 HEAD_ROWS = 256
 """Samples that tell a log's channels, joints and rate."""
 
@@ -72,15 +72,16 @@ def as_log(log: Log) -> LogFile | Recording:
         return log
     if isinstance(log, str | PathLike):
         return LogFile.of(log)
-    hint = "; make a data frame a recording by Recording.from_dataframe" if hasattr(log, "columns") else ""
-    raise RecordingError(f"a log is a path, a LogFile or a Recording, got {type(log).__name__}{hint}")
+    if hasattr(log, "columns") or isinstance(log, Mapping):
+        return Recording.from_dataframe(log)
+    raise RecordingError(f"a log is a path, a LogFile, a Recording or a data frame, got {type(log).__name__}")
 
 
 def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
     """Converts one log or several to a tuple. Raises RecordingError: none given, or one that is neither a path nor a
     recording.
     """
-    several = isinstance(logs, Iterable) and not isinstance(logs, str | PathLike | Recording | bytes)
+    several = isinstance(logs, Iterable) and not isinstance(logs, str | PathLike | Recording | Mapping | bytes)
     if several and not hasattr(logs, "columns"):
         found = tuple(as_log(log) for log in logs)  # type: ignore[union-attr]
     else:

@@ -41,6 +41,10 @@ class Imu:
     orientation: Array | None = None
     frame: str | None = None
 
+    def __repr__(self) -> str:
+        with_orientation = "" if self.orientation is None else ", orientation"
+        return f"Imu({len(self.angular_velocity)} samples{with_orientation}, frame {self.frame or 'not stated'})"
+
 
 @dataclass(frozen=True, eq=False)
 class OtherJoints:
@@ -132,6 +136,11 @@ class Recording:
         """
         if isinstance(joints, str):
             raise RecordingError(f"{source}: joints needs a list of names, got {joints!r}")
+        if imu is not None and not isinstance(imu, Imu):
+            raise RecordingError(
+                f"{source}: imu needs stadera.Imu(angular_velocity, linear_acceleration), each of shape (samples, 3), "
+                f"got {type(imu).__name__}"
+            )
 
         def array(values: ArrayLike | None, name: str) -> Any:
             return None if values is None else _as_numbers(values, name, source)
@@ -191,6 +200,11 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __repr__(self) -> str:
+        channels = ", ".join(name for name in self.arrays() if name != TIME)
+        span = f", {self.time[0]:.3f} to {self.time[-1]:.3f} s" if len(self) else ""
+        return f"Recording of {self.name!r}: {len(self)} samples{span}, {len(self.joints)} joints; {channels}"
 
     @property
     def name(self) -> str:

@@ -47,6 +47,8 @@ def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -
     """
     if isinstance(source, Robot):
         return source
+    if not isinstance(source, str | PathLike):
+        raise ModelError(f"a robot is a name, a path or a Robot, got {type(source).__name__}")
     name, path = resolve(source)
     file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):

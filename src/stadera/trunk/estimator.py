@@ -203,7 +203,11 @@ class TrunkEstimator:
 
         Samples that are not finite or go back in time are skipped and reported. Signals are not differentiated across a
         gap.
+        Raises:
+            RecordingError: anything but `Samples`.
         """
+        if not isinstance(samples, Samples):
+            raise RecordingError(f"add takes stadera.trunk.Samples, got {type(samples).__name__}; one sample: update")
         self.add_table(samples.table)
 
     def add_table(self, table: Array) -> None:
@@ -233,6 +237,13 @@ class TrunkEstimator:
         """
         self._buffer = SampleBuffer(self.robot.tree.joints, self.settings)
         self._front.forget()
+
+    def __repr__(self) -> str:
+        lines = [f"TrunkEstimator of {self.robot.name}, {self._status}", f"  trunk: {self.trunk!r}"]
+        if (payload := self.payload) is not None:
+            lines.append(f"  payload: {payload!r}")
+        lines.append(f"  changes of load: {len(self.changes)}; trust: {self.trust.verdict}")
+        return "\n".join(lines)
 
     # -- asking -----------------------------------------------------------------------------------------------------
     @property

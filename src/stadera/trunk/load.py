@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Literal
 
 import numpy as np
@@ -38,6 +39,9 @@ class Payload:
     inertia: Array | None = None
     inertia_std: Array | None = None
     parameters: InertialParameters | None = None
+
+    def __repr__(self) -> str:
+        return described(self.mass, self.mass_std, self.com, self.com_std)
 
     @property
     def com_std(self) -> Array:
@@ -99,6 +103,16 @@ def since_tare(changes: Sequence[LoadChange], payload: Payload | None) -> tuple[
     if payload is None or len(changes) != 1 or changes[0].kind == "shifted":
         return tuple(changes)
     return (replace(changes[0], mass=payload.mass, mass_std=payload.mass_std),)
+
+
+def described(mass: float, mass_std: float, com: Array, com_std: Array) -> str:
+    """Mass and centre of mass with their standard deviations, without what was not observed."""
+    from stadera.report.numbers import with_std
+
+    seen = zip("xyz", com, com_std, strict=True)
+    shown = ", ".join(f"{axis} {with_std(v, s)}" for axis, v, s in seen if isfinite(s))
+    weight = f"{with_std(mass, mass_std)} kg" if isfinite(mass_std) else "mass not observed"
+    return f"{weight}, com {shown + ' m' if shown else 'not observed'}"
 
 
 def centre_slope(moments: Array) -> Array:

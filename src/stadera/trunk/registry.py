@@ -1,10 +1,16 @@
-"""Registry of the methods that estimate the trunk's centre of mass. A new method is one file and an entry here."""
+"""Registry of the methods that estimate the trunk. A new method is one file and an entry here, or a user's own file:
+`FILE.py:Name`, of a class that is made with the robot and follows `stadera.trunk.protocol.Estimator`.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.robot.imu import ImuMount
@@ -84,6 +90,45 @@ METHODS: Mapping[str, Method] = MappingProxyType(
     }
 )
 """The methods by name."""
+
+
+def is_own(name: str) -> bool:
+    """True for a method in a user's file, `FILE.py:Name`."""
+    return name.rpartition(":")[0].endswith(".py")
+
+
+def method_of(name: str) -> Method:
+    """The method of a name in `METHODS`, or in a user's file.
+
+    Raises:
+        UnknownNameError: no such method, or no such class in the file.
+        IdentificationError: the file cannot be read or imported, or the class is no estimator.
+    """
+    if not is_own(name):
+        if name not in METHODS:
+            raise UnknownNameError("method", name, [*METHODS, "FILE.py:Name"])
+        return METHODS[name]
+    file, _, called = name.rpartition(":")
+    path = Path(file)
+    if not path.is_file():
+        raise IdentificationError(f"--method {name}: no such file {file!r}")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise IdentificationError(f"--method {name}: {file} cannot be imported: {error}") from error
+    found = {key: value for key, value in vars(module).items() if inspect.isclass(value)}
+    own = [key for key, value in found.items() if value.__module__ == module.__name__]
+    if called not in found:
+        raise UnknownNameError("estimator", called, own, file)
+    made: Any = found[called]
+    if missing := [part for part in ("update", "estimate") if not callable(getattr(made, part, None))]:
+        raise IdentificationError(f"--method {name}: {called} has no {' and no '.join(missing)}; an estimator has both")
+    summary = (inspect.getdoc(made) or "an own estimator").splitlines()[0]
+    return Method(summary, lambda setup: made(setup.robot))
 
 
 def make_estimator(name: str, setup: Setup, methods: Mapping[str, Method] = METHODS) -> Estimator:

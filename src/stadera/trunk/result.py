@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.inertia import InertialParameters
-from stadera.trunk.load import centre_slope
+from stadera.trunk.load import centre_slope, described
 from stadera.types import Array, Bools
 
 
@@ -47,6 +47,9 @@ class TrunkParameters:
     covariance: Array
     inertia_std: Array
     observed: Bools
+
+    def __repr__(self) -> str:
+        return described(self.inertial.mass, self.mass_std, self.com, self.com_std)
 
     @property
     def mass_std(self) -> float:

@@ -32,7 +32,7 @@ _REAL = 0.25  # least share of a column's energy that is not noise
 
 
 def without_noise(normal: Array, at: int, noise: float) -> Array:
-    """A normal matrix without the energy that noise brings into the column `at`, of which at least a quarter is kept."""
+    """A normal matrix without the energy of noise in the column `at`, of which at least a quarter is kept."""
     out = normal.copy()
     out[at, at] = max(normal[at, at] - noise, _REAL * normal[at, at])
     return out

@@ -20,10 +20,12 @@ from stadera.robot.imu import ImuMount
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import LoadChange, Payload, since_tare
 from stadera.trunk.protocol import Status
+from stadera.trunk.registry import Setup, method_of
 from stadera.trunk.samples import Samples
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
 from stadera.weigh.against_model import Footprint, doubts
+from stadera.weigh.own import OwnEstimator
 from stadera.weigh.reading import CheckedLog, require_imu
 from stadera.weigh.result import Refusal, Timeline, Weighing
 from stadera.weigh.settings import IN_MOTION, Request
@@ -35,10 +37,10 @@ _DIVERGED = "the estimate runs away"
 def weigh_in_motion(request: Request) -> Weighing:
     """Weighs in any motion. Raises as `stadera.weigh.weigh`."""
     tare, robot = request.tare, request.robot
-    require_imu(robot, request.source, IN_MOTION)
+    require_imu(robot, request.source, request.method)
     before: _LogPass | None = None
     if tare is not None and not isinstance(tare, tuple):
-        require_imu(robot, tare, IN_MOTION)
+        require_imu(robot, tare, request.method)
         before = _LogPass(request, CheckedLog(request, tare, ("imu",)))
         before.read()
         before.tare(tare.source)
@@ -53,7 +55,7 @@ def weigh_in_motion(request: Request) -> Weighing:
     return reading.result()
 
 
-def trust_now(estimator: TrunkEstimator, learnt: float | None = None, begin: float = 0.0) -> Trust:
+def trust_now(estimator: TrunkEstimator | OwnEstimator, learnt: float | None = None, begin: float = 0.0) -> Trust:
     """The estimator's trust in its result, lowered if it refuses the latest samples, those after `learnt` [s]; times
     are said as since `begin` [s].
     """
@@ -74,7 +76,7 @@ class _LogPass:
         self.log = log
         self._request, self._before = request, before
         self._range = request.tare if isinstance(request.tare, tuple) and before is None else None
-        self._estimator: TrunkEstimator | None = None if before is None else before.estimator
+        self._estimator: TrunkEstimator | OwnEstimator | None = None if before is None else before.estimator
         self._changes_before = 0 if self._estimator is None else len(self._estimator.changes)
         self.tared = before is not None
         self._time = np.nan  # of the last sample
@@ -85,7 +87,7 @@ class _LogPass:
         self._refused: list[Refusal] = []
 
     @property
-    def estimator(self) -> TrunkEstimator:
+    def estimator(self) -> TrunkEstimator | OwnEstimator:
         """The estimator, available after the first sample."""
         if self._estimator is None:
             raise IdentificationError(f"{self.log.source.source}: nothing could be learnt: no samples")
@@ -137,7 +139,7 @@ class _LogPass:
         return Weighing(
             robot=self._request.robot,
             source=log.source.source,
-            method=IN_MOTION,
+            method=self._request.method,
             status=str(estimate.status),
             trust=self._trust(learnt, logs),
             trunk=estimator.parameters(),
@@ -164,9 +166,12 @@ class _LogPass:
             known = self._request.settings.trunk.changes.history
             yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
 
-    def _made(self, chunk: Recording) -> TrunkEstimator:
+    def _made(self, chunk: Recording) -> TrunkEstimator | OwnEstimator:
         robot, settings, imu = self._request.robot, self._request.settings, chunk.imu
         mount = ImuMount.of(robot, self._request.imu_frame or (None if imu is None else imu.frame))
+        if self._request.method != IN_MOTION:
+            setup = Setup(robot, mount=mount)
+            return OwnEstimator(method_of(self._request.method).make(setup), robot, mount)
         return TrunkEstimator(robot, settings=settings.trunk, mount=mount)
 
     def _check_rate(self, samples: Samples) -> None:
@@ -199,7 +204,7 @@ class _LogPass:
         """Passes on part of some samples; the table is of all of them, on the estimator's clock."""
         begin, self._time = samples.time[[part.start, part.stop - 1]].tolist()
         self.estimator.add_table(table[part])
-        if self._request.watch is not None:
+        if self._request.watch is not None and isinstance(self.estimator, TrunkEstimator):
             self._request.watch(samples[part], self.estimator)
         if reason := self.estimator.refusal:
             self._refuse(begin, self._time, reason)

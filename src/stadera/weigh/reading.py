@@ -22,7 +22,7 @@ from stadera.logs.join import with_velocity
 from stadera.logs.reader import HEAD_ROWS, read_head
 from stadera.logs.recording import OtherJoints
 from stadera.robot.model import Robot
-from stadera.trunk.registry import METHODS
+from stadera.trunk.registry import METHODS, method_of
 from stadera.trust import Verdict
 from stadera.weigh.result import Refusal
 from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
@@ -65,7 +65,7 @@ def check_source(request: Request) -> bool:
     log, method = request.source, request.method
     if read_head(log, request.robot.tree.joints).imu is not None:
         return True
-    if METHODS[method].needs_imu:
+    if method_of(method).needs_imu:
         require_imu(request.robot, log, method)
     topics = None if isinstance(log, Recording) else log.topics.imu
     for option, asked in (("--imu-topic", topics), ("--imu-frame", request.imu_frame)):

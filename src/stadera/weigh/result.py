@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import isfinite
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -203,17 +202,10 @@ class Weighing(Result):
 
     def __repr__(self) -> str:
         """Trunk, payload, changes and trust, one line each."""
-        from stadera.report.numbers import with_std
-
-        def body(mass: float, mass_std: float, com: Array, com_std: Array) -> str:
-            seen = zip("xyz", com, com_std, strict=True)
-            shown = ", ".join(f"{axis} {with_std(v, s)}" for axis, v, s in seen if isfinite(s))
-            return f"{with_std(mass, mass_std)} kg, com {shown or 'not observed'} m"
-
         lines = [f"Weighing of {self.robot.name} by {self.source} ({self.method}), at {self.time - self.begin:.2f} s"]
-        lines.append(f"  trunk: {body(self.mass, self.mass_std, self.com, self.com_std)}")
+        lines.append(f"  trunk: {self.trunk!r}")
         if (payload := self.payload) is not None:
-            lines.append(f"  payload: {body(payload.mass, payload.mass_std, payload.com, payload.com_std)}")
+            lines.append(f"  payload: {payload!r}")
         if self.changes:
             last = self.changes[-1]
             lines.append(

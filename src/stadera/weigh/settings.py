@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stadera.checks.limits import WindowLimits
-from stadera.errors import IdentificationError, UnknownNameError, require_positive
+from stadera.errors import IdentificationError, require_positive
 from stadera.logs import LogFile
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
-from stadera.trunk.registry import METHODS
+from stadera.trunk.registry import is_own, method_of
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Progress
 from stadera.weigh.against_model import AgreementLimits
@@ -24,7 +24,7 @@ Source = LogFile | Recording
 Watch = Callable[["Samples", "TrunkEstimator"], None]
 """Called with samples (IMU values in trunk axes) and the estimator, after it has processed them."""
 IN_MOTION = "walking"
-"""Name in `METHODS` of the method for any motion. All other methods weigh at rest."""
+"""Name in `METHODS` of the method for any motion. All others there weigh at rest."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Request:
     corrections.
 
     Raises:
-        UnknownNameError: no such method.
+        UnknownNameError, IdentificationError: as `stadera.trunk.registry.method_of`.
         IdentificationError: the method "orientation" without a stiffness, another method with one, a stiffness that is
             not positive, or a tare that does not begin before its end.
     """
@@ -108,11 +108,21 @@ class Request:
         if isinstance(self.tare, tuple) and not self.tare[0] < self.tare[1]:
             raise IdentificationError(f"a tare's range needs a beginning before its end, got {self.tare} s")
 
+    @property
+    def in_motion(self) -> bool:
+        """See `is_in_motion`."""
+        return is_in_motion(self.method)
+
+
+def is_in_motion(method: str) -> bool:
+    """True for the methods that weigh in any motion: the library's, and a user's own."""
+    return method == IN_MOTION or is_own(method)
+
 
 def check_choice(method: str | None, stiffness: tuple[float, float, float] | None) -> None:
     """Checks a method (None if it is still to be chosen) and its stiffness. Raises as `Request`."""
-    if method is not None and method not in METHODS:
-        raise UnknownNameError("method", method, METHODS)
+    if method is not None:
+        method_of(method)
     if stiffness is not None and not (np.isfinite(stiffness).all() and min(stiffness) > 0):
         raise IdentificationError(f"a stiffness must be three positive numbers, got {stiffness}")
     if method == "orientation" and stiffness is None:

@@ -1,6 +1,7 @@
 """Weighs a robot from a log: chooses the estimator, runs it, refuses a result that cannot be trusted; inspects logs."""
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from os import PathLike
 
 import numpy as np
@@ -20,7 +21,7 @@ from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.in_motion import weigh_in_motion
 from stadera.weigh.reading import choose_method, with_extra_joints
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice
+from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice, is_in_motion
 
 
 @one_thread()
@@ -45,7 +46,8 @@ def weigh(
         log: joint positions and torques, and velocities and an IMU if available: a path, a LogFile or a Recording.
         tare: a range (begin, end) of the log's time [s] or another log in which the robot carries no payload. A range
             wholly before the log's first stamp counts from there, as for a log with Unix time.
-        method: name from `stadera.trunk.registry.METHODS`. None chooses "walking" (any motion, standing included) for a
+        method: name from `stadera.trunk.registry.METHODS`, or FILE.py:Name for an estimator of your own, see
+            `stadera.weigh.own`. None chooses "walking" (any motion, standing included) for a
             log with an IMU and at least 50 samples a second; otherwise a method at rest: "contact" with an IMU, "poses"
             without.
         imu_frame: frame of the IMU's values; None for the one named in the log, else the model's.
@@ -64,6 +66,7 @@ def weigh(
         UntrustedError: units or signs of the log are wrong, or it contradicts the model or itself, without `force`.
     """
     check_choice(method, stiffness)
+    tare = _range(tare)
     model, chosen = load_robot(robot), settings or WeighSettings()
     logs = [log] if tare is None or isinstance(tare, tuple) else [log, tare]
     model, read, said = with_extra_joints(model, *map(as_log, logs))
@@ -72,7 +75,7 @@ def weigh(
     span, shifted = _in_time_of(source, tare, model) if isinstance(tare, tuple) else (None, ())
     unloaded = others[0] if others else span
     name = method or choose_method(model, source, unloaded, chosen)
-    if name != IN_MOTION and not model.quadruped:
+    if not is_in_motion(name) and not model.quadruped:
         raise IdentificationError(
             f"{source.source}: the method {name!r}, at rest, is for four legs of three joints; {model.name} is weighed "
             f"by {IN_MOTION!r}, which needs an IMU and 50 samples a second"
@@ -85,6 +88,13 @@ def weigh(
         else:
             trust = trust.at_most("doubtful", f"{kin}; or it carried a load at the tare")
     return replace(result, trust=trust, notes=(*said, *shifted, *result.notes))
+
+
+def _range(tare: object) -> tuple[float, float] | Log | None:
+    """A tare's range as a pair; a list or an array of two numbers is one too."""
+    if isinstance(tare, list | np.ndarray) and len(tare) == 2 and all(isinstance(end, Real) for end in tare):
+        return float(tare[0]), float(tare[1])
+    return tare  # type: ignore[return-value]
 
 
 def _other_robots(robot: Robot, result: Weighing) -> str:
@@ -101,7 +111,7 @@ def _other_robots(robot: Robot, result: Weighing) -> str:
 
 def _trusted(request: Request) -> Weighing:
     """The result of the request's estimator, unless it is refused."""
-    result = weigh_in_motion(request) if request.method == IN_MOTION else weigh_at_rest(request)
+    result = weigh_in_motion(request) if request.in_motion else weigh_at_rest(request)
     if result.trust.verdict == "bad" and not request.force:
         raise UntrustedError(f"{request.source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     return result

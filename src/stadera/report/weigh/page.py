@@ -13,7 +13,7 @@ from stadera.report.page import render
 from stadera.report.shown import SHOWN
 from stadera.report.trust import LEVELS, trust_reasons
 from stadera.report.weigh import plots, tables
-from stadera.trunk.registry import METHODS
+from stadera.trunk.registry import method_of
 from stadera.weigh.result import Weighing
 from stadera.weigh.use import next_steps as steps_to_determine
 
@@ -115,7 +115,7 @@ def _facts(result: Weighing) -> dict[str, str]:
         "Log": result.source,
         "Time": f"{result.begin:.2f} to {result.end:.2f} s, {result.refused:.1f} s of it not used",
         "As known at": f"{result.time:.2f} s",
-        "Method": f"{result.method}: {METHODS[result.method].summary}",
+        "Method": f"{result.method}: {method_of(result.method).summary}",
         "State": result.status,
     }
     if result.torque_lag is not None:
