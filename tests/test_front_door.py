@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stadera
+from stadera import trunk
 from stadera.logs.frames import columns_of
 from stadera.trunk import Samples
 from standing import static_log

@@ -129,8 +129,9 @@ def test_whatever_is_a_log_is_taken(tmp_path: Path) -> None:
     for wrong, message in (([], "no log given"), (3, "got int"), ([1.0, 2.0], "got float"), (b"x", "got bytes")):
         with pytest.raises(RecordingError, match=message):
             as_logs(wrong)  # type: ignore[arg-type]
-    with pytest.raises(RecordingError, match=r"from_dataframe"):
-        as_logs(pa.table(COLUMNS))  # type: ignore[arg-type]
+    (table,) = as_logs(pa.table(COLUMNS))  # type: ignore[arg-type]
+    assert isinstance(table, Recording)
+    np.testing.assert_array_equal(table.time, COLUMNS["time"])
 
 
 def test_a_recording_is_read_as_a_file_is() -> None:
