@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import stadera
-from stadera import trunk
 from stadera.logs.frames import columns_of
 from stadera.trunk import Samples
 from standing import static_log
@@ -140,7 +139,6 @@ def test_what_is_asked_about_answers_in_few_lines() -> None:
 
 def test_names_only() -> None:
     assert dir(stadera) == sorted(stadera.__all__)
-    assert not [name for name in dir(trunk) if name.startswith("_")]
 
 
 @pytest.mark.parametrize("name", ["identify", "weigh", "excite"])

@@ -93,22 +93,23 @@ class Errors:
 
     def _learn(self, root: _Root, rows: RowSums, learnt: slice) -> Array:
         """Updates mean and covariance of the errors that are estimated. Returns S M_c/σ², by these and the rest."""
-        lag = self.layout.places["torque_lag"].start
-        products = without_noise(rows.in_motion[1:, 1:], lag, rows.late)[learnt]
-        p, joints = self.mean[learnt], self.layout.by_swing
+        products, p, joints = rows.in_motion[1:, 1:][learnt], self.mean[learnt], self.layout.by_swing
         right = rows.in_motion[1:, 0][learnt]
         v = right - products[:, joints] @ p[joints]
         before = float(rows.in_motion[0, 0] - (right + v) @ p)
         normal, along = root.after(root.after(products[:, learnt]).T), root.after(v[None])[0]
-        square, loud = before, rows.repeats
+        lag = self.layout.places["torque_lag"].start
+        late = root.row(lag)
+        square, loud, inverse, found = before, rows.repeats, normal, along
         for _ in range(2):  # the second pass uses the first one's residual
             loud = rows.repeats * max(square / (6.0 * rows.weight), _QUIETEST)
             system = normal / loud
             system.flat[:: len(system) + 1] += 1.0
-            factor, found, _ = lapack.dposv(system, along / loud)
+            upper = np.triu(lapack.dpotri(lapack.dpotrf(system)[0])[0])
+            inverse, taken = without_noise(upper + np.triu(upper, 1).T, late, rows.late / loud)
+            found = inverse @ (along / loud + taken * p[lag] * late)
             square = before - float(found @ (2.0 * along - normal @ found))
-        inverse = np.triu(lapack.dpotri(factor)[0])
-        inverse += np.triu(inverse, 1).T
+            square -= taken * loud * (p[lag] + late @ found) ** 2
         self.mean[learnt] += root.before(found[:, None])[:, 0]
         S = root.before(root.before(inverse).T)
         self.covariance[learnt, learnt] = 0.5 * (S + S.T)
@@ -202,6 +203,12 @@ class _Root:
         correlation = joints / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
         correlation.flat[:: len(size) + 1] += _ROUNDING
         return cls(size[:, None] * np.linalg.cholesky(correlation), std, gain)
+
+    def row(self, at: int) -> Array:
+        """L's row of one of the errors that legs in the air determine."""
+        out = np.zeros(len(self.std))
+        out[: len(self.joints)] = self.joints[at]
+        return out
 
     def after(self, rows: Array) -> Array:
         """rows L."""

@@ -28,14 +28,25 @@ _STEP = (
 )
 _STEP_WILD = 6.0  # times the usual residual of all joints
 _WILD = 5.0  # standard deviations of the residual, beyond which a row is skipped
-_REAL = 0.25  # least share of a column's energy that is not noise
+_REAL = 0.25  # least share of what a column tells besides all others that is not noise
 
 
-def without_noise(normal: Array, at: int, noise: float) -> Array:
-    """A normal matrix without the energy of noise in the column `at`, of which at least a quarter is kept."""
-    out = normal.copy()
-    out[at, at] = max(normal[at, at] - noise, _REAL * normal[at, at])
-    return out
+def without_noise(inverse: Array, column: Array, noise: float) -> tuple[Array, float]:
+    """Subtracts the energy of noise in one column from a system of normal equations.
+
+    With u = A⁻¹ v, (A - c v vᵀ)⁻¹ = A⁻¹ + c u uᵀ / (1 - c vᵀ u). A is positive definite without it as long as
+    c < 1 / vᵀ u, the information of this column besides all others. Of that at least `_REAL` is kept.
+
+    Args:
+        inverse: A⁻¹, (n, n). column: v, (n,), the column in the system's coordinates. noise: c.
+
+    Returns:
+        The inverse, and the energy that was subtracted.
+    """
+    along = inverse @ column
+    told = float(column @ along)
+    taken = min(noise, (1.0 - _REAL) / told)
+    return np.asarray(inverse + (taken / (1.0 - taken * told)) * np.outer(along, along)), taken
 
 
 class SwingJoints:
@@ -112,12 +123,7 @@ class SwingJoints:
         if self.rows < _ENOUGH * len(self._right):
             return 1.0
         mean, _ = self.posterior(1.0)
-        return float(self._square - mean @ (2.0 * self._right - self._exact @ mean)) / self.rows
-
-    @property
-    def _exact(self) -> Array:
-        """The normal matrix without the torques' noise in the column of their lag."""
-        return without_noise(self._normal, self._lag, self._late)
+        return float(self._square - mean @ (2.0 * self._right - self._normal @ mean)) / self.rows
 
     def posterior(self, scale: float) -> tuple[Array, Array]:
         """Mean and covariance of the errors that swing rows determine, `ErrorLayout.by_swing`.
@@ -143,12 +149,15 @@ class SwingJoints:
 
     def _least_squares(self, scale: float) -> tuple[Array, Array, float]:
         loud, information, mean = self._settings.repeated, self._prior, self._right
-        factor, normal = information, self._exact
+        covariance, lag = information, np.zeros(len(mean))
+        lag[self._lag] = 1.0
         for _ in range(2):  # the second pass uses the first one's residual
-            information = normal / loud + self._prior / scale**2
-            factor, mean, _ = lapack.dposv(information, self._right / loud)
+            information = self._normal / loud + self._prior / scale**2
+            upper = np.triu(lapack.dpotri(lapack.dpotrf(information)[0])[0])
+            covariance, taken = without_noise(upper + np.triu(upper, 1).T, lag, self._late / loud)
+            mean = np.asarray(covariance @ self._right / loud)
             if self.rows > len(mean):
-                square = self._square - mean @ (2.0 * self._right - normal @ mean)
+                square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
+                square -= taken * loud * mean[self._lag] ** 2
                 loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
-        upper = np.triu(lapack.dpotri(factor)[0])
-        return mean, upper + np.triu(upper, 1).T, loud
+        return mean, covariance, loud
