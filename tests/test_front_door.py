@@ -125,7 +125,7 @@ def test_what_is_asked_about_answers_in_few_lines() -> None:
     """Trunk, payload, log, estimator: under ten lines each, and no digits of what was not observed."""
     robot, log = stadera.load_robot("hyq"), standing()
     estimator = stadera.TrunkEstimator(robot)
-    assert "mass not observed, com not observed" in repr(estimator)
+    assert "mass not observed; com not observed" in repr(estimator)
     estimator.add(Samples.of_recording(log, robot))
     estimator.tare()
     result = stadera.weigh(robot, log, tare=(0.0, 1.0))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from conftest import Finished
 from stadera import IdentificationError, UnknownNameError, load_robot, weigh
 from stadera.logs import write_table
 from stadera.trunk.registry import is_own, method_of
@@ -48,7 +48,7 @@ def test_a_log_is_weighed_by_it() -> None:
     assert np.diff(result.timeline.mass_std).max() < 0.1
 
 
-def test_it_reaches_json_and_page(tmp_path: Path, run: Callable[..., Finished]) -> None:
+def test_it_reaches_json_and_page(tmp_path: Path, run: Callable[..., Any]) -> None:
     robot = load_robot("hyq")
     log, page = tmp_path / "stand.csv", tmp_path / "page.html"
     write_table(static_log(robot), log)

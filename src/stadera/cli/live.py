@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import options as opt
+from stadera.cli import parse
 from stadera.cli.gate import REPLAY
 from stadera.cli.options import LogOptions, argument, option
 from stadera.cli.terminal import show
@@ -34,6 +35,7 @@ def live(
     joint_topic: opt.JointTopic = None,
     imu_topic: opt.ImuTopic = None,
     imu_frame: opt.ImuFrame = None,
+    weight: opt.Weight = None,
     legs: opt.LegsFile = None,
     force: opt.Force = False,
     record: Annotated[Path | None, option("F.mcap", "Record received and sent messages.")] = None,
@@ -52,6 +54,7 @@ def live(
     """
     if source != "zenoh" and not source.startswith(REPLAY):
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
+    on_scale = None if weight is None else parse.weight(weight)
     options = LogOptions(joint_topic, imu_topic, units=units, limit=limit, gear=gear)
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
@@ -69,7 +72,7 @@ def live(
     where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
         reading = options.reading if log is None else AS_RECORDED  # a log is read with it
-        session = LiveSession(model, options.topics, imu_frame, watch=watch, reading=reading, fix=fix)
+        session = LiveSession(model, options.topics, imu_frame, watch=watch, reading=reading, fix=fix, weight=on_scale)
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))

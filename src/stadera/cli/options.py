@@ -50,6 +50,9 @@ Method = Annotated[
     ),
 ]
 Tare = Annotated[str | None, option("T0:T1|LOG", "Time [s] in LOG, or another log, without the payload.")]
+Weight = Annotated[
+    str | None, option("KG[±KG]", "The robot's mass on a scale, at the tare, else at the log's beginning.")
+]
 Stiffness = Annotated[str | None, option("KX,KY,KZ", "Stiffness of the trunk controller [N·m/rad], for 'orientation'.")]
 ImuFrame = Annotated[
     str | None, option("NAME", "Frame of the IMU's values [default: the log's own, else the model's].")

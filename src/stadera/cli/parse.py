@@ -101,6 +101,17 @@ def tare(value: str) -> tuple[float, float] | Path:
     return Path(found) if isinstance(found, str) else found
 
 
+def weight(value: str) -> tuple[float, float]:
+    """Mass and standard deviation [kg], "15.2kg±0.05"."""
+    from stadera.errors import IdentificationError
+    from stadera.weigh.settings import weight_of
+
+    try:
+        return weight_of(value)
+    except IdentificationError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
 def _number(value: str, wanted: str, option: str | None = None) -> float:
     try:
         number = float(value)

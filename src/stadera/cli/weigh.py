@@ -25,6 +25,7 @@ def weigh(
     robot: opt.RobotOfLog = None,
     method: opt.Method = None,
     tare: opt.Tare = None,
+    weight: opt.Weight = None,
     stiffness: opt.Stiffness = None,
     legs: opt.LegsFile = None,
     force: opt.Force = False,
@@ -49,6 +50,7 @@ def weigh(
     """
     springs = None if stiffness is None else parse.point(stiffness)
     chosen_tare = None if tare is None else parse.tare(tare)
+    on_scale = None if weight is None else parse.weight(weight)
 
     from stadera.report.weigh.tables import weighing_tables
     from stadera.weigh.settings import check_choice
@@ -76,6 +78,7 @@ def weigh(
             fix=options.fix,
             progress=bar,
             watch=watch,
+            weight=on_scale,
         )
     files.write(
         (export, result.save_urdf),

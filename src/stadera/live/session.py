@@ -43,6 +43,7 @@ class LiveSession:
         watch: called with all samples.
         reading: units of the messages, and changes of all samples, such as gear ratios.
         fix: correct unambiguous faults of the first seconds (units, signs, orders), with a note.
+        weight: of the robot on a scale, see `TrunkEstimator.know_weight`.
 
     Attributes:
         intake: of the messages. estimator: of the trunk; None before the first samples.
@@ -57,13 +58,16 @@ class LiveSession:
         watch: Watch | None = None,
         reading: Reading = AS_RECORDED,
         fix: bool = False,
+        weight: tuple[float, float] | None = None,
     ) -> None:
         self.robot, self.settings = robot, settings or LiveSettings()
         self.intake = Intake(robot, topics, self.settings, reading)
         self._guard = StreamGuard(robot, imu_frame, self.settings.guarded, fix, reading.changes)
         self.estimator: TrunkEstimator | None = None
         self.imu_frame, self.fix, self._watch, self._posed = imu_frame, fix, watch, robot
-        self._idle = TrunkEstimator(robot, settings=self.settings.trunk)
+        self._idle, self._weight = TrunkEstimator(robot, settings=self.settings.trunk), weight
+        if weight is not None:
+            self._idle.know_weight(*weight)  # raises immediately for one that the robot cannot have
         if imu_frame is not None:
             ImuMount.of(robot, imu_frame)  # raises immediately for an unknown name
         self._fault = ""
@@ -184,6 +188,8 @@ class LiveSession:
             mount = ImuMount.of(self.robot, frame)
             self._posed = posed_as(self.robot, recording.others)
             estimator = TrunkEstimator(self._posed, settings=self.settings.trunk, mount=mount)
+            if self._weight is not None:
+                estimator.know_weight(*self._weight)
         elif self.intake.fresh:
             estimator.restart()
         self.estimator, self.intake.fresh = estimator, False

@@ -45,7 +45,8 @@ def _joint_table(robot: Robot) -> TableData:
     head = ("joint", "position [rad]", "velocity [rad/s]", "torque [N·m]", "rotor inertia [kg·m²]", "foot")
     rows = {}
     for leg in robot.legs:
-        feet = ("", "", f"{leg.foot}, radius {number(leg.foot_radius, 3)} m")
+        foot = f"{leg.foot}, flat" if leg.contact == 6 else f"{leg.foot}, radius {number(leg.foot_radius, 3)} m"
+        feet = (*[""] * (len(leg.joints) - 1), foot)
         rows[leg.name] = [(j, *_limits(robot, j), foot) for j, foot in zip(leg.joints, feet, strict=True)]
     return TableData.of("Joints", head, rows, sides="lrrrrl")
 

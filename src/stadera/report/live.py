@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stadera.live.state import LiveState
-from stadera.report.numbers import number, with_std
+from stadera.report.numbers import number, with_scale, with_std
 from stadera.report.shown import SHOWN
 from stadera.report.trust import trust_text
 from stadera.types import Array
@@ -70,9 +70,10 @@ class _Seen:
 def live_summary(state: LiveState) -> str:
     """Final summary in one line."""
     trunk, payload = state.trunk, state.payload
-    text = f"trunk {with_std(trunk.inertial.mass, trunk.mass_std)} kg{_mark(state)}"
+    text = f"trunk {with_scale(trunk.inertial.mass, trunk.mass_std, trunk.mass_std_without_scale)}{_mark(state)}"
     if payload is not None:
-        text += f", payload {with_std(payload.mass, payload.mass_std)} kg{_mark(state)}"
+        mass = with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)
+        text += f"; payload {mass}{_mark(state)}"
     return f"{text}; trust: {trust_text(state.trust)}"
 
 

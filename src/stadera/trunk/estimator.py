@@ -19,12 +19,12 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import exp, isnan
+from math import exp, inf, isnan
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stadera.errors import RecordingError, UnknownNameError
+from stadera.errors import IdentificationError, RecordingError, UnknownNameError
 from stadera.inertia import InertialParameters
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
@@ -38,6 +38,7 @@ from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, Payload
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.trunk.on_scale import OnScale, Told
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.row_sums import RowSums, robot_weight
@@ -50,6 +51,8 @@ from stadera.trunk.summing import Summing
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
+
+_APART = 4.0  # standard deviations between a scale and the log, beyond which they contradict each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,7 @@ class _Reading:
     def __init__(self, of: TrunkEstimator) -> None:
         self._of, self._segment, self._errors = of, of._current, of._errors
         self._scatter, self._suspected = of._scatter.value, of._detector.suspected
+        self._told = of._told(self._segment)
 
     @cached_property
     def parameters(self) -> TrunkParameters:
@@ -90,7 +94,12 @@ class _Reading:
         of, covariance = self._of, self._errors.trunk_covariance(self._segment, self._scatter)
         covariance[:4, :4] += np.outer(self._suspected, self._suspected)
         vector = self._segment.mean(self._errors.mean)
-        return TrunkParameters.of(vector, covariance, of._start, of.robot.mass, of._length)
+        by_scale = self._errors.by_scale(self._segment.sensitivity)
+        if self._told is not None:
+            shared = self._told.shared(self._segment)
+            vector, covariance, by_scale = self._told.corrected(vector, covariance, by_scale, shared)
+        found = TrunkParameters.of(vector, covariance, of._start, of.robot.mass, of._length)
+        return replace(found, mass_std_without_scale=_without(covariance[0, 0], by_scale[0]))
 
 
 class TrunkEstimator:
@@ -140,6 +149,7 @@ class TrunkEstimator:
         self._model = ErrorModel(self.robot, self.settings.model, self._length)
         self._swing = SwingJoints(self._model, self.settings.swing)
         self._errors = Errors(self._model, self._swing, 1.0)
+        self._scale: OnScale | None = None
         self._buffer = SampleBuffer(self.robot.tree.joints, self.settings)
         mass, le = self.robot.mass, self._length
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
@@ -227,9 +237,33 @@ class TrunkEstimator:
         change.
         """
         self._tare, self._unused = self._current, self.settings.changes.spoilt
+        self._freeze_scale(self._tare)
         self._rival = None
         self._since_tare = RobustWeights(self.settings.outliers)
         self._loaded = self._widened(self._current)
+
+    def know_weight(self, mass: float, std: float) -> None:
+        """Takes the mass of the whole robot as it is now, or as it was at the tare if there was one, from a scale. It
+        tells the scale of the torques, which no motion shows.
+
+        Args:
+            mass, std: [kg], what the scale says and its standard deviation.
+
+        Raises:
+            IdentificationError: not a mass that the robot can have.
+        """
+        legs = self.robot.mass - self.robot.inertias[self.robot.trunk].mass
+        if not (legs < mass < inf and 0.0 <= std < mass):
+            raise IdentificationError(
+                f"a weight of {mass:g} ± {std:g} kg: the legs of {self.robot.name} alone have {legs:.3g} kg, and a "
+                "standard deviation is below the mass"
+            )
+        links = np.zeros(self._model.layout.count)
+        moved = self.robot.tree.links[1:]
+        links[self._model.layout.places["link_mass"]] = [self.robot.inertias[link].mass for link in moved]
+        self._scale, self._trust = OnScale(mass - legs, std, links, self._tare), None
+        if self._good is not None:
+            self._good = _Reading(self)
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -286,7 +320,12 @@ class TrunkEstimator:
         if self._loaded is not None and missed.any():  # the rows since the tare already contain part of it
             missed = missed - (now.mean(p) - self._aged.mean(p))[:4]
         covariance[:4, :4] += np.outer(missed, missed)
-        return Payload.of_parameters(difference, covariance, ObservedLimits().com * self._length)
+        by_scale = self._errors.by_scale(now.sensitivity - self._tare.sensitivity)
+        if (told := self._told(self._current)) is not None:
+            shared = told.shared(now) - told.shared(self._tare)
+            difference, covariance, by_scale = told.corrected(difference, covariance, by_scale, shared)
+        found = Payload.of_parameters(difference, covariance, ObservedLimits().com * self._length)
+        return replace(found, mass_std_without_scale=_without(covariance[0, 0], by_scale[0]))
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
@@ -304,6 +343,13 @@ class TrunkEstimator:
             else:
                 self._trust = self._fit.trust(
                     self.robot, self._model, self.settings, self._swing_misfit, self._swing.stepped
+                )
+            told = self._told(self._current)
+            if told is not None and abs(told.apart) > _APART:
+                self._trust = self._trust.at_most(
+                    "doubtful",
+                    f"the scale and the log are {abs(told.apart):.1f} standard deviations apart: another load "
+                    "than on the scale, or torques of another scale than usual",
                 )
         return self._trust
 
@@ -474,6 +520,19 @@ class TrunkEstimator:
         self._swing_misfit = self._swing.misfit if self._seen_for >= self.settings.evaluated else None
         self._trust = None
 
+    def _freeze_scale(self, segment: Segment) -> None:
+        """The robot was on the scale with the load that ends now."""
+        if self._scale is not None and self._scale.segment is None:
+            self._scale = replace(self._scale, segment=segment)
+
+    def _told(self, current: Segment) -> Told | None:
+        """What a scale tells, if it was asked and the trunk then is known."""
+        scale = self._scale
+        segment = current if scale is None or scale.segment is None else scale.segment
+        if scale is None or not segment.blocks:
+            return None
+        return Told(scale, self._errors, segment, self._scatter.value)
+
     def _widened(self, known: Segment) -> Segment:
         """A prior for the trunk under another load."""
         wide = self.settings.after_change * self._wide
@@ -488,6 +547,7 @@ class TrunkEstimator:
         recent, spoilt = list(self._recent), self.settings.changes.spoilt
         blocks = min(jump.blocks, len(recent))
         before = self._known[max(len(recent) - blocks - spoilt, 0)]
+        self._freeze_scale(before)
         begun = recent[-blocks].time - self.settings.block
         rival = self._rival or _Rival(
             now, before, before, self._finished, self._loaded, len(self._changes), self._changing
@@ -513,6 +573,8 @@ class TrunkEstimator:
         elif self._detector.returned(rival.before, rival.since, self._errors):
             back = list(self._recent)[-self.settings.changes.back :]
             self._rival, self._candidate, self._changing = None, None, rival.changing
+            if self._scale is not None and self._scale.segment is rival.before:
+                self._scale = replace(self._scale, segment=None)
             self._changes = self._changes[: rival.changes]
             self._finished, self._loaded = rival.finished, rival.loaded
             self._earlier = self._summed(rival.finished) if rival.finished else None
@@ -557,7 +619,8 @@ class TrunkEstimator:
         kind: ChangeKind = "on" if mass > 0 else "off"
         if abs(mass) < max(3.0 * std, self.settings.changes.shifted * self.robot.mass):
             kind = "shifted"
-        return LoadChange(change.time, change.noticed, mass, std, kind)
+        by_scale = self._errors.by_scale(now.sensitivity - change.before.sensitivity)
+        return LoadChange(change.time, change.noticed, mass, std, kind, _without(std**2, by_scale[0]))
 
     def _adopt(self, time: float) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible."""
@@ -601,6 +664,11 @@ class TrunkEstimator:
 
     def _refuse(self, reason: str) -> None:
         self._status, self._reason = Status.REFUSED, reason
+
+
+def _without(variance: float, by_scale: float) -> float:
+    """A mass's standard deviation without the part that the torques' common scale brings."""
+    return float(np.sqrt(max(variance - by_scale**2, 0.0)))
 
 
 def _stops(robot: Robot) -> Array:

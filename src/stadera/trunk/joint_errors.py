@@ -129,6 +129,22 @@ class Errors:
         return np.asarray(sticking * ratio * ratio[:, None])
 
     @cached_property
+    def lasting(self) -> Array:
+        """Σ without the covariance of errors that may change with the load, (errors, errors)."""
+        out = self.covariance.copy()
+        for place, _ in self._changing:
+            out[place, place] = 0.0
+        return out
+
+    def by_scale(self, sensitivity: Array) -> Array:
+        """What a standard deviation of the torques' common scale does to trunk parameters, (10,); `sensitivity`
+        (10, errors), theirs to all errors.
+        """
+        at = self.layout.places["common_gain"].start
+        own = float(np.sqrt(max(self.covariance[at, at], 1e-300)))
+        return np.asarray(sensitivity @ self.covariance[:, at] / own)
+
+    @cached_property
     def _changing(self) -> list[tuple[slice, Array]]:
         """Errors that may change with the load: noise that is removed from angular accelerations, and static friction,
         with their covariances.

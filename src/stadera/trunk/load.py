@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
-from typing import Literal
+from math import isfinite, sqrt
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from stadera.inertia import InertialParameters
 from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.trunk.result import TrunkParameters
 
 SIGNIFICANT = 3.0
 """Standard deviations from zero above which a payload's mass, and its moments of inertia, are reported."""
@@ -30,6 +33,8 @@ class Payload:
         inertia_std: (6,) [kg·m²], of its Ixx, Ixy, Ixz, Iyy, Iyz, Izz; None where not observed.
         parameters: all ten, as the difference of two trunks, which need not be physically possible; None if only mass
             and centre of mass are estimated.
+        mass_std_without_scale: the part of `mass_std` [kg] that is not due to the scale that all torques have in
+            common, by which loads of one robot are compared; None if it is not known.
     """
 
     mass: float
@@ -39,9 +44,17 @@ class Payload:
     inertia: Array | None = None
     inertia_std: Array | None = None
     parameters: InertialParameters | None = None
+    mass_std_without_scale: float | None = None
 
     def __repr__(self) -> str:
-        return described(self.mass, self.mass_std, self.com, self.com_std)
+        return described(self, self.mass)
+
+    @property
+    def scale(self) -> float | None:
+        """Standard deviation of the torques' common scale [1], by which the mass may be wrong beyond
+        `mass_std_without_scale`.
+        """
+        return scale_of(self.mass, self.mass_std, self.mass_std_without_scale)
 
     @property
     def com_std(self) -> Array:
@@ -89,6 +102,7 @@ class LoadChange:
         time: estimated time of the change [s]. noticed: time of detection [s].
         mass, mass_std: difference in mass [kg]; errors common to both sides cancel.
         kind: on, off, or shifted if the mass is the same within its error.
+        mass_std_without_scale: as of `Payload` [kg].
     """
 
     time: float
@@ -96,23 +110,32 @@ class LoadChange:
     mass: float
     mass_std: float
     kind: ChangeKind
+    mass_std_without_scale: float | None = None
 
 
 def since_tare(changes: Sequence[LoadChange], payload: Payload | None) -> tuple[LoadChange, ...]:
     """The changes since a tare. If there is one only, it is the payload and gets the payload's mass, so both agree."""
     if payload is None or len(changes) != 1 or changes[0].kind == "shifted":
         return tuple(changes)
-    return (replace(changes[0], mass=payload.mass, mass_std=payload.mass_std),)
+    alone = payload.mass_std_without_scale
+    return (replace(changes[0], mass=payload.mass, mass_std=payload.mass_std, mass_std_without_scale=alone),)
 
 
-def described(mass: float, mass_std: float, com: Array, com_std: Array) -> str:
+def scale_of(mass: float, std: float, without: float | None) -> float | None:
+    """What the torques' common scale adds to a mass's standard deviation, as a share of the mass; None if unknown."""
+    if without is None or not (isfinite(std) and isfinite(without) and mass):
+        return None
+    return sqrt(max(std**2 - without**2, 0.0)) / abs(mass)
+
+
+def described(body: Payload | TrunkParameters, mass: float) -> str:
     """Mass and centre of mass with their standard deviations, without what was not observed."""
-    from stadera.report.numbers import with_std
+    from stadera.report.numbers import with_scale, with_std
 
-    seen = zip("xyz", com, com_std, strict=True)
+    seen = zip("xyz", body.com, body.com_std, strict=True)
     shown = ", ".join(f"{axis} {with_std(v, s)}" for axis, v, s in seen if isfinite(s))
-    weight = f"{with_std(mass, mass_std)} kg" if isfinite(mass_std) else "mass not observed"
-    return f"{weight}, com {shown + ' m' if shown else 'not observed'}"
+    weight = with_scale(mass, body.mass_std, body.mass_std_without_scale)
+    return f"{weight}; com {shown + ' m' if shown else 'not observed'}"
 
 
 def centre_slope(moments: Array) -> Array:

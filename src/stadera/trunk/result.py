@@ -41,15 +41,17 @@ class TrunkParameters:
         inertia_std: (6,) [kg·m²], of Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the trunk's origin; NaN where not observed.
         observed: (10,) bool, for mass, the three components of the centre of mass, and the six of the inertia (all or
             none).
+        mass_std_without_scale: as of `Payload` [kg].
     """
 
     inertial: InertialParameters
     covariance: Array
     inertia_std: Array
     observed: Bools
+    mass_std_without_scale: float | None = None
 
     def __repr__(self) -> str:
-        return described(self.inertial.mass, self.mass_std, self.com, self.com_std)
+        return described(self, self.inertial.mass)
 
     @property
     def mass_std(self) -> float:

@@ -155,9 +155,9 @@ class SwingJoints:
             information = self._normal / loud + self._prior / scale**2
             upper = np.triu(lapack.dpotri(lapack.dpotrf(information)[0])[0])
             covariance, taken = without_noise(upper + np.triu(upper, 1).T, lag, self._late / loud)
-            mean = np.asarray(covariance @ self._right / loud)
+            mean = covariance @ self._right / loud
             if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
                 square -= taken * loud * mean[self._lag] ** 2
                 loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
-        return mean, covariance, loud
+        return np.asarray(mean), np.asarray(covariance), loud

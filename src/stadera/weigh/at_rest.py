@@ -337,9 +337,14 @@ def with_common_gain(found: Weighing, gain: float) -> Weighing:
         gain * (found.robot.mass - found.robot.inertias[found.robot.trunk].mass + trunk.inertial.mass)
     ) ** 2
     if payload is not None:
-        payload = replace(payload, mass_std=float(np.hypot(payload.mass_std, gain * payload.mass)))
-    changes = tuple(replace(c, mass_std=float(np.hypot(c.mass_std, gain * c.mass))) for c in found.changes)
-    return replace(found, trunk=replace(trunk, covariance=covariance), payload=payload, changes=changes)
+        alone = payload.mass_std
+        payload = replace(payload, mass_std=float(np.hypot(alone, gain * payload.mass)), mass_std_without_scale=alone)
+    changes = tuple(
+        replace(c, mass_std=float(np.hypot(c.mass_std, gain * c.mass)), mass_std_without_scale=c.mass_std)
+        for c in found.changes
+    )
+    trunk = replace(trunk, covariance=covariance, mass_std_without_scale=trunk.mass_std)
+    return replace(found, trunk=trunk, payload=payload, changes=changes)
 
 
 def vertical_at(pose: PoseMean, forces: ContactForceEstimator, errors: ConstantErrors) -> Vertical:

@@ -172,7 +172,10 @@ class _LogPass:
         if self._request.method != IN_MOTION:
             setup = Setup(robot, mount=mount)
             return OwnEstimator(method_of(self._request.method).make(setup), robot, mount)
-        return TrunkEstimator(robot, settings=settings.trunk, mount=mount)
+        estimator = TrunkEstimator(robot, settings=settings.trunk, mount=mount)
+        if self._request.weight is not None:
+            estimator.know_weight(*self._request.weight)
+        return estimator
 
     def _check_rate(self, samples: Samples) -> None:
         slowest = 1.0 / self._request.settings.least_rate

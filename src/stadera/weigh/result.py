@@ -192,12 +192,27 @@ class Weighing(Result):
         if payload is not None:
             std, covariance = factor * payload.mass_std, factor**2 * payload.com_covariance
             shape = None if payload.inertia_std is None else factor * payload.inertia_std
-            payload = replace(payload, mass_std=std, com_covariance=covariance, inertia_std=shape)
+            alone = payload.mass_std_without_scale and factor * payload.mass_std_without_scale
+            payload = replace(
+                payload, mass_std=std, com_covariance=covariance, inertia_std=shape, mass_std_without_scale=alone
+            )
         return replace(
             self,
-            trunk=replace(trunk, covariance=factor**2 * trunk.covariance, inertia_std=factor * trunk.inertia_std),
+            trunk=replace(
+                trunk,
+                covariance=factor**2 * trunk.covariance,
+                inertia_std=factor * trunk.inertia_std,
+                mass_std_without_scale=trunk.mass_std_without_scale and factor * trunk.mass_std_without_scale,
+            ),
             payload=payload,
-            changes=tuple(replace(change, mass_std=factor * change.mass_std) for change in self.changes),
+            changes=tuple(
+                replace(
+                    change,
+                    mass_std=factor * change.mass_std,
+                    mass_std_without_scale=change.mass_std_without_scale and factor * change.mass_std_without_scale,
+                )
+                for change in self.changes
+            ),
         )
 
     def __repr__(self) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from stadera.inertia import ORDER
 from stadera.results import data_frame
-from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.load import LoadChange, Payload, scale_of
 from stadera.trunk.result import TrunkParameters
 from stadera.types import Array
 from stadera.weigh.use import determined, next_steps
@@ -65,6 +65,14 @@ def quantity(value: float, std: float) -> dict[str, float | None]:
     return {"value": float(value) if seen else None, "std": float(std) if seen else None}
 
 
+def mass_quantity(value: float, std: float, without: float | None) -> dict[str, float | None]:
+    """A mass: "std" in all, and apart "std_without_scale" [kg] and "scale" [1], of the scale that all torques have in
+    common.
+    """
+    found, scale = quantity(value, std), scale_of(value, std, without)
+    return found | {"std_without_scale": None if scale is None else without, "scale": scale}
+
+
 def timeline_dict(line: Timeline) -> dict[str, Any]:
     """The timeline as plain values, with the payload's mass if it was tracked."""
     plain_line: dict[str, Any] = {
@@ -93,7 +101,7 @@ def trunk_dict(trunk: TrunkParameters, mark: dict[str, bool]) -> dict[str, Any]:
     """A trunk as plain values; `mark` is added to each mass and centre of mass."""
     std = trunk.inertia_std if trunk.observed[4:].all() else np.full(6, np.nan)
     return {
-        "mass": quantity(trunk.inertial.mass, trunk.mass_std) | mark,
+        "mass": mass_quantity(trunk.inertial.mass, trunk.mass_std, trunk.mass_std_without_scale) | mark,
         "com": {"value": plain(trunk.com), "std": plain(trunk.com_std)} | mark,
         "inertia": {n: quantity(v, s) for n, v, s in zip(_TENSOR, trunk.inertial.vector[4:], std, strict=True)},
     }
@@ -104,7 +112,7 @@ def payload_dict(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[st
     tensor, std = payload.inertia, payload.inertia_std
     components = None if tensor is None else [tensor["xyz".index(name[0]), "xyz".index(name[1])] for name in _TENSOR]
     return {
-        "mass": quantity(payload.mass, payload.mass_std) | mark,
+        "mass": mass_quantity(payload.mass, payload.mass_std, payload.mass_std_without_scale) | mark,
         "com": {"value": plain(payload.com), "std": plain(payload.com_std)} | mark,
         "com_covariance": [plain(row) for row in payload.com_covariance],
         "inertia": components and dict(zip(_TENSOR, map(float, components), strict=True)),
@@ -116,7 +124,7 @@ def payload_dict(payload: Payload, frame: str, mark: dict[str, bool]) -> dict[st
 
 def change_dict(change: LoadChange, mark: dict[str, bool]) -> dict[str, Any]:
     """A change of the load as plain values."""
-    mass = quantity(change.mass, change.mass_std) | mark
+    mass = mass_quantity(change.mass, change.mass_std, change.mass_std_without_scale) | mark
     return {"time": change.time, "noticed": change.noticed, "kind": change.kind, "mass": mass}
 
 

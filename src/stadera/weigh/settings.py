@@ -97,11 +97,17 @@ class Request:
     settings: WeighSettings = field(default_factory=WeighSettings)
     progress: Progress | None = None
     watch: Watch | None = None
+    weight: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.watch is not None and self.method != IN_MOTION:
             raise IdentificationError(
                 f"{self.source.source}: only weighing in motion, {IN_MOTION!r}, can be watched; this log is weighed by "
+                f"{self.method!r}"
+            )
+        if self.weight is not None and self.method != IN_MOTION:
+            raise IdentificationError(
+                f"{self.source.source}: a weight is used in motion, by {IN_MOTION!r}; this log is weighed by "
                 f"{self.method!r}"
             )
         check_choice(self.method, self.stiffness)
@@ -134,6 +140,21 @@ def check_choice(method: str | None, stiffness: tuple[float, float, float] | Non
         raise IdentificationError(
             f"a stiffness is used by the method 'orientation' alone, not by {method or 'the one chosen without a name'}"
         )
+
+
+def weight_of(text: str) -> tuple[float, float]:
+    """Parses a weight "15.2kg±0.05" (also "+-", "kg" optional) as mass and standard deviation [kg]. Without the latter
+    it is 0.2 % and 50 g, as of a bathroom scale. Raises IdentificationError: not of this form, or not positive.
+    """
+    value, _, std = text.replace("+-", "±").replace("kg", "").partition("±")
+    try:
+        mass = float(value)
+        found = mass, float(std) if std else float(np.hypot(0.05, 0.002 * mass))
+    except ValueError:
+        found = np.nan, np.nan
+    if not (np.isfinite(found).all() and found[0] > 0.0 and found[1] >= 0.0):
+        raise IdentificationError(f"{text!r} is not a weight like 15.2kg or 15.2kg±0.05")
+    return found
 
 
 def tare_of(text: str) -> tuple[float, float] | str:

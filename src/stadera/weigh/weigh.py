@@ -21,7 +21,16 @@ from stadera.weigh.at_rest import weigh_at_rest
 from stadera.weigh.in_motion import weigh_in_motion
 from stadera.weigh.reading import choose_method, with_extra_joints
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import IN_MOTION, Request, Source, Watch, WeighSettings, check_choice, is_in_motion
+from stadera.weigh.settings import (
+    IN_MOTION,
+    Request,
+    Source,
+    Watch,
+    WeighSettings,
+    check_choice,
+    is_in_motion,
+    weight_of,
+)
 
 
 @one_thread()
@@ -38,6 +47,7 @@ def weigh(
     settings: WeighSettings | None = None,
     progress: Progress | None = None,
     watch: Watch | None = None,
+    weight: float | tuple[float, float] | None = None,
 ) -> Weighing:
     """Weighs the trunk of a robot, with everything attached to it, and the payload added since a tare.
 
@@ -57,6 +67,8 @@ def weigh(
         settings: None for the defaults.
         progress: called with the step's name, samples done and total.
         watch: called with samples (IMU values in trunk axes) and the estimator, in motion only.
+        weight: mass of the whole robot on a scale [kg], or (mass, standard deviation): at the tare, else at the log's
+            beginning. It removes what the torques' common scale adds to the bars. In motion only.
 
     Raises:
         ModelError, UnknownNameError: no such robot, method or frame.
@@ -80,7 +92,9 @@ def weigh(
             f"{source.source}: the method {name!r}, at rest, is for four legs of three joints; {model.name} is weighed "
             f"by {IN_MOTION!r}, which needs an IMU and 50 samples a second"
         )
-    result = _trusted(Request(model, source, unloaded, name, imu_frame, stiffness, force, chosen, progress, watch))
+    on_scale = weight_of(f"{weight}") if isinstance(weight, int | float) else weight
+    request = Request(model, source, unloaded, name, imu_frame, stiffness, force, chosen, progress, watch, on_scale)
+    result = _trusted(request)
     trust = result.trust.with_legs(model.distrust)
     if kin := _other_robots(model, result):
         if result.payload is None:

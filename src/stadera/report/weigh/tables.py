@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from stadera.inertia import ORDER
-from stadera.report.numbers import number, with_std
+from stadera.report.numbers import number, with_scale, with_std
 from stadera.report.shown import SHOWN
 from stadera.report.table import Cell, TableData
 from stadera.report.terminal import notes, rich_table
@@ -39,9 +39,10 @@ def headline(result: Weighing) -> str:
         if not determined(result)["payload"]:
             most = max(payload.mass, 0.0) + 2.0 * payload.mass_std
             return f"Payload not determined: below {number(most, 2)} kg (95 %)"
-        answer = f"Payload {with_std(payload.mass, payload.mass_std)} kg"
+        answer = f"Payload {with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)}"
     elif result.mass == result.mass:
-        answer = f"Trunk with all that is on it {with_std(result.mass, result.mass_std)} kg"
+        mass = with_scale(result.mass, result.mass_std, result.trunk.mass_std_without_scale)
+        answer = f"Trunk with all that is on it {mass}"
     else:
         answer = "The trunk's mass was not observed"
     return answer if result.is_trusted else f"{answer}, {UNTRUSTED}"

@@ -1,0 +1,157 @@
+"""A robot on a scale: what its weight tells about trunk, payload and the scale of its torques."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from layout import ERRORS, LAYOUT, PLACES
+from stadera import IdentificationError, TrunkEstimator, load_robot, weigh
+from stadera.inertia import InertialParameters
+from stadera.lab.plant import STANDARD
+from stadera.logs import Recording
+from stadera.trunk import Samples
+from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.joint_errors import Errors
+from stadera.trunk.on_scale import OnScale, Told
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import ModelErrors, SwingDetection
+from stadera.trunk.swing import SwingJoints
+from stadera.weigh.settings import weight_of
+from walking import Walk, recorded, walked
+
+HYQ = load_robot("hyq")
+GAIN, LOAD = 1.04, 8.0  # of all torques; kg
+TRUNK = HYQ.inertias[HYQ.trunk].mass
+
+
+def summed(seed: int) -> Segment:
+    rng = np.random.default_rng(seed)
+    segment = Segment.prior(np.zeros(10), np.ones(10), LAYOUT)
+    for k in range(40):
+        segment = segment.add(WeightedRows.of(0.02 * k, *(rng.normal(size=s) for s in ((6, 10), (6, ERRORS), 6)), 1e-3))
+    return segment
+
+
+def test_it_is_gaussian_conditioning() -> None:
+    """Against the joint covariance of trunk then, trunk now and what the scale says, built up densely."""
+    errors = Errors(
+        ErrorModel(HYQ, ModelErrors(), 0.7), SwingJoints(ErrorModel(HYQ, ModelErrors(), 0.7), SwingDetection()), 1.0
+    )
+    then, now, links = summed(1), summed(2), np.zeros(ERRORS)
+    links[PLACES["link_mass"]] = 2.0
+    told = Told(OnScale(50.0, 0.3, links, then), errors, then, 2.0)
+    # unknowns: lasting errors, changing errors then and now, noise then and now
+    changing = np.zeros(ERRORS, dtype=bool)
+    changing[PLACES["regression"]] = changing[PLACES["stiction"]] = True
+    size = 2 * ERRORS + 20
+    joint = np.zeros((size, size))
+    S = errors.covariance
+    joint[:ERRORS, :ERRORS] = joint[ERRORS : 2 * ERRORS, ERRORS : 2 * ERRORS] = S
+    joint[:ERRORS, ERRORS : 2 * ERRORS] = joint[ERRORS : 2 * ERRORS, :ERRORS] = S * ~np.outer(changing, changing)
+    for k, segment in enumerate((then, now)):
+        noise = slice(2 * ERRORS + 10 * k, 2 * ERRORS + 10 * (k + 1))
+        joint[noise, noise] = 2.0 * segment.inverse @ segment.inverse.T
+    of_then, of_now = np.zeros((10, size)), np.zeros((10, size))
+    of_then[:, :ERRORS], of_then[:, 2 * ERRORS : 2 * ERRORS + 10] = -then.sensitivity, np.eye(10)
+    of_now[:, ERRORS : 2 * ERRORS], of_now[:, 2 * ERRORS + 10 :] = -now.sensitivity, np.eye(10)
+    weighed = of_then[0].copy()
+    weighed[:ERRORS] += links
+    variance = weighed @ joint @ weighed + 0.3**2
+    for segment, error in ((then, of_then), (now, of_now)):
+        shared, own = error @ joint @ weighed, error @ joint @ error.T
+        np.testing.assert_allclose(told.shared(segment), shared, rtol=1e-9, atol=1e-12)
+        value, covariance, by_scale = told.corrected(
+            segment.mean(errors.mean), own, errors.by_scale(segment.sensitivity), told.shared(segment)
+        )
+        missing = 50.0 - then.mean(errors.mean)[0] - links @ errors.mean
+        np.testing.assert_allclose(value, segment.mean(errors.mean) + shared * missing / variance, rtol=1e-9)
+        posterior = own - np.outer(shared, shared) / variance
+        np.testing.assert_allclose(covariance, posterior, rtol=1e-9, atol=1e-12)
+        gain = np.zeros(size)
+        gain[PLACES["common_gain"]] = 1.0  # the same then and now
+        after = error @ joint @ gain - shared * (gain @ joint @ weighed) / variance
+        left = gain @ joint @ gain - (gain @ joint @ weighed) ** 2 / variance
+        np.testing.assert_allclose(by_scale, -after / np.sqrt(left), rtol=1e-7, atol=1e-12)
+
+
+@cache
+def loaded() -> Recording:
+    """A walk with a load from 3 s on, the torques of all joints too large by `GAIN`."""
+    load = InertialParameters.from_com(LOAD, (0.05, 0.0, 0.15), 0.1 * np.eye(3))
+    walk = walked(HYQ, Walk(seconds=6.0, rate_hz=500.0, load=load, loaded_at=3.0))
+    log = recorded(HYQ, walk, STANDARD, 2)
+    return log.mapped(lambda name, values: GAIN * values if name == "effort" else values)
+
+
+def test_a_scale_finds_the_scale_of_the_torques() -> None:
+    without = weigh(HYQ, loaded(), tare=(0.0, 2.8))
+    found = weigh(HYQ, loaded(), tare=(0.0, 2.8), weight=(HYQ.mass, 0.05))
+    assert without.payload is not None
+    assert found.payload is not None
+    assert abs(without.mass - TRUNK - LOAD) > 0.02 * HYQ.mass  # torques that are 4 % too large
+    assert found.mass == pytest.approx(TRUNK + LOAD, abs=0.01 * HYQ.mass)
+    assert found.mass_std < 0.5 * without.mass_std
+    assert abs(found.mass - TRUNK - LOAD) < 3.0 * found.mass_std
+    assert abs(found.payload.mass - LOAD) < abs(without.payload.mass - LOAD)
+    assert found.payload.mass_std < without.payload.mass_std
+    assert (without.payload.scale or 0.0) == pytest.approx(ModelErrors().common_gain, rel=0.4)
+    assert (found.payload.scale or 0.0) < 0.5 * (without.payload.scale or 0.0)
+    assert found.trust.verdict == "good"
+
+
+def test_without_a_tare_it_is_the_robot_before_the_load() -> None:
+    found = weigh(HYQ, loaded(), weight=(HYQ.mass, 0.05))
+    assert len(found.changes) == 1
+    assert found.mass == pytest.approx(TRUNK + LOAD, abs=0.01 * HYQ.mass)
+
+
+def test_the_torques_scale_is_apart_from_the_rest_of_the_bar() -> None:
+    result = weigh(HYQ, loaded(), tare=(0.0, 2.8))
+    payload = result.payload
+    assert payload is not None
+    assert payload.mass_std_without_scale is not None
+    total = np.hypot(payload.mass_std_without_scale, (payload.scale or 0.0) * payload.mass)
+    assert payload.mass_std == pytest.approx(float(total), rel=1e-9)
+    said = result.to_dict()["payload"]["mass"]
+    assert said["std_without_scale"] == payload.mass_std_without_scale
+    assert said["scale"] == payload.scale
+    assert "% of it for the torques' scale" in repr(result)
+    wide = result.widened(2.0)
+    assert wide.payload is not None
+    assert wide.payload.mass_std_without_scale == pytest.approx(2.0 * payload.mass_std_without_scale)
+
+
+def test_a_scale_that_contradicts_the_log_is_said() -> None:
+    result = weigh(HYQ, loaded(), tare=(0.0, 2.8), weight=(1.3 * HYQ.mass, 0.05))
+    assert result.trust.verdict == "doubtful"
+    assert "the scale and the log are" in " ".join(result.trust.reasons)
+
+
+def test_bad_weights_are_named() -> None:
+    assert weight_of("15.2kg±0.05") == (15.2, 0.05)
+    assert weight_of("15.2 +- 0.1") == (15.2, 0.1)
+    assert weight_of("15")[1] == pytest.approx(0.058, abs=0.001)
+    for text in ("heavy", "-3kg", "15±x", "nan"):
+        with pytest.raises(IdentificationError, match="is not a weight like"):
+            weight_of(text)
+    with pytest.raises(IdentificationError, match=r"the legs of hyq alone have .* kg"):
+        weigh(HYQ, loaded(), weight=2.0)
+    with pytest.raises(IdentificationError, match="a weight is used in motion"):
+        weigh(HYQ, loaded(), method="contact", weight=HYQ.mass)
+
+
+def test_online_it_may_come_at_any_time() -> None:
+    samples, early, late = Samples.of_recording(loaded(), HYQ), TrunkEstimator(HYQ), TrunkEstimator(HYQ)
+    early.know_weight(HYQ.mass, 0.05)
+    for estimator in (early, late):
+        estimator.add(samples[samples.time < 2.8])
+        estimator.tare()
+        estimator.add(samples[samples.time >= 2.8])
+    late.know_weight(HYQ.mass, 0.05)
+    assert early.payload is not None
+    assert late.payload is not None
+    assert late.payload.mass == pytest.approx(early.payload.mass, rel=1e-4)
+    assert late.trunk.mass_std == pytest.approx(early.trunk.mass_std, rel=0.02)
