@@ -24,6 +24,13 @@ def robot(request: pytest.FixtureRequest) -> Robot:
     return _load(request.param)
 
 
+@pytest.fixture(scope="module")
+def quadruped(robot: Robot) -> Robot:
+    if not robot.quadruped:
+        pytest.skip(f"{robot.name} has other legs than four of three joints")
+    return robot
+
+
 def _load(name: str) -> Robot:
     try:
         return load_robot(name)
@@ -56,7 +63,8 @@ def test_loads_in_three_seconds(robot: Robot) -> None:
     assert time.perf_counter() - start < 3.0
 
 
-def test_has_four_legs_of_three_joints_in_order(robot: Robot) -> None:
+def test_has_four_legs_of_three_joints_in_order(quadruped: Robot) -> None:
+    robot = quadruped
     assert tuple(leg.name for leg in robot.legs) == LEG_NAMES
     assert robot.tree.joints == tuple(joint for leg in robot.legs for joint in leg.joints)
     assert robot.tree.links == (robot.trunk, *(link for leg in robot.legs for link in leg.links))
@@ -65,7 +73,18 @@ def test_has_four_legs_of_three_joints_in_order(robot: Robot) -> None:
         assert tuple(chain) == leg.joints
 
 
-def test_legs_are_where_their_names_say(robot: Robot) -> None:
+def test_legs_are_chains_from_the_trunk(robot: Robot) -> None:
+    """Of as many joints as their contacts need, in the tree's order, and all of them in the tree."""
+    assert robot.tree.joints == tuple(joint for leg in robot.legs for joint in leg.joints)
+    for leg in robot.legs:
+        assert len(leg.joints) >= leg.contact
+        chain = [robot.tree.joints[i] for i in robot.tree.ancestors(robot.tree.joints.index(leg.joints[-1]))]
+        assert tuple(chain) == leg.joints
+        assert robot.leg(leg.name) is leg
+
+
+def test_legs_are_where_their_names_say(quadruped: Robot) -> None:
+    robot = quadruped
     hips = {leg.name: robot.tree.translations[robot.tree.joints.index(leg.joints[0])] for leg in robot.legs}
     centre = np.mean(list(hips.values()), axis=0)
     for name, hip in hips.items():
@@ -73,7 +92,8 @@ def test_legs_are_where_their_names_say(robot: Robot) -> None:
         assert (hip[1] > centre[1]) == name.startswith("L")
 
 
-def test_own_prefix_finds_the_leg(robot: Robot) -> None:
+def test_own_prefix_finds_the_leg(quadruped: Robot) -> None:
+    robot = quadruped
     for leg in robot.legs:
         assert robot.leg(leg.joints[0][:2]) is leg
 
@@ -84,9 +104,13 @@ def test_mass_is_that_of_the_raw_file(robot: Robot) -> None:
 
 def test_inertias_are_those_of_the_raw_file(robot: Robot) -> None:
     model = _raw_model(robot)
-    for link, joint in zip(robot.tree.links, [model.names[1], *robot.tree.joints], strict=True):
+    trunk = [] if robot.extra else [(robot.trunk, model.names[1])]  # with an arm, the trunk has its links' mass too
+    for link, joint in (*trunk, *zip(robot.tree.links[1:], robot.tree.joints, strict=True)):
         raw = model.inertias[model.getJointId(joint)]
-        np.testing.assert_allclose(robot.inertias[link].to_pinocchio().matrix(), raw.matrix(), atol=1e-6 * raw.mass)
+        found = robot.inertias[link]
+        assert found.mass == pytest.approx(raw.mass, rel=1e-12)
+        np.testing.assert_allclose(found.com, raw.lever, atol=1e-6)
+        np.testing.assert_allclose(found.inertia_com, raw.inertia, atol=1e-6 * raw.mass)
 
 
 def test_mass_and_moments_are_mujocos() -> None:
@@ -114,6 +138,9 @@ def test_frames_are_where_the_raw_file_has_them(robot: Robot) -> None:
         for name, frame in robot.frames.items():
             k = robot.tree.links.index(frame.link)
             kinds = [f for f in model.frames if f.name == name and f.type in (pin.BODY, pin.OP_FRAME)]
+            if not kinds:
+                assert name in {leg.foot for leg in robot.legs}  # a flat foot's, on its sole
+                continue
             raw = data.oMf[model.frames.tolist().index(kinds[0])]
             np.testing.assert_allclose(
                 rotations[0, k] @ frame.translation + translations[0, k], raw.translation, atol=1e-9
@@ -125,11 +152,12 @@ def test_feet_are_on_their_frames(robot: Robot) -> None:
     for leg in robot.legs:
         offset = np.linalg.norm(robot.frames[leg.foot].translation - leg.foot_position)
         told = any(leg.foot in note for note in robot.notes)
-        assert robot.frames[leg.foot].link == leg.links[2]
+        assert robot.frames[leg.foot].link == leg.links[-1]
         assert offset < 1e-9 or (told and offset < leg.foot_radius)
 
 
-def test_kinematics_and_jacobians_are_those_of_its_pinocchio_model(robot: Robot) -> None:
+def test_kinematics_and_jacobians_are_those_of_its_pinocchio_model(quadruped: Robot) -> None:
+    robot = quadruped
     model = pinocchio_model(robot)
     data, q = model.createData(), _random_angles(robot, 10)
     feet, jacobians = foot_positions(robot, q), foot_jacobians(robot, q)
@@ -158,14 +186,16 @@ def test_priors_are_finite_and_limits_make_sense(robot: Robot) -> None:
         assert limits.velocity > 0
 
 
-def test_every_link_has_a_shape(robot: Robot) -> None:
+def test_every_link_has_a_shape(quadruped: Robot) -> None:
+    robot = quadruped
     assert {shape.link for shape in robot.shapes} == set(robot.tree.links)
     for shape in robot.shapes:
         assert min(shape.size) > 0
         np.testing.assert_allclose(shape.rotation @ shape.rotation.T, np.eye(3), atol=1e-9)
 
 
-def test_stands_within_limits_with_its_feet_under_its_hips(robot: Robot) -> None:
+def test_stands_within_limits_with_its_feet_under_its_hips(quadruped: Robot) -> None:
+    robot = quadruped
     q = standing_configuration(robot)
     for joint, angle in zip(robot.tree.joints, q, strict=True):
         assert robot.limits[joint].lower <= angle <= robot.limits[joint].upper
@@ -194,3 +224,22 @@ def _stretched(robot: Robot, name: str) -> float:
     axis = rotations[:, hfe + 1] @ robot.tree.axes[hfe]
     arm = feet - translations[:, hfe + 1]
     return float(np.linalg.norm(np.cross(axis, arm), axis=1).max())
+
+
+def test_any_robot_stands_with_its_soles_level(robot: Robot) -> None:
+    q = standing_configuration(robot)
+    for leg in robot.legs:
+        tree = robot.leg_tree(leg.name)
+        angles = q[[robot.tree.joints.index(joint) for joint in leg.joints]]
+        assert ((_limits(robot, leg.joints)[0] <= angles) & (angles <= _limits(robot, leg.joints)[1])).all()
+        rotations, translations = forward_kinematics(tree, np.stack([angles, np.zeros_like(angles)]))
+        if leg.contact == 6:
+            np.testing.assert_allclose(rotations[0, -1], rotations[1, -1], atol=1e-6)
+            foot = translations[:, -1] + rotations[:, -1] @ np.array(leg.foot_position)
+            raised = foot[0] - foot[1]
+            np.testing.assert_allclose(raised[:2], 0.0, atol=1e-6)
+            assert 0.03 * robot.leg_length < raised[2] < 0.13 * robot.leg_length
+
+
+def _limits(robot: Robot, joints: tuple[str, ...]) -> np.ndarray:
+    return np.array([(robot.limits[joint].lower, robot.limits[joint].upper) for joint in joints]).T

@@ -217,14 +217,14 @@ class Robot:
         return np.array([self.tree.translations[self.tree.joints.index(leg.joints[0])] for leg in self.legs])
 
     def leg(self, name: str) -> Leg:
-        """The leg of that name: LF, RF, LH, RH (any case), or the robot's own prefix (FL, RR, ...).
+        """The leg of that name: LF, RF, LH, RH on quadrupeds (any case), or the robot's own prefix (FL, RR, ...).
 
         Raises:
             UnknownNameError: no such leg.
         """
         wanted = name.upper()
         for leg in self.legs:
-            if wanted == leg.name:
+            if wanted == leg.name.upper():
                 return leg
         for leg in self.legs:
             # the robot's own prefix ends at the name's first separator: FL_hip_joint, fl.hx

@@ -1,4 +1,4 @@
-"""Nominal stance of any quadruped: feet under the hips, legs slightly bent."""
+"""Nominal stance: feet under the hips, legs slightly bent; legs of more than three joints as at zero, feet raised."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,6 +24,7 @@ class StanceSettings:
     largest_step: float = 0.3  # of a joint in one step [rad]
     last_step: float = 1e-9  # of a joint, after which a start is done [rad]; the error that it leaves is its square
     solved: float = 1e-8  # residual below which a solution is accepted [m and sine of an angle]
+    raised: tuple[float, ...] = (0.06, 0.09, 0.04, 0.12)  # share of the leg, for legs of more than three joints
 
     def __post_init__(self) -> None:
         require_positive("stance setting", self, ("steps", "largest_step", "last_step", "solved"))
@@ -38,13 +39,16 @@ def standing_configuration(robot: Robot, settings: StanceSettings | None = None)
     In each leg the foot is below the HFE joint in x, the leg's plane is vertical (HFE axis horizontal) and the feet are
     at one height, 80 % of the extended leg below the hips (or as close to it as the limits allow). Of the solutions
     within the limits, the one with HAA closest to the middle of its range is chosen, and among those the one with the
-    knee towards the robot's middle.
+    knee towards the robot's middle. If a leg has more than three joints, all feet are where they are with all joints at
+    zero, with the soles as there, but higher by a share of the legs' length.
     """
     return _standing(robot, settings or StanceSettings()).copy()
 
 
 @lru_cache(maxsize=16)
 def _standing(robot: Robot, settings: StanceSettings) -> Array:
+    if any(len(leg.joints) != 3 for leg in robot.legs):
+        return _raised(robot, settings)
     heights = _hips(robot)[:, 2]
     stretched = np.array([_stretched(robot, leg) for leg in robot.legs])
     for extension in settings.extensions:
@@ -58,6 +62,46 @@ def _standing(robot: Robot, settings: StanceSettings) -> Array:
         else:
             return q
     raise ModelError(f"robot {robot.name}: no stance with the feet below the hips within the joints' limits")
+
+
+def _raised(robot: Robot, settings: StanceSettings) -> Array:
+    """The stance of a robot of which a leg has more than three joints."""
+    for share in settings.raised:
+        found = [_raised_leg(robot, leg, share * robot.leg_length, settings) for leg in robot.legs]
+        if all(angles is not None for angles in found):
+            q = np.zeros(len(robot.tree.joints))
+            for leg, angles in zip(robot.legs, found, strict=True):
+                q[[robot.tree.joints.index(name) for name in leg.joints]] = angles
+            return q
+    raise ModelError(f"robot {robot.name}: no stance with the feet raised from where they are with all joints at zero")
+
+
+def _raised_leg(robot: Robot, leg: Leg, height: float, settings: StanceSettings) -> Array | None:
+    """Angles (n,) of a leg whose foot is higher by `height` than at zero, a flat one with its sole as there; None if
+    there are none within the limits. Newton's method from a bent leg, each joint towards the middle of its range.
+    """
+    tree, low_high = robot.leg_tree(leg.name), np.array([_range(robot, joint) for joint in leg.joints])
+    low, high = low_high.T
+    q, point = np.clip(0.2 * (low + high), low, high), np.array(leg.foot_position)
+
+    def foot(angles: Array) -> tuple[Array, Array, Array, Array]:
+        rotations, translations = (values[0] for values in forward_kinematics(tree, angles[None]))
+        axes = (rotations[1:] @ tree.axes[:, :, None])[..., 0]
+        return rotations[-1], translations[-1] + rotations[-1] @ point, axes, translations[1:]
+
+    sole, target, _, _ = foot(np.zeros(len(leg.joints)))
+    target = target + np.array([0.0, 0.0, height])
+    error = np.full(leg.contact, np.inf)
+    for _ in range(settings.steps):
+        turned, at, axes, origins = foot(q)
+        apart = turned @ sole.T
+        tilt = 0.5 * np.array([apart[2, 1] - apart[1, 2], apart[0, 2] - apart[2, 0], apart[1, 0] - apart[0, 1]])
+        error = np.concatenate([at - target, tilt])[: leg.contact]
+        slope = np.vstack([np.cross(axes, at - origins).T, axes.T])[: leg.contact]
+        step = np.linalg.pinv(slope, rcond=1e-3) @ error
+        q = q - step * min(1.0, settings.largest_step / max(float(np.abs(step).max()), NOTHING))
+    inside = ((q >= low) & (q <= high)).all()
+    return q if inside and np.abs(error).max() < settings.solved else None
 
 
 def _hips(robot: Robot) -> Array:
