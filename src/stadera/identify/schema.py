@@ -84,7 +84,7 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
     zero.
 
     Args:
-        path: JSON written by `identify --json`.
+        path: JSON written by `identify --json`, or by `weigh --json`, of which the joints are taken.
         force: take an identification that is not to be trusted, with the reason as `Robot.distrust`.
 
     Raises:
@@ -94,7 +94,7 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
     """
     path = Path(path)
     require_input(path, ModelError)
-    with foreign(path, "not the JSON of an identification (identify --json)", ModelError):
+    with foreign(path, "not the JSON of an identification or a weighing (--json)", ModelError):
         value = json.loads(path.read_text(encoding="utf-8"))
         links = {name: _body(entry) for name, entry in value["links"].items()}
         joints = {name: _known(entry) for name, entry in value["joints"].items()}

@@ -30,6 +30,7 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.trunk.changes import ChangeDetector, Jump
+from stadera.trunk.drives import Drives
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.front import BLIND, Front
@@ -358,6 +359,11 @@ class TrunkEstimator:
         """Estimated delay of the torques and its standard deviation [s]."""
         at = self._model.layout.places["torque_lag"].start
         return float(self._errors.mean[at]), float(self._errors.std[at])
+
+    @property
+    def drives(self) -> Drives:
+        """Rotor inertia, friction and torque offsets of the legs' joints."""
+        return Drives.of(self.robot, self._model, self._errors)
 
     @property
     def evidence(self) -> TrunkEvidence:

@@ -157,6 +157,7 @@ class _LogPass:
             evidence=estimator.evidence,
             spikes=estimator.spikes,
             impacts=estimator.impacts,
+            drives=estimator.drives,
         )
 
     # -- inside -----------------------------------------------------------------------------------------------

@@ -28,11 +28,11 @@ class OwnEstimator:
         mount: of the IMU, for its lever.
 
     Attributes:
-        changes, evidence, torque_lag, spikes, impacts: what such an estimator does not tell: none.
+        changes, evidence, torque_lag, drives, spikes, impacts: what such an estimator does not tell: none.
     """
 
     changes: tuple[LoadChange, ...] = ()
-    evidence = torque_lag = None
+    evidence = torque_lag = drives = None
     spikes, impacts = 0, 0.0
 
     def __init__(self, estimator: Estimator, robot: Robot, mount: ImuMount) -> None:

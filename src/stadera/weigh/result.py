@@ -12,6 +12,7 @@ import numpy as np
 from stadera.files import written_together
 from stadera.results import Result
 from stadera.robot.model import Robot
+from stadera.trunk.drives import Drives
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.result import TrunkParameters
@@ -115,6 +116,7 @@ class Weighing(Result):
         evidence: the log's information on the trunk, for `stadera.trunk.merge`; None at rest.
         spikes: number of samples of which single wild values were replaced; None at rest.
         impacts: time left out because the log's rate does not resolve its impacts [s]; None at rest.
+        drives: what the motion told about the joints; None at rest.
     """
 
     robot: Robot
@@ -137,6 +139,7 @@ class Weighing(Result):
     evidence: TrunkEvidence | None = None
     spikes: int | None = None
     impacts: float | None = None
+    drives: Drives | None = None
 
     @property
     def mass(self) -> float:

@@ -18,7 +18,12 @@ if TYPE_CHECKING:
     from stadera.weigh.result import Timeline, Vertical, Weighing
 
 _TENSOR = tuple(name.removeprefix("I") for name in ORDER[4:])
-_UNITS = {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_lag": "s", "tilt_std": "rad"}
+_UNITS = {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_lag": "s", "tilt_std": "rad"} | {
+    "armature": "kg·m²",
+    "viscous": "N·m·s/rad",
+    "coulomb": "N·m",
+    "offset": "N·m",
+}
 
 
 def weighing_dict(result: Weighing) -> dict[str, Any]:
@@ -26,8 +31,10 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
 
     The trunk's centre of mass is in the trunk frame ("frame"), its inertia about that frame's origin ("inertia_about")
     in its axes, null at rest. The payload's centre of mass is in the trunk frame too, its inertia about that centre in
-    trunk axes. In a result that cannot be trusted, every mass and centre of mass of trunk, payload and changes has
-    "trusted": false. "determined" says whether masses are known well enough to be of use, "next" what to do where not.
+    trunk axes. "joints" are rotor inertia, friction and offsets that the motion told; with "links", which weighing
+    leaves as they are, they are what `--legs` takes. In a result that cannot be trusted, every mass and centre of mass
+    of trunk, payload and changes has "trusted": false. "determined" says whether masses are known well enough to be of
+    use, "next" what to do where not.
     """
     mark = {} if result.is_trusted else {"trusted": False}
     place = {"frame": result.robot.trunk, "inertia_about": "frame origin"}
@@ -45,6 +52,8 @@ def weighing_dict(result: Weighing) -> dict[str, Any]:
         "changes": [change_dict(change, mark) for change in result.changes],
         "timeline": timeline_dict(result.timeline),
         "torque_lag": None if result.torque_lag is None else quantity(*result.torque_lag),
+        "links": {},
+        "joints": {} if result.drives is None else result.drives.to_dict(),
         "spikes": result.spikes,
         "impacts": result.impacts,
         "vertical": None if result.vertical is None else _vertical(result.vertical),

@@ -105,6 +105,8 @@ def _lists(result: Weighing) -> Iterator[tuple[object, int]]:
     """Tables, each with the number of rows omitted."""
     if result.changes:
         yield tables.changes_table(result, SHOWN.rows), max(len(result.changes) - SHOWN.rows, 0)
+    if (drives := tables.drives_table(result)) is not None:
+        yield drives, 0
     if result.refusals:
         yield tables.refusals_table(result, SHOWN.rows), max(len(result.refusals) - SHOWN.rows, 0)
 

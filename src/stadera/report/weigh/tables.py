@@ -119,6 +119,31 @@ def tables(result: Weighing) -> list[TableData]:
     return [table for table in found if table is not None]
 
 
+def drives_table(result: Weighing) -> TableData | None:
+    """Rotor inertia, friction and offset by joint where the motion told them; None where it told nothing."""
+    drives = result.drives
+    if drives is None or not drives.observed.any():
+        return None
+    rows = []
+    for j, joint in enumerate(drives.joints):
+        row = zip(drives.value[j], drives.std[j], drives.observed[j], strict=True)
+        cells = (_marked(result, with_std(v, s)) if seen else "not observed" for v, s, seen in row)
+        rows.append((joint, *cells))
+    head = ("joint", "rotor inertia [kg·m²]", "viscous [N·m·s/rad]", "Coulomb [N·m]", "torque offset [N·m]")
+    return TableData.of("Drives, as the motion told them", head, rows)
+
+
+def drives_text(result: Weighing) -> str:
+    """How many drives the motion told; empty if none."""
+    if result.drives is None or not result.drives.observed.any():
+        return ""
+    rotors, _, frictions, _ = result.drives.observed.sum(axis=0).tolist()
+    return (
+        f"drives: rotor inertia of {rotors} and Coulomb friction of {frictions} of {len(result.drives.joints)} joints "
+        "are known from the motion: in --json, which --legs takes for the next log"
+    )
+
+
 def changes_table(result: Weighing, most: int | None = None) -> TableData:
     """The changes of the load, the first `most` of them."""
     rows = (
@@ -176,6 +201,8 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
         yield Text(missing, style="dim")
     if result.torque_lag is not None:
         yield Text(lag_text(result.torque_lag), style="dim")
+    if drives := drives_text(result):
+        yield Text(drives, style="dim")
     if result.spikes:
         yield Text(spikes_text(result.spikes), style="dim")
     if result.impacts:
