@@ -19,7 +19,6 @@ from stadera.trunk.measurement import measurements_of
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
 
-
 TORQUE_SCALE = 0.03  # standard deviation of what all torques have in common, as torque sensors are specified
 
 
