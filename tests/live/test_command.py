@@ -79,6 +79,14 @@ def test_a_replay(run: Callable[..., Any], walk_file: Path, endpoint: str, tmp_p
     assert record.stat().st_size > 1000
 
 
+def test_a_replay_tares_itself(run: Callable[..., Any], walk_file: Path, endpoint: str) -> None:
+    asked = ("--rate", "inf", "--listen", endpoint, "--tare", "1.2")
+    done = run("live", f"replay:{walk_file}", "--robot", "hyq", *asked)
+    assert done.code == 0, done.err
+    assert "tared" in done.out
+    assert "; payload " in " ".join(done.out.split())
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [

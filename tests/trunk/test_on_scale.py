@@ -100,6 +100,7 @@ def test_a_scale_finds_the_scale_of_the_torques() -> None:
     assert (without.payload.scale or 0.0) == pytest.approx(ModelErrors().common_gain, rel=0.4)
     assert (found.payload.scale or 0.0) < 0.5 * (without.payload.scale or 0.0)
     assert found.trust.verdict == "good"
+    assert any("on a scale" in note for note in found.notes)
 
 
 def test_without_a_tare_it_is_the_robot_before_the_load() -> None:

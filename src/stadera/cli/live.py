@@ -35,6 +35,9 @@ def live(
     joint_topic: opt.JointTopic = None,
     imu_topic: opt.ImuTopic = None,
     imu_frame: opt.ImuFrame = None,
+    tare: Annotated[
+        float | None, option("SECONDS", "Tare so long after the first sample; else by stadera/tare.", min=0.0)
+    ] = None,
     weight: opt.Weight = None,
     legs: opt.LegsFile = None,
     force: opt.Force = False,
@@ -72,7 +75,9 @@ def live(
     where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
         reading = options.reading if log is None else AS_RECORDED  # a log is read with it
-        session = LiveSession(model, options.topics, imu_frame, watch=watch, reading=reading, fix=fix, weight=on_scale)
+        session = LiveSession(
+            model, options.topics, imu_frame, watch=watch, reading=reading, fix=fix, weight=on_scale, tare_after=tare
+        )
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))

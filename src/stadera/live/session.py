@@ -44,6 +44,8 @@ class LiveSession:
         reading: units of the messages, and changes of all samples, such as gear ratios.
         fix: correct unambiguous faults of the first seconds (units, signs, orders), with a note.
         weight: of the robot on a scale, see `TrunkEstimator.know_weight`.
+        tare_after: time since the first sample [s] at which the tare is taken, or as soon as it can be; None: on
+            request.
 
     Attributes:
         intake: of the messages. estimator: of the trunk; None before the first samples.
@@ -59,12 +61,14 @@ class LiveSession:
         reading: Reading = AS_RECORDED,
         fix: bool = False,
         weight: tuple[float, float] | None = None,
+        tare_after: float | None = None,
     ) -> None:
         self.robot, self.settings = robot, settings or LiveSettings()
         self.intake = Intake(robot, topics, self.settings, reading)
         self._guard = StreamGuard(robot, imu_frame, self.settings.guarded, fix, reading.changes)
         self.estimator: TrunkEstimator | None = None
         self.imu_frame, self.fix, self._watch, self._posed = imu_frame, fix, watch, robot
+        self._tare_after = tare_after
         self._idle, self._weight = TrunkEstimator(robot, settings=self.settings.trunk), weight
         if weight is not None:
             self._idle.know_weight(*weight)  # raises immediately for one that the robot cannot have
@@ -176,6 +180,13 @@ class LiveSession:
             if checked.anew:
                 self.reset()
 
+    def _until_tare(self, samples: Samples) -> tuple[Samples, ...]:
+        """The samples up to the one at which the tare is due, and those after it."""
+        due = len(samples)
+        if self._tare_after is not None:
+            due = 1 + int(np.searchsorted(samples.time, self._begin + self._tare_after))
+        return tuple(part for part in (samples[:due], samples[due:]) if len(part))
+
     def _use(self, recording: Recording) -> None:
         """Passes samples to the estimator, unless the guard found that they cannot be weighed."""
         self._begin = float(recording.time[0]) if np.isnan(self._begin) else self._begin
@@ -194,7 +205,10 @@ class LiveSession:
             estimator.restart()
         self.estimator, self.intake.fresh = estimator, False
         samples = Samples.of_recording(recording, self._posed, estimator.mount.name)
-        estimator.add(samples)
-        self._time = float(samples.time[-1])
+        for part in self._until_tare(samples):
+            estimator.add(part)
+            self._time = float(part.time[-1])
+            if self._tare_after is not None and self._time - self._begin >= self._tare_after and self.tare().success:
+                self._tare_after = None
         if self._watch is not None:
             self._watch(samples, estimator)

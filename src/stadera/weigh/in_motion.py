@@ -162,7 +162,11 @@ class _LogPass:
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _uncovered(self) -> Iterator[str]:
-        """Says, of a log without a tare, until when a load is not told from the trunk."""
+        """Says what a scale said, and, of a log without a tare, until when a load is not told from the trunk."""
+        if self._request.weight is not None:
+            mass, std = self._request.weight
+            when = "tare" if self.tared else "beginning"
+            yield f"the robot's mass on a scale, {mass:g} ± {std:.2g} kg at the {when}, is used"
         if not self.tared:
             known = self._request.settings.trunk.changes.history
             yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
