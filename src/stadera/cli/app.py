@@ -9,6 +9,7 @@ import typer
 
 from stadera import __version__
 from stadera.cli import DEBUG
+from stadera.cli.compare import compare
 from stadera.cli.demo import demo
 from stadera.cli.excite import excite
 from stadera.cli.fleet import fleet
@@ -46,5 +47,5 @@ def _stadera(
     pass
 
 
-for _command in (identify, weigh, live, inspect, excite, fleet, simulate, demo, reproduce):
+for _command in (identify, weigh, compare, live, inspect, excite, fleet, simulate, demo, reproduce):
     app.command(cls=ColumnsMayStandAlone if _command is inspect else GatedCommand)(_command)

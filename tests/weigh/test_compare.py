@@ -1,0 +1,64 @@
+"""Several methods on several logs, side by side."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stadera import IdentificationError, UnknownNameError, load_robot
+from stadera.lab.plant import STANDARD
+from stadera.logs import write_table
+from stadera.weigh import weigh
+from stadera.weigh.compare import compare
+from standing import static_log
+from walking import Walk, recorded, walked
+
+HYQ = load_robot("hyq")
+OWN = f"{Path(__file__).parents[2] / 'examples' / 'own_estimator.py'}:MeanMass"
+
+
+def walk(folder: Path) -> Path:
+    return write_table(recorded(HYQ, walked(HYQ, Walk(seconds=3.0, rate_hz=250.0)), STANDARD, 0), folder / "walk.csv")
+
+
+def test_each_method_weighs_each_log(tmp_path: Path) -> None:
+    found = compare("hyq", [static_log(HYQ), walk(tmp_path)], ["walking", "poses", OWN])
+    assert [(each.log, each.label) for each in found.entries] == [
+        (log, method)
+        for log in ("recording", "walk.csv")
+        for method in ("walking", "poses", "own_estimator.py:MeanMass")
+    ]
+    by = {(each.log, each.label): each for each in found.entries}
+    assert by["walk.csv", "poses"].weighing is None
+    assert by["walk.csv", "poses"].refusal
+    alone = weigh(HYQ, static_log(HYQ), method="poses")
+    weighed = by["recording", "poses"].weighing
+    assert weighed is not None
+    assert weighed.mass == alone.mass
+    assert len(found.to_figures()) == 2
+    assert "refused" in found.to_latex()
+
+
+def test_a_table_a_page_and_json(run: Callable[..., Any], tmp_path: Path) -> None:
+    log, values, page = walk(tmp_path), tmp_path / "c.json", tmp_path / "c.html"
+    asked = ("--methods", "walking,contact", "--json", values, "--report", page)
+    done = run("compare", log, "--robot", "hyq", *asked)
+    assert done.code == 0, done.err
+    assert "walking" in done.out
+    entries = json.loads(values.read_text())["entries"]
+    assert [entry["method"] for entry in entries] == ["walking", "contact"]
+    assert entries[0]["weighing"]["trunk"]["mass"]["std"] > 0.0
+    text = page.read_text()
+    assert "Mass over time: walk.csv" in text
+    assert "contact on walk.csv" in text
+
+
+def test_what_is_wrong_is_said() -> None:
+    with pytest.raises(UnknownNameError, match="walkng"):
+        compare("hyq", static_log(HYQ), ["walkng"])
+    with pytest.raises(IdentificationError, match="no such file"):
+        compare("hyq", static_log(HYQ), ["nowhere.py:Mine"])
