@@ -214,6 +214,7 @@ class TrunkEstimator:
 
         Samples that are not finite or go back in time are skipped and reported. Signals are not differentiated across a
         gap.
+
         Raises:
             RecordingError: anything but `Samples`.
         """
