@@ -109,7 +109,6 @@ class Errors:
             inverse, taken = without_noise(upper + np.triu(upper, 1).T, late, rows.late / loud)
             found = inverse @ (along / loud + taken * p[lag] * late)
             square = before - float(found @ (2.0 * along - normal @ found))
-            square -= taken * loud * (p[lag] + late @ found) ** 2
         self.mean[learnt] += root.before(found[:, None])[:, 0]
         S = root.before(root.before(inverse).T)
         self.covariance[learnt, learnt] = 0.5 * (S + S.T)

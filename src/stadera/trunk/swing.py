@@ -7,7 +7,8 @@ A leg in the air has no contact force, so each of its joints obeys
 with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, common to all joints. The trunk's mass
 does not enter these rows, so wrong torques under load cannot affect them. A friction law errs alike over a whole swing,
 so `repeated` rows count as one. White noise of τ is in the column of d too, where it would attenuate d towards zero
-(errors in variables), so its expected energy is subtracted from the normal matrix.
+(errors in variables), so its expected energy is subtracted from the normal matrix. It stays in the residual: d times
+that noise is noise of the rows.
 """
 
 from __future__ import annotations
@@ -154,10 +155,9 @@ class SwingJoints:
         for _ in range(2):  # the second pass uses the first one's residual
             information = self._normal / loud + self._prior / scale**2
             upper = np.triu(lapack.dpotri(lapack.dpotrf(information)[0])[0])
-            covariance, taken = without_noise(upper + np.triu(upper, 1).T, lag, self._late / loud)
+            covariance, _ = without_noise(upper + np.triu(upper, 1).T, lag, self._late / loud)
             mean = covariance @ self._right / loud
             if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
-                square -= taken * loud * mean[self._lag] ** 2
                 loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
         return np.asarray(mean), np.asarray(covariance), loud
