@@ -163,5 +163,4 @@ def test_no_traces_no_plots(result):
     (leg,) = result.legs
     assert error_figure(replace(leg, traces=())).is_empty
     without = identification_html(replace(result, legs=(replace(leg, traces=()),)))
-    assert _Page(without).figures == []
-    assert without.count('class="drawn"') == 1
+    assert len(_Page(without).figures) == 1

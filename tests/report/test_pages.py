@@ -34,7 +34,7 @@ def pages(result, weighed, rested) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize(("name", "most"), [("identify", 3.0), ("weigh", 1.5), ("rest", 1.5), ("excite", 0.5)])
+@pytest.mark.parametrize(("name", "most"), [("identify", 3.0), ("weigh", 1.5), ("rest", 1.5), ("excite", 1.5)])
 def test_size(pages, name: str, most: float) -> None:
     assert len(pages[name].encode()) < most * 1e6
 
@@ -47,9 +47,8 @@ def test_nothing_is_loaded(pages) -> None:
         assert not re.search(r"url\(|@import", style.group(1))
 
 
-def test_the_library_is_there_only_where_figures_move(pages) -> None:
-    assert [name for name, page in pages.items() if "plotly.js (basic" in page] == ["identify", "weigh", "rest"]
-    assert all("<noscript>" in pages[name] for name in ("identify", "weigh"))
+def test_the_library_is_there_once(pages) -> None:
+    assert all(page.count("plotly.js (basic") == page.count("<noscript>") == 1 for page in pages.values())
 
 
 def test_the_bundled_library_is_the_one_that_is_named() -> None:
@@ -104,9 +103,6 @@ def test_tables_are_named_for_screen_readers(pages) -> None:
         tables = page.count("<table")
         assert tables == page.count("<caption") == page.count('role="region" tabindex="0"')
         assert not re.search(r'<caption class="unseen">\s*</caption>', page)
-        assert len(re.findall(r'<svg viewBox="[^"]*" role="img" aria-label="[^"]+"', page)) == page.count(
-            "<svg viewBox"
-        )
         assert page.count('class="plot" role="img" aria-label="') == page.count('class="plot"')
 
 
@@ -148,9 +144,10 @@ def test_pages_are_dark_where_the_reader_s_screen_is(pages, measured, tmp_path: 
 
 
 @needs_browser
-def test_figures_that_move_are_drawn(measured) -> None:
-    for name in ("identify", "weigh"):
-        assert measured[f"{name}-{DESK}"]["plots"] > 0
+def test_figures_are_drawn(pages, measured) -> None:
+    for name, page in pages.items():
+        for width in (DESK, PHONE):
+            assert measured[f"{name}-{width}"]["plots"] >= page.count('class="plot"')
 
 
 # -- as PDF -----------------------------------------------------------------------------------------------------------

@@ -14,8 +14,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, se
 from markupsafe import Markup
 
 import stadera
-from stadera.report.figures import Bars, Guide, Series, plotly
-from stadera.report.figures.svg import NARROW, svg
+from stadera.report.figures import plotly
 from stadera.report.look import style_variables
 from stadera.report.numbers import number, with_std
 from stadera.report.table import MARKS
@@ -46,11 +45,9 @@ def _environment(package: str) -> Environment:
         "marks": MARKS,
         "style_variables": lambda: Markup(style_variables()),
         "asset": partial(_asset, package=package),
-        "svg": svg,
-        "narrow": NARROW,
         "plotly": plotly,
     }
-    environment.filters |= {"number": number, "with_std": with_std, "commands": commands, "swatch": _swatch}
+    environment.filters |= {"number": number, "with_std": with_std, "commands": commands}
     return environment
 
 
@@ -63,14 +60,3 @@ def commands(sentence: str) -> Markup:
     """A sentence with the parts between backquotes as code."""
     parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(sentence.split("`")))
     return Markup("").join(parts)
-
-
-def _swatch(mark: Series | Bars | Guide) -> str:
-    """CSS class of a mark's swatch in the legend."""
-    if isinstance(mark, Guide):
-        return "dots" if mark.end is None else "tint"
-    if isinstance(mark, Bars):
-        return "block"
-    if mark.fill == "self":
-        return "tint"
-    return "strip" if mark.width else mark.marker

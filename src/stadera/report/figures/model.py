@@ -122,7 +122,6 @@ class Figure:
     rows: tuple[tuple[Panel, ...], ...]  # panels next to each other, row by row
     note: str = ""  # how to read it
     row_height: float = 260.0  # of a panel [px]
-    moves: bool = False  # whether it is interactive on pages; else it is static
     # whether all panels of a column share one x axis, with its title below the last
     shared: bool = field(default=False, kw_only=True)
 
@@ -147,13 +146,13 @@ class Figure:
         return named
 
 
-def stacked(title: str, panels: Sequence[Panel], note: str = "", height: float = 190.0, moves: bool = False) -> Figure:
+def stacked(title: str, panels: Sequence[Panel], note: str = "", height: float = 190.0) -> Figure:
     """Stacks panels over one x axis, whose title is below the last."""
     last = len(panels) - 1
     rows = tuple(
         (panel if k == last else replace(panel, x=replace(panel.x, title="")),) for k, panel in enumerate(panels)
     )
-    return Figure(title, rows, note, height, moves, shared=True)
+    return Figure(title, rows, note, height, shared=True)
 
 
 def line(x: Array, y: Array, name: str, colour: str = "blue", **look: object) -> Series:

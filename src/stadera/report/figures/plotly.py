@@ -1,134 +1,230 @@
-"""Converts figures to Plotly's JSON for interactive plots on a page, which contains Plotly itself.
+"""Draws figures on pages with Plotly, which a page contains: `plots.js` reads the JSON made here.
 
-Colours stay names, `var(--blue)`: `plots.js` inserts the page's own, light or dark. Curves over the same x share it.
+Colours stay names, `var(--blue)`: the script inserts the page's own, light or dark. Curves over the same x share it.
+There are two layouts of the same traces, for a desk and for a phone, which has all panels in one column.
 """
 
 from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from stadera.errors import StaderaError
-from stadera.report.figures.model import Bars, Figure, Guide, Panel, Series
+from stadera.report.figures.model import Axis, Bars, Figure, Guide, Panel, Series
 from stadera.types import Array
 
 _SHAPE = {"": "linear", "hold": "hv", "bins": "hvh"}
-_TOP, _BOTTOM, _BETWEEN, _LEGEND = 26.0, 44.0, 34.0, 34.0  # px around panels
+_SYMBOLS = {
+    "dot": "circle",
+    "ring": "circle-open",
+    "diamond": "diamond-open",
+    "plus": "cross-thin-open",
+    "cross": "x-thin-open",
+}
 _TINT, _SHADE = "2e", "1f"  # opacity, two hexadecimal digits after a colour
+_LEFT = 58.0  # px, for the ticks of a quantity
 
 
-def height(figure: Figure) -> int:
+@dataclass(frozen=True)
+class Room:
+    """Room for a figure on a page [px]."""
+
+    width: float = 1120.0  # of the page's column
+    columns: int | None = None  # panels next to each other, None for as the figure has them
+    above: float = 26.0  # a panel, with its title
+    below: float = 22.0  # a panel, for ticks
+    title: float = 22.0  # below that, for the axis' title
+    legend: float = 22.0  # one line of the legend
+    entry: float = 190.0  # of the legend, wide
+    category: float = 26.0  # high
+    letters: int = 60  # of a category's name, at most
+
+    def legend_height(self, figure: Figure) -> float:
+        """Height of the legend, which breaks into lines."""
+        return self.legend * -(-len(figure.entries) // max(int(self.width / self.entry), 1)) + 8.0
+
+    def panel_height(self, panel: Panel, figure: Figure) -> float:
+        """Height inside the axes."""
+        if panel.y.labels:
+            return self.category * len(panel.y.labels)
+        return min(0.9 * self.width, 400.0) if panel.equal else figure.row_height - self.above - self.below
+
+
+DESK = Room()
+PHONE = Room(width=340.0, columns=1, letters=16)
+
+
+def height(figure: Figure, room: Room = DESK) -> int:
     """Height of the drawn figure [px]."""
-    return round(_LEGEND + _BOTTOM + len(figure.rows) * (figure.row_height - _BETWEEN) + _TOP)
+    return round(room.legend_height(figure) + _places(figure, room)[1])
 
 
 def data(figure: Figure) -> Markup:
-    """JSON that cannot terminate its script element. StaderaError for bars or adjacent panels, which are static."""
+    """JSON that cannot terminate its script element."""
     shared: dict[str, int] = {}
-    traces: list[dict[str, Any]] = []
+    traces = [trace for k, panel in enumerate(figure.panels, start=1) for trace in _traces(panel, k, shared)]
     named: set[str] = set()
-    for k, (panel, *more) in enumerate(figure.rows, start=1):
-        if more or any(isinstance(mark, Bars) for mark in panel.marks):
-            raise StaderaError(f"figure {figure.title!r}: only curves in panels below each other can be zoomed")
-        for mark in panel.marks:
-            assert isinstance(mark, Series)
-            traces.append(_trace(mark, k, mark.name not in named, shared, panel))
-            named.add(mark.name)
-    made = {"data": traces, "layout": _layout(figure), "shared": list(shared)}
+    for trace in traces:
+        trace["showlegend"] = bool(trace["name"]) and trace["name"] not in named
+        named.add(trace["name"])
+    made = {"data": traces, "desk": _layout(figure, DESK), "phone": _layout(figure, PHONE), "shared": list(shared)}
     return Markup(json.dumps(made, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"))
 
 
-def _trace(series: Series, row: int, first: bool, shared: dict[str, int], panel: Panel) -> dict[str, Any]:
-    colour, axis = f"var(--{series.colour})", "" if row == 1 else str(row)
+# -- traces -----------------------------------------------------------------------------------------------------------
+def _traces(panel: Panel, k: int, shared: dict[str, int]) -> Iterator[dict[str, Any]]:
+    bars = [mark for mark in panel.marks if isinstance(mark, Bars)]
+    for mark in panel.marks:
+        trace = _bar(mark, bars) if isinstance(mark, Bars) else _curve(mark, panel, shared)
+        place = {"xaxis": f"x{k}", "yaxis": f"y{k}", "name": mark.name, "legendgroup": mark.name}
+        yield {key: value for key, value in (trace | place).items() if value is not None}
+
+
+def _bar(bars: Bars, beside: list[Bars]) -> dict[str, Any]:
+    thick = 0.75 / len(beside)
+    k = next(k for k, other in enumerate(beside) if other is bars)
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "x": _packed(bars.values),
+        "y": list(range(len(bars.values))),
+        "offset": thick * (k - 0.5 * len(beside)),
+        "width": 0.92 * thick,
+        "marker": {"color": f"var(--{bars.colour})"},
+        "hovertemplate": "%{x:.3g}",
+    }
+
+
+def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, Any]:
+    colour = f"var(--{series.colour})"
+    parts = {"lines": series.width or series.fill, "markers": series.marker, "text": series.labels}
     trace: dict[str, Any] = {
-        "x": shared.setdefault(_packed(series.x), len(shared)),
-        "y": {"dtype": "f4", "bdata": _packed(series.y)},
-        "xaxis": f"x{axis}",
-        "yaxis": f"y{axis}",
-        "mode": "+".join(["lines"] * bool(series.width or series.fill) + ["markers"] * bool(series.marker)) or "none",
+        "x": shared.setdefault(_bytes(series.x), len(shared)),
+        "y": _packed(series.y),
+        "mode": "+".join(part for part, drawn in parts.items() if drawn) or "none",
         "line": {"color": colour, "width": series.width, "shape": _SHAPE[series.stairs]},
-        "name": series.name,
-        "legendgroup": series.name,
-        "showlegend": bool(first and series.name),
-        "hovertemplate": f"%{{y:.4g}}{_unit(panel)}",
+        "hovertemplate": f"%{{y:.4g}}{_unit(panel.y)}" if not panel.y.labels else f"%{{x:.3g}}{_unit(panel.x)}",
+        "visible": "legendonly" if series.hidden else None,
     }
     if series.dashed:
         trace["line"]["dash"] = "dash"
     if series.marker:
-        trace["marker"] = {"color": colour, "size": float(np.max(series.size))}
+        size = _packed(series.size) if np.ndim(series.size) else series.size
+        trace["marker"] = {"color": colour, "size": size, "symbol": _SYMBOLS[series.marker]}
+        trace["marker"]["line"] = {"color": colour, "width": 2 if series.marker != "dot" else 0}
+    if series.labels:
+        high = np.asarray(series.y) > np.mean(series.y)
+        trace |= {"text": list(series.labels), "textposition": [f"{'top' if up else 'bottom'} center" for up in high]}
     if series.fill:
         trace |= {"fill": "toself" if series.fill == "self" else "tozeroy", "fillcolor": f"{colour}{_TINT}"}
-        trace |= {"hoverinfo": "skip", "hovertemplate": None} if series.fill == "self" else {}
-    if series.hidden:
-        trace["visible"] = "legendonly"
+    if series.fill == "self":
+        trace |= {"hoverinfo": "skip", "hovertemplate": None}
+    for name, ends, at in (("error_x", series.x_range, series.x), ("error_y", series.y_range, series.y)):
+        if ends is not None:
+            less, more = np.asarray(at) - ends[0], ends[1] - np.asarray(at)
+            look = {"color": colour, "thickness": 1.4, "width": 0}
+            trace[name] = look | {"symmetric": False, "array": _packed(more), "arrayminus": _packed(less)}
     return trace
 
 
-def _packed(values: Array) -> str:
+def _bytes(values: Array) -> str:
     """Values in single precision, base64: enough for a plot."""
     return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()
 
 
-def _unit(panel: Panel) -> str:
-    return f" {panel.y.title.split('[')[1].rstrip(']')}" if "[" in panel.y.title else ""
+def _packed(values: Array | float) -> dict[str, str]:
+    return {"dtype": "f4", "bdata": _bytes(np.asarray(values))}
 
 
-def _layout(figure: Figure) -> dict[str, Any]:
-    tall = height(figure)
-    room = tall - _LEGEND - _BOTTOM
-    each = room / len(figure.rows)
+def _unit(axis: Axis) -> str:
+    return f" {axis.title.split('[')[1].rstrip(']')}" if "[" in axis.title else ""
+
+
+# -- layout -----------------------------------------------------------------------------------------------------------
+def _places(figure: Figure, room: Room) -> tuple[list[tuple[float, float, float, float]], float]:
+    """Left, right (shares of the width), top and bottom [px] of each panel's axes, and the height of all below the legend."""
+    rows = figure.rows if room.columns is None else tuple((panel,) for panel in figure.panels)
+    places, top = [], 0.0
+    for row in rows:
+        total, left = sum(panel.share for panel in row), 0.0
+        top += room.above if any(panel.title for panel in row) else 8.0
+        tall = max(room.panel_height(panel, figure) for panel in row)
+        for panel in row:
+            right = left + panel.share / total
+            gap = 0.0 if right > 0.999 else _LEFT / room.width
+            places.append((left, right - gap, top, top + tall))
+            left = right
+        top += tall + room.below + (room.title if any(panel.x.title for panel in row) else 0.0)
+    return places, top
+
+
+def _layout(figure: Figure, room: Room) -> dict[str, Any]:
+    places, tall = _places(figure, room)
+    over_time = not any(panel.equal or panel.y.labels or panel.x.labels for panel in figure.panels)
     layout: dict[str, Any] = {
-        "height": tall,
-        "margin": {"l": 58, "r": 12, "t": _LEGEND, "b": _BOTTOM},
+        "height": height(figure, room),
+        "margin": {"l": _LEFT, "r": 12, "t": room.legend_height(figure), "b": 0},
         "font": {"family": "system-ui, 'Segoe UI', Helvetica, Arial, sans-serif", "size": 12, "color": "var(--soft)"},
         "paper_bgcolor": "var(--paper)",
         "plot_bgcolor": "var(--paper)",
-        "hovermode": "x unified",
+        "hovermode": "x unified" if over_time else "closest",
         "hoverlabel": {"bgcolor": "var(--paper)", "bordercolor": "var(--line)", "font": {"color": "var(--ink)"}},
-        "legend": {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"},
+        "legend": {"orientation": "h", "x": 0, "y": 1, "xref": "container", "yref": "container", "yanchor": "top"},
         "shapes": [],
         "annotations": [],
     }
-    for k, panel in enumerate(figure.panels):
-        name, top = "" if k == 0 else str(k + 1), 1.0 - k * each / room
-        domain = [top - (each - (_BETWEEN if k < len(figure.rows) - 1 else 0.0)) / room, top - _TOP / room]
-        layout[f"xaxis{name}"] = _axis(panel.x.title, panel.x.limits, panel.x.log) | {"anchor": f"y{name}"}
-        layout[f"yaxis{name}"] = _axis(panel.y.title, panel.y.limits, panel.y.log) | {
-            "domain": [max(domain[0], 0.0), domain[1]],
-            "anchor": f"x{name}",
-            "rangemode": "tozero" if panel.y.zero else "normal",
-        }
-        if k and figure.shared:
-            layout[f"xaxis{name}"]["matches"] = "x"
-        layout["shapes"] += [_shape(guide, name) for guide in panel.guides]
+    named: set[str] = set()
+    for k, (panel, (left, right, top, bottom)) in enumerate(zip(figure.panels, places, strict=True), start=1):
+        x, y = _axis(panel.x, room), _axis(panel.y, room)
+        x |= {"domain": [left, right], "anchor": f"y{k}"}
+        y |= {"domain": [1.0 - bottom / tall, 1.0 - top / tall], "anchor": f"x{k}"}
+        if panel.equal:
+            y |= {"scaleanchor": f"x{k}"}
+        if k > 1 and figure.shared:
+            x["matches"] = "x"
+        layout |= {f"xaxis{k}": x, f"yaxis{k}": y}
+        for guide in panel.guides:
+            shown = {"name": guide.name, "showlegend": bool(guide.name) and guide.name not in named}
+            layout["shapes"].append(_shape(guide, k) | shown)
+            named.add(guide.name)
         if panel.title:
-            layout["annotations"].append(_heading(panel.title, domain[1]))
+            layout["annotations"].append(_heading(panel.title, left, 1.0 - top / tall))
     return layout
 
 
-def _axis(title: str, limits: tuple[float, float] | None, log: bool) -> dict[str, Any]:
-    lines = {"gridcolor": "var(--line)", "zerolinecolor": "var(--line)", "linecolor": "var(--steel)"}
-    axis: dict[str, Any] = {"title": {"text": title, "standoff": 6}, "type": "log" if log else "linear", **lines}
-    if limits is not None:
-        axis["range"] = list(np.log10(limits)) if log else list(limits)
-    return axis
+def _axis(axis: Axis, room: Room) -> dict[str, Any]:
+    made: dict[str, Any] = {
+        "title": {"text": axis.title, "standoff": 6},
+        "type": "log" if axis.log else "linear",
+        "rangemode": "tozero" if axis.zero else "normal",
+        **{f"{part}color": "var(--line)" for part in ("grid", "zeroline")},
+        "linecolor": "var(--steel)",
+    }
+    if axis.limits is not None:
+        made["range"] = list(np.log10(axis.limits)) if axis.log else list(axis.limits)
+    if axis.labels:
+        names = [text if len(text) <= room.letters else f"{text[: room.letters - 1]}…" for text in axis.labels]
+        made |= {"tickvals": list(range(len(names))), "ticktext": names, "automargin": True, "zeroline": False}
+        made["range"] = [len(names) - 0.5, -0.5]
+    return made
 
 
-def _shape(guide: Guide, name: str) -> dict[str, Any]:
+def _shape(guide: Guide, k: int) -> dict[str, Any]:
     along, across = ("x", "y") if guide.of == "x" else ("y", "x")
-    refs = {f"{along}ref": f"{along}{name}", f"{across}ref": f"{across}{name} domain"}
-    ends = {f"{along}0": guide.begin, f"{along}1": guide.begin if guide.end is None else guide.end}
-    ends |= {f"{across}0": 0, f"{across}1": 1}
+    shape: dict[str, Any] = {f"{along}ref": f"{along}{k}", f"{across}ref": f"{across}{k} domain"}
+    shape |= {f"{along}0": guide.begin, f"{along}1": guide.begin if guide.end is None else guide.end}
+    shape |= {f"{across}0": 0, f"{across}1": 1, "legendgroup": guide.name}
     colour = f"var(--{guide.colour})"
     if guide.end is None:
-        return {"type": "line", **refs, **ends, "line": {"color": colour, "dash": "dot", "width": 1.5}}
-    return {"type": "rect", **refs, **ends, "fillcolor": f"{colour}{_SHADE}", "line": {"width": 0}, "layer": "below"}
+        return shape | {"type": "line", "line": {"color": colour, "dash": "dot", "width": 1.5}}
+    return shape | {"type": "rect", "fillcolor": f"{colour}{_SHADE}", "line": {"width": 0}, "layer": "below"}
 
 
-def _heading(text: str, top: float) -> dict[str, Any]:
-    place = {"xref": "paper", "yref": "paper", "x": 0, "y": top, "xanchor": "left", "yanchor": "bottom"}
-    return {"text": text, "showarrow": False, "font": {"color": "var(--ink)", "size": 12.5}, **place}
+def _heading(text: str, left: float, top: float) -> dict[str, Any]:
+    place = {"xref": "paper", "yref": "paper", "x": left, "y": top, "xanchor": "left", "yanchor": "bottom"}
+    return {"text": text, "showarrow": False, "font": {"color": "var(--ink)", "size": 13}, **place}

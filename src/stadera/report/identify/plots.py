@@ -37,7 +37,7 @@ def torque_figure(leg: LegIdentification) -> Figure:
         marks.append(_line(traces, "identified", [_column(t.predicted.get("identified"), k) for t in traces]))
         panels.append(_over_time(joint, "torque [N·m]", marks, traces))
     note = "Measured and predicted; validation is shaded. Drag to zoom, double-click to go back."
-    return stacked(f"Torques of {leg.leg.name}", panels, note, moves=True)
+    return stacked(f"Torques of {leg.leg.name}", panels, note)
 
 
 def error_figure(leg: LegIdentification) -> Figure:
@@ -51,7 +51,7 @@ def error_figure(leg: LegIdentification) -> Figure:
             marks.append(_line(traces, model, errors, hidden=hidden))
         panels.append(_over_time(joint, "error [N·m]", marks, traces))
     note = "Measured minus predicted. CAD alone is hidden: click it in the legend."
-    return stacked(f"Torque errors of {leg.leg.name}", panels, note, moves=True)
+    return stacked(f"Torque errors of {leg.leg.name}", panels, note)
 
 
 def spread_figure(leg: LegIdentification, part: str) -> Figure:

@@ -139,7 +139,7 @@ def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
             " Methods at rest start from the model's value, and anew after each change: the bands do not include the "
             "settling transient."
         )
-    return stacked("Centre of mass over time", panels, note, moves=True) if panels else None
+    return stacked("Centre of mass over time", panels, note) if panels else None
 
 
 def force_figure(result: Weighing) -> Figure | None:
@@ -156,7 +156,7 @@ def force_figure(result: Weighing) -> Figure | None:
 def _over_time(result: Weighing, title: str, quantity: Axis, marks: tuple[Series, ...], note: str) -> Figure:
     refused = tuple(Guide(r.begin, r.end, colour="amber", name="not used") for r in result.refusals)
     panel = Panel(_time(result), quantity, marks, (*refused, *_changes(result)))
-    return Figure(title, ((panel,),), note, 300.0, moves=True)
+    return Figure(title, ((panel,),), note, 300.0)
 
 
 def _room(values: Array, std: Array) -> tuple[float, float] | None:

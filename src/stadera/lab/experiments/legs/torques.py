@@ -30,7 +30,7 @@ def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[s
         line(trace.time, (trace.measured - trace.predicted[m])[:, 0], NAMES[m], ROLES[m], width=1.3) for m in models
     )
     panels.append(Panel(Axis("time [s]"), Axis("error [N·m]"), errors, title=f"{leg.leg.joints[0]}: errors"))
-    return stacked(title, panels, note, moves=True)
+    return stacked(title, panels, note)
 
 
 def validation_trace(leg: LegIdentification) -> TorqueTrace:
