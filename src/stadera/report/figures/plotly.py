@@ -147,7 +147,7 @@ def _unit(axis: Axis) -> str:
 
 # -- layout -----------------------------------------------------------------------------------------------------------
 def _places(figure: Figure, room: Room) -> tuple[list[tuple[float, float, float, float]], float]:
-    """Left, right (shares of the width), top and bottom [px] of each panel's axes, and the height of all below the legend."""
+    """Left, right (shares of the width), top and bottom [px] of each panel's axes; height of all below the legend."""
     rows = figure.rows if room.columns is None else tuple((panel,) for panel in figure.panels)
     places, top = [], 0.0
     for row in rows:
