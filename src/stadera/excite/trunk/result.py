@@ -1,0 +1,149 @@
+"""Result of designing a weighing routine: the motion, and the error bars to expect from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stadera.errors import RecordingError
+from stadera.excite.sinusoids import Sinusoids
+from stadera.excite.trunk.expected import Bars
+from stadera.excite.trunk.planted import AXES, Planted
+from stadera.files import written_together
+from stadera.results import Result, data_frame, finite_or_none
+from stadera.robot.model import Robot
+from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.excite.trunk.design import RoutineSettings
+    from stadera.report.figures import Figure
+    from stadera.report.table import TableData
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Routine(Result):
+    """A weighing routine: the robot does it without and with the load, which is weighed by the two logs.
+
+    Attributes:
+        robot: the robot. settings: as requested.
+        path: of the trunk, in the coordinates `AXES`.
+        planted: the motion at the table's rate, feet in place.
+        torque: (n,) largest torque of each joint [N·m], bare and with the heaviest load.
+        expected: error bars of a payload of `load` [kg] to expect from a log without and one with it.
+        load: [kg].
+    """
+
+    robot: Robot
+    settings: RoutineSettings
+    path: Sinusoids
+    planted: Planted
+    torque: Array
+    expected: Bars
+    load: float
+
+    @property
+    def peaks(self) -> Array:
+        """Largest value of each of `AXES`, (6,) [rad, m]."""
+        return np.asarray(np.abs(self.planted.pose).max(axis=0))
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """The table to be played: time [s], the trunk's pose relative to the stance [rad, m], joints [rad, rad/s]."""
+        planted, motion = self.planted, self.planted.motion
+        trunk = {f"trunk.{axis}": planted.pose[:, k] for k, axis in enumerate(AXES)}
+        joints = {}
+        for k, joint in enumerate(self.robot.tree.joints):
+            joints[f"{joint}.position"] = motion.position[:, k]
+            joints[f"{joint}.velocity"] = motion.velocity[:, k]
+        return {"time": planted.time, **trunk, **joints}
+
+    def save_table(self, path: str | PathLike[str]) -> None:
+        """Writes `columns` as .csv or .parquet, completely or not at all.
+
+        Raises:
+            RecordingError: another suffix.
+            StaderaError: the path cannot be written.
+        """
+        import pyarrow as pa
+        from pyarrow import csv, parquet
+
+        table, suffix = pa.table(self.columns), str(path).rpartition(".")[2].lower()
+        if suffix not in ("csv", "parquet"):
+            raise RecordingError(f"{path}: a motion is written as .csv or .parquet")
+        with written_together([path]) as (draft,):
+            if suffix == "csv":
+                csv.write_csv(table, draft, csv.WriteOptions(quoting_header="none"))
+            else:
+                parquet.write_table(table, draft)
+
+    def save_player(self, path: str | PathLike[str], interface: str) -> None:
+        """Writes a script that plays the motion on a robot, see `stadera.excite.trunk.players.player`.
+
+        Raises:
+            UnknownNameError: no such interface.
+            StaderaError: the path cannot be written.
+        """
+        from stadera.excite.trunk.players import player
+        from stadera.files import write_text
+
+        text = player(self, interface)
+        with written_together([path]) as (draft,):
+            write_text(draft, text)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        motion = self.planted.motion
+        limits = [self.robot.limits[joint] for joint in self.robot.tree.joints]
+        names = ("origins", "amplitudes", "frequencies", "phases", "starts")
+        return {
+            "robot": self.robot.name,
+            "kind": "weighing routine",
+            "duration": self.settings.seconds,
+            "rate": self.settings.rate,
+            "seed": self.settings.seed,
+            "load": self.load,
+            "expected": {"mass_std": self.expected.mass, "scale": self.expected.scale, "com_std": [*self.expected.com]},
+            "peaks": dict(zip(AXES, self.peaks.tolist(), strict=True)),
+            "joints": {
+                joint: {
+                    "position": [float(motion.position[:, k].min()), float(motion.position[:, k].max())],
+                    "velocity": float(np.abs(motion.velocity[:, k]).max()),
+                    "torque": float(self.torque[k]),
+                    "torque_limit": finite_or_none(limits[k].effort),
+                }
+                for k, joint in enumerate(self.robot.tree.joints)
+            },
+            "sinusoids": {name: getattr(self.path, name).tolist() for name in names} | {"fade": self.path.fade},
+            "units": {"duration": "s", "rate": "Hz", "load": "kg", "mass_std": "kg", "com_std": "m", "peaks": "rad, m"},
+        }
+
+    def to_dataframe(self) -> Any:
+        """`columns` as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""
+        return data_frame(self.columns)
+
+    def to_tables(self) -> list[TableData]:
+        """The trunk's motion and the joints' extremes."""
+        from stadera.report.routine import joints_table, trunk_table
+
+        return [trunk_table(self), joints_table(self)]
+
+    def to_figures(self) -> Mapping[str, Figure]:
+        """The trunk's path and the feet's forces."""
+        from stadera.report.routine import figures
+
+        return figures(self)
+
+    def to_html(self) -> str:
+        """The report as one self-contained page, with a film of the motion."""
+        from stadera.report.routine import routine_html
+
+        return routine_html(self)
+
+    def __repr__(self) -> str:
+        from stadera.report.routine import promise
+
+        return f"Weighing routine of {self.robot.name}, {self.settings.seconds:g} s: {promise(self)}"
