@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stadera.body import Body, Motion
+from stadera.body.statics import LegModel
 from stadera.inertia import InertialParameters
-from stadera.legs.model import LegModel
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.front import Front

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from stadera.body.friction import JointFriction, joint_columns
+from stadera.body.statics import LegModel
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.reality.runs import RealityCase, case_settings, real_log
 from stadera.lab.reality.draw import Range, RealSizes
@@ -19,8 +21,6 @@ from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
-from stadera.legs.friction import JointFriction, joint_columns
-from stadera.legs.model import LegModel
 from stadera.logs import Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount

@@ -28,11 +28,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body import JointMotion, JointTorqueRegressor
 from stadera.files import written_together
 from stadera.identify.prior import robot_prior
 from stadera.identify.solutions import null_space_solution
 from stadera.information import Information
-from stadera.legs import JointMotion, JointTorqueRegressor
 from stadera.logs import Preprocessing, Recording, preprocess_stream, stream, write_table
 from stadera.robot import Robot, load_robot
 from stadera.robot.pinocchio import pinocchio_model

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor
+from stadera.body.friction import direction
 from stadera.identify.legs import identify
 from stadera.identify.prior import robot_prior
 from stadera.identify.settings import IdentifySettings
 from stadera.inertia import ORDER, InertialParameters
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
-from stadera.legs.friction import direction
 from stadera.logs import Recording
 from stadera.robot import Robot
 from stadera.robot.pinocchio import pinocchio_model

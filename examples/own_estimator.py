@@ -12,8 +12,8 @@ import sys
 import numpy as np
 
 import stadera
+from stadera.body.statics import LegModel
 from stadera.constants import GRAVITY
-from stadera.legs.model import LegModel
 from stadera.logs import read
 from stadera.trunk.measurement import measurements_of
 from stadera.trunk.model import TrunkModel

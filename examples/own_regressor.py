@@ -9,8 +9,8 @@ solves them; it does not know where they come from.
 import numpy as np
 
 import stadera
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion
 from stadera.information import Information
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion
 
 NOISE = 0.05  # N·m, standard deviation of the measured torque
 

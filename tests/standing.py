@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from stadera.legs.model import foot_jacobians, foot_positions
+from stadera.body.statics import foot_jacobians, foot_positions
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration

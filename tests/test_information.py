@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stadera.body import Rows, stack
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.information import Information, Unknowns
-from stadera.legs import Rows, stack
 
 NAMES = ("a", "b", "c", "d")
 SEEDS = st.integers(0, 2**32 - 1)

@@ -14,10 +14,10 @@ import pinocchio as pin
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from stadera.body.statics import foot_jacobians, foot_positions
 from stadera.inertia import InertialParameters
 from stadera.lab.plant import SensorErrors
 from stadera.lab.sensors import effort_limits
-from stadera.legs.model import foot_jacobians, foot_positions
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount

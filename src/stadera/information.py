@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
+from stadera.body.rows import Rows
 from stadera.errors import IdentificationError, UnknownNameError
-from stadera.legs.rows import Rows
 from stadera.threads import one_thread
 from stadera.types import Array
 

@@ -9,9 +9,9 @@ import pytest
 
 from stadera.body import Body
 from stadera.body import Motion as BodyMotion
+from stadera.body.statics import LegModel
 from stadera.body.tree import State
 from stadera.inertia import InertialParameters
-from stadera.legs.model import LegModel
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.trunk.wrench import (
     trunk_matrix,

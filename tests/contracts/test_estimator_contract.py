@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from stadera.body.statics import foot_positions
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.lab.baselines import ALL_METHODS
 from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
-from stadera.legs.model import foot_positions
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Estimator, Measurement, Status, TrunkBounds, TrunkEstimate, TrunkModel
@@ -305,7 +305,7 @@ def test_the_reference_robot_carries_its_weight() -> None:
     effort = TRUTH.efforts(STANCE, np.eye(3))
     step = 1e-6
     feet = foot_positions(ROBOT, STANCE[None])[0]
-    from stadera.legs.model import foot_jacobians
+    from stadera.body.statics import foot_jacobians
 
     J = foot_jacobians(ROBOT, STANCE[None])[0]
     columns = np.array([[ROBOT.tree.joints.index(j) for j in leg.joints] for leg in ROBOT.legs])

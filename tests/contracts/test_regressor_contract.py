@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from legs.reference import (
+from body.reference import (
     floating_torques,
     leg_regressor,
     named,
@@ -23,7 +23,7 @@ from legs.reference import (
     random_trunk,
     robot_of,
 )
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion, stack
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion, stack
 from stadera.robot import Robot, load_robot
 
 SAMPLES = 24

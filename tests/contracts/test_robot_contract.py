@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from stadera.body.statics import foot_jacobians, foot_positions
 from stadera.errors import MissingExtraError
-from stadera.legs.model import foot_jacobians, foot_positions
 from stadera.robot import CATALOG, LEG_NAMES, Robot, load_robot
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.pinocchio import pinocchio_model

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stadera.body import FrictionModel
 from stadera.errors import IdentificationError, MissingExtraError, UnknownNameError
 from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.design import Excitation, ExciteSettings, excite, motion_table
@@ -14,7 +15,6 @@ from stadera.excite.fourier import FourierSeries
 from stadera.excite.optimise import FourierSearch, optimal_excitation
 from stadera.excite.paper_draw import paper_draw
 from stadera.excite.worth import LegExperiment
-from stadera.legs import FrictionModel
 from stadera.logs import read, write_table
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

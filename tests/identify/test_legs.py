@@ -10,6 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from identify.leg_runs import DRIVE, SMOOTH, cut, exact_run, hyq, noisy, other_hyq, parameters_of, run, swing
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion
 from stadera.errors import IdentificationError, MissingExtraError, RecordingError, StaderaError, UnknownNameError
 from stadera.identify import log as log_module
 from stadera.identify.job import parts_of, prepare
@@ -17,7 +18,6 @@ from stadera.identify.legs import identify
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion
 from stadera.logs import Imu, Recording, concatenate, write_table
 from stadera.robot import JointLimits, load_robot
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from identify.leg_runs import DRIVE, hyq, leg_regressor, noisy, other_hyq, parameters_of, rich_motion, run
+from stadera.body.rows import Rows
 from stadera.errors import IdentificationError
 from stadera.identify.legs import identify
 from stadera.identify.merge import merge_legs
@@ -17,7 +18,6 @@ from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.information import Information, Unknowns
-from stadera.legs.rows import Rows
 
 RH = IdentifySettings(legs=("RH",), split=1.0, torque_lag=0.0)
 NOISE = (0.5, 1.0, 2.0)  # N·m, of the three logs

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from body.reference import leg_regressor as pinocchio_regressor
 from identify.leg_runs import hyq, leg_regressor, parameters_of, rich_motion, told
-from legs.reference import leg_regressor as pinocchio_regressor
+from stadera.body import JointMotion
 from stadera.identify.observability import Combination, Identifiability, Observability, observability
 from stadera.identify.prior import robot_prior
 from stadera.information import Information
-from stadera.legs import JointMotion
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from identify.leg_runs import hyq
+from stadera.body import FrictionModel, JointTorqueRegressor
 from stadera.errors import IdentificationError
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, null_space_solution
 from stadera.identify.solving import KindSpread, pooled_prior
 from stadera.information import Information
-from stadera.legs import FrictionModel, JointTorqueRegressor
 from stadera.robot.model import Leg
 
 SPREAD = KindSpread(armature=0.1, viscous=0.2, coulomb=0.5)

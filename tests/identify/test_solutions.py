@@ -9,15 +9,15 @@ import pinocchio as pin
 import pytest
 from scipy.stats import chi2
 
+from body.reference import leg_regressor as pinocchio_regressor
 from identify.leg_runs import hyq, leg_regressor, other_hyq, parameters_of, rich_motion, told
-from legs.reference import leg_regressor as pinocchio_regressor
+from stadera.body import JointMotion, JointTorqueRegressor, Rows
 from stadera.identify.observability import Identifiability, observability
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
 from stadera.inertia import InertialParameters
 from stadera.information import Information
 from stadera.lab.plant import perturbed
-from stadera.legs import JointMotion, JointTorqueRegressor, Rows
 from stadera.robot import JointDynamics, Robot
 
 SOLUTIONS = [null_space_solution, consistent_solution]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.identify.legs import identify
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
 from stadera.inertia import InertialParameters
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.trunk.load import LoadChange, Payload

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from layout import ERRORS, LAYOUT, PLACES
-from stadera.legs.model import LegModel
+from stadera.body.statics import LegModel
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.error_model import INVISIBLE, ErrorModel

@@ -10,9 +10,9 @@ import pytest
 
 from stadera.body import Body
 from stadera.body import Motion as BodyMotion
+from stadera.body.statics import LegModel, foot_positions, inverse_transposed
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 from stadera.inertia import skew
-from stadera.legs.model import LegModel, foot_positions, inverse_transposed
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stadera.body.statics import foot_positions
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
-from stadera.legs.model import foot_positions
 from stadera.robot import Robot, load_robot
 from stadera.trunk import Measurement
 from stadera.trunk.standing.equilibrium import (

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from layout import PLACES
+from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.legs.instant import LegDynamics
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration

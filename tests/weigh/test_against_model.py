@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stadera.body.statics import foot_positions
 from stadera.errors import StaderaError, UntrustedError
 from stadera.inertia import InertialParameters
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
-from stadera.legs.model import foot_positions
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

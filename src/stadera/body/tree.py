@@ -37,9 +37,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body.friction import direction
 from stadera.body.kernel import evaluate
 from stadera.errors import ModelError
-from stadera.legs.friction import direction
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
@@ -192,7 +192,7 @@ class Body:
 
     def friction(self, velocity: Array, sliding: Array) -> Array:
         """Torque of friction and offsets (N, n) [N·m]; the velocities `sliding` determine Coulomb friction's direction
-        (`stadera.legs.friction`).
+        (`stadera.body.friction`).
         """
         return np.asarray(self.viscous * velocity + self.offset + self.coulomb * direction(sliding))
 

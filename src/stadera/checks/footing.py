@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, Self, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body.statics import LegModel
 from stadera.checks.instants import Instants
 from stadera.constants import GRAVITY
-from stadera.legs.model import LegModel
 from stadera.robot.model import Robot
 from stadera.trunk.standing.vertical import vertical_by_forces
 from stadera.types import Array

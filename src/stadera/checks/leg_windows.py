@@ -15,11 +15,11 @@ from itertools import combinations
 
 import numpy as np
 
+from stadera.body.statics import LegModel, cross
 from stadera.checks.limits import WindowLimits
 from stadera.checks.units import DEGREE
 from stadera.checks.windows import WindowFault, Windows, joint_faults
 from stadera.constants import GRAVITY
-from stadera.legs.model import LegModel, cross
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot

@@ -26,11 +26,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body.statics import cross
 from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
 from stadera.inertia import skews
-from stadera.legs.model import cross
 from stadera.types import Array, Bools
 
 Places = NDArray[np.int64]

@@ -16,10 +16,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body.statics import nominal_feet
 from stadera.checks.footing import Footing
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
-from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
 from stadera.trunk.standing.contact import ground_normal
 from stadera.types import Array

@@ -1,7 +1,7 @@
 """Tests whether the torques of a moving robot explain its motion better if they are those of other legs.
 
 As the trunk sways, the load moves from foot to foot, and each leg's torques follow its own foot's load. The rows of the
-trunk (`stadera.legs.base_wrench`), at instants of 40 ms, are
+trunk (`stadera.body`), at instants of 40 ms, are
 
     A θ + C p = b + noise,        b = Σ_l E_l (h_l - τ_π(l)) - Σ_l w_l
 
@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Body, Motion
+from stadera.body.friction import direction
 from stadera.checks.footing import Footing
 from stadera.checks.hypotheses import FaultHypothesis, torque_orders
 from stadera.checks.instants import Instants
@@ -41,7 +42,6 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.motion import MotionCosts
 from stadera.constants import GRAVITY, NOTHING
 from stadera.inertia import skews
-from stadera.legs.friction import direction
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals

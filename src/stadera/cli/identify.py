@@ -62,9 +62,9 @@ def identify(
     cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
     share = 1.0 if validate else parse.split(split or "0.5")
 
+    from stadera.body.friction import FrictionModel
     from stadera.identify.legs import identify as identify_legs
     from stadera.identify.settings import IdentifySettings
-    from stadera.legs.friction import FrictionModel
     from stadera.report.identify.tables import identification_tables
     from stadera.robot import load_robot
     from stadera.robot.export import check_export

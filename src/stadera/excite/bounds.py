@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.errors import IdentificationError
 from stadera.excite.clearance import Clearance, ClearanceMap
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.robot.model import JointLimits, Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array

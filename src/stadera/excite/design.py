@@ -8,6 +8,7 @@ from os import PathLike
 
 import numpy as np
 
+from stadera.body import FrictionModel, JointMotion
 from stadera.errors import IdentificationError, positive, require_positive
 from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.optimise import FourierSearch, optimal_excitation
@@ -16,7 +17,6 @@ from stadera.excite.result import Appraisal, Excitation, Peaks
 from stadera.excite.sinusoids import Reference, Sinusoids
 from stadera.excite.worth import LegExperiment
 from stadera.identify.observability import gradients_of
-from stadera.legs import FrictionModel, JointMotion
 from stadera.logs import Recording
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot

@@ -22,13 +22,13 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.optimize import minimize
 
+from stadera.body import JointMotion
 from stadera.errors import IdentificationError, positive, require_positive
 from stadera.excite.clearance import ClearanceMap
 from stadera.excite.fourier import FourierSeries
 from stadera.excite.paper_draw import FREQUENCIES, check_duration, fitting_factor
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.worth import LegExperiment
-from stadera.legs import JointMotion
 from stadera.types import Array
 
 Progress = Callable[[float], None]

@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stadera.body.torques import JointMotion
 from stadera.errors import IdentificationError, positive
-from stadera.legs.motion import JointMotion
 from stadera.types import Array
 
 

@@ -17,13 +17,13 @@ from functools import cached_property
 
 import numpy as np
 
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.errors import IdentificationError, positive
 from stadera.excite.bounds import LegBounds
 from stadera.excite.sinusoids import Reference
 from stadera.identify.observability import Observability, observability
 from stadera.identify.prior import Prior, robot_prior
 from stadera.information import Information
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.types import Array
 
 _POSES = 500

@@ -16,12 +16,12 @@ from itertools import chain
 
 import numpy as np
 
+from stadera.body import JointTorqueRegressor, Rows, TrunkMotion
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
 from stadera.identify.residuals import residual_noise, rows_of, speed
 from stadera.identify.solutions import Estimate
 from stadera.information import Information
-from stadera.legs import JointTorqueRegressor, Rows, TrunkMotion
 from stadera.logs.processing import Processed
 from stadera.logs.smoothing import smooth_rows
 from stadera.types import Array

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from stadera.body import FrictionModel, JointTorqueRegressor, TrunkMotion
 from stadera.errors import RecordingError
 from stadera.identify.held import TrunkUp, carried_shares, vertical_of
 from stadera.identify.lag import TorqueLag, estimate_lag
@@ -15,7 +16,6 @@ from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.residuals import torque_sizes
 from stadera.identify.settings import IdentifySettings, LagSettings
-from stadera.legs import FrictionModel, JointTorqueRegressor, TrunkMotion
 from stadera.logs.cutoff import highest_cutoff, suggest_cutoff
 from stadera.logs.join import take
 from stadera.logs.processing import preprocess_stream

@@ -23,8 +23,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import qr
 
+from stadera.body import JointMotion, JointTorqueRegressor, TrunkMotion
 from stadera.identify.settings import LagSettings
-from stadera.legs import JointMotion, JointTorqueRegressor, TrunkMotion
 from stadera.logs.processing import Processed
 from stadera.types import Array, Bools
 

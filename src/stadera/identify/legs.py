@@ -13,6 +13,7 @@ from os import PathLike
 
 import numpy as np
 
+from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
 from stadera.identify.gather import Gathered, gather, with_noise_of
 from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare
@@ -26,7 +27,6 @@ from stadera.identify.solving import solve_legs
 from stadera.identify.trust import trust_in
 from stadera.identify.warnings import leg_warnings, log_warnings
 from stadera.information import Information
-from stadera.legs import JointMotion, TrunkMotion
 from stadera.logs.reader import Log, as_logs
 from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stadera.body import JointMotion, JointTorqueRegressor, Rows, TrunkMotion
 from stadera.constants import SATURATED
 from stadera.identify.result import TorqueTrace
-from stadera.legs import JointMotion, JointTorqueRegressor, Rows, TrunkMotion
 from stadera.logs.processing import Processed
 from stadera.logs.recording import Recording
 from stadera.types import Array

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stadera.body import FRICTION_UNITS
 from stadera.files import written_together
 from stadera.identify.observability import Identifiability
 from stadera.identify.solutions import Estimate
 from stadera.inertia import ORDER, UNITS, InertialParameters
 from stadera.information import Information
-from stadera.legs import FRICTION_UNITS
 from stadera.results import Result
 from stadera.robot.model import JointDynamics, Leg, Robot
 from stadera.trust import Trust

@@ -7,12 +7,12 @@ from typing import Literal
 
 import numpy as np
 
+from stadera.body import FRICTION_TERMS, FrictionModel
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
 from stadera.identify.prior import PriorWidth
 from stadera.identify.solutions import SolverSettings
 from stadera.identify.solving import KindSpread
 from stadera.identify.spikes import SpikeSettings
-from stadera.legs import FRICTION_TERMS, FrictionModel
 
 METHODS: tuple[str, ...] = ("consistent", "null-space")
 

@@ -1,7 +1,7 @@
 """Joints that belong to no leg, such as an arm's or a turning lidar's, and the links that they move.
 
 They hang from the trunk. `Robot.inertias` has their links lumped into the trunk at a reference position; where they
-move, `stadera.legs.extra_wrench` computes what that changes.
+move, `stadera.body` computes what that changes.
 """
 
 from __future__ import annotations

@@ -36,9 +36,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Body, Motion, State
+from stadera.body.friction import direction
 from stadera.constants import GRAVITY, SINGULAR
 from stadera.inertia import InertialParameters, skew, skews
-from stadera.legs.friction import direction
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stadera.legs.model import foot_positions
+from stadera.body.statics import foot_positions
 from stadera.robot.model import Robot, Shape
 from stadera.types import Array
 

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lab.control.testbed import ROBOTS, bed, robot_named
+from stadera.body.instant import LegDynamics
+from stadera.body.statics import foot_positions
 from stadera.errors import ModelError
 from stadera.lab.control import ControlError, TestBed, TrunkController, TrunkPose
 from stadera.lab.control.reference import Move
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.plant import HARSH, STANDARD
-from stadera.legs.instant import LegDynamics
-from stadera.legs.model import foot_positions
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 

@@ -9,12 +9,12 @@ import pinocchio as pin
 import pytest
 
 from lab.control.testbed import ROBOTS, bed, load_of, robot_named
+from stadera.body.statics import foot_positions
 from stadera.errors import ModelError, UnknownNameError
 from stadera.inertia import skew
 from stadera.lab.control import ControlError, TrunkController, TrunkGains, TrunkPose
 from stadera.lab.control.smooth import SmoothTrunk
 from stadera.lab.plant import Terrain
-from stadera.legs.model import foot_positions
 from stadera.robot import Robot
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from lab.plant.reference import pinocchio_model
+from stadera.body.statics import foot_positions
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters, skew
 from stadera.lab.plant import (
@@ -21,7 +22,6 @@ from stadera.lab.plant import (
     TrueState,
     VirtualForce,
 )
-from stadera.legs.model import foot_positions
 from stadera.robot import JointDynamics, JointLimits, Robot, load_robot
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.stance import standing_configuration

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stadera.body.statics import foot_positions
 from stadera.errors import ModelError, UnknownNameError
 from stadera.lab.plant import (
     HARSH,
@@ -23,7 +24,6 @@ from stadera.lab.plant import (
     plant_model,
     sensor_errors,
 )
-from stadera.legs.model import foot_positions
 from stadera.logs import Recording
 from stadera.robot import JointLimits, Robot, load_robot
 from stadera.robot.imu import ImuMount

@@ -17,8 +17,8 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
+from stadera.body.statics import nominal_feet
 from stadera.errors import ModelError, positive
-from stadera.legs.model import nominal_feet
 from stadera.robot.model import Robot
 from stadera.types import Array
 

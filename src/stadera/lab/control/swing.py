@@ -29,11 +29,11 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body.friction import JointFriction
+from stadera.body.instant import LegMotion, LegState
+from stadera.body.statics import foot_jacobians
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, positive
-from stadera.legs.friction import JointFriction
-from stadera.legs.instant import LegMotion, LegState
-from stadera.legs.model import foot_jacobians
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement

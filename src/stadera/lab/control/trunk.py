@@ -21,6 +21,8 @@ from math import atan2, isfinite, sqrt
 
 import numpy as np
 
+from stadera.body.instant import LegState
+from stadera.body.statics import cross, nominal_feet
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError, UnknownNameError
 from stadera.inertia import skew
@@ -31,8 +33,6 @@ from stadera.lab.control.odometry import LegOdometry
 from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
 from stadera.lab.control.smooth import SmoothTrunk
 from stadera.lab.control.swing import SwingLegs, SwingTrajectory
-from stadera.legs.instant import LegState
-from stadera.legs.model import cross, nominal_feet
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel

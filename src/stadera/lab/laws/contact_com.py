@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stadera.body.statics import cross
 from stadera.lab.laws.convergence import step_size
 from stadera.lab.laws.recursive import LEAST_TILT, RecursiveCom
-from stadera.legs.model import cross
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.standing.contact import ContactForces
 

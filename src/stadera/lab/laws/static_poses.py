@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stadera.body.statics import foot_jacobians, foot_positions, nominal_feet
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, require_positive
 from stadera.inertia import skew
-from stadera.legs.model import foot_jacobians, foot_positions, nominal_feet
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stadera.legs.friction import JointFriction
+from stadera.body.friction import JointFriction
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.standing.legs import MeasuredLegs
 from stadera.trunk.standing.noise import ForceNoise

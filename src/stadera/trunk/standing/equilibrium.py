@@ -35,11 +35,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from stadera.body.rows import Rows
+from stadera.body.statics import LegModel
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError
 from stadera.inertia import skew, skews
-from stadera.legs.model import LegModel
-from stadera.legs.rows import Rows
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.measurement import Measurement

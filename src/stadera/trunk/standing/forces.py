@@ -6,7 +6,7 @@ With f the force of the ground on the foot and τ the actuator torques, the equa
 
 (J_c: Jacobian of the contact point for a held trunk). A leg has three joints, so J_c is square and the paper's
 pseudo-inverse is an inverse. All vectors are in the trunk frame: the trunk's own motion enters h only through its
-angular velocity and specific force. Accelerations of the joints are neglected; `stadera.legs.base_wrench` includes
+angular velocity and specific force. Accelerations of the joints are neglected; `stadera.body` includes
 them.
 
 The foot is a sphere: the contact is at foot - radius * normal, with the normal of the plane through the feet in stance.
@@ -18,11 +18,11 @@ from typing import Literal
 
 import numpy as np
 
+from stadera.body.friction import JointFriction
+from stadera.body.instant import inverse_transposed
+from stadera.body.statics import LegModel
 from stadera.constants import GRAVITY
 from stadera.errors import UnknownNameError
-from stadera.legs.friction import JointFriction
-from stadera.legs.instant import inverse_transposed
-from stadera.legs.model import LegModel
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.standing.contact import ContactForces, ground_normal

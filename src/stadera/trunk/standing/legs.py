@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from stadera.legs.instant import LegDynamics, LegMotion, LegState
+from stadera.body.instant import LegDynamics, LegMotion, LegState
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 

@@ -22,8 +22,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stadera.body.statics import LegModel, inverse_transposed
 from stadera.constants import GRAVITY, NOTHING
-from stadera.legs.model import LegModel, inverse_transposed
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement, extra_states, meant_stance

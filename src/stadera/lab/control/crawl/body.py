@@ -16,13 +16,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stadera.body.statics import foot_jacobians
 from stadera.constants import GRAVITY
 from stadera.lab.control.crawl.settings import CrawlTuning
 from stadera.lab.control.planner.com import ComPlan, SupportPhase, plan_com
 from stadera.lab.control.planner.feet import GroundPlane, SupportPolygon, facing
 from stadera.lab.control.reference import Move, TrunkPose
 from stadera.lab.control.trunk import TrunkController
-from stadera.legs.model import foot_jacobians
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array

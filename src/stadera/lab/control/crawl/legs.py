@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from stadera.body.statics import nominal_feet
 from stadera.lab.control.crawl.settings import CrawlCommand, CrawlSettings, StepTiming, standing_height
 from stadera.lab.control.planner.feet import Footholds, PathPose
 from stadera.lab.control.planner.steps import Airborne, PlannedStep, body_times
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.control.trunk import TrunkController
-from stadera.legs.model import nominal_feet
 from stadera.robot.model import LEG_NAMES, Robot
 from stadera.types import Array
 

@@ -7,9 +7,9 @@ from enum import StrEnum
 
 import numpy as np
 
+from stadera.body.statics import nominal_feet
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError, UnknownNameError, positive
-from stadera.legs.model import nominal_feet
 from stadera.robot.model import LEG_NAMES, Robot
 
 LATERAL_SEQUENCE = ("LH", "LF", "RH", "RF")

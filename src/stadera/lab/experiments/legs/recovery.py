@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
+from stadera.body import FrictionModel, TrunkMotion
 from stadera.constants import SAME
 from stadera.identify.job import LegTask
 from stadera.identify.legs import structural_observability
 from stadera.identify.observability import Combination, Identifiability, Observability, gradients_of
 from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.identify.settings import IdentifySettings
-from stadera.legs import FrictionModel, TrunkMotion
 from stadera.robot.model import Robot
 from stadera.types import Array
 

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from stadera.body import FrictionModel
 from stadera.excite.paper_draw import paper_draw
 from stadera.excite.sinusoids import Sinusoids
 from stadera.identify.legs import identify
@@ -15,7 +16,6 @@ from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.experiments.paper import ReproduceSettings
 from stadera.lab.plant import STANDARD, Gains, measured, perturbed, perturbed_physical, simulate_leg
-from stadera.legs import FrictionModel
 from stadera.logs import Recording
 from stadera.logs.join import concatenate
 from stadera.robot import load_robot

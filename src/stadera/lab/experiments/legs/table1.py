@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stadera.body import FrictionModel
 from stadera.excite.bounds import LegBounds
 from stadera.excite.optimise import FourierSearch, optimal_excitation
 from stadera.excite.sinusoids import Reference
@@ -23,7 +24,6 @@ from stadera.lab.experiments.legs.runs import LEG, LegRuns
 from stadera.lab.experiments.legs.torques import torque_figure
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
 from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.legs import FrictionModel
 from stadera.report.figures import Axis, Figure, Panel, Series
 from stadera.report.table import Cell, Row, TableData
 from stadera.types import Progress

@@ -23,13 +23,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
 from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
 from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.plant import IDEAL, Plant, Sensors, TrueState
-from stadera.legs.instant import LegDynamics
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import Robot, load_robot

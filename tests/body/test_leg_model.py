@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from stadera.body import Body, Motion
+from stadera.body.friction import JointFriction, direction
+from stadera.body.instant import LegDynamics
+from stadera.body.instant import inverse_transposed as inverse_of_one
+from stadera.body.statics import LegModel, foot_jacobians, foot_positions, inverse_transposed
 from stadera.errors import MissingExtraError
-from stadera.legs.friction import JointFriction, direction
-from stadera.legs.instant import LegDynamics
-from stadera.legs.instant import inverse_transposed as inverse_of_one
-from stadera.legs.model import LegModel, foot_jacobians, foot_positions, inverse_transposed
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.stance import standing_configuration
 

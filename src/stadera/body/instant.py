@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from stadera.body.friction import joint_columns
 from stadera.inertia import skew
-from stadera.legs.friction import joint_columns
 from stadera.robot.model import Robot
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.types import Array

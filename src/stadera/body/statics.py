@@ -9,7 +9,7 @@ A point r fixed to the last link moves, for each joint at o_j with axis s_j in t
 
 All vectors are in the trunk frame. Arrays have components first, (3, samples, leg, joint), so that each operation runs
 over whole vectors; in memory the samples come last, (3, leg, joint, samples), since loops over three numbers are slow.
-`stadera.legs.base_wrench` adds velocities and accelerations; `stadera.legs.instant` evaluates the
+`stadera.body` adds velocities and accelerations; `stadera.body.instant` evaluates the
 same model for a single sample with Pinocchio, as a 1 kHz controller needs: it takes 11 µs instead of 250.
 """
 
@@ -22,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stadera.body.friction import JointFriction, joint_columns
 from stadera.constants import SINGULAR
 from stadera.inertia import skew
-from stadera.legs.friction import JointFriction, joint_columns
 from stadera.robot.kinematics import checked_angles, forward_kinematics
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stadera.body import FRICTION_TERMS, FRICTION_UNITS, FrictionModel, Rows, stack
 from stadera.errors import IdentificationError, UnknownNameError
-from stadera.legs import FRICTION_TERMS, FRICTION_UNITS, FrictionModel, Rows, stack
 
 
 def test_stack_spreads_columns_by_name() -> None:

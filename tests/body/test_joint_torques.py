@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from legs.reference import (
+from body.reference import (
     floating_torques,
     leg_regressor,
     named,
@@ -20,10 +20,18 @@ from legs.reference import (
     random_trunk,
     robot_of,
 )
-from stadera.body import Body, Motion
+from stadera.body import (
+    Body,
+    FrictionModel,
+    JointMotion,
+    JointTorqueRegressor,
+    Motion,
+    TrunkMotion,
+    inertial_columns,
+    stack,
+)
+from stadera.body.friction import JointFriction, joint_columns
 from stadera.errors import IdentificationError, MissingExtraError
-from stadera.legs import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion, inertial_columns, stack
-from stadera.legs.friction import JointFriction, joint_columns
 from stadera.robot import Robot, load_robot
 from stadera.robot.pinocchio import pinocchio_model
 

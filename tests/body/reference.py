@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from stadera.body import JointMotion, TrunkMotion
 from stadera.inertia import InertialParameters
-from stadera.legs import JointMotion, TrunkMotion
 from stadera.robot.model import Robot, Tree
 from stadera.robot.pinocchio import pinocchio_model
 
