@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadera.report.numbers import number, percent, with_std
+from stadera.report.numbers import compared, number, with_std
 
 _EXPONENTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 
@@ -45,7 +45,8 @@ def test_with_std(value, std, text):
     assert with_std(value, std) == text
 
 
-def test_percent():
-    assert percent(0.8, 1.0) == "−20 %"
-    assert percent(1.1, 1.0) == "+10 %"
-    assert percent(1.0, 0.0) == "none"
+def test_compared():
+    assert compared(0.8, 1.0) == "20 % better"
+    assert compared(1.1, 1.0) == "10 % worse"
+    assert compared(1.1, 1.0, ("below", "above")) == "10 % above"
+    assert compared(1.0, 0.0) == "none"

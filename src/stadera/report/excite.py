@@ -136,17 +136,6 @@ def excitation_tables(result: Excitation) -> Iterator[RenderableType]:
     yield Text(verdict(result))
 
 
-_TERMS = {
-    "Information gain": "How much less uncertain all parameters together are after the log than before, by the prior "
-    "model and the stated torque noise. One nat more is a standard deviation 2.7 times smaller in one direction.",
-    "Combination": "A sum of parameters that the leg's torques depend on. A single parameter of a leg on a held trunk "
-    "often cannot be separated from others; its combination can.",
-    "Known": "Better after the log than before it, by the prior standard deviations of the model's parameters.",
-    "Torque": "What the prior model predicts for the motion, friction included where the model states it.",
-    "Distance": "Between the shapes of this leg and of all else, the other legs standing still. As true as they are.",
-}
-
-
 def excitation_html(result: Excitation) -> str:
     """The complete, self-contained page."""
     from stadera.report.page import render
@@ -168,7 +157,6 @@ def excitation_html(result: Excitation) -> str:
         motion=motion_figure(result),
         facts=_facts(result),
         notes=bounds.clearance.notes,
-        terms=_TERMS,
     )
 
 

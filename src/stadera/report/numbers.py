@@ -49,9 +49,11 @@ def with_scale(mass: float, std: float, without: float | None) -> str:
     return f"{with_std(mass, without)} kg, and ± {number(100.0 * scale, 2)} % of it for the torques' scale"
 
 
-def percent(new: float, old: float) -> str:
-    """Formats the relative decrease (−) or increase (+) of a number."""
-    return _minus(f"{100.0 * (new / old - 1.0):+.0f} %") if old else "none"
+def compared(new: float, old: float, words: tuple[str, str] = ("better", "worse")) -> str:
+    """How much smaller or larger an error is than another one, as "26 % better"."""
+    if not old:
+        return "none"
+    return f"{100.0 * abs(new / old - 1.0):.0f} % {words[0] if new <= old else words[1]}"
 
 
 def _minus(text: str) -> str:

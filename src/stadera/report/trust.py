@@ -32,9 +32,14 @@ def trust_text(trust: Trust, reasons: bool = True) -> str:
 
 
 def trust_reasons(trust: Trust) -> str:
-    """Basis of the verdict: misfit and reasons, as sentences."""
-    misfit = f"Misfit {number(trust.misfit, 3)}, where 1 is right." if isfinite(trust.misfit) else ""
-    return " ".join([misfit, *(f"{reason[:1].upper()}{reason[1:]}." for reason in trust.reasons)]).strip()
+    """Basis of the verdict, as sentences: how large the residuals are, and the reasons."""
+    said = [f"{reason[:1].upper()}{reason[1:]}." for reason in trust.reasons]
+    if isfinite(trust.misfit):
+        ratio = trust.misfit**0.5
+        size = f"{number(ratio, 2)} times" if ratio > 1.1 else f"{number(100.0 * ratio, 2)} % of"
+        size = "as large as" if 0.9 <= ratio <= 1.1 else size
+        said.insert(0, f"Residuals are {size} the stated noise (misfit {number(trust.misfit, 3)}).")
+    return " ".join(said)
 
 
 def marked(data: TableData, trust: Trust) -> TableData:

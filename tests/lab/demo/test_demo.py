@@ -174,7 +174,7 @@ def test_json_has_the_contract_in_plain_numbers(result: DemoResult):
 def test_page_loads_nothing_says_how_it_ended_and_is_small(result: DemoResult):
     page = demo_html(result)
     assert not re.search(r"""(?:src|href)=["'](?!#)""", re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL))
-    assert len(page.encode()) < 1.5e6
+    assert len(page.encode()) < 3e6  # as all pages: small enough to be mailed; two libraries are 2 MB of it
     assert headline(result) in page
     assert "falls after" in headline(result)
     assert "walks on without a stop" in headline(result)

@@ -114,16 +114,6 @@ def _point(series: FleetSeries, k: int, x: float, y: float, out: bool, doubtful:
 
 
 _FIGURES = 1_400_000  # bytes of all figures, such that a page of 1,000 logs stays below 3 MB
-_TERMS = {
-    "Stands out": "A stretch of a robot's logs whose level differs from its other logs by more than chance. Every "
-    "stretch of every quantity of every robot is one look; all looks together report anything with a probability of at "
-    "most 1 % where nothing happened.",
-    "Error bars": "Two standard deviations in the figures, one in tables. What all logs of a robot have in common (3 % "
-    "of all torques, say) is in every bar, and cancels between its logs: they may agree better than their bars.",
-    "Level": "The line in a figure: the weighted mean of the logs between what stands out.",
-    "Trust": "good: figures and bars hold. doubtful: bars are widened to the fit (hollow points). bad: the log "
-    "contradicts the model, and gives no figure.",
-}
 
 
 @dataclass(frozen=True)
@@ -166,7 +156,6 @@ def fleet_html(table: FleetTable, chance: float = 0.01) -> str:
         panels=[_panels(name, rows, fleet, drawn) for name, rows in robots.items()],
         logs=_logs_table(table),
         errors=_errors(failed),
-        terms=_TERMS,
     )
 
 

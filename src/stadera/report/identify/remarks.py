@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import sqrt
 
@@ -10,10 +10,9 @@ import numpy as np
 
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import MODELS, Identification, LegIdentification
-from stadera.report.numbers import number
+from stadera.report.numbers import compared, number
 from stadera.report.trust import LEVELS, Level, trust_text
 
-_LEVELS: tuple[Level, ...] = ("bad", "warning", "note")
 _HEADLINES: dict[Level, str] = {
     "bad": "Do not use these numbers as they are",
     "warning": "Worth knowing before using the numbers",
@@ -31,19 +30,14 @@ class Remark:
 
 def evaluated_part(result: Identification) -> str:
     """The part used to evaluate errors: "validation" if there is one, else "training"."""
-    parts = [part for leg in result.legs for part in leg.rmse]
-    return "validation" if "validation" in parts else "training"
+    return "validation" if any("validation" in leg.rmse for leg in result.legs) else "training"
 
 
 def overall_rmse(result: Identification, part: str, legs: tuple[str, ...] | None = None) -> dict[str, float]:
     """By model, root of the mean over joints of the squared torque RMSE [N·m] on a part; None for all legs."""
-    chosen = [leg for leg in result.legs if legs is None or leg.leg.name in legs]
-    overall = {}
-    for model in MODELS:
-        errors = [rmse for leg in chosen for rmse in leg.rmse.get(part, {}).get(model, {}).values()]
-        if errors:
-            overall[model] = _rms(errors)
-    return overall
+    chosen = [leg.rmse.get(part, {}) for leg in result.legs if legs is None or leg.leg.name in legs]
+    errors = {model: [rmse for leg in chosen for rmse in leg.get(model, {}).values()] for model in MODELS}
+    return {model: _rms(found) for model, found in errors.items() if found}
 
 
 def torque_rms(leg: LegIdentification, part: str) -> dict[str, float]:
@@ -65,8 +59,8 @@ def answer(result: Identification) -> str:
     if any(torques):
         said += f", {100.0 * errors['identified'] / _rms(torques):.0f} % of the measured torque"
     if errors.get("prior_friction"):
-        change = 100.0 * (errors["identified"] / errors["prior_friction"] - 1.0)
-        said += f" and {abs(change):.0f} % {'above' if change > 0 else 'below'} CAD with fitted friction"
+        said += f" and {compared(errors['identified'], errors['prior_friction'], ('below', 'above'))}"
+        said += " CAD with fitted friction"
     return f"{said}."
 
 
@@ -100,9 +94,9 @@ def remarks(result: Identification) -> tuple[Remark, ...]:
     if evaluated_part(result) == "training":
         untested = "nothing was held out: the errors shown are on the training data and say little of the model"
         found.append(Remark("bad", untested))
-    found += _on_masses(result)
+    found += [Remark("note", text) for text in _on_masses(result)]
     found += [Remark("warning", text) for text in (*result.warnings, *_on_legs(result))]
-    return tuple(sorted(dict.fromkeys(found), key=lambda remark: _LEVELS.index(remark.level)))
+    return tuple(sorted(dict.fromkeys(found), key=lambda remark: list(_HEADLINES).index(remark.level)))
 
 
 def _on_legs(result: Identification) -> Iterator[str]:
@@ -131,17 +125,16 @@ def _is_no_better(leg: LegIdentification, part: str) -> bool:
     return leg.estimate.observability.rank == 0 or found > cad > 0
 
 
-def _on_masses(result: Identification) -> Iterator[Remark]:
+def _on_masses(result: Identification) -> Iterator[str]:
     masses = {link: leg.parameters[f"{link}.m"].verdict for leg in result.legs for link in leg.leg.links}
     unknown = [link for link, verdict in masses.items() if verdict is not Identifiability.OBSERVABLE]
     if unknown:
         which = "no link's mass was" if len(unknown) == len(masses) else f"the masses of {', '.join(unknown)} were not"
-        yield Remark(
-            "note",
+        yield (
             f"{which} measured: this motion moves no torque with mass alone, so the masses are CAD's, "
-            "and centres of mass hold for these masses",
+            "and centres of mass hold for these masses"
         )
 
 
-def _rms(values: list[float]) -> float:
-    return sqrt(sum(value**2 for value in values) / len(values))
+def _rms(values: Iterable[float]) -> float:
+    return sqrt(float(np.mean(np.square(list(values)))))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import nan
 
 from rich.console import RenderableType
 from rich.text import Text
 
 from stadera.constants import SAME
-from stadera.identify.result import MODELS, Identification, LegIdentification, Quantity
+from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.inertia import ORDER
 from stadera.report.identify.remarks import evaluated_part, level, overall_rmse, remarks, torque_rms, verdict
-from stadera.report.numbers import number, percent, with_std
+from stadera.report.numbers import compared, number, with_std
 from stadera.report.table import Cell, TableData
 from stadera.report.terminal import legend, rich_table
 from stadera.report.trust import STYLES, marked
@@ -20,6 +21,9 @@ NOT_MEASURED = "not measured"
 
 MODEL_NAMES: dict[str, str] = {"identified": "identified", "prior_friction": "CAD + friction", "prior": "CAD"}
 """Names of the compared models, best first."""
+
+LINK_FRAMES = "in each link's own frame and axes, inertia about that frame's origin"
+"""Frames of the links' centres of mass and inertias."""
 
 
 def shown(quantity: Quantity, prior: str = "CAD") -> str:
@@ -35,99 +39,124 @@ def shown(quantity: Quantity, prior: str = "CAD") -> str:
     return f"{NOT_MEASURED} ({number(quantity.value, 3)})"
 
 
-def compact_cell(quantity: Quantity) -> Cell:
+def _compact(quantity: Quantity | None) -> Cell | str:
     """Value and prior in one cell."""
+    if quantity is None:
+        return ""
     return Cell(shown(quantity, "prior"), quantity.verdict, note=f"[{number(quantity.prior, 3)}]")
 
 
-def row(name: str, quantity: Quantity, prior: str = "CAD") -> tuple[Cell, ...]:
+def _row(name: str, quantity: Quantity, prior: str = "CAD") -> tuple[Cell, ...]:
     """Name with unit, prior, and the value with its standard deviation."""
     held = quantity.is_held
     named = Cell(name, quantity.verdict, note=f"[{quantity.unit}]")
     return named, Cell(number(quantity.prior, 3)), Cell(shown(quantity, prior), strong=not held, muted=held)
 
 
-_COMPARED = MODELS[::-1]  # best first
-LINK_FRAMES = "in each link's own frame and axes, inertia about that frame's origin"
-"""Frames of the links' centres of mass and inertias."""
+def leg_table(result: Identification) -> TableData:
+    """One row for each leg: directions determined, torque error, misfit, and physical consistency."""
+    part, rows = evaluated_part(result), []
+    for leg in result.legs:
+        name, seen = leg.leg.name, leg.estimate.observability
+        errors = overall_rmse(result, part, (name,))
+        rows.append(
+            (
+                Cell(name, strong=True),
+                f"{seen.rank} of {leg.structural_rank}",
+                number(errors["identified"], 3),
+                _against_cad(errors),
+                number(result.trust.by_leg.get(name, nan), 3),
+                "yes" if leg.estimate.is_physical else Cell("NO", good=False),
+            )
+        )
+    columns = ("directions determined", "torque RMSE [N·m]", "against CAD + friction", "misfit", "physically possible")
+    return TableData.of("Legs at a glance", ("leg", *columns), rows)
 
 
 def link_table(leg: LegIdentification) -> TableData:
     """The leg's links side by side, as in the paper's Table I."""
     rank, links = leg.estimate.observability.rank, leg.leg.links
-    by_link = [dict(link_quantities(leg, link)) for link in links]
+    by_link = [_link_quantities(leg, link) for link in links]
     rows = (
-        [Cell(f"{name} [{q.unit}]"), *(compact_cell(found[name]) for found in by_link)]
-        for name, q in by_link[0].items()
+        [Cell(f"{name} [{q.unit}]"), *(_compact(found[name]) for found in by_link)] for name, q in by_link[0].items()
     )
     title = f"{leg.leg.name}: rank {rank} of {len(leg.estimate.columns)} parameters"
     return TableData.of(title, ("parameter", *links), rows, LINK_FRAMES, "l" * (1 + len(links)))
 
 
-def joint_table(leg: LegIdentification) -> TableData:
-    """The leg's joints side by side: rotor inertia, friction and torque offset."""
-    joints, terms = leg.leg.joints, joint_quantities(leg)
-    units = {term: quantity.unit for found in terms.values() for term, quantity in found.items()}
-    rows = (
-        [f"{term} [{unit}]", *(compact_cell(terms[j][term]) if term in terms.get(j, {}) else "" for j in joints)]
-        for term, unit in units.items()
-    )
-    return TableData.of(f"{leg.leg.name}: joints", ("parameter", *joints), rows, sides="l" * (1 + len(joints)))
+def drives_table(result: Identification) -> TableData:
+    """A row for each joint of all legs: rotor inertia, friction and torque offset; no rows if none were fitted."""
+    of_leg = {leg.leg.name: _joint_quantities(leg) for leg in result.legs}
+    units = {t: q.unit for joints in of_leg.values() for terms in joints.values() for t, q in terms.items()}
+    body = {
+        leg: [[joint, *(_compact(terms.get(term)) for term in units)] for joint, terms in joints.items()]
+        for leg, joints in of_leg.items()
+        if joints
+    }
+    head = ("joint", *(f"{term} [{unit}]" for term, unit in units.items()))
+    return TableData.of("Drives: rotor inertia, friction, torque offset", head, body, sides="l" * len(head))
 
 
 def tables(result: Identification) -> list[TableData]:
-    """Tables for a paper: links and joints of each leg, then the torque errors."""
-    found = [table(leg) for leg in result.legs for table in (link_table, joint_table)]
-    return [*(table for table in found if any(rows for _, rows in table.groups)), rmse_table(result)]
+    """Tables for a paper: links of each leg, drives, then the torque errors."""
+    drives = drives_table(result)
+    return [*map(link_table, result.legs), *([drives] if drives.groups else []), rmse_table(result)]
 
 
 def rmse_table(result: Identification) -> TableData:
     """Torque errors of each joint under each model, and over all joints."""
     part = evaluated_part(result)
     where = result.validated_on if part == "validation" and result.validated_on else "the training data themselves"
-    head = ("joint", "torque RMS", *(MODEL_NAMES[model] for model in _COMPARED), "against CAD + friction")
+    head = ("joint", "torque RMS", *MODEL_NAMES.values(), "against CAD + friction")
     legs: dict[str, list[list[Cell]]] = {}
     for leg in result.legs:
         errors, rms = leg.rmse.get(part, {}), torque_rms(leg, part)
         legs[leg.leg.name] = [
-            _rmse_row(joint, {m: errors[m][joint] for m in MODELS if joint in errors.get(m, {})}, rms.get(joint))
+            _rmse_row(joint, {m: found[joint] for m, found in errors.items() if joint in found}, rms.get(joint))
             for joint in leg.leg.joints
         ]
     body = legs | {"all": [_rmse_row("all joints", overall_rmse(result, part))]}
     return TableData.of(f"Torque RMSE [N·m] on {where}", head, body)
 
 
+def _rmse_row(joint: str, errors: dict[str, float], rms: float | None = None) -> list[Cell]:
+    strong = joint == "all joints"
+    cells = [Cell(number(errors[model], 3) if model in errors else "", strong=strong) for model in MODEL_NAMES]
+    return [Cell(joint, strong=strong), Cell("" if rms is None else number(rms, 3)), *cells, _against_cad(errors)]
+
+
+def _against_cad(errors: dict[str, float]) -> Cell:
+    """How much smaller an error is than that of CAD with fitted friction."""
+    if not {"identified", "prior_friction"} <= errors.keys():
+        return Cell("")
+    found, cad = errors["identified"], errors["prior_friction"]
+    return Cell(compared(found, cad), good=found <= cad)
+
+
 def link_tables(leg: LegIdentification) -> Iterator[TableData]:
     """Each link's mass, centre of mass and inertia, one table per link."""
     for link in leg.leg.links:
-        yield quantity_table(link, [row(name, q) for name, q in link_quantities(leg, link)])
-
-
-def joint_tables(leg: LegIdentification) -> Iterator[TableData]:
-    """Each joint's rotor inertia, friction and torque offset, one table per joint."""
-    for joint, terms in joint_quantities(leg).items():
-        yield quantity_table(joint, [row(term, q, "prior") for term, q in terms.items()], "prior")
+        yield _quantity_table(link, [_row(name, q) for name, q in _link_quantities(leg, link).items()])
 
 
 def combination_table(leg: LegIdentification) -> TableData:
     """Combinations of parameters that this kind of motion can determine."""
-    rows = [row(c.text, Quantity(c.prior, c.value, c.std, c.verdict, c.unit), "prior") for c in leg.combinations]
-    return quantity_table("Identifiable combinations of parameters", rows, "prior", "combination")
+    rows = [_row(c.text, Quantity(c.prior, c.value, c.std, c.verdict, c.unit), "prior") for c in leg.combinations]
+    return _quantity_table("Identifiable combinations of parameters", rows, "prior", "combination")
 
 
-def quantity_table(title: str, rows: list[tuple[Cell, ...]], prior: str = "CAD", name: str = "parameter") -> TableData:
+def _quantity_table(title: str, rows: list[tuple[Cell, ...]], prior: str = "CAD", name: str = "parameter") -> TableData:
     """Quantities in rows: prior and identified value."""
     return TableData.of(title, (name, prior, "identified ± std"), rows)
 
 
-def link_quantities(leg: LegIdentification, link: str) -> Iterator[tuple[str, Quantity]]:
+def _link_quantities(leg: LegIdentification, link: str) -> dict[str, Quantity]:
     """Mass, centre of mass and inertia of a link, by name."""
-    yield "mass", leg.parameters[f"{link}.m"]
-    yield from ((f"com {axis}", quantity) for axis, quantity in zip("xyz", leg.coms[link], strict=True))
-    yield from ((name, leg.parameters[f"{link}.{name}"]) for name in ORDER[4:])
+    com = {f"com {axis}": quantity for axis, quantity in zip("xyz", leg.coms[link], strict=True)}
+    return {"mass": leg.parameters[f"{link}.m"], **com, **{n: leg.parameters[f"{link}.{n}"] for n in ORDER[4:]}}
 
 
-def joint_quantities(leg: LegIdentification) -> dict[str, dict[str, Quantity]]:
+def _joint_quantities(leg: LegIdentification) -> dict[str, dict[str, Quantity]]:
     """Identified quantities by joint and term."""
     terms: dict[str, dict[str, Quantity]] = {}
     for name, quantity in leg.parameters.items():
@@ -137,30 +166,16 @@ def joint_quantities(leg: LegIdentification) -> dict[str, dict[str, Quantity]]:
     return terms
 
 
-def _rmse_row(joint: str, errors: dict[str, float], rms: float | None = None) -> list[Cell]:
-    strong, compared = joint == "all joints", Cell("")
-    if {"identified", "prior_friction"} <= errors.keys():
-        worse = errors["identified"] > errors["prior_friction"]
-        change = percent(errors["identified"], errors["prior_friction"])
-        compared = Cell(f"{change} {'worse' if worse else 'better'}", good=not worse)
-    cells = [Cell(number(errors[model], 3) if model in errors else "", strong=strong) for model in _COMPARED]
-    return [Cell(joint, strong=strong), Cell("" if rms is None else number(rms, 3)), *cells, compared]
-
-
-_WORDS = {"bad": "problem", "warning": "warning", "note": "note"}
-
-
 def identification_tables(result: Identification) -> Iterator[RenderableType]:
-    """Links and joints of each leg, torque errors, then remarks and verdict.
+    """Links of each leg, drives, torque errors, then remarks and verdict.
 
     The verdict comes last, since a terminal shows the end of the output.
     """
-    for leg in result.legs:
-        yield rich_table(marked(link_table(leg), result.trust))
-        if any(name.split(".")[0] in leg.leg.joints for name in leg.estimate.columns):
-            yield rich_table(marked(joint_table(leg), result.trust))
+    *found, errors = tables(result)
+    yield from (rich_table(marked(table, result.trust)) for table in found)
     yield legend(f"({LINK_FRAMES}; in square brackets: the prior)")
-    yield rich_table(rmse_table(result))
+    yield rich_table(errors)
     for remark in reversed(remarks(result)):
-        yield Text(f"{_WORDS[remark.level]}: {remark.text}", style=STYLES[remark.level])
+        word = {"bad": "problem"}.get(remark.level, remark.level)
+        yield Text(f"{word}: {remark.text}", style=STYLES[remark.level])
     yield Text(verdict(result), style="bold" if result.trust.verdict == "good" else STYLES[level(result)])

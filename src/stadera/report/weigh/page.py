@@ -65,18 +65,6 @@ def _hidden(result: Weighing) -> str | None:
 
 
 _VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forces, for the log has no IMU"}
-_TERMS = {
-    "Trunk": "The base link of the model with all that is fixed to it or lies on it. Centres of mass are in its frame.",
-    "±": "One standard deviation, from sensor noise and from errors that stay the same over the log (torque offsets, "
-    "accelerometer bias); plots show two.",
-    "Not observed": "Motion shows what it excites: a robot that stands still and level does not show how high its "
-    "centre of mass is, nor its inertia.",
-    "Payload": "What was added since the tare. Errors that both have in common cancel, so it is known better.",
-    "Change": "A time from which on the load found so far no longer explains the log, by more than noise can. The only "
-    "change since a tare is the payload. Dotted in the plots; shaded: not used.",
-    "Trust": "Good: error bars hold. Doubtful: a reason speaks against them. Bad: no figure is to be relied on. The "
-    "misfit is the residuals' variance over the stated one, 1 if model and noise are right.",
-}
 
 
 def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
@@ -97,18 +85,17 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
         lists=list(_lists(result)),
         facts=_facts(result),
         notes=result.notes,
-        terms=_TERMS,
     )
 
 
 def _lists(result: Weighing) -> Iterator[tuple[object, int]]:
     """Tables, each with the number of rows omitted."""
     if result.changes:
-        yield tables.changes_table(result, SHOWN.rows), max(len(result.changes) - SHOWN.rows, 0)
+        yield tables.changes_table(result, SHOWN.rows), len(result.changes) - SHOWN.rows
     if (drives := tables.drives_table(result)) is not None:
         yield drives, 0
     if result.refusals:
-        yield tables.refusals_table(result, SHOWN.rows), max(len(result.refusals) - SHOWN.rows, 0)
+        yield tables.refusals_table(result, SHOWN.rows), len(result.refusals) - SHOWN.rows
 
 
 def _facts(result: Weighing) -> dict[str, str]:
@@ -120,12 +107,7 @@ def _facts(result: Weighing) -> dict[str, str]:
         "Method": f"{result.method}: {method_of(result.method).summary}",
         "State": result.status,
     }
-    if result.torque_lag is not None:
-        facts["Torques"] = tables.lag_text(result.torque_lag)
-    if result.spikes is not None:
-        facts["Outliers"] = tables.spikes_text(result.spikes)
-    if result.impacts:
-        facts["Impacts"] = tables.impacts_text(result.impacts)
+    facts |= tables.processing(result)
     if (vertical := result.vertical) is not None:
         facts["Vertical"] = f"{_VERTICAL[vertical.source]}, ±{degrees(vertical.tilt_std):.2g}°"
     return facts

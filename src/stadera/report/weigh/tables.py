@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 
 _HEAD = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
-_TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # the order of `stadera.inertia.ORDER`
 
 
 def place(com: Array, std: Array) -> tuple[str, str, str]:
@@ -64,19 +63,18 @@ def step_text(step: NextStep) -> str:
     return f"{step.do[:1].upper()}{step.do[1:]}: then ± {number(step.payload_std, 2)} kg."
 
 
-def lag_text(lag: tuple[float, float]) -> str:
-    """Delay of the torques."""
-    return f"torques arrive {with_std(1e3 * lag[0], 1e3 * lag[1])} ms late, which is allowed for"
-
-
-def spikes_text(count: int) -> str:
-    """Number of samples with spikes."""
-    return f"{count} {'sample' if count == 1 else 'samples'} with single wild values, which were replaced"
-
-
-def impacts_text(seconds: float) -> str:
-    """Time left out for impacts."""
-    return f"{seconds:.2f} s left out: impacts that the log's rate does not resolve"
+def processing(result: Weighing) -> dict[str, str]:
+    """What was found and corrected in the log, by subject."""
+    found = {}
+    if result.torque_lag is not None:
+        lag, std = result.torque_lag
+        found["Torques"] = f"torques arrive {with_std(1e3 * lag, 1e3 * std)} ms late, which is allowed for"
+    if result.spikes:
+        samples = "sample" if result.spikes == 1 else "samples"
+        found["Outliers"] = f"{result.spikes} {samples} with single wild values, which were replaced"
+    if result.impacts:
+        found["Impacts"] = f"{result.impacts:.2f} s left out: impacts that the log's rate does not resolve"
+    return found
 
 
 def bodies_table(result: Weighing, truth: Truth | None = None) -> TableData:
@@ -89,17 +87,15 @@ def inertia_table(result: Weighing) -> TableData | None:
     found, prior, payload = result.trunk, result.robot.inertias[result.robot.trunk], result.payload
     rows: dict[str, list[tuple[str | Cell, ...]]] = {}
     if found.observed[4:].all():
-        about = f"trunk with all on it, frame {result.robot.trunk!r}, about the frame's origin, its axes"
-        rows[about] = [
+        rows[f"trunk with all on it, frame {result.robot.trunk!r}, about the frame's origin, its axes"] = [
             ("CAD", *map(number, prior.vector[4:].tolist())),
-            _tensor_row(result, found.inertial.vector[4:], found.inertia_std),
+            ("found", *_cells(result, found.inertial.vector[4:], found.inertia_std)),
         ]
     if payload is not None and payload.inertia is not None and payload.inertia_std is not None:
-        tensor = np.array([payload.inertia[i, j] for i, j in _TENSOR])
+        tensor = payload.inertia[np.triu_indices(3)]  # in the order of `stadera.inertia.ORDER`
         about = f"payload, about its own centre of mass, axes of {result.robot.trunk!r}"
-        rows[about] = [_tensor_row(result, tensor, payload.inertia_std)]
-    head = ("inertia [kg·m²]", *ORDER[4:])
-    return TableData.of("Inertia", head, rows) if rows else None
+        rows[about] = [("found", *_cells(result, tensor, payload.inertia_std))]
+    return TableData.of("Inertia", ("inertia [kg·m²]", *ORDER[4:]), rows) if rows else None
 
 
 def inertia_missing(result: Weighing) -> str:
@@ -120,21 +116,20 @@ def tables(result: Weighing) -> list[TableData]:
 
 
 def drives_table(result: Weighing) -> TableData | None:
-    """Rotor inertia, friction and offset by joint where the motion told them; None where it told nothing."""
+    """Rotor inertia, friction and offset by joint where the motion determines them; None where it determines none."""
     drives = result.drives
     if drives is None or not drives.observed.any():
         return None
     rows = []
     for j, joint in enumerate(drives.joints):
-        row = zip(drives.value[j], drives.std[j], drives.observed[j], strict=True)
-        cells = (_marked(result, with_std(v, s)) if seen else "not observed" for v, s, seen in row)
-        rows.append((joint, *cells))
+        std = np.where(drives.observed[j], drives.std[j], np.nan)
+        rows.append((joint, *_cells(result, drives.value[j], std)))
     head = ("joint", "rotor inertia [kg·m²]", "viscous [N·m·s/rad]", "Coulomb [N·m]", "torque offset [N·m]")
-    return TableData.of("Drives, as the motion told them", head, rows)
+    return TableData.of("Drives, as far as the motion determines them", head, rows)
 
 
 def drives_text(result: Weighing) -> str:
-    """How many drives the motion told; empty if none."""
+    """How many drives the motion determines; empty if none."""
     if result.drives is None or not result.drives.observed.any():
         return ""
     rotors, _, frictions, _ = result.drives.observed.sum(axis=0).tolist()
@@ -147,7 +142,7 @@ def drives_text(result: Weighing) -> str:
 def changes_table(result: Weighing, most: int | None = None) -> TableData:
     """The changes of the load, the first `most` of them."""
     rows = (
-        (f"{c.time:.2f}", f"{c.noticed:.2f}", c.kind, _marked(result, with_std(c.mass, c.mass_std)))
+        (f"{c.time:.2f}", f"{c.noticed:.2f}", c.kind, *_cells(result, np.array([c.mass]), np.array([c.mass_std])))
         for c in result.changes[:most]
     )
     return TableData.of("Changes of the load", ("about [s]", "noticed [s]", "kind", "mass [kg]"), rows, sides="rrlr")
@@ -162,11 +157,11 @@ def refusals_table(result: Weighing, most: int) -> TableData:
 def _bodies(result: Weighing, truth: Truth | None) -> Iterator[tuple[str | Cell, ...]]:
     prior, payload = result.robot.inertias[result.robot.trunk], result.payload
     yield "trunk, CAD", number(prior.mass), *_exact(prior.com)
-    found = (with_std(result.mass, result.mass_std), *place(result.com, result.com_std))
-    yield "trunk with all on it", *(_marked(result, text) for text in found)
+    found = np.array([result.mass, *result.com]), np.array([result.mass_std, *result.com_std])
+    yield "trunk with all on it", *_cells(result, *found)
     if payload is not None:
-        found = (with_std(payload.mass, payload.mass_std), *place(payload.com, payload.com_std))
-        yield "payload since the tare", *(_marked(result, text) for text in found)
+        found = np.array([payload.mass, *payload.com]), np.array([payload.mass_std, *payload.com_std])
+        yield "payload since the tare", *_cells(result, *found)
     if truth is not None:
         moment = truth.at(result.time)
         yield "truth: trunk with all on it", number(moment.mass), *_exact(moment.com)
@@ -174,12 +169,10 @@ def _bodies(result: Weighing, truth: Truth | None) -> Iterator[tuple[str | Cell,
             yield "truth: payload", number(moment.payload_mass), *_exact(moment.payload_com)
 
 
-def _tensor_row(result: Weighing, values: Array, std: Array) -> tuple[str | Cell, ...]:
-    return "found", *(_marked(result, with_std(v, s)) for v, s in zip(values.tolist(), std.tolist(), strict=True))
-
-
-def _marked(result: Weighing, figure: str) -> Cell:
-    return Cell(figure) if result.is_trusted else Cell(figure, good=False, note=UNTRUSTED)
+def _cells(result: Weighing, values: Array, std: Array) -> list[Cell]:
+    """Values with their standard deviations, marked if the result cannot be trusted."""
+    texts = map(with_std, values.tolist(), std.tolist())
+    return [Cell(text) if result.is_trusted else Cell(text, good=False, note=UNTRUSTED) for text in texts]
 
 
 def _exact(com: Iterable[float]) -> tuple[str, str, str]:
@@ -197,16 +190,8 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
         yield rich_table(inertia)
     if result.changes:
         yield rich_table(changes_table(result))
-    if missing := inertia_missing(result):
-        yield Text(missing, style="dim")
-    if result.torque_lag is not None:
-        yield Text(lag_text(result.torque_lag), style="dim")
-    if drives := drives_text(result):
-        yield Text(drives, style="dim")
-    if result.spikes:
-        yield Text(spikes_text(result.spikes), style="dim")
-    if result.impacts:
-        yield Text(impacts_text(result.impacts), style="dim")
+    said = (inertia_missing(result), *processing(result).values(), drives_text(result))
+    yield from (Text(text, style="dim") for text in said if text)
     yield from notes(result.notes)
     yield from _refusals(result)
     yield from (Text(step_text(step), style="yellow") for step in next_steps(result))

@@ -14,6 +14,10 @@
   };
   draw();
   for (const query of [dark, narrow]) query.addEventListener("change", () => draw());
-  addEventListener("beforeprint", () => draw({width: 680, autosize: false}));
+  document.addEventListener("toggle", () => dispatchEvent(new Event("resize")), true);  // what was folded has no width
+  addEventListener("beforeprint", () => {
+    for (const folded of document.querySelectorAll("details")) folded.open = true;
+    draw({width: 680, autosize: false});
+  });
   addEventListener("afterprint", () => draw());
 })();
