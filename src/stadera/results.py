@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from math import isfinite
@@ -60,8 +61,6 @@ class Result(ABC):
 
     def save_json(self, path: str | PathLike[str]) -> None:
         """Writes `to_dict` as JSON."""
-        from stadera.report.json import json_text
-
         _save(path, json_text(self.to_dict()))
 
     def save_html(self, path: str | PathLike[str]) -> None:
@@ -88,6 +87,11 @@ def data_frame(columns: Mapping[str, Any]) -> Any:
     except ImportError:
         raise MissingExtraError("pandas", "dataframe", "a data frame") from None
     return pd.DataFrame(columns)
+
+
+def json_text(value: Any) -> str:
+    """Indented JSON with a newline at the end. ValueError for NaN and infinity."""
+    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _save(path: str | PathLike[str], text: str) -> None:

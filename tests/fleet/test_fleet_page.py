@@ -10,7 +10,7 @@ import pytest
 
 from stadera.fleet.series import by_robot, series_of
 from stadera.fleet.table import COLUMNS, FleetTable
-from stadera.report.json import json_text
+from stadera.results import json_text
 
 
 def fleet(robots: int, logs: int, joints: bool = False, since: float = 1.75e9) -> FleetTable:

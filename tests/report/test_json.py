@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from stadera.inertia import ORDER
-from stadera.report.json import json_text
+from stadera.results import json_text
 
 
 def test_values_are_the_estimates(result):

@@ -145,7 +145,7 @@ def json_of(make: Callable[[], Any]) -> Writer:
     """Writer of plain values as JSON, computed only if the file is requested."""
 
     def fill(draft: Path) -> None:
-        from stadera.report.json import json_text
+        from stadera.results import json_text
 
         write_text(draft, json_text(make()))
 

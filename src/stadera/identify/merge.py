@@ -75,7 +75,7 @@ class MergedLegs:
 
     def save_json(self, path: str | PathLike[str]) -> None:
         """Writes `to_dict` as JSON; StaderaError if the path cannot be written."""
-        from stadera.report.json import json_text
+        from stadera.results import json_text
 
         with written_together([path]) as (draft,):
             write_text(draft, json_text(self.to_dict()))

@@ -10,8 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stadera.report.numbers import number
-from stadera.report.shown import SHOWN
-from stadera.report.table import Cell, TableData
+from stadera.report.table import SHOWN, Cell, TableData
 from stadera.report.terminal import notes, rich_table
 
 if TYPE_CHECKING:

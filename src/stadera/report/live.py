@@ -13,7 +13,7 @@ from rich.text import Text
 
 from stadera.live.state import LiveState
 from stadera.report.numbers import number, with_scale, with_std
-from stadera.report.shown import SHOWN
+from stadera.report.table import SHOWN
 from stadera.report.trust import trust_text
 from stadera.types import Array
 

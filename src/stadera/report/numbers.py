@@ -56,6 +56,11 @@ def compared(new: float, old: float, words: tuple[str, str] = ("better", "worse"
     return f"{100.0 * abs(new / old - 1.0):.0f} % {words[0] if new <= old else words[1]}"
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things, as "1 log" and "2 logs"."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
 def _minus(text: str) -> str:
     return text.replace("-", "−")
 

@@ -11,8 +11,7 @@ from rich.text import Text
 from stadera.lab.experiments.result import ExperimentResult, Record, Skipped
 from stadera.report.numbers import number
 from stadera.report.page import render
-from stadera.report.shown import SHOWN
-from stadera.report.table import Cell, TableData
+from stadera.report.table import SHOWN, Cell, TableData
 from stadera.report.terminal import legend, rich_table
 
 _WORDS = {True: "met", False: "NOT met", None: ""}

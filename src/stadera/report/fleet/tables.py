@@ -12,8 +12,7 @@ from stadera.fleet.departures import Departure, departures
 from stadera.fleet.series import LogRow, by_robot, series_of, when
 from stadera.fleet.table import FleetTable
 from stadera.report.numbers import number, with_std
-from stadera.report.shown import SHOWN
-from stadera.report.table import Cell, Row, TableData
+from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.report.terminal import rich_table
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from stadera.report.numbers import number
 from stadera.report.page import render
-from stadera.report.shown import SHOWN
+from stadera.report.table import SHOWN
 from stadera.report.trust import LEVELS, trust_reasons
 from stadera.report.weigh import plots, tables
 from stadera.trunk.registry import method_of

@@ -15,7 +15,6 @@ from stadera.weigh.result import Balance, Weighing
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
 
-_AROUND = (0, 1, 3, 2)  # LF, RF, RH, LH: the feet in a row around the robot
 _MARGIN = 0.005  # m, around the enlarged area
 _LARGEST = 46.0  # px, the marker of the most loaded foot
 
@@ -58,7 +57,9 @@ def _level_panel(marks: tuple[Series, ...], low: Array, high: Array, title: str,
 def _stance(result: Weighing, balance: Balance) -> Iterator[Series]:
     """The polygon between the loaded feet, and their forces."""
     feet = balance.level(balance.feet)
-    standing = [k for k in _AROUND if balance.stance[k]]
+    standing = np.flatnonzero(balance.stance)
+    from_middle = feet[standing] - feet[standing].mean(axis=0)
+    standing = standing[np.argsort(np.arctan2(from_middle[:, 1], from_middle[:, 0]))]  # in a row around the robot
     outline = feet[[*standing, standing[0]]]
     yield Series(outline[:, 0], outline[:, 1], "support polygon", "steel", 1.5, fill="self")
     names = [leg.name for leg in result.robot.legs]
@@ -100,39 +101,28 @@ def _point(at: Array, name: str, marker: str, colour: str) -> Iterator[Series]:
 
 def payload_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
     """The payload's mass since the tare with two standard deviations; None if it was not tracked."""
-    time, found = result.timeline.time, result.timeline.payload
-    if found is None:
+    if (found := result.timeline.payload) is None:
         return None
-    marks = [band(time, *found.T), _curve(time, found[:, 0], "payload since the tare")]
-    if truth is not None:
-        marks.append(_true(truth, result, [m.payload_mass or 0.0 for m in truth.moments]))
-    axis = Axis("payload [kg]", limits=_room(*found.T))
-    return _over_time(result, "Payload over time", axis, tuple(marks), "As known at that time.")
+    true = None if truth is None else [m.payload_mass or 0.0 for m in truth.moments]
+    panel = _panel(result, "payload [kg]", "payload since the tare", found[:, 0], found[:, 1], truth, true)
+    return Figure("Payload over time", ((panel,),), "As known at that time.", 300.0)
 
 
 def mass_figure(result: Weighing, truth: Truth | None = None) -> Figure:
     """Mass of the trunk over time with two standard deviations, the changes, and the truth."""
-    line_ = result.timeline
-    marks = [band(line_.time, line_.mass, line_.mass_std), _curve(line_.time, line_.mass, "trunk with all on it")]
-    if truth is not None:
-        marks.append(_true(truth, result, [m.mass for m in truth.moments]))
+    line_, true = result.timeline, None if truth is None else [m.mass for m in truth.moments]
+    panel = _panel(result, "trunk's mass [kg]", "trunk with all on it", line_.mass, line_.mass_std, truth, true)
     note = "As known at that time." if result.torque_lag is not None else "Of each block at rest alone."
-    axis = Axis("trunk's mass [kg]", limits=_room(line_.mass, line_.mass_std))
-    return _over_time(result, "Mass over time", axis, tuple(marks), note)
+    return Figure("Mass over time", ((panel,),), note, 300.0)
 
 
 def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
     """Centre of mass over time as estimated then, with two standard deviations, and the truth; None if not observed."""
-    time, com, std = result.timeline.time, result.timeline.com, result.timeline.com_std
-    panels = []
+    com, std, panels = result.timeline.com, result.timeline.com_std, []
     for k in range(3):
-        if not np.isfinite(com[:, k]).any():
-            continue
-        marks = [band(time, com[:, k], std[:, k]), _curve(time, com[:, k], "found")]
-        if truth is not None:
-            marks.append(_true(truth, result, [m.com[k] for m in truth.moments]))
-        axis = Axis(f"com {'xyz'[k]} [m]", limits=_room(com[:, k], std[:, k]))
-        panels.append(Panel(_time(result), axis, tuple(marks), _changes(result)))
+        if np.isfinite(com[:, k]).any():
+            true = None if truth is None else [m.com[k] for m in truth.moments]
+            panels.append(_panel(result, f"com {'xyz'[k]} [m]", "found", com[:, k], std[:, k], truth, true))
     note = "As known at that time; a gap where it was not."
     if result.torque_lag is None:
         note += (
@@ -147,16 +137,22 @@ def force_figure(result: Weighing) -> Figure | None:
     if (load := result.timeline.load) is None:
         return None
     marks = tuple(
-        _curve(result.timeline.time, load[:, k], leg.name, LEGS[k]) for k, leg in enumerate(result.robot.legs)
+        line(result.timeline.time, load[:, k], leg.name, LEGS[k % len(LEGS)]) for k, leg in enumerate(result.robot.legs)
     )
-    axis = Axis("vertical force [N]", zero=True)
-    return _over_time(result, "Forces of the ground", axis, marks, "Vertical, from joint torques.")
+    panel = Panel(_time(result), Axis("vertical force [N]", zero=True), marks, _guides(result))
+    return Figure("Forces of the ground", ((panel,),), "Vertical, from joint torques.", 300.0)
 
 
-def _over_time(result: Weighing, title: str, quantity: Axis, marks: tuple[Series, ...], note: str) -> Figure:
-    refused = tuple(Guide(r.begin, r.end, colour="amber", name="not used") for r in result.refusals)
-    panel = Panel(_time(result), quantity, marks, (*refused, *_changes(result)))
-    return Figure(title, ((panel,),), note, 300.0)
+def _panel(
+    result: Weighing, quantity: str, name: str, values: Array, std: Array, truth: Truth | None, true: list[float] | None
+) -> Panel:
+    """A quantity (k,) over the timeline with two standard deviations, and its true values at the truth's moments."""
+    time = result.timeline.time
+    marks = [band(time, values, std), line(time, values, name, width=1.8)]
+    if truth is not None and true is not None:
+        times = np.array([*(m.time for m in truth.moments), result.end])
+        marks.append(Series(times, np.array([*true, true[-1]]), "truth", "green", 1.5, dashed=True, stairs="hold"))
+    return Panel(_time(result), Axis(quantity, limits=_room(values, std)), tuple(marks), _guides(result))
 
 
 def _room(values: Array, std: Array) -> tuple[float, float] | None:
@@ -175,14 +171,6 @@ def _time(result: Weighing) -> Axis:
     return Axis("time [s]", limits=(result.begin, result.end))
 
 
-def _changes(result: Weighing) -> tuple[Guide, ...]:
-    return tuple(Guide(change.time, name="change of the load") for change in result.changes)
-
-
-def _curve(time: Array, values: Array, name: str, colour: str = "blue") -> Series:
-    return line(time, values, name, colour, width=1.8)
-
-
-def _true(truth: Truth, result: Weighing, values: list[float]) -> Series:
-    times = np.array([*(m.time for m in truth.moments), result.end])
-    return Series(times, np.array([*values, values[-1]]), "truth", "green", 1.5, dashed=True, stairs="hold")
+def _guides(result: Weighing) -> tuple[Guide, ...]:
+    refused = (Guide(r.begin, r.end, colour="amber", name="not used") for r in result.refusals)
+    return (*refused, *(Guide(change.time, name="change of the load") for change in result.changes))

@@ -11,8 +11,7 @@ from rich.text import Text
 
 from stadera.inertia import ORDER
 from stadera.report.numbers import number, with_scale, with_std
-from stadera.report.shown import SHOWN
-from stadera.report.table import Cell, TableData
+from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.report.terminal import notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, UNTRUSTED, trust_text
 from stadera.types import Array
@@ -120,7 +119,7 @@ def drives_table(result: Weighing) -> TableData | None:
     drives = result.drives
     if drives is None or not drives.observed.any():
         return None
-    rows = []
+    rows: list[Row] = []
     for j, joint in enumerate(drives.joints):
         std = np.where(drives.observed[j], drives.std[j], np.nan)
         rows.append((joint, *_cells(result, drives.value[j], std)))
@@ -141,10 +140,10 @@ def drives_text(result: Weighing) -> str:
 
 def changes_table(result: Weighing, most: int | None = None) -> TableData:
     """The changes of the load, the first `most` of them."""
-    rows = (
+    rows: list[Row] = [
         (f"{c.time:.2f}", f"{c.noticed:.2f}", c.kind, *_cells(result, np.array([c.mass]), np.array([c.mass_std])))
         for c in result.changes[:most]
-    )
+    ]
     return TableData.of("Changes of the load", ("about [s]", "noticed [s]", "kind", "mass [kg]"), rows, sides="rrlr")
 
 
