@@ -25,7 +25,7 @@ from rich.console import Console
 
 from stadera.errors import StaderaError
 from stadera.files import write_text
-from stadera.lab.experiments.reality.runs import toppled
+from stadera.lab.experiments.reality import toppled
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.report.table import TableData

@@ -69,9 +69,8 @@ from stadera.fleet.pool import Pool
 from stadera.inertia import InertialParameters
 from stadera.lab.control.planner.feet import PlanError
 from stadera.lab.control.trunk import ControlError
-from stadera.lab.experiments.grid import run_grid
-from stadera.lab.experiments.reality.runs import HOW, RealityCase
-from stadera.lab.experiments.reality.study import ROBOTS, SCENARIOS, SHARES
+from stadera.lab.experiments.reality import HOW, ROBOTS, SCENARIOS, SHARES, RealityCase
+from stadera.lab.experiments.runner import run_grid
 from stadera.lab.plant import SimulationError
 from stadera.lab.reality.draw import REAL_SETS
 from stadera.report.terminal import rich_table

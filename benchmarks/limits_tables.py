@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stadera.lab.experiments.reality.runs import RealityCase
+from stadera.lab.experiments.reality import RealityCase
 from stadera.report.table import TableData
 from stadera.types import Array
 

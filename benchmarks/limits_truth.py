@@ -15,7 +15,7 @@ import numpy as np
 from stadera.body.friction import JointFriction, joint_columns
 from stadera.body.statics import LegModel
 from stadera.inertia import InertialParameters
-from stadera.lab.experiments.reality.runs import RealityCase, case_settings, real_log
+from stadera.lab.experiments.reality import RealityCase, case_settings, real_log
 from stadera.lab.reality.draw import Range, RealSizes
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings

@@ -28,7 +28,7 @@ from rich.console import Console
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
 from stadera.files import write_text
-from stadera.lab.experiments.reality.runs import toppled
+from stadera.lab.experiments.reality import toppled
 from stadera.lab.plant import OutsideForce, Tray
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import SimulateSettings

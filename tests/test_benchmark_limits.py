@@ -18,7 +18,7 @@ from limits_truth import ErrorLaw, Truths, law_of_errors, true_errors, true_trun
 
 from layout import ERRORS, PLACES
 from stadera.inertia import InertialParameters
-from stadera.lab.experiments.reality.runs import RealityCase
+from stadera.lab.experiments.reality import RealityCase
 from stadera.lab.reality.draw import REAL_SETS, drawn
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings

@@ -14,7 +14,7 @@ from stadera.checks.footing import Footing
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.torque_order import slopes, swapped_in_motion
-from stadera.lab.experiments.faults.forces import FORCES
+from stadera.lab.experiments.fault_kinds import FORCES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording

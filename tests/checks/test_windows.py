@@ -11,7 +11,7 @@ import pytest
 from stadera.checks.leg_windows import leg_faults, window_faults, with_verdicts
 from stadera.checks.limits import WindowLimits
 from stadera.errors import UntrustedError
-from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
+from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording

@@ -14,8 +14,8 @@ import pytest
 from browser import CHROMIUM, SCREEN, measure
 from stadera.identify.observability import Identifiability
 from stadera.lab.experiments import Experiment, ExperimentResult, Record, registry
-from stadera.lab.experiments.legs.real_logs import MissingDataError
-from stadera.lab.experiments.paper import Paper
+from stadera.lab.experiments.legs import MissingDataError
+from stadera.lab.experiments.runner import Paper
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, TableData
 

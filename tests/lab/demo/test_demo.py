@@ -18,7 +18,7 @@ from stadera.cli import main
 from stadera.errors import StaderaError
 from stadera.lab.demo import DemoResult, DemoSettings, one_run, run_demo
 from stadera.lab.demo.schema import known_after, true_load
-from stadera.lab.experiments.moving.outcome import WalkOutcome
+from stadera.lab.experiments.loaded_walk import WalkOutcome
 from stadera.lab.plant.payload import Tray
 from stadera.lab.report.demo.page import demo_html
 from stadera.lab.report.demo.scene import packed, robot_parts, scene

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from stadera.lab.experiments.legs.recovery import Recovery
-from stadera.lab.experiments.legs.runs import QUICK, LegRuns
+from stadera.lab.experiments.legs import QUICK, LegRuns
+from stadera.lab.experiments.table1 import Recovery
 
 
 @pytest.fixture(scope="session")

@@ -9,10 +9,21 @@ import numpy as np
 import pytest
 from scipy.stats import poisson
 
-from stadera.lab.experiments.moving.alarms import GAITS, ROBOTS, SEEDS, cases, highest_rate, summary
-from stadera.lab.experiments.moving.motion import Gait
-from stadera.lab.experiments.moving.schedule import DOING, Activity, AlarmCase, schedule, watch
-from stadera.lab.experiments.paper import ReproduceSettings
+from stadera.lab.experiments.alarms import (
+    DOING,
+    GAITS,
+    ROBOTS,
+    SEEDS,
+    Activity,
+    AlarmCase,
+    cases,
+    highest_rate,
+    schedule,
+    summary,
+    watch,
+)
+from stadera.lab.experiments.motion import Gait
+from stadera.lab.experiments.runner import ReproduceSettings
 
 
 def stages(gait: Gait, seed: int, seconds: float) -> list[Activity]:

@@ -9,7 +9,7 @@ import pytest
 from stadera.errors import MissingExtraError
 from stadera.identify.observability import Identifiability
 from stadera.lab.experiments import EXPERIMENTS, ExperimentResult, ReproduceSettings
-from stadera.lab.experiments.legs.real_logs import MissingDataError
+from stadera.lab.experiments.legs import MissingDataError
 from stadera.robot import load_robot
 
 QUICK = ReproduceSettings(quick=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,11 @@ import numpy as np
 import pytest
 
 from stadera.fleet.pool import Pool
-from stadera.lab.experiments.faults import runs, study
-from stadera.lab.experiments.faults.forces import FORCES
-from stadera.lab.experiments.faults.runs import CLEAN, FaultCase, LogCase, weigh_faulty
-from stadera.lab.experiments.faults.signals import SIGNAL_FAULTS
-from stadera.lab.experiments.paper import ReproduceSettings
+from stadera.lab.experiments import faults
+from stadera.lab.experiments.fault_kinds import FORCES, SIGNAL_FAULTS
+from stadera.lab.experiments.faults import CLEAN, LOAD, FaultCase, FaultyLog, LogCase, cases, weigh_faulty
+from stadera.lab.experiments.result import ExperimentResult
+from stadera.lab.experiments.runner import ReproduceSettings, run_grid
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
@@ -35,16 +36,18 @@ def outcome(status: str, error: float = 0.0, **more: Any) -> dict[str, Any]:
 
 
 def summary(*entries: tuple[str, dict[str, Any]]) -> dict[str, float]:
-    found = study.summary([FaultCase(LOG, fault) for fault, _ in entries], [o for _, o in entries])
+    grid = [FaultyLog(LOG, (fault,)) for fault, _ in entries]
+    found = faults.summary(grid, [{"fell": None, "faults": {fault: o}} for fault, o in entries])
     return {f"{record.case['faults']}, {record.metric}": record.value for record in found.records}
 
 
 def test_the_grid_has_every_fault_for_every_robot_motion_and_seed() -> None:
-    grid = study.cases(ReproduceSettings())
-    assert len(grid) == len(set(grid)) == 6 * 4 * 8 * (1 + len(SIGNAL_FAULTS) + len(FORCES)) > 10_000
-    assert {case.log.share for case in grid} == {0.0, study.LOAD}
-    assert len(study.cases(ReproduceSettings(quick=True))) > 200
-    pushed = [case for case in grid if case.fault in FORCES]
+    grid = cases(ReproduceSettings())
+    weighings = [FaultCase(case.log, fault) for case in grid for fault in case.faults]
+    assert len(weighings) == len(set(weighings)) == 6 * 4 * 8 * (1 + len(SIGNAL_FAULTS) + len(FORCES)) > 10_000
+    assert {case.log.share for case in weighings} == {0.0, LOAD}
+    assert sum(len(case.faults) for case in cases(ReproduceSettings(quick=True))) > 200
+    pushed = [case for case in weighings if case.fault in FORCES]
     assert all(case.log.force == case.fault and not case.log.share for case in pushed)
 
 
@@ -68,24 +71,27 @@ def test_only_faults_that_a_log_can_show_are_counted_against_it() -> None:
 
 def test_sides_are_hidden_where_nothing_moves_alone() -> None:
     swapped, swaying = "whole left and right legs swapped", LogCase("go2", "shake", 0)
-    assert runs.hidden(FaultCase(LOG, swapped))
-    assert not runs.hidden(FaultCase(swaying, swapped))
-    assert runs.hidden(FaultCase(swaying, "a person carries a tenth"))
-    assert not runs.hidden(FaultCase(LOG))
+    assert FaultCase(LOG, swapped).hidden
+    assert not FaultCase(swaying, swapped).hidden
+    assert FaultCase(swaying, "a person carries a tenth").hidden
+    assert not FaultCase(LOG).hidden
 
 
 def test_a_part_of_it_is_run_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    grid = [FaultCase(LOG, fault) for fault in (CLEAN, "accelerometer in g")]
-    settings = ReproduceSettings(keep=tmp_path, pool=Pool(0))
-    first = study.run_cases(grid, settings, lambda *_: None, tmp_path / "logs")
+    grid, weigh = [FaultyLog(LOG, (CLEAN, "accelerometer in g"))], partial(weigh_faulty, logs=tmp_path / "logs")
+
+    def run() -> ExperimentResult:
+        return faults.summary(grid, run_grid("faults", weigh, grid, lambda *_: None, tmp_path, Pool(0)))
+
+    first = run()
     rows = {row[0].text: [cell.text for cell in row[1:]] for _, group in first.tables[3].groups for row in group}
     assert rows[CLEAN][:2] == ["1", "1"]
     assert rows["accelerometer in g"][3] == "1"
     assert len(list((tmp_path / "logs").iterdir())) == 2
-    monkeypatch.setattr(runs, "weigh", None)  # nothing is weighed again
-    again = study.run_cases(grid, settings, lambda *_: None, tmp_path / "logs")
-    assert [record.value for record in again.records] == [record.value for record in first.records]
-    assert weigh_faulty(FaultCase(LOG), tmp_path / "logs")["status"] == "crashed"  # of what is no stadera error
+    monkeypatch.setattr(faults, "weigh", None)  # nothing is weighed again
+    assert [record.value for record in run().records] == [record.value for record in first.records]
+    again = weigh(FaultyLog(LOG, (CLEAN,)))  # by what is no stadera error
+    assert again["faults"][CLEAN]["status"] == "crashed"
 
 
 def test_a_case_is_faulty_in_the_same_way_every_time() -> None:

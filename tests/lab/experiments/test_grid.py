@@ -9,7 +9,7 @@ import pytest
 
 from stadera.errors import StaderaError
 from stadera.fleet.pool import Pool
-from stadera.lab.experiments.grid import Outcome, run_grid
+from stadera.lab.experiments.runner import Outcome, run_grid
 
 
 @dataclass(frozen=True)

@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
-from stadera.lab.experiments import ReproduceSettings
-from stadera.lab.experiments.moving import survival, table5
-from stadera.lab.experiments.moving.loaded_walk import (
+from stadera.lab.experiments import ReproduceSettings, survival, table5
+from stadera.lab.experiments.loaded_walk import (
     CORNERS,
     LoadedWalk,
     LoadedWalkCase,
     Supervision,
+    WalkOutcome,
     box_at,
     corner_of,
     weight_at,
 )
-from stadera.lab.experiments.moving.outcome import WalkOutcome
-from stadera.lab.experiments.moving.survival import SurvivalCase
-from stadera.lab.experiments.moving.table5 import Table5Case
 from stadera.lab.experiments.result import ExperimentResult
+from stadera.lab.experiments.survival import SurvivalCase
 from stadera.lab.plant.payload import Tray
 from stadera.robot import load_robot
 
 HYQ = load_robot("hyq")
-
-
-def silent(what: str, done: int, total: int) -> None:
-    """Nobody watches."""
 
 
 def value(result: ExperimentResult, metric: str, **case: object) -> float:
@@ -73,23 +67,20 @@ def test_a_controller_that_gives_up_leaves_the_drives_braking_until_the_robot_li
     assert 0.1 < outcome.trace.time[-1] < 3.0
 
 
-def test_table5_holds_c_against_the_truth(monkeypatch: pytest.MonkeyPatch):
-    def runs(name: str, run: Any, cases: Sequence[Table5Case], *_: Any) -> list[Mapping[str, Any]]:
-        assert run is table5.weigh_on_the_way
-        return [
-            {
-                "contact": [0.003 * c.seed, 0.0],
-                "contact_as_measured": [0.0, 0.01],
-                "poses": [0.0, 0.001],
-                "truth": [0.0, 0.0],
-                "mass": 61.0 + c.load / 9.81,
-                "true_mass": 61.5 + c.load / 9.81,
-            }
-            for c in cases
-        ]
-
-    monkeypatch.setattr(table5, "run_grid", runs)
-    result = table5.run(ReproduceSettings(), silent)
+def test_table5_holds_c_against_the_truth():
+    cases = table5.cases(ReproduceSettings())
+    outcomes = [
+        {
+            "contact": [0.003 * c.seed, 0.0],
+            "contact_as_measured": [0.0, 0.01],
+            "poses": [0.0, 0.001],
+            "truth": [0.0, 0.0],
+            "mass": 61.0 + c.load / 9.81,
+            "true_mass": 61.5 + c.load / 9.81,
+        }
+        for c in cases
+    ]
+    result = table5.summary(cases, outcomes)
     for load in (0.0, 50.0, 100.0):
         case = {"load [N]": load}
         assert value(result, "(c) to the truth, ‖δ‖, median", **case) == pytest.approx(0.6)
@@ -101,16 +92,11 @@ def test_table5_holds_c_against_the_truth(monkeypatch: pytest.MonkeyPatch):
     assert papers == [0.45, 0.20, 0.32]
 
 
-def test_survival_holds_both_ways_to_the_same_outcome(monkeypatch: pytest.MonkeyPatch):
+def test_survival_holds_both_ways_to_the_same_outcome():
     """Made up: without identification robots are stuck from 200 N on; seed 3 fell with it."""
-
-    def runs(name: str, run: Any, cases: Sequence[SurvivalCase], *_: Any) -> list[Mapping[str, Any]]:
-        assert run is survival.survive
-        assert len(set(cases)) == len(cases)
-        return [_made_up(c) for c in cases]
-
-    monkeypatch.setattr(survival, "run_grid", runs)
-    result = survival.run(ReproduceSettings(), silent)
+    cases = survival.cases(ReproduceSettings())
+    assert len(set(cases)) == len(cases)
+    result = survival.summary(cases, [_made_up(c) for c in cases])
     for metric, known, unknown in (
         ("fell", 1, 0),
         ("stuck or fell", 1, 0),
@@ -124,18 +110,6 @@ def test_survival_holds_both_ways_to_the_same_outcome(monkeypatch: pytest.Monkey
     for load, cells in by_load.items():
         assert all(cell.good is (load < 200.0) for cell in cells)
         assert all(("2 walked" if load < 200.0 else "2 stuck") in cell.text for cell in cells)
-
-
-def test_the_paper_s_case_of_survival_alone(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(survival, "run_grid", lambda name, run, cases, *_: [_made_up(c) for c in cases])
-    part, whole = (
-        survival.run_study(survival.PAPER_CASE, ReproduceSettings(), silent),
-        survival.run(ReproduceSettings(), silent),
-    )
-    both = {record.metric: record.value for record in part.records}
-    assert both.items() >= {r.metric: r.value for r in whole.records if "identification" in r.metric}.items()
-    assert not part.tables
-    assert not [name for name in both if "alarms" in name]
 
 
 def _made_up(case: SurvivalCase) -> Mapping[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 
 from stadera.errors import StaderaError
 from stadera.lab.control.crawl.run import Fall
-from stadera.lab.experiments.moving.outcome import (
+from stadera.lab.experiments.loaded_walk import (
     OutcomeLimits,
     WalkOutcome,
     WalkTrace,

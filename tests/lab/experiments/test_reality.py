@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stadera.lab.experiments.paper import ReproduceSettings
-from stadera.lab.experiments.reality import runs
-from stadera.lab.experiments.reality.runs import LEGS, OURS, RealityCase, weigh_real
-from stadera.lab.experiments.reality.study import SHARES, cases, summary
+from stadera.lab.experiments import reality
+from stadera.lab.experiments.reality import LEGS, OURS, SHARES, RealityCase, cases, summary, weigh_real
+from stadera.lab.experiments.runner import ReproduceSettings
 
 CASE = RealityCase("go2", "trot", 0.10, "real-unit-gain", 0)
 
@@ -66,11 +65,11 @@ def test_changes_that_never_were_and_loads_not_noticed() -> None:
 
 def test_the_first_change_after_the_load_is_the_loads() -> None:
     changes = tuple(SimpleNamespace(noticed=at, mass=2.0, mass_std=0.1) for at in (3.0, 5.1, 8.0))
-    found = runs._changes(changes, 1.5)
+    found = reality._changes(changes, 1.5)
     assert found["noticed"] == pytest.approx(0.1)
     assert found["false_changes"] == 2
     assert found["change mass"] == pytest.approx([0.5, 0.1])
-    assert runs._changes(changes, 0.0) == {"noticed": None, "false_changes": 3}
+    assert reality._changes(changes, 0.0) == {"noticed": None, "false_changes": 3}
 
 
 def test_a_fall_is_counted_and_weighs_nothing() -> None:
@@ -81,7 +80,7 @@ def test_a_fall_is_counted_and_weighs_nothing() -> None:
 
 
 def test_a_run_is_weighed_from_its_log_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "HOW", replace(runs.HOW, loaded_at=1.5, duration=3.0))
+    monkeypatch.setattr(reality, "HOW", replace(reality.HOW, loaded_at=1.5, duration=3.0))
     first = weigh_real(RealityCase("go2", "shake", 0.10, "real-unit-gain", 0), tmp_path)
     assert first["fell"] is None
     assert set(first["methods"]) == {OURS, LEGS, "ls", "rls", "kalman"}

@@ -10,8 +10,8 @@ import pytest
 from stadera.identify.observability import Identifiability, Observability
 from stadera.identify.prior import PriorWidth
 from stadera.inertia import ORDER
-from stadera.lab.experiments.legs.recovery import Recovery, fixed_given
-from stadera.lab.experiments.legs.runs import COM_STD, LEG, LegRuns
+from stadera.lab.experiments.legs import COM_STD, LEG, LegRuns
+from stadera.lab.experiments.table1 import Recovery, fixed_given
 
 
 def seen_by(rows: np.ndarray) -> Observability:

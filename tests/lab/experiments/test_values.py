@@ -18,8 +18,8 @@ from stadera.lab.experiments import (
     experiments_named,
     run_experiments,
 )
-from stadera.lab.experiments.legs.real_logs import MissingDataError, data_folder, real_log
-from stadera.lab.experiments.paper import Paper, Steps
+from stadera.lab.experiments.legs import MissingDataError, data_folder, real_log
+from stadera.lab.experiments.runner import Paper
 from stadera.logs.topics import example
 from stadera.report.table import Cell, TableData
 
@@ -61,16 +61,6 @@ def test_row_that_does_not_fit_its_head_is_refused() -> None:
 def test_negative_seed_is_refused() -> None:
     with pytest.raises(StaderaError, match="seed"):
         ReproduceSettings(seed=-1)
-
-
-def test_watcher_is_told_when_each_step_begins_and_ends() -> None:
-    told: list[tuple[str, int, int]] = []
-    step = Steps("x", lambda *what: told.append(what))
-    step("first")
-    step("second")
-    step.finished()
-    step.finished()
-    assert told == [("x: first", 0, 0), ("x: first", 1, 1), ("x: second", 0, 0), ("x: second", 1, 1)]
 
 
 def test_experiments_are_found_by_name_in_any_case() -> None:

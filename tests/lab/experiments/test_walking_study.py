@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 
 from stadera.inertia import InertialParameters
-from stadera.lab.experiments.moving.walking import cases, summary
-from stadera.lab.experiments.moving.weighed import (
+from stadera.lab.experiments.runner import ReproduceSettings
+from stadera.lab.experiments.walking import (
     PLACES,
     WALKING,
     WalkingCase,
-    _absolute,
+    cases,
     compared,
+    normalised,
     payload_of,
+    summary,
     weigh_in_motion,
 )
-from stadera.lab.experiments.paper import ReproduceSettings
 from stadera.lab.plant.payload import Tray
 from stadera.robot import load_robot
 
@@ -53,7 +54,7 @@ def test_errors_are_differences_to_the_tare() -> None:
     off = InertialParameters.from_com(0.5, [0.0, 0.2, 0.0], np.zeros((3, 3)))  # alike before and after
     exact = compared(bare, bare + load, bare, bare + load, "soon")
     assert exact == {key: pytest.approx(0.0, abs=1e-12) for key in exact}
-    assert len(exact) == 5
+    assert len(exact) == 4
     figures = compared(bare + off, bare + off + load, bare, bare + load, "soon")
     assert figures["soon.payload_mass"] == pytest.approx(0.0, abs=1e-12)
     assert figures["soon.payload_xy"] == pytest.approx(0.0, abs=1e-12)
@@ -67,7 +68,6 @@ def test_errors_have_their_size() -> None:
     figures = compared(bare, bare + found, bare, bare + load, "soon")
     assert figures["soon.payload_mass"] == pytest.approx(0.5)
     assert figures["soon.payload_xy"] == pytest.approx(0.05)
-    assert figures["soon.payload_z"] == pytest.approx(0.1)
     assert figures["soon.com_z"] == pytest.approx(0.75 / 12.5 - 0.4 / 12.0)
     np.testing.assert_allclose(
         figures["soon.shift_xy"], np.hypot(0.825 / 12.5 - 0.6 / 12.0, 0.35 / 12.5 - 0.2 / 12.0), rtol=1e-9
@@ -80,9 +80,8 @@ def test_normalised_errors_are_those_of_what_is_observed() -> None:
     found = SimpleNamespace(
         inertial=off, observed=np.array([True, True, True, False]), covariance=np.diag([0.04, 1e-4, 1.0, 1.0])
     )
-    figures = _absolute(SimpleNamespace(parameters=lambda: found), truth, "loaded")  # type: ignore[arg-type]
+    figures = normalised(SimpleNamespace(parameters=lambda: found), truth)  # type: ignore[arg-type]
     assert figures["loaded.nees"] == pytest.approx(2.0**2 + 3.0**2)
-    assert figures["loaded.worst_sigmas"] == pytest.approx(3.0)
     assert figures["loaded.observed"] == 3
 
 

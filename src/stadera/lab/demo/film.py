@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stadera.lab.experiments.moving.loaded_walk import LoadedWalk
+from stadera.lab.experiments.loaded_walk import LoadedWalk
 from stadera.lab.supervise import NonstopSupervisor, Supervisor
 from stadera.types import Array, Bools
 

@@ -17,15 +17,15 @@ from typing import Any
 
 from stadera.errors import StaderaError, require_known, require_positive
 from stadera.lab.demo.film import Camera, Film
-from stadera.lab.experiments.moving.loaded_walk import (
+from stadera.lab.experiments.loaded_walk import (
     CORNERS,
     LoadedWalk,
     LoadedWalkCase,
     LoadedWalkOutcome,
     Supervision,
+    WalkOutcome,
     box_at,
 )
-from stadera.lab.experiments.moving.outcome import WalkOutcome
 from stadera.robot import load_robot
 
 Progress = Callable[[str, float, str], None]

@@ -8,8 +8,7 @@ import numpy as np
 
 from stadera.inertia import InertialParameters
 from stadera.lab.demo.run import DemoResult, DemoRun
-from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
-from stadera.lab.experiments.moving.outcome import WalkOutcome
+from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome, WalkOutcome
 from stadera.results import finite_or_none
 from stadera.robot import load_robot
 from stadera.weigh.schema import payload_dict, plain

@@ -6,23 +6,46 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
-from stadera.lab.experiments.faults import study as faults
-from stadera.lab.experiments.legs import fig4, fig5, table1
-from stadera.lab.experiments.legs.real_logs import MissingDataError
-from stadera.lab.experiments.moving import alarms, inertial_share, survival, table5, walking
-from stadera.lab.experiments.paper import Experiment, ReproduceSettings
-from stadera.lab.experiments.reality import mini_cheetah
-from stadera.lab.experiments.reality import study as reality
+from stadera.lab.experiments import (
+    alarms,
+    faults,
+    fig6,
+    inertial_share,
+    legs,
+    mini_cheetah,
+    reality,
+    survival,
+    table1,
+    table2,
+    table3,
+    table4,
+    table5,
+    walking,
+)
+from stadera.lab.experiments.legs import MissingDataError
 from stadera.lab.experiments.result import ExperimentResult, Skipped
-from stadera.lab.experiments.standing import fig6, table2, table3, table4
+from stadera.lab.experiments.runner import Experiment, ReproduceSettings
 from stadera.types import Progress
 
 ALL = "all"
 
-_MODULES = (table1, fig4, fig5, table2, fig6, table3, table4, inertial_share, table5)
-_STUDIES = (survival, walking, alarms, reality, faults, mini_cheetah)
-_EXPERIMENTS = tuple(module.PAPER.experiment(module.run) for module in (*_MODULES, *_STUDIES))
-
+_EXPERIMENTS = (
+    table1.EXPERIMENT,
+    legs.FIG4,
+    legs.FIG5,
+    table2.EXPERIMENT,
+    fig6.EXPERIMENT,
+    table3.EXPERIMENT,
+    table4.EXPERIMENT,
+    inertial_share.EXPERIMENT,
+    table5.EXPERIMENT,
+    survival.EXPERIMENT,
+    walking.EXPERIMENT,
+    alarms.EXPERIMENT,
+    reality.EXPERIMENT,
+    faults.EXPERIMENT,
+    mini_cheetah.EXPERIMENT,
+)
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
 
 

@@ -57,7 +57,9 @@ def crossed(
     """A table of records by group, row and column: values, the paper's in brackets, coloured by their bounds."""
     groups: dict[str, dict[str, dict[str, Cell]]] = {}
     for record in records:
-        groups.setdefault(group(record), {}).setdefault(row(record), {})[column(record)] = _error_cell(record)
+        paper = "" if record.paper is None else f" ({record.paper:.3f})"
+        cell = Cell(f"{record.value:.{3 if record.value >= 1e-3 else 4}f}{paper}", strong=True, good=record.met)
+        groups.setdefault(group(record), {}).setdefault(row(record), {})[column(record)] = cell
     columns = tuple(dict.fromkeys(name for rows in groups.values() for cells in rows.values() for name in cells))
     body = {
         heading: [(name, *(cells[column] for column in columns)) for name, cells in rows.items()]
@@ -66,19 +68,17 @@ def crossed(
     return TableData.of(title, (corner, *columns), body, note)
 
 
-def spread(values: Sequence[float], bounds: tuple[float | None, float | None] = (None, None)) -> Cell:
+Bounds = tuple[float | None, float | None]
+"""Of a median and of a 95th percentile; None for none."""
+
+
+def spread(values: Sequence[float], bounds: Bounds = (None, None)) -> Cell:
     """A cell with median and 95th percentile, coloured if there are bounds."""
     if not values:
         return Cell("–")
     found = float(np.median(values)), float(np.percentile(values, 95))
     kept = [v <= b for v, b in zip(found, bounds, strict=True) if b is not None]
     return Cell(f"{found[0]:.2f}; {found[1]:.2f}", strong=bool(kept), good=all(kept) if kept else None)
-
-
-def _error_cell(record: Record) -> Cell:
-    digits = 3 if record.value >= 1e-3 else 4
-    paper = "" if record.paper is None else f" ({record.paper:.3f})"
-    return Cell(f"{record.value:.{digits}f}{paper}", strong=True, good=record.met)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

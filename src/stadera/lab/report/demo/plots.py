@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.lab.demo import DemoResult
-from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
+from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome
 from stadera.lab.report.demo.terminal import NAMES
 from stadera.lab.supervise import LoadCheck, State
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, line, stacked

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.lab.demo import DemoResult, DemoRun
-from stadera.lab.experiments.moving.outcome import WalkOutcome
+from stadera.lab.experiments.loaded_walk import WalkOutcome
 from stadera.lab.plant.payload import Tray
 from stadera.lab.report.demo.terminal import NAMES
 from stadera.lab.supervise import State

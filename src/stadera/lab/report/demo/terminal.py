@@ -10,8 +10,7 @@ from rich.text import Text
 
 from stadera.lab.demo import DemoResult
 from stadera.lab.demo.schema import true_load
-from stadera.lab.experiments.moving.loaded_walk import LoadedWalkOutcome
-from stadera.lab.experiments.moving.outcome import WalkOutcome
+from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome, WalkOutcome
 from stadera.report.numbers import number, with_std
 from stadera.report.table import Cell, Row, TableData
 from stadera.report.terminal import rich_table

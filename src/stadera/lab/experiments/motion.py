@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -25,53 +24,50 @@ Gait = Literal["crawl", "trot", "shake"]
 """Motion of a robot; a shake is on the spot."""
 
 
-@dataclass(frozen=True)
-class MotionSettings:
-    """Settings of the estimators in the studies."""
-
-    light: float = 0.9  # the prior's mass, as a share of the true one
-    off: float = 0.15  # the prior's error of the centre of mass, as a share of the hips' half spacing
-    trot: float = 0.26  # highest speed of a trot, as a share of √(g h)
-
-
-_GIVEN = MotionSettings()
-
-
 class RobotInMotion:
     """A robot that stands, ready to move; the sizes of the sensors' errors, a named set, are known to the estimator.
+
+    Torques are held for `hold` periods; every `keep`-th measurement is kept in `kept`, none for 0.
 
     Attributes:
         model: the robot model of controller and estimator.
         start: the estimator's prior of the trunk.
-        inner: the walking estimator.
-        trusted: the estimates used by the controller.
+        estimator: the walking estimator; the controller gets its estimates once they can be trusted.
     """
 
-    def __init__(self, robot: Robot, gait: Gait, errors: str, draw: int, hold: int = 1) -> None:
+    def __init__(self, robot: Robot, gait: Gait, errors: str, draw: int, hold: int = 1, keep: int = 0) -> None:
         sizes = sensor_errors(errors)
         real = plant_model(robot, sizes)
         self.model, self.start = estimator_model(real, sizes, draw), wrong_start(robot)
-        self.inner = TrunkEstimator(self.model, start=self.start)
-        self._timed = _Timed(self.inner)
-        self.trusted = TrustedEstimator(self._timed, robot)
+        self.estimator = TrunkEstimator(self.model, start=self.start)
         self.controller = controller_of(gait, self.model, TrunkModel.prior(robot))
+        self._watched = _Watched(self.estimator, keep)
         plant, sensors = Plant(real), Sensors(sizes, draw, robot)
         plant.reset(standing_configuration(robot))
-        self.bed = TestBed(plant, sensors, self.controller, self.trusted, feed_back=True, hold=hold)
+        trusted = TrustedEstimator(self._watched, robot)
+        self.bed = TestBed(plant, sensors, self.controller, trusted, feed_back=True, hold=hold)
 
     @property
-    def cost(self) -> float:
-        """Processor time of the estimator [s]."""
-        return self._timed.seconds
+    def kept(self) -> list[Measurement]:
+        return self._watched.kept
+
+    @property
+    def share_of_time(self) -> float:
+        """The estimator's processor time divided by the simulated time."""
+        return self._watched.seconds / max(self.bed.plant.time, 1e-3)
 
 
-class _Timed:
-    """Measures an estimator's processor time."""
+class _Watched:
+    """Measures an estimator's processor time, and keeps every n-th measurement."""
 
-    def __init__(self, inner: TrunkEstimator) -> None:
-        self.inner, self.seconds = inner, 0.0
+    def __init__(self, inner: TrunkEstimator, keep: int) -> None:
+        self.inner, self.seconds, self._keep, self._count = inner, 0.0, keep, 0
+        self.kept: list[Measurement] = []
 
     def update(self, measurement: Measurement) -> None:
+        if self._keep and self._count % self._keep == 0:
+            self.kept.append(measurement)
+        self._count += 1
         begin = time.process_time()
         self.inner.update(measurement)
         self.seconds += time.process_time() - begin
@@ -80,11 +76,10 @@ class _Timed:
         return self.inner.estimate()
 
 
-def wrong_start(robot: Robot) -> TrunkModel:
-    """Prior of the trunk: 10 % too light, with an error of 15 % of the hips' half spacing."""
+def wrong_start(robot: Robot, light: float = 0.9, off: float = 0.15) -> TrunkModel:
+    """Prior of the trunk with a share of its true mass, and an error as a share of the hips' half spacing."""
     prior, tray = TrunkModel.prior(robot), Tray.of(robot)
-    shift = _GIVEN.off * np.array([*tray.half_size[:2], 0.0])
-    return TrunkModel(_GIVEN.light * prior.mass, prior.com_trunk + shift)
+    return TrunkModel(light * prior.mass, prior.com_trunk + off * np.array([*tray.half_size[:2], 0.0]))
 
 
 def controller_of(gait: Gait, model: Robot, trunk: TrunkModel) -> Controller:
@@ -104,9 +99,9 @@ def walk_on(controller: Trot | Crawl, speed: float, turn: float) -> None:
         controller.resume()
 
 
-def fastest_trot(controller: Trot) -> float:
+def fastest_trot(controller: Trot, share: float = 0.26) -> float:
     """The highest speed asked of a trot [m/s], the same share of √(g h) for all robots: 0.6 m/s for HyQ."""
-    return _GIVEN.trot * GRAVITY * controller.settings.pendulum
+    return share * GRAVITY * controller.settings.pendulum
 
 
 def sway(controller: TrunkController, amplitude: float = 1.0) -> None:

@@ -6,6 +6,7 @@ mass is not known, so logs are compared with each other and with plain least squ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,9 @@ import numpy as np
 from stadera.errors import StaderaError
 from stadera.identify.legs import identify
 from stadera.lab.baselines import ALL_METHODS
-from stadera.lab.experiments.legs.real_logs import MissingDataError
-from stadera.lab.experiments.paper import Paper, ReproduceSettings
+from stadera.lab.experiments.legs import MissingDataError
 from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.lab.experiments.runner import Paper, ReproduceSettings
 from stadera.logs.reader import read
 from stadera.report.numbers import with_std
 from stadera.report.table import Row, TableData
@@ -25,7 +26,7 @@ from stadera.robot import Robot, load_robot
 from stadera.trunk import make_estimator
 from stadera.trunk.registry import Setup
 from stadera.trunk.samples import Samples
-from stadera.types import Array, Progress
+from stadera.types import Array
 from stadera.weigh import weigh
 from stadera.weigh.result import Weighing
 
@@ -36,6 +37,14 @@ TURNING = ("concrete_left_circle", "concrete_right_circle", "concrete_galloping"
 AIR = ("air_walking_gait", "air_jumping_gait")
 
 
+@dataclass(frozen=True)
+class WalkLog:
+    """A log by name, and its file."""
+
+    name: str
+    path: Path
+
+
 @dataclass(frozen=True, eq=False)
 class Walk:
     """One log: its weighing or why there is none, and the trunk's mass by plain least squares [kg]."""
@@ -44,32 +53,30 @@ class Walk:
     found: Weighing | None
     refusal: str
     least_squares: float
+    legs: str  # of a log in the air: how its identified legs fit
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Weighs every log of the folder `settings.data`. Raises MissingDataError: it holds none of them."""
+def cases(settings: ReproduceSettings) -> list[WalkLog]:
+    """Every log of the folder `settings.data`. Raises MissingDataError: it holds no straight walk."""
     folder = settings.data or Path()
-    paths = {name: folder / f"{name}.csv" for name in (*STRAIGHT, *TURNING, *AIR)}
-    there = {name: path for name, path in paths.items() if path.is_file()}
-    if not any(name in there for name in STRAIGHT):
+    logs = [WalkLog(name, folder / f"{name}.csv") for name in (*STRAIGHT, *TURNING, *AIR)]
+    there = [log for log in logs if log.path.is_file()]
+    if not any(log.name in STRAIGHT for log in there):
         raise MissingDataError(f"{folder}: none of the walks {STRAIGHT[0]}.csv, {STRAIGHT[1]}.csv, ...")
-    robot, walks = load_robot("mini_cheetah"), []
-    for done, (name, path) in enumerate(there.items()):
-        progress(f"weighing {name}", done, len(there))
-        walks.append(weighed(robot, name, path))
-    legs = [(name, _legs(robot, there[name])) for name in AIR if name in there]
-    return PAPER.result(_records(walks), [_table(walks), _legs_table(legs)])
+    return there
 
 
-def weighed(robot: Robot, name: str, path: Path) -> Walk:
+def weighed(log: WalkLog) -> Walk:
     """Weighs one log with the model file only."""
+    robot = load_robot("mini_cheetah")
     plain: Any = make_estimator("ls", Setup(robot), ALL_METHODS)
-    plain.add(Samples.of_recording(read(path), robot))
+    plain.add(Samples.of_recording(read(log.path), robot))
     mass = float(plain.estimate().trunk.mass)
+    legs = _legs(robot, log.path) if log.name in AIR else ""
     try:
-        return Walk(name, weigh(robot, path), "", mass)
+        return Walk(log.name, weigh(robot, log.path), "", mass, legs)
     except StaderaError as error:
-        return Walk(name, None, str(error).removeprefix(f"{path}: "), mass)
+        return Walk(log.name, None, str(error).removeprefix(f"{log.path}: "), mass, legs)
 
 
 def _legs(robot: Robot, path: Path) -> str:
@@ -80,35 +87,42 @@ def _legs(robot: Robot, path: Path) -> str:
         return str(error).removeprefix(f"{path}: ")
 
 
-def _records(walks: list[Walk]) -> list[Record]:
-    own = [w.found for w in walks if w.name in STRAIGHT and w.found is not None]
+def summary(_: Sequence[WalkLog], walks: Sequence[Walk]) -> ExperimentResult:
+    legs = [(walk.name, walk.legs) for walk in walks if walk.legs]
+    tables = (_table(walks), TableData.of("Legs identified in the air", ("log", "result"), legs, sides="lw"))
+    return PAPER.result(_records(walks), tables)
+
+
+EXPERIMENT = PAPER.experiment(cases, weighed, summary, alone=True)
+
+
+def _records(walks: Sequence[Walk]) -> list[Record]:
+    def record(metric: str, unit: str, value: float, bound: str | None = None) -> Record:
+        limit = None if bound is None else PAPER.bounds[bound]
+        return PAPER.record({"robot": "mini_cheetah"}, metric, unit, float(value), bound=limit)
+
     records = [
-        _record("walks with a figure", "1", sum(w.found is not None for w in walks if w.name not in AIR), None),
-        _record("in the air, refused", "1", sum(w.found is None for w in walks if w.name in AIR), None),
-        _record("changes of the load", "1", sum(len(w.found.changes) for w in walks if w.found), "changes"),
+        record("walks with a figure", "1", sum(w.found is not None for w in walks if w.name not in AIR)),
+        record("in the air, refused", "1", sum(w.found is None for w in walks if w.name in AIR)),
+        record("changes of the load", "1", sum(len(w.found.changes) for w in walks if w.found), "changes"),
     ]
+    own = [w.found for w in walks if w.name in STRAIGHT and w.found is not None]
     if len(own) < 2:
         return records
     mass, std = np.array([w.mass for w in own]), np.array([w.mass_std for w in own])
     common = float(mass @ std**-2 / (std**-2).sum())
     com: Array = np.array([w.com[:2] for w in own])
+    apart = 1e3 * float(np.nanmax(np.ptp(com, axis=0)))
     return [
         *records,
-        _record("straight walks: largest less smallest mass", "%", 100.0 * np.ptp(mass) / common, "spread"),
-        _record("straight walks: largest error, own bars", "σ", float((np.abs(mass - common) / std).max()), "bars"),
-        _record("straight walks: median bar", "%", 100.0 * float(np.median(std / mass)), "bar"),
-        _record(
-            "straight walks: spread of the centre, x and y", "mm", 1e3 * float(np.nanmax(np.ptp(com, axis=0))), "centre"
-        ),
+        record("straight walks: largest less smallest mass", "%", 100.0 * np.ptp(mass) / common, "spread"),
+        record("straight walks: largest error, own bars", "σ", float((np.abs(mass - common) / std).max()), "bars"),
+        record("straight walks: median bar", "%", 100.0 * float(np.median(std / mass)), "bar"),
+        record("straight walks: spread of the centre, x and y", "mm", apart, "centre"),
     ]
 
 
-def _record(metric: str, unit: str, value: float, bound: str | None) -> Record:
-    limit = None if bound is None else PAPER.bounds[bound]
-    return PAPER.record({"robot": "mini_cheetah"}, metric, unit, float(value), bound=limit)
-
-
-def _table(walks: list[Walk]) -> TableData:
+def _table(walks: Sequence[Walk]) -> TableData:
     head = ("log", "trunk [kg]", "least squares [kg]", "x [mm]", "y [mm]", "misfit", "changes", "verdict or reason")
     return TableData.of("Trunk of one robot, model file only", head, map(_row, walks), sides="lrrrrrrw")
 
@@ -121,7 +135,3 @@ def _row(walk: Walk) -> Row:
     mass, trust = with_std(found.mass, found.mass_std), found.trust
     reasons = "; ".join((trust.verdict, *trust.reasons))
     return walk.name, mass, plain, x, y, f"{trust.misfit:.2g}", str(len(found.changes)), reasons
-
-
-def _legs_table(legs: list[tuple[str, str]]) -> TableData:
-    return TableData.of("Legs identified in the air", ("log", "result"), legs, sides="lw")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stadera.lab.control import TestBed, TrunkController
-from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
 from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.lab.experiments.standing.case import load_point
+from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.standing import load_point
 from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.laws.convergence import settling_time
 from stadera.lab.laws.recursive import LawSettings
@@ -19,7 +20,7 @@ from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator
-from stadera.types import Array, Progress
+from stadera.types import Array
 
 PAPER = Paper.of("fig6")
 
@@ -59,15 +60,23 @@ class Settling:
         return float(self.time[above[-1]]) if len(above) else 0.0
 
 
-def trajectory(settling: float, seed: int) -> Settling:
-    """Adds the load to a standing HyQ that weighs itself with this settling time [s]."""
+@dataclass(frozen=True)
+class Fig6Case:
+    """A run that settles in this time [s], and the seed of the sensors."""
+
+    settling: float
+    seed: int
+
+
+def trajectory(case: Fig6Case) -> Settling:
+    """Adds the load to a standing HyQ that weighs itself."""
     robot = load_robot("hyq")
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
     controller = TrunkController(robot)
     forces = ContactForceEstimator(robot, legs=controller.legs)
-    estimator = ContactCom(robot, forces=forces, settings=LawSettings(settling=settling))
-    bed = TestBed(plant, Sensors(IDEAL, seed, robot), controller, estimator, feed_back=True)
+    estimator = ContactCom(robot, forces=forces, settings=LawSettings(settling=case.settling))
+    bed = TestBed(plant, Sensors(IDEAL, case.seed, robot), controller, estimator, feed_back=True)
     bed.run(_HOW.before)
     plant.apply_payload(VirtualForce(_HOW.load, load_point(robot)))
     applied, times, coms = plant.time, [0.0], [estimator.estimate().trunk.com_trunk]
@@ -77,17 +86,16 @@ def trajectory(settling: float, seed: int) -> Settling:
         coms.append(estimator.estimate().trunk.com_trunk)
 
     bed.run(_HOW.after, note)
-    return Settling(settling, np.array(times), np.array(coms), plant.truth().com)
+    return Settling(case.settling, np.array(times), np.array(coms), plant.truth().com)
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """One trajectory with a fast step, and one with the paper's."""
-    step = Steps(PAPER.name, progress)
-    ways = []
-    for settling in (_HOW.fast,) if settings.quick else (_HOW.fast, settling_time()):
-        step(f"weighing with a settling time of {settling:.1f} s")
-        ways.append(trajectory(settling, settings.seed))
-    step.finished()
+def cases(settings: ReproduceSettings) -> list[Fig6Case]:
+    """A fast step, and the paper's."""
+    settlings = (_HOW.fast,) if settings.quick else (_HOW.fast, settling_time())
+    return [Fig6Case(settling, settings.seed) for settling in settlings]
+
+
+def summary(_: Sequence[Fig6Case], ways: Sequence[Settling]) -> ExperimentResult:
     return PAPER.result(
         [record for way in ways for record in _records(way)],
         [_table(ways)],
@@ -96,9 +104,12 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     )
 
 
+EXPERIMENT = PAPER.experiment(cases, trajectory, summary, alone=True)
+
+
 def _records(way: Settling) -> tuple[Record, ...]:
     bound = PAPER.bounds["reached"]
-    case: dict[str, str | float] = {"settling time asked for [s]": round(way.settling, 3)}
+    case = {"settling time asked for [s]": round(way.settling, 3)}
     return (
         PAPER.record(case, "time to stay under 2 mm", "s", way.reached, PAPER.values["reached"], bound),
         PAPER.record(case, "‖δ‖ in x-y when the load comes on", "cm", 100 * float(way.error[0])),
@@ -106,7 +117,7 @@ def _records(way: Settling) -> tuple[Record, ...]:
     )
 
 
-def _table(ways: list[Settling]) -> TableData:
+def _table(ways: Sequence[Settling]) -> TableData:
     head = ("settling time asked for", "‖δ‖ at first [cm]", "under 2 mm after [s] (paper)", "‖δ‖ at the end [cm]")
     rows = [
         (

@@ -9,16 +9,14 @@ import numpy as np
 
 from stadera.errors import StaderaError
 from stadera.lab.control.walkers import StandingWalker
-from stadera.lab.experiments.grid import Outcome, run_grid
-from stadera.lab.experiments.moving.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
-from stadera.lab.experiments.paper import Paper, ReproduceSettings
+from stadera.lab.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
 from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings
 from stadera.lab.supervise import State, SuperviseSettings, Supervisor
 from stadera.lab.supervise.corrected import CorrectedForces
 from stadera.lab.supervise.weighing import Stage, StandingWeighing
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
-from stadera.types import Progress
 
 PAPER = Paper.of("table5")
 
@@ -117,23 +115,29 @@ class _LoadedRun:
         return bed.plant.time
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+def cases(settings: ReproduceSettings) -> list[Table5Case]:
     """All loads, several seeds each."""
     seeds = range(settings.seed, settings.seed + (1 if settings.quick else _SEEDS))
-    loads = [float(load) for load in PAPER.values]
-    cases = [Table5Case(load, seed) for load in loads for seed in seeds]
-    outcomes = run_grid(PAPER.name, weigh_on_the_way, cases, progress, settings.keep, settings.pool)
+    return [Table5Case(float(load), seed) for load in PAPER.values for seed in seeds]
+
+
+def summary(cases: Sequence[Table5Case], outcomes: Sequence[Outcome]) -> ExperimentResult:
+    loads = dict.fromkeys(case.load for case in cases)
     by_load = {load: [o for c, o in zip(cases, outcomes, strict=True) if c.load == load] for load in loads}
+    count = len(cases) // len(loads)
     return PAPER.result(
         (record for load, found in by_load.items() for record in _records(load, found)),
-        (_first(by_load, settings.seed), _all(by_load, len(seeds))),
+        (_first(by_load, cases[0].seed), _all(by_load, count)),
         facts={
             "Robot": "hyq",
             "Sensors": "standard errors",
-            "Seeds": f"{len(seeds)} a load",
+            "Seeds": f"{count} a load",
             "Plant": "MuJoCo, 1 kHz, crawl, controller and supervisor in the loop",
         },
     )
+
+
+EXPERIMENT = PAPER.experiment(cases, weigh_on_the_way, summary, keeps=True)
 
 
 def distances(outcomes: Sequence[Outcome], one: str, other: str) -> list[float]:

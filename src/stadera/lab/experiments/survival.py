@@ -1,6 +1,6 @@
 """Survival study: walks with a load, with and without identification, over loads, corners and seeds.
 
-Both are evaluated by the same criteria (`outcome.py`): walked, stuck or fell. The number of walks in which the true
+Both are evaluated by the same criteria (`loaded_walk.py`): walked, stuck or fell. The number of walks in which the true
 centre of mass left the support polygon is counted as well. The study also tests whether changes of 3 kg are detected,
 on and off, at any phase of the gait, and whether there are false alarms.
 """
@@ -10,27 +10,26 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from math import inf
 
 from stadera.constants import GRAVITY
 from stadera.lab.control.crawl.settings import CrawlCommand, CrawlSettings
-from stadera.lab.experiments.grid import Outcome, run_grid
-from stadera.lab.experiments.moving.loaded_walk import (
+from stadera.lab.experiments.loaded_walk import (
     CORNERS,
     STAND,
+    LoadedWalk,
     LoadedWalkCase,
     LoadedWalkOutcome,
     Supervision,
-    loaded_walk,
+    WalkOutcome,
     weight_at,
 )
-from stadera.lab.experiments.moving.outcome import WalkOutcome
-from stadera.lab.experiments.paper import Paper, ReproduceSettings
-from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record
+from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings
 from stadera.report.table import Cell, Row, TableData
 from stadera.results import finite_or_none
 from stadera.robot import load_robot
-from stadera.types import Progress
 
 PAPER = Paper.of("survival")
 
@@ -61,8 +60,6 @@ class SurvivalSettings:
 
 
 FULL = SurvivalSettings()
-PAPER_CASE = SurvivalSettings(loads=(), quiet_walks=0)
-"""The paper's load and small changes only: a third of the study."""
 _QUICK = SurvivalSettings((100.0, 300.0), ("LH", "RF"), 1, paper_seeds=1, small_seeds=1, quiet_walks=1)
 
 
@@ -70,6 +67,7 @@ _QUICK = SurvivalSettings((100.0, 300.0), ("LH", "RF"), 1, paper_seeds=1, small_
 class SurvivalCase:
     """Settings of one walk."""
 
+    part: str  # of the study: the grid, the paper's load, small changes, or quiet walks without a load
     load: float  # [N], 0 for none
     corner: str  # of the back
     identify: bool  # whether identification is used
@@ -79,21 +77,52 @@ class SurvivalCase:
     seconds: float  # of the walk
 
 
+def cases(settings: ReproduceSettings) -> list[SurvivalCase]:
+    """The grid, the paper's load, small changes, and walks without a load; loads are spread over the gait."""
+    study, first, cycle = _QUICK if settings.quick else FULL, settings.seed, _cycle()
+
+    def walk(part: str, load: float, corner: str, identify: bool, k: int, phase: float) -> SurvivalCase:
+        at = round(study.load_at + phase * cycle, 3)
+        return SurvivalCase(part, load, corner, identify, first + k, at, 0.0, study.seconds[identify])
+
+    def small(k: int) -> SurvivalCase:
+        at, corner = round(study.on + k * cycle / study.small_seeds, 3), tuple(CORNERS)[k % len(CORNERS)]
+        return SurvivalCase("small", study.small, corner, True, first + k, at, study.off, study.noticing)
+
+    grid = product(enumerate(study.loads), study.corners, range(study.seeds), (False, True))
+    paper = product(range(study.paper_seeds), (False, True))
+    return [
+        *(
+            walk("grid", load, corner, identify, k, (n + k / study.seeds) / len(study.loads))
+            for (n, load), corner, k, identify in grid
+        ),
+        *(walk("paper", study.paper, study.paper_corner, identify, k, k / study.paper_seeds) for k, identify in paper),
+        *map(small, range(study.small_seeds)),
+        *(
+            SurvivalCase("quiet", 0.0, study.paper_corner, True, first + k, 0.0, 0.0, study.quiet)
+            for k in range(study.quiet_walks)
+        ),
+    ]
+
+
+def _cycle() -> float:
+    """Duration of four steps [s]."""
+    return 4.0 * CrawlSettings.of(load_robot(_ROBOT)).timing(CrawlCommand(_SPEED)).step
+
+
 def survive(case: SurvivalCase) -> Outcome:
     """Outcome of a walk."""
-    payload = weight_at(load_robot(_ROBOT), case.corner, case.load) if case.load else None
-    outcome = loaded_walk(
-        LoadedWalkCase(
-            robot=_ROBOT,
-            payload=payload,
-            load_at=case.load_at or inf,
-            unload_at=case.unload_at or inf,
-            supervision=Supervision.STOPPING if case.identify else Supervision.NONE,
-            seconds=case.seconds,
-            speed=_SPEED,
-            seed=case.seed,
-        )
+    walk = LoadedWalkCase(
+        robot=_ROBOT,
+        payload=weight_at(load_robot(_ROBOT), case.corner, case.load) if case.load else None,
+        load_at=case.load_at or inf,
+        unload_at=case.unload_at or inf,
+        supervision=Supervision.STOPPING if case.identify else Supervision.NONE,
+        seconds=case.seconds,
+        speed=_SPEED,
+        seed=case.seed,
     )
+    outcome = LoadedWalk(walk).run()
     return {
         "outcome": str(outcome.verdict.outcome),
         "reasons": list(outcome.verdict.reasons),
@@ -116,68 +145,22 @@ def _noticed(outcome: LoadedWalkOutcome, since: float) -> float | None:
     return next((check.time - since for check in outcome.checks if check.changed and check.time > since), None)
 
 
-@dataclass(frozen=True)
-class _Walks:
-    """The cases: the grid, the paper's load, small changes, and walks without a load."""
-
-    grid: Sequence[SurvivalCase]
-    paper: Sequence[SurvivalCase]
-    small: Sequence[SurvivalCase]
-    quiet: Sequence[SurvivalCase]
-
-    @classmethod
-    def of(cls, study: SurvivalSettings, first: int) -> _Walks:
-        """Makes the cases: seeds count from the first, and loads are spread over the gait."""
-        cycle, seeds = _cycle(), study.seeds
-
-        def walk(load: float, corner: str, identify: bool, seed: int, phase: float) -> SurvivalCase:
-            at = round(study.load_at + phase * cycle, 3)
-            return SurvivalCase(load, corner, identify, first + seed, at, 0.0, study.seconds[identify])
-
-        def small(k: int) -> SurvivalCase:
-            at, corner = round(study.on + k * cycle / study.small_seeds, 3), tuple(CORNERS)[k % 4]
-            return SurvivalCase(study.small, corner, True, first + k, at, study.off, study.noticing)
-
-        return cls(
-            [
-                walk(load, corner, identify, k, (n + k / seeds) / len(study.loads))
-                for n, load in enumerate(study.loads)
-                for corner in study.corners
-                for k in range(seeds)
-                for identify in (False, True)
-            ],
-            [
-                walk(study.paper, study.paper_corner, identify, k, k / study.paper_seeds)
-                for k in range(study.paper_seeds)
-                for identify in (False, True)
-            ],
-            [small(k) for k in range(study.small_seeds)],
-            [
-                SurvivalCase(0.0, study.paper_corner, True, first + k, 0.0, 0.0, study.quiet)
-                for k in range(study.quiet_walks)
-            ],
-        )
+# -- summary ----------------------------------------------------------------------------------------------------------
+_Pairs = Sequence[tuple[SurvivalCase, Outcome]]
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """The grid of loads and corners, the paper's load over many seeds, small changes, and walks without a load."""
-    return run_study(_QUICK if settings.quick else FULL, settings, progress)
-
-
-def run_study(study: SurvivalSettings, settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Runs the walks of a study; without a grid there are no tables, without quiet walks no count of false alarms."""
-    walks = _Walks.of(study, settings.seed)
-    cases = list(dict.fromkeys((*walks.grid, *walks.paper, *walks.small, *walks.quiet)))
-    found = dict(zip(cases, run_grid(PAPER.name, survive, cases, progress, settings.keep, settings.pool), strict=True))
-    watched = [c for c in dict.fromkeys((*walks.grid, *walks.paper, *walks.small)) if c.load >= study.small - 1e-9]
+def summary(cases: Sequence[SurvivalCase], outcomes: Sequence[Outcome]) -> ExperimentResult:
+    """Records of the paper's load, of changes noticed and false alarms, and tables of the grid."""
+    pairs = list(zip(cases, outcomes, strict=True))
+    grid, paper, quiet = ([(c, o) for c, o in pairs if c.part == part] for part in ("grid", "paper", "quiet"))
     return PAPER.result(
         (
-            *_way_records(study, True, [found[c] for c in walks.paper if c.identify]),
-            *_way_records(study, False, [found[c] for c in walks.paper if not c.identify]),
-            *_noticing_records(study, [c for c in watched if c.identify], found),
-            *_alarm_records([found[c] for c in walks.quiet]),
+            *_way_records(True, [o for c, o in paper if c.identify]),
+            *_way_records(False, [o for c, o in paper if not c.identify]),
+            *_noticing_records([(c, o) for c, o in pairs if c.identify and c.load >= FULL.small - 1e-9]),
+            *_alarm_records([o for _, o in quiet]),
         ),
-        (_table(walks.grid, found), _failures(walks.grid, found)) if walks.grid else (),
+        (_table(grid), _failures(grid)),
         facts={
             "Robot": _ROBOT,
             "Walks": f"{len(cases)}",
@@ -187,17 +170,12 @@ def run_study(study: SurvivalSettings, settings: ReproduceSettings, progress: Pr
     )
 
 
-def _cycle() -> float:
-    """Duration of four steps [s]."""
-    return 4.0 * CrawlSettings.of(load_robot(_ROBOT)).timing(CrawlCommand(_SPEED)).step
+EXPERIMENT = PAPER.experiment(cases, survive, summary, keeps=True)
 
 
-_Found = Mapping[SurvivalCase, Outcome]
-
-
-def _way_records(study: SurvivalSettings, identify: bool, walks: Sequence[Outcome]) -> Iterator[Record]:
+def _way_records(identify: bool, walks: Sequence[Outcome]) -> Iterator[Record]:
     """Counts of one kind of walks, with the paper's bounds: it walks with identification and fails without."""
-    case: dict[str, str | float] = {"load [N]": study.paper, "corner": study.paper_corner}
+    case: CaseValues = {"load [N]": FULL.paper, "corner": FULL.paper_corner}
     count, none = float(len(walks)), 0.0 if identify else None
     way = f"{'with' if identify else 'without'} identification"
     of = f"{way}, of {count:.0f}"
@@ -206,10 +184,7 @@ def _way_records(study: SurvivalSettings, identify: bool, walks: Sequence[Outcom
     yield PAPER.record(case, f"fell {of}", "1", _number(fell), bound=none)
     yield PAPER.record(case, f"stuck or fell {of}", "1", _number(o["outcome"] != WALKED for o in walks), bound=none)
     out, metric = _number(any(each) for each in zip(fell, left, strict=True)), f"fell or left the support polygon {of}"
-    if identify:
-        yield PAPER.record(case, metric, "1", out, bound=0.0)
-    else:
-        yield Record(PAPER.name, case, metric, "1", out, None, count, "at least")
+    yield PAPER.record(case, metric, "1", out, bound=0.0) if identify else PAPER.least(case, metric, "1", out, count)
     for key, name in (("least_margin", ""), ("least_margin_ever", ", steps before it can be noticed included")):
         least = 100.0 * min((o[key] for o in walks if o[key] is not None), default=0.0)
         yield PAPER.record(case, f"least margin {way}{name}", "cm", least)
@@ -219,32 +194,34 @@ def _number(true: Iterable[bool]) -> float:
     return float(sum(true))
 
 
-def _noticing_records(study: SurvivalSettings, cases: Sequence[SurvivalCase], found: _Found) -> Iterator[Record]:
-    stood = [c for c in cases if found[c]["outcome"] != FELL]
+def _noticing_records(watched: _Pairs) -> Iterator[Record]:
+    """Changes made in walks without a fall, and the time until they are noticed."""
     times = [
-        after for c in stood for at, after in zip((c.load_at, c.unload_at), found[c]["noticed"], strict=True) if at
+        after
+        for case, outcome in watched
+        if outcome["outcome"] != FELL
+        for at, after in zip((case.load_at, case.unload_at), outcome["noticed"], strict=True)
+        if at
     ]
-    cycle, case = _cycle(), {"change [kg], at least": study.small / GRAVITY}
+    cycle, of = _cycle(), {"change [kg], at least": FULL.small / GRAVITY}
     late = sum(time is None or time > cycle for time in times)
     longest = max((time for time in times if time), default=0.0)
-    yield PAPER.record(case, f"changes not noticed within a cycle, of {len(times)}", "1", float(late), bound=0.0)
-    yield PAPER.record(case, "longest time to notice one", "s", longest, bound=cycle)
+    yield PAPER.record(of, f"changes not noticed within a cycle, of {len(times)}", "1", float(late), bound=0.0)
+    yield PAPER.record(of, "longest time to notice one", "s", longest, bound=cycle)
 
 
 def _alarm_records(quiet: Sequence[Outcome]) -> Iterator[Record]:
-    if not quiet:
-        return
     case = {"walked [min]": round(sum(o["walked"] for o in quiet) / 60.0, 2)}
     checks, alarms = (sum(o[name] for o in quiet) for name in ("checks", "alarms"))
     yield PAPER.record(case, f"false alarms in {checks} checks", "1", float(alarms), bound=0.0)
 
 
-def _table(cases: Sequence[SurvivalCase], found: _Found) -> TableData:
-    corners = tuple(dict.fromkeys(c.corner for c in cases))
+def _table(grid: _Pairs) -> TableData:
+    corners = tuple(dict.fromkeys(c.corner for c, _ in grid))
     groups: dict[str, list[Row]] = {}
     for way, heading in ((False, "without identification"), (True, "with identification")):
-        for load in dict.fromkeys(c.load for c in cases):
-            walks = [[found[c] for c in cases if (c.load, c.corner, c.identify) == (load, k, way)] for k in corners]
+        for load in dict.fromkeys(c.load for c, _ in grid):
+            walks = [[o for c, o in grid if (c.load, c.corner, c.identify) == (load, k, way)] for k in corners]
             groups.setdefault(heading, []).append((f"{load:.0f} N", *map(_outcomes, walks)))
     note = "How the walks ended, and the least margin of the true centre of mass to the support polygon's edge."
     return TableData.of("Outcomes", ("load", *(f"on {corner}" for corner in corners)), groups, note)
@@ -258,11 +235,11 @@ def _outcomes(walks: Sequence[Outcome]) -> Cell:
     return Cell(f"{ended}; {margin}", strong=True, good=count[WALKED] == len(walks))
 
 
-def _failures(cases: Sequence[SurvivalCase], found: _Found) -> TableData:
+def _failures(grid: _Pairs) -> TableData:
     """Walks with identification that were stuck or fell, and why."""
     rows = [
         (f"{c.load:.0f} N on {c.corner}, seed {c.seed}", o["outcome"], "; ".join([*o["reasons"], o["said"]]))
-        for c in cases
-        if c.identify and (o := found[c])["outcome"] != WALKED
+        for c, o in grid
+        if c.identify and o["outcome"] != WALKED
     ]
     return TableData.of("With identification, not walked", ("walk", "outcome", "because"), rows or [("none", "", "")])

@@ -8,15 +8,12 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import MissingExtraError
-from stadera.lab.experiments.grid import run_grid
-from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record, crossed
-from stadera.lab.experiments.standing.case import METHOD_NAMES, StandingCase, StandingOutcome, start_range
-from stadera.lab.experiments.standing.run import stand
+from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.standing import METHOD_NAMES, StandingCase, StandingOutcome, stand, start_range
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot
-from stadera.types import Progress
 
 PAPER = Paper.of("table2")
 
@@ -24,23 +21,21 @@ _LOADS = (0.0, 50.0, 100.0)  # N, the paper's
 _OTHERS, _SHARES = ("go2", "anymal_c", "b1"), (0.0, 0.06, 0.12)
 
 
-def _cases(settings: ReproduceSettings) -> tuple[list[StandingCase], list[tuple[StandingCase, float]]]:
-    """Runs on HyQ with every method, and on other robots with the last, their loads as shares of their weights."""
+def cases(settings: ReproduceSettings) -> list[StandingCase]:
+    """HyQ with every method and load, and other robots with (c), their loads as shares of their weights."""
+    seed = settings.seed
     if settings.quick:
-        return [_case("contact", 100.0, settings.seed)], []
+        return [_case("contact", 100.0, seed)]
     weights = {name: weight for name in _OTHERS if (weight := _weight(name)) is not None}
-    return (
-        [_case(method, load, settings.seed) for method in PAPER.values["plane"] for load in _LOADS],
-        [(_case("contact", s * w, settings.seed, name), s) for name, w in weights.items() for s in _SHARES],
-    )
+    return [
+        *(_case(method, load, seed) for method in PAPER.values["plane"] for load in _LOADS),
+        *(_case("contact", share * weight, seed, name) for name, weight in weights.items() for share in _SHARES),
+    ]
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Weighs HyQ with three methods under three loads, and other robots with the last."""
-    own, foreign = _cases(settings)
-    outcomes = run_grid(PAPER.name, stand, [*own, *(case for case, _ in foreign)], progress, pool=settings.pool)
-    hyq = outcomes[: len(own)]
-    others = [(outcome, share) for outcome, (_, share) in zip(outcomes[len(own) :], foreign, strict=True)]
+def summary(_: Sequence[StandingCase], outcomes: Sequence[StandingOutcome]) -> ExperimentResult:
+    hyq = [o for o in outcomes if o.case.robot == "hyq"]
+    others = [o for o in outcomes if o.case.robot != "hyq"]
     plane, height = [_plane_record(o) for o in hyq], [_height_record(o) for o in hyq if _finds_height(o.case.method)]
     bounds = PAPER.bounds
     note = f"In brackets the paper's. Bound: {bounds['plane']:.2f} cm in every cell."
@@ -52,15 +47,18 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
         tables.append(_robots_table(others))
     masses = [PAPER.record(_named(o), "error of the trunk's mass", "kg", abs(o.mass_error)) for o in hyq]
     return PAPER.result(
-        [*plane, *height, *masses, *(record for o, share in others for record in _robot_records(o, share))],
+        [*plane, *height, *masses, *(record for o in others for record in _robot_records(o))],
         tables,
         [_convergence(hyq)],
         {
-            "Robots": ", ".join(dict.fromkeys(("hyq", *(o.case.robot for o, _ in others)))),
+            "Robots": ", ".join(dict.fromkeys(o.case.robot for o in outcomes)),
             "Start": f"{start_range(hyq)} on HyQ",
             "Plant": "MuJoCo, 1 kHz, controller in the loop; estimators at 200 Hz",
         },
     )
+
+
+EXPERIMENT = PAPER.experiment(cases, stand, summary)
 
 
 def _case(method: str, load: float, seed: int, robot: str = "hyq") -> StandingCase:
@@ -94,8 +92,13 @@ def _height_record(o: StandingOutcome) -> Record:
     return PAPER.record(_named(o), "|δ_z|", "cm", 100 * o.height, paper, PAPER.bounds["height"])
 
 
-def _robot_records(o: StandingOutcome, share: float) -> Iterator[Record]:
-    case = {**_named(o), "load, share of the weight": round(share, 3)}
+def _share(o: StandingOutcome) -> float:
+    """The load as a share of the robot's weight."""
+    return o.case.load / (load_robot(o.case.robot).mass * GRAVITY)
+
+
+def _robot_records(o: StandingOutcome) -> Iterator[Record]:
+    case = {**_named(o), "load, share of the weight": round(_share(o), 3)}
     yield PAPER.record(case, "‖δ‖ in x-y", "cm", 100 * o.in_plane)
     yield PAPER.record(case, "‖δ‖ in x-y at the start", "cm", 100 * o.start_error)
     yield PAPER.record(case, "error of the trunk's mass", "kg", abs(o.mass_error))
@@ -114,13 +117,13 @@ def _table(title: str, error: str, records: list[Record], note: str) -> TableDat
     )
 
 
-def _robots_table(others: Sequence[tuple[StandingOutcome, float]]) -> TableData:
+def _robots_table(others: Sequence[StandingOutcome]) -> TableData:
     head = ("load", "load [N]", "‖δ‖ at the start [cm]", "‖δ‖ [cm]", "mass of trunk and load [kg]", "mass error [kg]")
     groups: dict[str, list[tuple[Cell | str, ...]]] = {}
-    for o, share in others:
+    for o in others:
         groups.setdefault(o.case.robot, []).append(
             (
-                f"{100 * share:.0f} % of the weight",
+                f"{100 * _share(o):.0f} % of the weight",
                 f"{o.case.load:.1f}",
                 f"{100 * o.start_error:.1f}",
                 Cell(f"{100 * o.in_plane:.4f}", strong=True),

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from stadera.lab.experiments.grid import run_grid
-from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record, crossed
-from stadera.lab.experiments.standing.case import StandingCase, StandingOutcome, start_range
-from stadera.lab.experiments.standing.run import stand
+from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.standing import StandingCase, StandingOutcome, stand, start_range
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import TableData
-from stadera.types import Progress
 
 PAPER = Paper.of("table3")
 
@@ -21,12 +18,16 @@ _LEVEL, _ONE_POSE = "‖δ‖ in the world's x-y, one pose", "‖δ‖ in the tr
 _TRUNK = "‖δ‖ in the trunk's x-y, two poses"
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Weighs HyQ on three slopes under three loads."""
+def cases(settings: ReproduceSettings) -> list[StandingCase]:
+    """HyQ on three slopes under three loads."""
     grid = [(float(slope), load) for slope in PAPER.values for load in _LOADS]
-    grid = grid[-1:] if settings.quick else grid
-    cases = [StandingCase("hyq", "contact", load, slope, seed=settings.seed, start=_START) for slope, load in grid]
-    outcomes = run_grid(PAPER.name, stand, cases, progress, pool=settings.pool)
+    return [
+        StandingCase("hyq", "contact", load, slope, seed=settings.seed, start=_START)
+        for slope, load in (grid[-1:] if settings.quick else grid)
+    ]
+
+
+def summary(_: Sequence[StandingCase], outcomes: Sequence[StandingOutcome]) -> ExperimentResult:
     records = [record for outcome in outcomes for record in _records(outcome)]
     return PAPER.result(
         records,
@@ -42,6 +43,9 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
             "Plant": "MuJoCo, 1 kHz, controller in the loop; estimator at 200 Hz",
         },
     )
+
+
+EXPERIMENT = PAPER.experiment(cases, stand, summary)
 
 
 def _records(o: StandingOutcome) -> Iterator[Record]:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
 
-from stadera.lab.experiments.grid import run_grid
-from stadera.lab.experiments.paper import Paper, ReproduceSettings
 from stadera.lab.experiments.result import ExperimentResult, Record, crossed
-from stadera.lab.experiments.standing.case import METHOD_NAMES, StandingCase, StandingOutcome, StandingTimes
-from stadera.lab.experiments.standing.run import poses_of, stand
+from stadera.lab.experiments.runner import Paper, ReproduceSettings, grouped
+from stadera.lab.experiments.standing import (
+    METHOD_NAMES,
+    StandingCase,
+    StandingOutcome,
+    StandingTimes,
+    poses_of,
+    stand,
+)
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance
 from stadera.lab.plant import Gaussian, SensorErrors
 from stadera.report.table import TableData
@@ -20,7 +26,6 @@ from stadera.robot import Robot, load_robot
 from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.noise import ForceNoise
 from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
-from stadera.types import Progress
 
 PAPER = Paper.of("table4")
 
@@ -118,16 +123,42 @@ class ErrorColumn:
         return paper, paper
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """Weighs HyQ with three methods under all errors."""
-    cells = [(ErrorColumn("torque", "sample", 0.0, 1.0), "contact")] if settings.quick else list(_cells())
-    planned = [(cell, cell[0].case(cell[1], settings.seed + k)) for cell in cells for k in range(cell[0].runs)]
-    outcomes = run_grid(PAPER.name, stand, [case for _, case in planned], progress, pool=settings.pool)
-    found: dict[tuple[ErrorColumn, str], list[StandingOutcome]] = {cell: [] for cell in cells}
-    for (cell, _), outcome in zip(planned, outcomes, strict=True):
-        found[cell].append(outcome)
+@dataclass(frozen=True)
+class ErrorCase:
+    """A method's run under an error."""
+
+    column: ErrorColumn
+    method: str
+    seed: int
+
+
+def cases(settings: ReproduceSettings) -> list[ErrorCase]:
+    """All errors, with each method."""
+    if settings.quick:
+        return [ErrorCase(ErrorColumn("torque", "sample", 0.0, 1.0), "contact", settings.seed)]
+    columns = [
+        ErrorColumn(kind, reading, mean, std)
+        for kind, error in _ERRORS.items()
+        for reading in error.readings
+        for mean, std in error.columns
+    ]
+    return [
+        ErrorCase(column, method, settings.seed + k)
+        for column, method in product(columns, _METHODS)
+        for k in range(column.runs)
+    ]
+
+
+def weigh(case: ErrorCase) -> StandingOutcome:
+    return stand(case.column.case(case.method, case.seed))
+
+
+def summary(cases: Sequence[ErrorCase], outcomes: Sequence[StandingOutcome]) -> ExperimentResult:
+    pairs = list(zip(cases, outcomes, strict=True))
+    cells = grouped(pairs, lambda case: (case.column, case.method))
+    found = {cell: [outcome for _, outcome in runs] for cell, runs in cells.items()}
     records = [record for (column, method), runs in found.items() for record in _records(column, method, runs)]
-    kinds = {column.kind for column, _ in cells}
+    kinds = {column.kind for column, _ in found}
     return PAPER.result(
         records,
         [_table(kind, records) for kind in _ERRORS if kind in kinds],
@@ -143,11 +174,7 @@ def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
     )
 
 
-def _cells() -> Iterator[tuple[ErrorColumn, str]]:
-    for kind, error in _ERRORS.items():
-        for reading in error.readings:
-            for mean, std in error.columns:
-                yield from ((ErrorColumn(kind, reading, mean, std), method) for method in _METHODS)
+EXPERIMENT = PAPER.experiment(cases, weigh, summary)
 
 
 def _records(column: ErrorColumn, method: str, runs: Sequence[StandingOutcome]) -> Iterator[Record]:

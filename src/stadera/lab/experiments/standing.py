@@ -1,39 +1,169 @@
-"""A robot weighed while it stands: the runs of Tables II to IV and Fig. 6.
+"""A robot weighed while it stands: the runs of Tables II to IV.
 
-The plant stands under the trunk controller, whose initial centre of mass is far off. First the mass is estimated (eq.
-7), then the centre of mass by one of the methods, whose estimate the controller uses meanwhile. Methods that need
-several poses are led through them, and the controller is updated between poses; for methods with a separate phase for
-the height the trunk is then pitched by 10°. The plant's truth is used for evaluation only.
+The plant stands under the trunk controller, whose initial centre of mass is that of CAD's trunk shifted by shares of
+the hips' half spacing; the load presses down at a point, the paper's (-0.75, 0.4, 0.0) m on HyQ, scaled with the hips'
+spacing on other robots. First the mass is estimated (eq. 7), then the centre of mass by one of the methods, whose
+estimate the controller uses meanwhile. Methods that need several poses are led through them, and the controller is
+updated between poses; for methods with a separate phase for the height the trunk is then pitched by 10°. The plant's
+truth is used for evaluation only.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
 
 from stadera.lab.control import TestBed, TrunkController, TrunkPose
-from stadera.lab.experiments.standing.case import StandingCase, StandingOutcome, load_point, start_model
 from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.laws.orientation import OrientationCom
 from stadera.lab.laws.recursive import RecursiveCom
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
-from stadera.lab.plant import Plant, Sensors, Terrain, VirtualForce
+from stadera.lab.plant import IDEAL, Gaussian, Plant, SensorErrors, Sensors, Terrain, VirtualForce
 from stadera.lab.sensors import plant_model
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status
+from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status, TrunkModel
 from stadera.trunk.posture import PostureLaw
 from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.standing.poses import PosesCom
 from stadera.types import Array
 
+METHOD_NAMES: Mapping[str, str] = {
+    "poses": "(a) static poses",
+    "orientation": "(b) orientation error",
+    "contact": "(c) contact forces",
+    "combined": "combined",
+}
+"""The paper's names of the methods, by the registry's names."""
+
+_PAPER_ROBOT, _PAPER_POINT = "hyq", (-0.75, 0.4, 0.0)  # m, trunk frame
+
+
+@dataclass(frozen=True)
+class StandingTimes:
+    """Times of a run [s]."""
+
+    settle: float = 0.5  # before anything is estimated
+    mass: float = 1.0  # for the mass to converge
+    mass_at_most: float = 5.0  # at most
+    plane: float = 6.0  # for a recursive law in the plane: 12 of its time constants
+    height: float = 4.0  # along the height: 8 of them
+    move: float = 0.8  # to move between static poses
+    hold: float = 1.2  # to hold each
+    trace: float = 0.01  # between points of the trace
+    trace_poses: float = 0.2  # the same if every evaluation solves for all poses again
+
+
+@dataclass(frozen=True)
+class StandingCase:
+    """Settings of one run."""
+
+    robot: str
+    method: str  # of `stadera.trunk.registry.METHODS`
+    load: float = 0.0  # [N], pressing down at the paper's point; 0 for none
+    slope: float = 0.0  # of the ground, rising forwards [deg]
+    errors: SensorErrors = IDEAL  # of the sensors
+    misled: bool = False  # the controller also gets the sensors' foot positions; else it uses the encoders
+    # of every joint [N·m], drawn once a run: the drives regulate a torque measured with this error, so that the actual
+    # torque is lower by it. Zero for exact drives.
+    drive_offset: Gaussian = field(default_factory=Gaussian)
+    seed: int = 0  # of all draws
+    # the prior's error: shares of the hips' half spacing in x, of that in y, and of that in x for z
+    start: tuple[float, float, float] = (0.3, -0.3, 0.3)
+    every: int = 5  # periods between two measurements for the estimator
+    # whether to continue with a tilted trunk for the height, if the method has a separate phase for it
+    height: bool = True
+    tilt: float = float(np.deg2rad(10.0))  # of the trunk, for the height [rad]
+    times: StandingTimes = field(default_factory=StandingTimes)
+
+
+@dataclass(frozen=True, eq=False)
+class StandingOutcome:
+    """Outcome of one run, and the truth; trunk frame."""
+
+    case: StandingCase
+    mass: float  # of trunk and load [kg]
+    true_mass: float  # [kg]
+    com: Array  # (3,) [m], estimated centre of mass
+    true_com: Array  # (3,) [m], the true one
+    start: Array  # (3,) [m], the prior's
+    std: Array  # (3,) [m], stated by the estimator; NaN where not observed
+    one_pose_com: Array  # (3,) [m], estimate before the trunk was tilted for the height; `com` if it was not
+    rotation: Array  # (3, 3), of the trunk in the world at that time
+    status: Status
+    reason: str
+    seconds: float  # simulated [s]
+    trace_time: Array  # (k,) [s]
+    trace_com: Array  # (k, 3) [m], the estimate over time
+
+    @property
+    def in_plane(self) -> float:
+        """‖δ‖ [m] in the trunk's x-y plane."""
+        return _plane(self.com - self.true_com)
+
+    @property
+    def in_plane_of_one_pose(self) -> float:
+        """‖δ‖ [m] in the trunk's x-y plane, before the trunk was tilted for the height."""
+        return _plane(self.one_pose_com - self.true_com)
+
+    @property
+    def level(self) -> float:
+        """The same in the world's x-y plane, which is all that static forces in one pose determine [m]."""
+        return _plane(self.rotation @ (self.one_pose_com - self.true_com))
+
+    @property
+    def height(self) -> float:
+        """|δ_z| [m] in the trunk frame."""
+        return float(abs(self.com[2] - self.true_com[2]))
+
+    @property
+    def start_error(self) -> float:
+        """‖δ‖ [m] in x-y of the prior."""
+        return _plane(self.start - self.true_com)
+
+    @property
+    def mass_error(self) -> float:
+        """Estimated minus true mass [kg]."""
+        return self.mass - self.true_mass
+
+
+def _plane(error: Array) -> float:
+    return float(np.linalg.norm(error[:2]))
+
+
+def start_range(outcomes: Sequence[StandingOutcome]) -> str:
+    """Range of the priors' errors in x-y, in words."""
+    errors = [100 * o.start_error for o in outcomes]
+    return f"the centre of mass {min(errors):.0f} to {max(errors):.0f} cm off in x-y"
+
+
+def load_point(robot: Robot) -> tuple[float, float, float]:
+    """Point of application of the load, trunk frame [m]."""
+    scale = hip_spacing(robot) / hip_spacing(load_robot(_PAPER_ROBOT))
+    x, y, z = np.asarray(_PAPER_POINT) * [*scale, 1.0]
+    return float(x), float(y), float(z)
+
+
+def hip_spacing(robot: Robot) -> Array:
+    """Half the distance between the legs' first joints, along x and along y, (2,) [m]."""
+    return np.asarray(0.5 * np.ptp(robot.hips, axis=0)[:2])
+
+
+def start_model(robot: Robot, shares: tuple[float, float, float]) -> TrunkModel:
+    """CAD's trunk, its centre of mass shifted by shares of the hips' half spacing, see `StandingCase.start`."""
+    prior, (x, y) = TrunkModel.prior(robot), hip_spacing(robot)
+    return TrunkModel(prior.mass, prior.com_trunk + np.asarray(shares) * [x, y, x], prior.inertia_com)
+
+
 _POSES = {"poses": 5, "combined": 11}
 
 
 def stand(case: StandingCase) -> StandingOutcome:
+    """Weighs the robot, then finds its centre of mass."""
     run = _StandingRun(case)
     run.weigh()
     run.locate()
@@ -149,9 +279,8 @@ class _StandingRun:
     def _note(self, bed: TestBed) -> None:
         time = bed.plant.time
         if time >= self._next_trace and bed.estimator is not None:
-            self._next_trace = time + (
-                self.times.trace_poses if isinstance(bed.estimator, PosesCom) else self.times.trace
-            )
+            slow = isinstance(bed.estimator, PosesCom)
+            self._next_trace = time + (self.times.trace_poses if slow else self.times.trace)
             self._trace.append((time, bed.estimator.estimate().trunk.com_trunk))
 
     def _move(self, goal: TrunkPose) -> None:

@@ -19,6 +19,7 @@ Neither accelerations nor the trunk's tensor is needed: w_n = G f - w_g and n_j 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,17 +28,19 @@ from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
 from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
-from stadera.lab.experiments.paper import Paper, ReproduceSettings, Steps
 from stadera.lab.experiments.result import ExperimentResult, Record
+from stadera.lab.experiments.runner import Paper, ReproduceSettings
 from stadera.lab.plant import IDEAL, Plant, Sensors, TrueState
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import TrunkModel
-from stadera.types import Array, Progress
+from stadera.types import Array
 
 PAPER = Paper.of("inertial_share")
+
+_ROBOT = "hyq"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +81,11 @@ class InertialTorques:
         moving = np.concatenate(
             [forces.sum(axis=0) - weight, np.cross(points, forces).sum(axis=0) - np.cross(com, weight)]
         )
-        share = np.zeros((4, 3))
+        share = np.zeros_like(forces)
         share[touching] = np.linalg.lstsq(_wrench_map(points[touching]), moving, rcond=None)[0].reshape(-1, 3)
         jacobians = legs.jacobians(points)
         effort = (state.effort - self._viscous * state.joint_velocity)[self._legs.columns]
-        joints = effort - legs.bias + _transposed(jacobians, forces)
-        return np.asarray(joints - _transposed(jacobians, share))
+        return np.asarray(effort - legs.bias + np.einsum("li,lij->lj", forces - share, jacobians))
 
 
 def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longest: float = 20.0) -> Cycle:
@@ -107,21 +109,28 @@ def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longe
     return Cycle(speed, float((way[-1] - way[0]) / (time[-1] - time[0])), time - time[0], torque, inertial)
 
 
-def run(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-    """The share at each of the paper's speeds."""
-    robot, steps = load_robot("hyq"), Steps(PAPER.name, progress)
-    speeds = [float(speed) for speed in PAPER.values]
-    cycles = []
-    for speed in speeds[-1:] if settings.quick else speeds:
-        steps(f"{100 * speed:.0f} cm/s")
-        cycles.append(crawl_cycle(robot, speed))
-    steps.finished()
+@dataclass(frozen=True)
+class ShareCase:
+    """A crawl at a speed [m/s]."""
+
+    speed: float
+
+
+def cases(settings: ReproduceSettings) -> list[ShareCase]:
+    """The paper's speeds."""
+    return [ShareCase(float(speed)) for speed in PAPER.values][-1 if settings.quick else 0 :]
+
+
+def summary(_: Sequence[ShareCase], cycles: Sequence[Cycle]) -> ExperimentResult:
     return PAPER.result(
         (record for cycle in cycles for record in _records(cycle)),
         (_table(cycles),),
         (_figure(cycles),),
-        {"Robot": robot.name, "Plant": "MuJoCo, 1 kHz, controller in the loop; sensors without errors"},
+        {"Robot": _ROBOT, "Plant": "MuJoCo, 1 kHz, controller in the loop; sensors without errors"},
     )
+
+
+EXPERIMENT = PAPER.experiment(cases, lambda case: crawl_cycle(load_robot(_ROBOT), case.speed), summary, alone=True)
 
 
 def _paper(cycle: Cycle) -> float:
@@ -129,17 +138,15 @@ def _paper(cycle: Cycle) -> float:
 
 
 def _records(cycle: Cycle) -> list[Record]:
-    case, metric = (
-        {"speed [cm/s]": round(100 * cycle.speed, 6)},
-        "share of inertial forces in the joint torques of one cycle",
-    )
+    case = {"speed [cm/s]": round(100 * cycle.speed, 6)}
+    metric = "share of inertial forces in the joint torques of one cycle"
     return [
         PAPER.record(case, metric, "%", 100 * cycle.share, _paper(cycle)),
         PAPER.record(case, "speed reached", "cm/s", 100 * cycle.reached),
     ]
 
 
-def _table(cycles: list[Cycle]) -> TableData:
+def _table(cycles: Sequence[Cycle]) -> TableData:
     head = ("", *(f"{100 * cycle.speed:.0f} cm/s" for cycle in cycles))
     rows: tuple[Row, ...] = (
         ("share here", *(Cell(f"{100 * cycle.share:.1f} %", strong=True) for cycle in cycles)),
@@ -150,7 +157,7 @@ def _table(cycles: list[Cycle]) -> TableData:
     return TableData.of("Inertial forces in the joint torques of one cycle", head, rows)
 
 
-def _figure(cycles: list[Cycle]) -> Figure:
+def _figure(cycles: Sequence[Cycle]) -> Figure:
     panels = tuple(
         Panel(
             Axis("time in the cycle [s]"),
@@ -179,8 +186,3 @@ def _wrench_map(points: Array) -> Array:
     for axis, unit in enumerate(np.eye(3)):
         columns[3:, axis::3] = np.cross(points, unit).T
     return columns
-
-
-def _transposed(jacobians: Array, forces: Array) -> Array:
-    """Jᵀ f, (4, 3)."""
-    return np.asarray((forces[:, None, :] @ jacobians)[:, 0])

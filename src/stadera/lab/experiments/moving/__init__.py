@@ -1,1 +1,0 @@
-"""Robots in motion: Table V, section III, and the studies of weighing while walking."""

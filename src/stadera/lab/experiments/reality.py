@@ -1,0 +1,447 @@
+"""Study of robots with `real` errors, weighed with their model file only, by every method on the same logs.
+
+The only information on a run is the time of the tare, the last instant before the load.
+"""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stadera.errors import IdentificationError, RecordingError
+from stadera.identify.legs import identify
+from stadera.identify.schema import with_identified_legs
+from stadera.identify.settings import IdentifySettings
+from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.control.planner.feet import PlanError
+from stadera.lab.control.trunk import ControlError
+from stadera.lab.experiments.result import Bounds, CaseValues, ExperimentResult, Record, spread
+from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped
+from stadera.lab.plant import SimulationError, Tray
+from stadera.lab.scenarios.run import simulate, stored
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.lab.scenarios.swing import swing
+from stadera.logs import Recording
+from stadera.report.table import Row, TableData
+from stadera.robot import Robot, load_robot
+from stadera.robot.imu import ImuMount
+from stadera.trunk import make_estimator
+from stadera.trunk.registry import Setup
+from stadera.trunk.samples import Samples
+from stadera.types import Array
+from stadera.weigh.truth import Truth
+
+OURS = "walking"
+"""Name of the library's estimator in the registry of methods."""
+LEGS = "walking, legs identified"
+"""The same with legs identified from a log of the robot's legs in the air."""
+
+_TRUNK = ("trunk mass", "trunk com x", "trunk com y", "trunk com z")
+_PAYLOAD, _CHANGE = ("payload mass", "payload x", "payload y", "payload z"), "change mass"
+FIGURES = (*_TRUNK, *_PAYLOAD, _CHANGE)
+"""Estimated quantities, each with error and standard deviation [kg, m]."""
+
+
+@dataclass(frozen=True)
+class RealitySettings:
+    """Settings common to all runs of the study, and to their evaluation."""
+
+    duration: float = 10.0  # [s]
+    loaded_at: float = 5.0  # [s]
+    out: float = 0.6  # of the tray's half size, within which loads are placed [1]
+    half_cube: float = 0.05  # of a load [m]
+    toppled: float = float(np.deg2rad(45.0))  # tilt of a trunk that has fallen [rad]
+    hold: int = 2  # periods of the test-bed for which the controller's torques are held
+    heavy: float = 0.10  # least load whose position is evaluated, as a share of the robot's mass
+    noticeable: float = 0.05  # least load that should be detected, likewise
+    soon: float = 0.5  # time after the load for that [s]
+
+
+HOW = RealitySettings()
+
+
+@dataclass(frozen=True)
+class RealityCase:
+    """Settings of one run."""
+
+    robot: str
+    scenario: str  # trot, crawl, shake or stand
+    share: float  # of the load in the robot's mass; 0 for none
+    errors: str  # real or real-unit-gain
+    # of the draw, combined with the other fields: no two cases draw the same robot, except for the common gain
+    seed: int
+
+
+def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
+    """Results of a run, its logs stored in a folder for reuse; None to store none.
+
+    `fell`: None, or a description. `robot_mass`: [kg]. `methods`: by method (of the registry, and `LEGS`) a mapping
+    with every quantity of `FIGURES` that it gives, as [error, standard deviation]; `verdict_before`, `verdict`: of the
+    fit, at the tare and at the end, None for methods without one; `noticed`: [s] from the load to its detection;
+    `false_changes`; `share_of_time`.
+    """
+    robot = load_robot(case.robot)
+    try:
+        log, truth = real_log(case, robot, logs)
+    except (ControlError, PlanError, SimulationError) as error:
+        return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
+    if toppled(log, robot):
+        return {"fell": "tilted by more than 45°", "robot_mass": robot.mass, "methods": {}}
+    samples = Samples.of_recording(log, robot)
+    methods = {name: _weighed(name, robot, samples, truth) for name in (OURS, "ls", "rls", "kalman")}
+    legs = _identified(case, robot, logs)
+    if legs is not None:
+        methods[LEGS] = _weighed(OURS, legs, samples, truth)
+    return {"fell": None, "robot_mass": robot.mass, "methods": methods}
+
+
+def toppled(log: Recording, robot: Robot) -> bool:
+    """True if the trunk of a simulated log was ever tilted by more than `RealitySettings.toppled`."""
+    if log.imu is None or log.imu.orientation is None:
+        raise RecordingError(f"{log.source}: a simulated log has an IMU with its orientation")
+    up = Rotation.from_quat(log.imu.orientation) * Rotation.from_matrix(ImuMount.of(robot).rotation).inv()
+    return bool((up.as_matrix()[:, 2, 2] < np.cos(HOW.toppled)).any())
+
+
+def real_log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
+    """The run's log and truth, stored earlier or simulated now."""
+    path = None if logs is None else logs / f"{_name(case)}.parquet"
+    return stored(path, lambda: simulate(robot, case.scenario, case_settings(case, robot)))
+
+
+def case_settings(case: RealityCase, robot: Robot) -> SimulateSettings:
+    """Settings of the run's simulation."""
+    draw = _draw(case)
+    load = _load(case, robot, draw)
+    return SimulateSettings(case.errors, load, duration=HOW.duration, seed=draw, load_time=HOW.loaded_at, hold=HOW.hold)
+
+
+def _identified(case: RealityCase, robot: Robot, logs: Path | None) -> Robot | None:
+    """The model file with legs identified from the robot's own log in the air; None if log or fit is refused."""
+    with TemporaryDirectory() as folder:
+        path = (Path(folder) if logs is None else logs) / f"{_name(case)}.legs.json"
+        try:
+            if not path.exists():
+                in_air = swing(robot, settings=SimulateSettings(case.errors, seed=_draw(case)))
+                identify(robot, in_air.recording, IdentifySettings(split=1.0)).save_json(path)
+            return with_identified_legs(robot, path)
+        except IdentificationError:
+            return None
+
+
+def _name(case: RealityCase) -> str:
+    return "-".join(str(value) for value in vars(case).values())
+
+
+def _draw(case: RealityCase) -> int:
+    return zlib.crc32(repr(replace(case, errors="")).encode())
+
+
+def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
+    """A cube on the tray, at a random position away from its edges."""
+    if not case.share:
+        return None
+    tray = Tray.of(robot)
+    aside = HOW.out * np.random.default_rng(draw).uniform(-1.0, 1.0, 2) * tray.half_size[:2]
+    x, y = (tray.centre[:2] + aside).tolist()
+    return Load(case.share * robot.mass, "kg", (x, y, tray.top + HOW.half_cube))
+
+
+def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
+    estimator: Any = make_estimator(name, Setup(robot), ALL_METHODS)
+    begun = time.process_time()
+    estimator.add(samples[samples.time < HOW.loaded_at])
+    before, verdict_before = estimator.estimate(), _verdict(estimator)
+    if name == OURS:
+        estimator.tare()
+    estimator.add(samples[samples.time >= HOW.loaded_at])
+    spent = time.process_time() - begun
+    bare, load = truth.moments[0], truth.moments[-1]
+    figures: dict[str, Any] = {"share_of_time": spent / float(samples.time[-1] - samples.time[0])}
+    figures |= {"verdict_before": verdict_before, "verdict": _verdict(estimator)}
+    figures |= _errors(_TRUNK, before.value - np.array([bare.mass, *bare.com]), before.std)
+    value, std = _payload(estimator) if name == OURS else _difference(before, estimator.estimate())
+    place = np.full(3, np.nan) if load.payload_com is None else np.asarray(load.payload_com)
+    figures |= _errors(_PAYLOAD, value - np.array([load.payload_mass, *place]), std)
+    if name == OURS:
+        figures |= _changes(estimator.changes, load.payload_mass)
+    return figures
+
+
+def _errors(names: tuple[str, ...], errors: Array, stds: Array) -> dict[str, list[float]]:
+    pairs = zip(names, errors.tolist(), stds.tolist(), strict=True)
+    return {name: [error, std] for name, error, std in pairs if np.isfinite(error) and np.isfinite(std)}
+
+
+def _payload(estimator: Any) -> tuple[Array, Array]:
+    """Mass and position of the payload since the tare, and their standard deviations, (4,) each."""
+    found = estimator.payload
+    if found is None:
+        return np.full(4, np.nan), np.full(4, np.nan)
+    return np.array([found.mass, *found.com]), np.array([found.mass_std, *found.com_std])
+
+
+def _difference(before: Any, after: Any) -> tuple[Array, Array]:
+    """The same from two estimates of the trunk with independent errors; no standard deviations for the position."""
+    mass = after.trunk.mass - before.trunk.mass
+    moment = after.trunk.mass * after.trunk.com_trunk - before.trunk.mass * before.trunk.com_trunk
+    seen = np.isfinite(before.std) & np.isfinite(after.std)
+    std = np.where(seen, np.hypot(before.std, after.std), np.nan)
+    place = moment / mass if mass else np.full(3, np.nan)
+    return np.array([mass, *place]), std
+
+
+def _verdict(estimator: Any) -> str | None:
+    trust = getattr(estimator, "trust", None)
+    trust = trust() if callable(trust) else trust
+    return None if trust is None else str(trust.verdict)
+
+
+def _changes(changes: tuple[Any, ...], mass: float) -> dict[str, Any]:
+    """The first change detected after the load is assigned to the load; all others are false."""
+    after = [change for change in changes if change.noticed > HOW.loaded_at]
+    found = after[0] if after and mass > 0 else None
+    false = len(changes) - (found is not None)
+    if found is None:
+        return {"noticed": None, "false_changes": false}
+    change = [found.mass - mass, found.mass_std]
+    return {"noticed": found.noticed - HOW.loaded_at, "false_changes": false, _CHANGE: change}
+
+
+PAPER = Paper.of("reality")
+
+ROBOTS = ("hyq", "go2", "anymal_b", "anymal_c", "b1", "a1")
+SCENARIOS = ("trot", "crawl", "shake", "stand")
+SHARES = (0.10, 0.05, 0.25, 0.0, 0.15)
+"""Shares of the load in the robot's mass, one for each draw."""
+SETS = ("real-unit-gain", "real")
+METHODS = {
+    OURS: "stadera",
+    LEGS: "stadera, legs identified",
+    "ls": "plain least squares",
+    "rls": "recursive least squares",
+    "kalman": "Kalman filter, m and m c",
+}
+
+_UNIT, _YARDSTICK = SETS[0], "ls"
+_OWN = (OURS, LEGS)
+_PROMISED = {OURS: 1.0, LEGS: 0.5}
+"""Factors on the bounds: identified legs halve them."""
+_MOVING = ("trot", "crawl", "shake")
+_TITLES = {_UNIT: "mean torque gain one", "real": "mean torque gain drawn"}
+
+
+_Pairs = Sequence[tuple[RealityCase, Outcome]]
+
+
+@dataclass(frozen=True)
+class ErrorSize:
+    """A quantity of the study: the size of an error."""
+
+    title: str
+    unit: str
+    names: tuple[str, ...]  # of `FIGURES`; for several, the length of the vector
+    relative: bool = False  # in percent of the robot's mass; else in mm
+    # median, high: bounds of median and 95th percentile for robots in motion, their mean gain one; None for none
+    median: float | None = None
+    high: float | None = None
+    least_share: float = 0.0  # least load as a share of the robot's mass
+
+    def values(self, pairs: _Pairs, method: str) -> list[float]:
+        """Sizes of a method's errors over the runs in which every component was estimated."""
+        found = []
+        for case, outcome in pairs:
+            figures = outcome["methods"].get(method, {})
+            parts = [figures[name][0] for name in self.names if name in figures]
+            if len(parts) == len(self.names) and case.share >= self.least_share:
+                scale = 100.0 / float(outcome["robot_mass"]) if self.relative else 1e3
+                found.append(scale * float(np.linalg.norm(parts)))
+        return found
+
+    def bounds(self, errors: str, scenario: str, method: str) -> Bounds:
+        """Bounds of median and 95th percentile for the library's own estimator, where there are any."""
+        share = _PROMISED.get(method) if errors == _UNIT and scenario in _MOVING else None
+        median, high = (None if share is None or bound is None else share * bound for bound in (self.median, self.high))
+        return median, high
+
+
+ERROR_SIZES = (
+    ErrorSize("payload mass", "%", ("payload mass",), True, 0.2, 0.8),
+    ErrorSize("payload x-y", "mm", ("payload x", "payload y"), False, 8.0, None, HOW.heavy),
+    ErrorSize("trunk mass", "%", ("trunk mass",), True, 1.0, 3.0),
+    ErrorSize("trunk CoM x-y", "mm", ("trunk com x", "trunk com y"), False, 4.0, None),
+    ErrorSize("trunk CoM z", "mm", ("trunk com z",), False, 15.0, None),
+)
+
+
+def cases(settings: ReproduceSettings) -> list[RealityCase]:
+    """The grid, one load for each draw; a small part of it in quick mode."""
+    if settings.quick:
+        few = (("hyq", "trot", _UNIT), ("go2", "trot", _UNIT), ("go2", "stand", _UNIT), ("hyq", "trot", SETS[1]))
+        return [RealityCase(robot, scenario, 0.10, errors, settings.seed) for robot, scenario, errors in few]
+    return [
+        RealityCase(robot, scenario, SHARES[k % len(SHARES)], errors, settings.seed + k)
+        for errors in SETS
+        for k in range(settings.seeds or len(SHARES))
+        for robot in ROBOTS
+        for scenario in SCENARIOS
+    ]
+
+
+def summary(grid: Sequence[RealityCase], runs: Sequence[Outcome]) -> ExperimentResult:
+    """Summarises any part of the grid."""
+    pairs = list(zip(grid, runs, strict=True))
+    sets = grouped(pairs, lambda case: case.errors)
+    accuracy = (
+        record
+        for errors, chosen in sets.items()
+        for scenario, own in grouped(chosen, lambda case: case.scenario).items()
+        for record in _accuracy(errors, scenario, own)
+    )
+    bars = (record for errors, chosen in sets.items() for method in _OWN for record in _bars(errors, chosen, method))
+    tables = (_table(errors, chosen) for errors, chosen in sets.items())
+    return PAPER.result(
+        (*accuracy, *bars),
+        (*tables, _by_robot(sets), _bars_table(sets), _behaviour(sets)),
+        facts={"Runs": f"{len(pairs)}", "Robots": ", ".join(dict.fromkeys(c.robot for c in grid))},
+    )
+
+
+EXPERIMENT = PAPER.experiment(cases, weigh_real, summary, keeps=True, keeps_logs=True)
+
+
+# -- accuracy -----------------------------------------------------------------------------------------------------
+def _accuracy(errors: str, scenario: str, pairs: _Pairs) -> Iterator[Record]:
+    case: CaseValues = {"errors": errors, "scenario": scenario}
+    for quantity in ERROR_SIZES:
+        sizes = {method: quantity.values(pairs, method) for method in METHODS}
+        for method, values in sizes.items():
+            bounds = quantity.bounds(errors, scenario, method)
+            yield from PAPER.spread({**case, "method": method}, quantity.title, quantity.unit, values, bounds)
+        yardstick = float(np.median(sizes[_YARDSTICK])) if sizes[_YARDSTICK] else 0.0
+        for method in _OWN:
+            if sizes[method] and yardstick:
+                ratio, own = float(np.median(sizes[method])) / yardstick, {**case, "method": method}
+                yield PAPER.record(own, f"{quantity.title}, median over plain least squares'", "1", ratio, bound=1.0)
+
+
+def _table(errors: str, pairs: _Pairs) -> TableData:
+    def row(scenario: str, chosen: _Pairs, method: str) -> Row:
+        cells = (spread(q.values(chosen, method), q.bounds(errors, scenario, method)) for q in ERROR_SIZES)
+        return (METHODS[method], *cells)
+
+    body = {
+        scenario: [row(scenario, chosen, method) for method in METHODS]
+        for scenario, chosen in grouped(pairs, lambda case: case.scenario).items()
+    }
+    return TableData.of(f"Errors, {_TITLES[errors]}", _head("method"), body, "Median; 95th percentile.")
+
+
+def _by_robot(sets: Mapping[str, _Pairs]) -> TableData:
+    body: dict[str, list[Row]] = {}
+    for errors, pairs in sets.items():
+        moving = [(c, r) for c, r in pairs if c.scenario in _MOVING]
+        for robot, own in grouped(moving, lambda case: case.robot).items():
+            body.setdefault(_TITLES[errors], []).append((robot, *(spread(q.values(own, OURS)) for q in ERROR_SIZES)))
+    return TableData.of("Errors in motion, by robot", _head("robot"), body, "Median; 95th percentile.")
+
+
+def _head(first: str) -> tuple[str, ...]:
+    return (first, *(f"{q.title} [{q.unit}]" for q in ERROR_SIZES))
+
+
+# -- error bars and behaviour -------------------------------------------------------------------------------------
+def _coverage(pairs: _Pairs, name: str, method: str) -> tuple[float, int, int] | None:
+    """Coverage of a quantity's error bars: the share of errors within 2 σ, the number beyond 4 σ with a good verdict
+    (or none), and the total number. None if the quantity was never estimated.
+    """
+    sigmas, good = [], []
+    for _, outcome in pairs:
+        figures = outcome["methods"].get(method, {})
+        verdict = figures.get("verdict_before" if name.startswith("trunk") else "verdict")
+        if name in figures and verdict != "bad":
+            error, std = figures[name]
+            sigmas.append(abs(error) / std)
+            good.append(verdict in ("good", None))
+    if not sigmas:
+        return None
+    size = np.array(sigmas)
+    return float((size <= 2.0).mean()), int(((size > 4.0) & np.array(good)).sum()), len(size)
+
+
+def _bars(errors: str, pairs: _Pairs, method: str) -> Iterator[Record]:
+    if not any(method in outcome["methods"] for _, outcome in pairs):
+        return
+    case: CaseValues = {"errors": errors, "method": method}
+
+    for name in FIGURES:
+        coverage = _coverage(pairs, name, method)
+        if coverage is not None:
+            within, beyond, _ = coverage
+            yield PAPER.least(case, f"{name}, within 2 σ", "1", within, 0.90)
+            yield PAPER.record(case, f"{name}, beyond 4 σ with verdict good", "1", float(beyond), bound=0.0)
+    verdicts, noticed = _verdicts(pairs, method), _noticed(pairs, method)
+    if verdicts:
+        yield PAPER.least(case, "verdict good", "1", verdicts.count("good") / len(verdicts), 0.8)
+    if noticed:
+        yield PAPER.least(case, f"load noticed within {HOW.soon} s", "1", float(np.mean(noticed)), 0.95)
+    yield PAPER.record(case, "false changes in 10 minutes", "1", _false_rate(pairs, method), bound=1.0)
+
+
+def _verdicts(pairs: _Pairs, method: str) -> list[str]:
+    found = (r["methods"].get(method, {}).get("verdict") for _, r in pairs)
+    return [verdict for verdict in found if verdict is not None]
+
+
+def _noticed(pairs: _Pairs, method: str) -> list[bool]:
+    """For each load that should be detected, whether it was detected soon."""
+    stood = [r["methods"][method]["noticed"] for c, r in pairs if method in r["methods"] and c.share >= HOW.noticeable]
+    return [late is not None and late <= HOW.soon for late in stood]
+
+
+def _false_rate(pairs: _Pairs, method: str) -> float:
+    """Number of false changes in ten minutes."""
+    counts = [r["methods"][method]["false_changes"] for _, r in pairs if method in r["methods"]]
+    return 600.0 * sum(counts) / (HOW.duration * len(counts)) if counts else 0.0
+
+
+def _bars_table(sets: Mapping[str, _Pairs]) -> TableData:
+    body: dict[str, list[Row]] = {}
+    for errors, pairs in sets.items():
+        for name, method in product(FIGURES, _OWN):
+            coverage = _coverage(pairs, name, method)
+            if coverage is not None:
+                within, beyond, count = coverage
+                row = (f"{name}, {METHODS[method]}", f"{100.0 * within:.0f} %", f"{beyond}", f"{count}")
+                body.setdefault(_TITLES[errors], []).append(row)
+    return TableData.of("Error bars", ("value", "within 2 σ", "beyond 4 σ, verdict good", "of"), body)
+
+
+def _behaviour(sets: Mapping[str, _Pairs]) -> TableData:
+    head = ("", "runs", "falls", "good / doubtful / bad", f"noticed within {HOW.soon} s", "false in 10 min", "time")
+    body: dict[str, list[Row]] = {}
+    for errors, pairs in sets.items():
+        for scenario, own in grouped(pairs, lambda case: case.scenario).items():
+            verdicts, noticed = _verdicts(own, OURS), _noticed(own, OURS)
+            spent = [r["methods"][OURS]["share_of_time"] for _, r in own if OURS in r["methods"]]
+            row = (
+                scenario,
+                f"{len(own)}",
+                f"{sum(r['fell'] is not None for _, r in own)}",
+                " / ".join(f"{verdicts.count(v)}" for v in ("good", "doubtful", "bad")) if verdicts else "–",
+                f"{100.0 * np.mean(noticed):.0f} %" if noticed else "–",
+                f"{_false_rate(own, OURS):.1f}",
+                f"{100.0 * np.median(spent):.0f} %" if spent else "–",
+            )
+            body.setdefault(_TITLES[errors], []).append(row)
+    note = "Time: of the processor, in the robot's."
+    return TableData.of("Verdicts, changes of the load, cost", head, body, note)

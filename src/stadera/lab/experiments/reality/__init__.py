@@ -1,1 +1,0 @@
-"""Study of robots that differ from their model files: runs with `real` errors, and their evaluation."""

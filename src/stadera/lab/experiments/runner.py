@@ -1,0 +1,196 @@
+"""The one runner of all experiments: cases, a function of one case, and a summary of all of them.
+
+A case is a frozen dataclass of plain values. Cases run over cores or machines. With a folder, outcomes that are
+mappings of plain values are stored immediately as lines of `<folder>/<experiment>.jsonl`, and cases found there are not
+run again, so that an interrupted study can be resumed. A line is valid for the version of this package that wrote it;
+an incomplete line is skipped. Texts, the paper's values and bounds are in `experiments.toml`.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.fleet.journal import journal, read_journal
+from stadera.fleet.pool import Failure, Pool, run_tasks
+from stadera.lab.experiments.result import Bounds, CaseValues, ExperimentResult, Record
+from stadera.report.figures import Figure
+from stadera.report.table import TableData
+from stadera.types import Progress
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Outcome = Mapping[str, Any]
+"""Outcome of a case: numbers (None for missing ones), texts, and lists of them."""
+
+Case = TypeVar("Case", bound="DataclassInstance")
+Found = TypeVar("Found")
+Key = TypeVar("Key", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class ReproduceSettings:
+    """Settings common to all experiments."""
+
+    seed: int = 0  # of all random draws; the same seed gives the same values
+    quick: bool = False  # run a short, coarse version; its values are not the published ones
+    data: Path | None = None  # folder of real logs; None to search for it (see `experiments.legs.real_log`)
+    keep: Path | None = None  # folder in which studies store their runs, to resume from; None for none
+    seeds: int | None = None  # number of seeds for a study that repeats its whole grid for each; None for its default
+    pool: Pool = field(default_factory=Pool)  # where cases are run
+
+    def __post_init__(self) -> None:
+        if self.seeds is not None and self.seeds < 1:
+            raise StaderaError(f"a study needs at least 1 seed, got {self.seeds}")
+        if self.seed < 0:
+            raise StaderaError(f"a seed needs to be at least 0, got {self.seed}")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment of the registry."""
+
+    name: str
+    title: str
+    run: Callable[[ReproduceSettings, Progress], ExperimentResult]  # neither prints nor writes
+    study: bool = False  # True for hundreds of runs that take an hour: run on request only, not by `all`
+    seeded: bool = False  # whether it repeats its grid for each of `ReproduceSettings.seeds`
+
+
+@dataclass(frozen=True)
+class Paper:
+    """An experiment's entry in `experiments.toml`."""
+
+    # name, title, lead, differs, notes, study, seeded: see `ExperimentResult` and `Experiment`
+    name: str
+    title: str
+    lead: str
+    differs: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    study: bool = False
+    seeded: bool = False
+    values: Mapping[str, Any] = field(default_factory=dict)  # printed in the paper
+    bounds: Mapping[str, float] = field(default_factory=dict)  # for records, by name
+
+    @classmethod
+    def of(cls, name: str) -> Paper:
+        text = (resources.files(__package__) / "experiments.toml").read_text(encoding="utf-8")
+        entry = tomllib.loads(text)[name]
+        values, (differs, notes) = entry.pop("paper", {}), (tuple(entry.pop(key, ())) for key in ("differs", "notes"))
+        return cls(name, values=values, differs=differs, notes=notes, **entry)
+
+    def experiment(
+        self,
+        cases: Callable[[ReproduceSettings], Sequence[Case]],
+        run: Callable[..., Found],
+        summary: Callable[[Sequence[Case], Sequence[Found]], ExperimentResult],
+        *,
+        keeps: bool = False,
+        keeps_logs: bool = False,
+        alone: bool = False,
+    ) -> Experiment:
+        """The experiment that runs all cases and summarises them.
+
+        Args:
+            keeps: whether outcomes are mappings, which can be stored.
+            keeps_logs: whether `run` also takes `logs`, a folder in which it stores simulated logs, or None.
+            alone: whether cases run one after another in this process.
+        """
+
+        def whole(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
+            grid, keep = cases(settings), settings.keep if keeps else None
+            logs = None if keep is None else keep.absolute() / f"{self.name}-logs"
+            one = partial(run, logs=logs) if keeps_logs else run
+            return summary(grid, run_grid(self.name, one, grid, progress, keep, Pool(0) if alone else settings.pool))
+
+        return Experiment(self.name, self.title, whole, self.study, self.seeded)
+
+    def record(
+        self,
+        case: CaseValues,
+        metric: str,
+        unit: str,
+        value: float,
+        paper: float | None = None,
+        bound: float | None = None,
+    ) -> Record:
+        return Record(self.name, case, metric, unit, value, paper, bound)
+
+    def least(self, case: CaseValues, metric: str, unit: str, value: float, bound: float | None) -> Record:
+        """A record whose bound is a lower limit."""
+        return Record(self.name, case, metric, unit, value, None, bound, "at least")
+
+    def spread(
+        self, case: CaseValues, title: str, unit: str, values: Sequence[float], bounds: Bounds
+    ) -> tuple[Record, ...]:
+        """Median and 95th percentile of sizes; none of no sizes."""
+        if not values:
+            return ()
+        found = {"median": np.median(values), "95th percentile": np.percentile(values, 95)}
+        return tuple(
+            self.record(case, f"{title}, {name}", unit, float(value), bound=bound)
+            for (name, value), bound in zip(found.items(), bounds, strict=True)
+        )
+
+    def result(
+        self,
+        records: Iterable[Record],
+        tables: Iterable[TableData] = (),
+        figures: Iterable[Figure] = (),
+        facts: Mapping[str, str] | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> ExperimentResult:
+        """A result with the text of this entry; `notes` follow its own."""
+        made, notes = (tuple(records), tuple(tables), tuple(figures)), (*self.notes, *notes)
+        return ExperimentResult(self.name, self.title, self.lead, *made, notes, facts or {}, self.differs)
+
+
+def run_grid(
+    study: str,
+    run: Callable[[Case], Found],
+    cases: Sequence[Case],
+    progress: Progress,
+    keep: Path | None = None,
+    pool: Pool | None = None,
+) -> list[Found]:
+    """Returns every case's outcome, in the cases' order.
+
+    Args:
+        study: name of the study, for progress and file.
+        run: a module-level, deterministic function from a case to its outcome.
+        keep: folder of stored outcomes; None to store none.
+        pool: where cases are run; None for one process per core. A single case is run in this process.
+    """
+    keys = [json.dumps(asdict(case), sort_keys=True, ensure_ascii=False, default=str) for case in cases]
+    file = None if keep is None else keep / f"{study}.jsonl"
+    done = {} if file is None else {str(entry["case"]): entry["outcome"] for entry in read_journal(file)}
+    waiting = {key: case for key, case in zip(keys, cases, strict=True) if key not in done}
+    progress(study, len(cases) - len(waiting), len(cases))
+    with nullcontext(None) if file is None else journal(file) as store:
+        for key, outcome in run_tasks(run, waiting, (pool or Pool()).for_tasks(len(waiting))):
+            if isinstance(outcome, Failure):
+                raise StaderaError(f"{study}, {key}: {outcome.reason}")
+            done[key] = outcome
+            if store is not None:
+                store({"case": key, "outcome": outcome})
+            progress(study, len(done), len(cases))
+    return [done[key] for key in keys]
+
+
+def grouped(pairs: Sequence[tuple[Case, Found]], key: Callable[[Case], Key]) -> dict[Key, list[tuple[Case, Found]]]:
+    """Groups cases and outcomes by a key of the case, in the order of first appearance."""
+    groups: dict[Key, list[tuple[Case, Found]]] = {}
+    for case, outcome in pairs:
+        groups.setdefault(key(case), []).append((case, outcome))
+    return groups

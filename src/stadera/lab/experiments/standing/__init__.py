@@ -1,1 +1,0 @@
-"""Robots weighed while they stand: Tables II to IV and Fig. 6."""
