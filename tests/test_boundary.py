@@ -21,7 +21,6 @@ from stadera.errors import ModelError, RecordingError, StaderaError
 from stadera.identify.schema import with_identified_legs
 from stadera.logs import Recording, read
 from stadera.logs.frames import columns_of
-from stadera.logs.tables.pages import _chunks, _footer
 from stadera.robot import load_robot
 
 
@@ -91,22 +90,6 @@ def test_a_folder_with_a_pipe_in_it_is_no_bag(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "log.mcap")
     with pytest.raises(RecordingError, match="directory"):
         read(tmp_path)
-
-
-def test_the_footer_of_a_parquet_file_is_read_as_pyarrow_reads_it(tmp_path: Path) -> None:
-    values = np.repeat([0.5, 1.5, 2.5], 20)
-    path = tmp_path / "t.parquet"
-    parquet.write_table(
-        pa.table({"a.b": values, "c": np.arange(60.0)}), path, row_group_size=25, use_dictionary=["a.b"]
-    )
-    with path.open("rb") as file:
-        found = list(_chunks(_footer(file)))
-    metadata = parquet.ParquetFile(path).metadata
-    known = [metadata.row_group(g).column(c) for g in range(3) for c in range(2)]
-    assert [b".".join(one[3]).decode() for one in found] == [one.path_in_schema for one in known]
-    assert [one[7] for one in found] == [one.total_compressed_size for one in known]
-    assert [one[9] for one in found] == [one.data_page_offset for one in known]
-    assert [one.get(11) for one in found] == [one.dictionary_page_offset for one in known]
 
 
 # -- tables -----------------------------------------------------------------------------------------------------------

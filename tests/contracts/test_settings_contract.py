@@ -20,7 +20,7 @@ from stadera.identify.spikes import SpikeSettings
 from stadera.lab.laws.mass import MassSettings
 from stadera.lab.laws.static_poses import Reach
 from stadera.live.settings import LiveSettings
-from stadera.logs.bags.settings import BagSettings
+from stadera.logs.bags.container import BagSettings
 from stadera.robot.stance import StanceSettings
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection
 from stadera.weigh.settings import WeighSettings

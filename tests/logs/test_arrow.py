@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from stadera.logs.tables.rows import batch_of
+from stadera.logs.tables.arrow import batch_of
 
 ROWS = 300
 COLUMNS = {

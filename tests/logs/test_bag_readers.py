@@ -18,7 +18,7 @@ from bags import Sent, imu, joints, text, write_folder, write_mcap, write_ros1
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Topics, read, stream
 from stadera.logs.bags.alignment import Alignment, Track
-from stadera.logs.bags.settings import BagSettings
+from stadera.logs.bags.container import BagSettings, Samples
 
 NAMES = ("LF_HAA", "LF_HFE", "LF_KFE")
 RATE = 1000.0
@@ -46,6 +46,11 @@ def steady(count: int = 400, rate: float = RATE, start: float = 5.0) -> list[flo
 
 def bag(folder: Path, *streams: Iterator[Sent] | list[Sent], **options: object) -> Path:
     return write_mcap(by_time(*streams), folder / "log.mcap", **options)
+
+
+def add(track: Track, stamp: int, values: np.ndarray, received: int | None = None) -> None:
+    times = np.array([stamp]), np.array([stamp if received is None else received])
+    track.take(Samples(track.name, times[1], times[0], "", track.columns, values[None]))
 
 
 # -- topics -------------------------------------------------------------------------------------------------------
@@ -221,8 +226,8 @@ def test_a_clock_that_drifts_follows_that_of_the_joints(batch: int) -> None:
     for start in range(0, 45_000, batch):
         for time in 1e-3 * np.arange(start, start + batch):
             late = time + 8e-3 * rng.uniform() ** 2
-            reference.add(round(1e9 * time), np.array([time]), round(1e9 * late))
-            other.add(round(1e9 * (time + 3e-4 * time)), np.array([time]), round(1e9 * late))
+            add(reference, round(1e9 * time), np.array([time]), round(1e9 * late))
+            add(other, round(1e9 * (time + 3e-4 * time)), np.array([time]), round(1e9 * late))
         _, values = alignment.rows()
         error = np.nan_to_num(values[:, 1] - values[:, 0])
         worst = max(worst, float(np.abs(error).max(initial=0.0)))
@@ -296,7 +301,7 @@ def test_interpolation_is_numpys(steps: list[int], at: list[int]) -> None:
     values = np.sin(np.arange(len(stamps) * 2.0)).reshape(-1, 2)
     track = Track("any", ("a", "b"))
     for stamp, value in zip(stamps.tolist(), values, strict=True):
-        track.add(stamp, value)
+        add(track, stamp, value)
     track.settle()
     wanted = np.array(sorted(at))
     found = track.at(wanted)
@@ -457,9 +462,9 @@ def test_memory_does_not_grow_with_the_log(silent: bool) -> None:
     rows = 0
     for start in range(0, 200_000, 4000):
         for k in range(start, start + 4000):
-            reference.add(k * 1_000_000, np.zeros(1))
+            add(reference, k * 1_000_000, np.zeros(1))
             if not (silent and k > 10_000):
-                other.add(k * 1_000_000 + 300_000, np.zeros(1))
+                add(other, k * 1_000_000 + 300_000, np.zeros(1))
         stamps, _ = alignment.rows()
         rows += len(stamps)
         assert len(reference.stamps) <= (1000 * BagSettings().patience if silent else 4000)

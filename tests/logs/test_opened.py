@@ -10,7 +10,7 @@ import pytest
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Recording, stream, write_table
 from stadera.logs.batches import MOST_ROWS
-from stadera.logs.tables.parquet import ParquetTable
+from stadera.logs.tables.arrow import ParquetTable
 from stadera.logs.topics import OpenedLog
 
 SAMPLES = MOST_ROWS + 300

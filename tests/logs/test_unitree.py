@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from bags import imu, joints, low_state, old_low_state, write_folder, write_mcap, write_ros1
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Recording, Topics, read
-from stadera.logs.bags.clock import TickClock
-from stadera.logs.bags.unitree import LOW_STATES, MOTORS, motor_names
+from stadera.logs.bags.unitree import LOW_STATES, MOTORS, TickClock, motor_names
 
 MS = 1_000_000
 

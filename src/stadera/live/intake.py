@@ -14,12 +14,11 @@ import numpy as np
 from stadera.errors import RecordingError
 from stadera.live.settings import LiveSettings
 from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, StreamClock, chosen
-from stadera.logs.bags.beginning import beginning_of
 from stadera.logs.bags.choice import Choice
-from stadera.logs.bags.container import Message, Sample, Topic
+from stadera.logs.bags.container import Message, Samples, Topic
 from stadera.logs.bags.decode import IMU, Decoder, decoder
 from stadera.logs.bags.log import stamped
-from stadera.logs.bags.merging import Merging
+from stadera.logs.bags.merging import Merging, beginning_of
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import Batch, recordings
 from stadera.logs.columns import TIME, Layout, layout
@@ -61,7 +60,7 @@ class Intake:
         self.notes: dict[str, None] = {}
         self._decoders: dict[str, Decoder] = {}
         self._publishers = PublisherFilter(self._settings)
-        self._head: list[tuple[Arrival, Sample]] = []
+        self._head: list[tuple[Arrival, Samples]] = []
         self._merging: Merging | None = None
         self._layout: Layout | None = None
         self._fault = ""
@@ -138,12 +137,12 @@ class Intake:
         asked = self._asked.imu if kind == IMU else self._asked.joint
         return asked in (None, topic)
 
-    def _decoded(self, arrival: Arrival) -> Sample | None:
+    def _decoded(self, arrival: Arrival) -> Samples | None:
         name = arrival.topic
         if name not in self._decoders:
             self._decoders[name] = decoder(Topic(arrival.kind), "cdr", self._robot.tree.joints, self._settings.bags)
         try:
-            return self._decoders[name](Message(name, arrival.received, arrival.data))
+            return self._decoders[name]([Message(name, arrival.received, arrival.data)])[0]
         except Exception:  # the libraries raise many kinds of errors on damaged bytes
             self.seen[name].damaged += 1
             return None
@@ -168,7 +167,7 @@ class Intake:
         for arrival, sample in head:
             self._merge(sample, arrival.arrived, merging)
 
-    def _merging_of(self, head: Sequence[Sample], topics: Choice) -> Merging:
+    def _merging_of(self, head: Sequence[Samples], topics: Choice) -> Merging:
         """The merging of messages into rows, determined from the first messages of the chosen topics."""
         joints = self._robot.tree.joints
         start = beginning_of(head, topics.joint, topics.imu, (*joints, *self._reading.others))
@@ -176,10 +175,10 @@ class Intake:
             raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
         names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
         self._layout = replace(layout(names, _SOURCE, joints, require, self._reading), imu_frame=start.imu_frame)
-        self._check_rate([sample.stamp for sample in head if sample.topic == topics.joint], topics.joint)
+        self._check_rate([int(sample.stamp[0]) for sample in head if sample.topic == topics.joint], topics.joint)
         return Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
 
-    def _continue(self, sample: Sample, arrived: float) -> None:
+    def _continue(self, sample: Samples, arrived: float) -> None:
         assert self._merging is not None
         assert self.topics is not None
         if sample.topic in (self.topics.joint, self.topics.imu):
@@ -189,12 +188,12 @@ class Intake:
                 self.notes["the clock of the stamps was set, or a publisher began anew"] = None
                 self._anew()
 
-    def _merge(self, sample: Sample, arrived: float, merging: Merging) -> None:
-        stamp = self.clock.at(sample.topic, sample.stamp, arrived)
+    def _merge(self, sample: Samples, arrived: float, merging: Merging) -> None:
+        stamp = self.clock.at(sample.topic, int(sample.stamp[0]), arrived)
         if stamp is None:
             self.lost["left out"] += 1
             self.notes[f"messages of {sample.topic} on another clock are left out"] = None
-        elif merging.take(sample._replace(stamp=stamp)):
+        elif merging.take(sample._replace(stamp=np.array([stamp]))):
             if self.topics is not None and sample.topic == self.topics.joint:
                 self._known_joints = arrived
         else:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 
 from stadera.errors import require_positive
-from stadera.logs.bags.settings import BagSettings
+from stadera.logs.bags.container import BagSettings
 from stadera.trunk.settings import TrunkSettings
 
 

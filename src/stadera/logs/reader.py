@@ -23,8 +23,7 @@ from stadera.logs.join import concatenate, take
 from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording
 from stadera.logs.tables.arrays import MatTable, NpzTable
-from stadera.logs.tables.csv import CsvTable
-from stadera.logs.tables.parquet import ParquetTable
+from stadera.logs.tables.arrow import CsvTable, ParquetTable
 from stadera.logs.tables.refused import refusal
 from stadera.logs.topics import EXAMPLES, FirstChunk, LogFile, OpenedLog
 

@@ -6,20 +6,99 @@ gap, before its beginning or after its end.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
-from stadera.logs.bags.clock import HeaderClock
-from stadera.logs.bags.container import Sample, SampleBatch
-from stadera.logs.bags.settings import DEFAULTS, BagSettings
+from stadera.logs.bags.container import BagSettings, Samples, Stamps
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.types import Array
 
-Stamps = NDArray[np.int64]
+
+class HeaderClock:
+    """Stamps from headers with steps of their clock removed; times of recording if the stamps repeat or run back.
+
+    A message cannot be recorded before it was stamped, so the least delay so far, received - stamp, is the offset of
+    the recorder's clock from the sender's. Queues only add to a delay. So a delay below the least one, or a stamp that
+    runs back by more than messages overtake each other, indicates a step of a clock.
+
+    Attributes:
+        steps, furthest: number of steps of the headers' clock that were removed, and the largest of them [s].
+        silent: True if the headers' stamps are not those of a clock, and times of recording are used.
+        delay, first_delay: least delay in the latest complete window [s], and in the first.
+    """
+
+    def __init__(self, settings: BagSettings) -> None:
+        self._settings, self._jump = settings, round(1e9 * settings.header_jump)
+        self.steps, self.furthest, self.silent = 0, 0.0, False
+        self.delay, self.first_delay = np.nan, np.nan
+        self._correction, self._least, self._period = 0, 0, 1
+        self._stamp, self._received = 0, 0
+        self._seen = self._wrong = 0
+        self._window_start, self._window_least, self._windows = 0, np.inf, 0
+
+    def __call__(self, stamps: Stamps, received: Stamps) -> Stamps:
+        """The stamps to use for the next messages [ns], given their headers and times of recording."""
+        if not self._seen:
+            self._stamp, self._received = int(stamps[0]) - 1, int(received[0])
+            self._least, self._window_start = int(received[0] - stamps[0]), self._received
+        self._decide(stamps)
+        undone = received if self.silent else self._without_steps(stamps, received)
+        self._watch_delay(undone, received)
+        self._stamp, self._received = int(stamps[-1]), int(received[-1])
+        return undone
+
+    def _decide(self, stamps: Stamps) -> None:
+        """Decides from the beginning of the log whether the stamps are those of a clock."""
+        if self._seen < self._settings.head:
+            first, self._seen = not self._seen, self._seen + len(stamps)
+            self._wrong += int(np.count_nonzero(np.diff(stamps, prepend=self._stamp) <= 0))
+            enough = first or self._seen >= self._settings.out_of_order_from
+            self.silent = enough and self._wrong > self._settings.out_of_order * self._seen
+
+    def _watch_delay(self, stamps: Stamps, received: Stamps) -> None:
+        """Updates the least delays of windows, which show a clock's drift without the effect of queues."""
+        self._window_least = min(self._window_least, 1e-9 * float((received - stamps).min()))
+        whole = received[-1] - self._window_start > 1e9 * self._settings.drift_window
+        if not self._windows:
+            self.delay = self.first_delay = self._window_least
+        elif whole:
+            self.delay = self._window_least
+        if whole:
+            self._windows, self._window_start, self._window_least = self._windows + 1, int(received[-1]), np.inf
+
+    def _without_steps(self, stamps: Stamps, received: Stamps) -> Stamps:
+        """The stamps corrected for all steps so far, including those among them."""
+        advance, passed = np.diff(stamps, prepend=self._stamp), np.diff(received, prepend=self._received)
+        if len(advance) >= self._settings.counter_enough:
+            self._period = max(int(np.median(advance)), 1)
+        back, ahead = advance < -self._jump, advance > max(self._jump, GAP_FACTOR * self._period)
+        # clocks drift apart, so the least delay may rise
+        self._least += round(self._settings.counter_drift * max(int(received[-1]) - self._received, 0))
+        out, start = stamps + self._correction, 0
+        for k in (*np.flatnonzero(back | ahead).tolist(), len(stamps)):
+            self._least = min(self._least, int((received - out)[start:k].min(initial=self._least)))
+            start = k
+            if k == len(stamps) or (ahead[k] and received[k] - out[k] > self._least - self._jump):
+                continue  # the end, a pause, or an emptying queue: the delay is unchanged
+            step = int(advance[k]) - max(int(passed[k]), self._period)
+            out[k:] -= step
+            self._correction -= step
+            self._least = int(received[k] - out[k])
+            self.steps, self.furthest = self.steps + 1, max(self.furthest, 1e-9 * abs(step))
+        return out
+
+    def notes(self, topic: str) -> Iterator[str]:
+        """Yields notes on the corrections, one sentence each."""
+        if self.silent:
+            yield f"the stamps of {topic} repeat or run back: times of recording are used"
+        if self.steps:
+            yield (
+                f"the clock of {topic} steps {self.steps} time{'s' * (self.steps > 1)}, by up to "
+                f"{self.furthest:.3g} s: undone by the times of recording"
+            )
 
 
 class Track:
@@ -34,8 +113,8 @@ class Track:
         stamps, values: of the samples kept, (kept,) [ns] and (kept, columns).
     """
 
-    def __init__(self, name: str, columns: Sequence[str], settings: BagSettings = DEFAULTS) -> None:
-        self.name, self.columns, self._settings = name, tuple(columns), settings
+    def __init__(self, name: str, columns: Sequence[str], settings: BagSettings | None = None) -> None:
+        self.name, self.columns, self._settings = name, tuple(columns), settings or BagSettings()
         quaternion = IMU_COLUMNS["orientation"]
         self._quaternion = [self.columns.index(q) for q in quaternion] if set(quaternion) <= set(columns) else None
         self.seen = self.out_of_order = self.gaps = self.longest = 0
@@ -43,9 +122,8 @@ class Track:
         self.period = np.nan
         self.stamps: Stamps = np.empty(0, dtype=np.int64)
         self.values: Array = np.empty((0, len(columns)))
-        self.clock = HeaderClock(settings)
+        self.clock = HeaderClock(self._settings)
         self.apart = 0.0
-        self._waiting: list[tuple[int, int, Array]] = []
         self._blocks: list[tuple[Stamps, Stamps, Array]] = []
         self._order: dict[tuple[str, ...], list[int]] = {}
 
@@ -58,36 +136,16 @@ class Track:
         gaps = f", {self.gaps} gap{'s' * (self.gaps > 1)}, the longest {1e-9 * self.longest:.3f} s" if self.gaps else ""
         return f"{rate:.5g} Hz{gaps}"
 
-    def add(self, stamp: int, values: Array, received: int | None = None) -> None:
-        """Adds a sample (columns,) with its stamp [ns] and time of recording; used from the next `settle` on."""
-        self._waiting.append((stamp, stamp if received is None else received, values))
-
-    def take(self, sample: Sample) -> None:
-        """Adds a sample with its columns in any order."""
-        self.add(sample.stamp, sample.values[self._places(sample.columns)], sample.received)
-
-    def take_many(self, samples: SampleBatch) -> None:
-        """Adds samples with their columns in any order."""
-        self._gather()
-        self._blocks.append((samples.stamp, samples.received, samples.values[:, self._places(samples.columns)]))
-
-    def _places(self, columns: tuple[str, ...]) -> list[int]:
-        if (order := self._order.get(columns)) is None:
-            order = self._order[columns] = [columns.index(name) for name in self.columns]
-        return order
-
-    def _gather(self) -> None:
-        """Makes the samples that were added one by one a block."""
-        if self._waiting:
-            stamps, received = np.array([times for *times, _ in self._waiting], dtype=np.int64).T
-            self._blocks.append((stamps, received, np.array([values for *_, values in self._waiting])))
-            self._waiting = []
+    def take(self, samples: Samples) -> None:
+        """Adds samples with their columns in any order; used from the next `settle` on."""
+        if (order := self._order.get(samples.columns)) is None:
+            order = self._order[samples.columns] = [samples.columns.index(name) for name in self.columns]
+        self._blocks.append((samples.stamp, samples.received, samples.values[:, order]))
 
     def settle(self, reference: Track | None = None) -> None:
         """Processes the samples added since the last call; the clock follows the reference's, if given. Raises
         RecordingError: the stamps are not those of a clock.
         """
-        self._gather()
         if not self._blocks or (reference is not None and np.isnan(reference.clock.delay)):
             return
         stamps, received, values = (np.concatenate(parts) for parts in zip(*self._blocks, strict=True))
@@ -170,9 +228,9 @@ class Track:
 class Alignment:
     """Merges streams at the stamps of the first; the settings' `patience` bounds the memory."""
 
-    def __init__(self, tracks: Sequence[Track], settings: BagSettings = DEFAULTS) -> None:
+    def __init__(self, tracks: Sequence[Track], settings: BagSettings | None = None) -> None:
         self.reference, self.others = tracks[0], tuple(tracks[1:])
-        self._patience = round(1e9 * settings.patience)
+        self._patience = round(1e9 * (settings or BagSettings()).patience)
 
     def rows(self, *, final: bool = False) -> tuple[Stamps, Array]:
         """The rows completed since the last call: stamps (rows,) [ns], values of all streams (rows, columns). `final`

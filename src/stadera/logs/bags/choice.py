@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from itertools import islice
 
 from stadera.errors import RecordingError
-from stadera.logs.bags.beginning import joints_in
-from stadera.logs.bags.container import Bag, Message, Topic
+from stadera.logs.bags.container import Bag, BagSettings, Message, Topic
 from stadera.logs.bags.decode import IMU, JOINT_STATE, decoder, has_states, is_low_state
-from stadera.logs.bags.settings import BagSettings
+from stadera.logs.bags.merging import joints_in
 from stadera.logs.topics import Topics
 
 _SLOW_TWIN = "lf"
@@ -146,7 +145,7 @@ def _measured(
 ) -> list[_Candidate]:
     """The candidates with their rates, measured at the beginning of the bag."""
     first: dict[str, list[Message]] = {name: [] for name in names}
-    for message in islice(bag.each(names), settings.most_ahead):
+    for message in islice(bag.messages(names), settings.most_ahead):
         if len(first[message.topic]) < settings.head:
             first[message.topic].append(message)
         elif all(len(messages) > 1 for messages in first.values()):
@@ -177,7 +176,7 @@ def _joints(
     seen: dict[str, None] = {}
     for message in messages[:8]:
         try:
-            seen |= dict.fromkeys(joints_in(decode(message).columns))
+            seen |= dict.fromkeys(joints_in(decode([message])[0].columns))
         except Exception:  # the libraries raise many kinds of errors on damaged bytes
             continue
     yield from seen

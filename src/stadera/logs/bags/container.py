@@ -10,12 +10,47 @@ from typing import NamedTuple, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.errors import RecordingError
+from stadera.errors import RecordingError, require_positive
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 from stadera.types import Array
 
 Record = TypeVar("Record")
 Part = TypeVar("Part")
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class BagSettings:
+    """Limits and tolerances for reading a bag's messages as one log, chosen for robots' logs of 50 Hz to 1 kHz."""
+
+    head: int = 2000  # messages of joints at the beginning that determine the columns
+    most_ahead: int = 100_000  # messages searched for the first one of an IMU
+    decoded: int = 256  # messages decoded at a time, which bounds how far topics can be out of order
+    batch: int = 4096  # messages merged at a time
+    # difference between two topics' clocks above which one is set from the other [s]; one second is far above any
+    # latency and far below the difference of independently set clocks
+    clocks_apart: float = 1.0
+    # of two topics' clocks since the beginning above which it is corrected [s]: above the scatter of the delays, below
+    # what affects weighing
+    drift: float = 5e-3
+    drift_window: float = 5.0  # over which a clock's delays are compared [s]; queues are empty at least once in it
+    # difference from the recorder's clock, or run back, above which a stamp indicates a step of the clock [s]; ntpd
+    # steps a clock by 0.128 s or more and slews it by less
+    header_jump: float = 0.1
+    patience: float = 10.0  # time for which a sample waits for the other topics [s]; bounds the memory
+    # share of stamps that repeat or run back above which they are not those of a clock, and the times of recording are
+    # used
+    out_of_order: float = 0.1
+    out_of_order_from: int = 100  # samples needed to evaluate that share
+    # stamps up to this much later than the robot's counter are kept [s]: it counts in milliseconds
+    counter_late: float = 2e-3
+    counter_jump: float = 0.05  # difference between stamp and counter above which one of the clocks has stepped [s]
+    # relative rate by which the robot's clock may run faster than the recorder's (crystals: 20 to 100 ppm)
+    counter_drift: float = 1e-4
+    counter_enough: int = 32  # number of stamps in a batch whose median step is the period
+
+    def __post_init__(self) -> None:
+        require_positive("setting of a bag", self, self.__dataclass_fields__)
 
 
 class Message(NamedTuple):
@@ -26,49 +61,15 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Messages(NamedTuple):
-    """Messages of one topic with equally many bytes: when they were recorded (n,) [ns], and their bytes (n, size)."""
-
-    topic: str
-    received: NDArray[np.int64]
-    data: NDArray[np.uint8]
-
-    def each(self) -> Iterator[Message]:
-        """Yields the messages one by one."""
-        for received, data in zip(self.received.tolist(), self.data, strict=True):
-            yield Message(self.topic, received, data.tobytes())
-
-
-class Bundle(NamedTuple):
-    """Consecutive messages, by topic and size; their order is kept only among those of one topic and size."""
-
-    groups: tuple[Messages, ...]
-
-    def each(self) -> Iterator[Message]:
-        """Yields the messages one by one."""
-        for group in self.groups:
-            yield from group.each()
-
-
-class Sample(NamedTuple):
-    """The values (columns,) of one message, NaN where it marks them as unknown, and the columns' names in the flat
-    table; when it was recorded and measured [ns]; the frame of the IMU, without a leading slash, may be empty.
+class Samples(NamedTuple):
+    """The values (n, columns) of n successive messages of one topic, NaN where a message marks them as unknown, and the
+    columns' names in the flat table; when they were recorded and measured (n,) [ns]; the frame of the IMU, without a
+    leading slash, may be empty.
     """
 
     topic: str
-    received: int
-    stamp: int
-    frame: str
-    columns: tuple[str, ...]
-    values: Array
-
-
-class SampleBatch(NamedTuple):
-    """The values of several messages of one topic, like `Sample` with arrays (n,) and values (n, columns)."""
-
-    topic: str
-    received: NDArray[np.int64]
-    stamp: NDArray[np.int64]
+    received: Stamps
+    stamp: Stamps
     frame: str
     columns: tuple[str, ...]
     values: Array
@@ -97,9 +98,7 @@ class Container(Protocol):
         """
         ...
 
-    def messages(
-        self, path: Path, topics: Collection[str], damage: list[str], budget: Budget
-    ) -> Iterator[Message | Bundle]:
+    def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
         """Yields messages of these topics as recorded. Unreadable parts are skipped and reported in `damage`."""
         ...
 
@@ -127,8 +126,11 @@ class Bag:
         if packed := next((p for p in there if p.name.endswith((f"{suffix}.zstd", f"{suffix}.zst"))), None):
             raise RecordingError(f"{packed}: compressed as a whole; unpack it first: zstd -d {packed.name}")
         files = tuple(p for p in there if p.suffix == suffix and p.is_file())
-        missing = _missing_parts(files)
-        return cls(path, container, files, Budget(path, limits), [missing] if missing else [])
+        numbered = {int(m[1]) for p in files if (m := re.search(r"_(\d+)$", p.stem))}
+        missing = sorted(set(range(max(numbered, default=-1))) - numbered)
+        numbers = ", ".join(map(str, missing))
+        damage = [f"parts of the bag are missing: number {numbers}"] if missing else []
+        return cls(path, container, files, Budget(path, limits), damage)
 
     def topics(self) -> dict[str, Topic]:
         """Topics of all files. Raises RecordingError: no file can be read."""
@@ -145,18 +147,14 @@ class Bag:
         self.damage += map(str, errors.values())
         return found
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message | Bundle]:
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Yields all messages of these topics, file after file."""
         for path in self.files:
             yield from self.container.messages(path, topics, self.damage, self.budget)
 
-    def each(self, topics: Collection[str]) -> Iterator[Message]:
-        """Yields all messages of these topics one by one."""
-        for item in self.messages(topics):
-            if isinstance(item, Bundle):
-                yield from item.each()
-            else:
-                yield item
+
+def _in_order(path: Path) -> tuple[tuple[int, str], ...]:
+    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name))
 
 
 def salvaged(
@@ -173,8 +171,8 @@ def salvaged(
 
     Args:
         records: in the file's order. An error ends them, since the next record cannot be located.
-        unpack: splits a record into parts: a chunk into its messages, others into themselves. On an error the record is
-            skipped.
+        unpack: splits a record into parts: a chunk into its messages, others into themselves. After an error the next
+            record is read.
         read_so_far: describes how much of the file was read, given the number of records, for the report.
         damage: receives a sentence for each part that could not be read.
     """
@@ -193,13 +191,11 @@ def salvaged(
             break
         read += 1
         try:
-            inner = unpack(record)
+            yield from unpack(record)
         except LimitError:
             raise
         except Exception as error:
             broken, reason = broken + 1, _why(error)
-            continue
-        yield from inner
     if broken:
         damage.append(f"{path}: left out {broken} damaged chunk{'s' * (broken > 1)} of messages{reason}")
 
@@ -209,28 +205,15 @@ def _why(error: Exception) -> str:
     return f" ({text})" if text else ""
 
 
-def _missing_parts(files: Collection[Path]) -> str:
-    """A sentence on missing numbers in a bag's file names; empty if there are none."""
-    numbered = [int(m.group(1)) for p in files if (m := re.search(r"_(\d+)$", p.stem))]
-    left_out = sorted(set(range(max(numbered, default=-1) + 1)) - set(numbered))
-    return f"parts of the bag are missing: number {', '.join(map(str, left_out))}" if left_out else ""
-
-
-def _in_order(path: Path) -> tuple[tuple[int, str], ...]:
-    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name))
-
-
-_PIECE = 1 << 20  # bytes unpacked at a time
-
-
 class _Readable(Protocol):
     def read(self, size: int, /) -> bytes: ...
 
 
 def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
-    """Unpacks a chunk or message stored with a compression "zstd", "lz4", "bz2"; "" or "none". LimitError if it unpacks
-    to more than the budget allows, RecordingError for another compression; the libraries raise errors of many kinds.
+    """Unpacks a chunk stored with a compression "zstd", "lz4", "bz2"; "" or "none". LimitError if it unpacks to more
+    than the budget allows, RecordingError for another compression; the libraries raise errors of many kinds.
     """
+    stream: _Readable
     match compression:
         case "" | "none":
             return data
@@ -240,22 +223,20 @@ def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
             if (size := zstandard.frame_content_size(data)) >= 0:
                 budget.require_unpacked(size, "a chunk")
                 return zstandard.ZstdDecompressor().decompress(data)
-            return _read(zstandard.ZstdDecompressor().stream_reader(data), budget)
+            stream = zstandard.ZstdDecompressor().stream_reader(data)
         case "lz4":
             import pyarrow as pa
 
-            return _read(pa.CompressedInputStream(pa.BufferReader(data), "lz4"), budget)
+            stream = pa.CompressedInputStream(pa.BufferReader(data), "lz4")
         case "bz2":
             from bz2 import BZ2File
 
-            return _read(BZ2File(BytesIO(data)), budget)
-    raise RecordingError(f"{budget.path}: a chunk is compressed by {compression!r}; valid: zstd, lz4, bz2")
-
-
-def _read(stream: _Readable, budget: Budget) -> bytes:
+            stream = BZ2File(BytesIO(data))
+        case _:
+            raise RecordingError(f"{budget.path}: a chunk is compressed by {compression!r}; valid: zstd, lz4, bz2")
     parts: list[bytes] = []
     size = 0
-    while part := stream.read(_PIECE):
+    while part := stream.read(1 << 20):
         size += len(part)
         budget.require_unpacked(size, "a chunk")
         parts.append(part)

@@ -1,20 +1,27 @@
-"""Decodes messages: joints' states and Imu of ROS 1 and 2, and Unitree's LowState."""
+"""Decodes messages: joints' states and Imu of ROS 1 and 2, and Unitree's LowState.
+
+rosbags reads every field of a message. Of JointState and Imu in CDR, the numbers are then read by their positions while
+messages have the same layout: a header is a stamp of 8 bytes and the frame's name; everything up to the first number
+(including names of joints) is the same in successive messages of a publisher, so the numbers keep their positions:
+doubles, aligned to 8 bytes after the four of the encapsulation.
+"""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
-from stadera.logs.bags.container import Message, Messages, Sample, SampleBatch, Topic
-from stadera.logs.bags.repeated import Repeated
-from stadera.logs.bags.settings import BagSettings
+from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
 from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS
+from stadera.types import Array
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -29,18 +36,16 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of a message that was compressed individually."""
 
 
-class Decoder(Protocol):
-    """Decodes one topic's messages in order; on damaged ones it raises errors of many kinds."""
+_LITTLE = b"\0\1\0\0"  # encapsulation of CDR in little-endian order
+_STAMP = 12  # start of the frame's name: after encapsulation and stamp
+_IMU_NUMBERS = 37  # quaternion, rates and specific force, each followed by nine of its covariance
+_IMU_ORDER = np.array([13, 14, 15, 25, 26, 27, 0, 1, 2, 3])
+_UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covariances that begin with -1, and their values
 
-    def __call__(self, message: Message) -> Sample:
-        """The values of one message."""
-        ...
-
-    def many(self, messages: Messages) -> SampleBatch | None:
-        """The same values from several messages at once; None, without having read any, if they are not laid out
-        alike.
-        """
-        ...
+Decoder = Callable[[Sequence[Message]], list[Samples]]
+"""Decodes successive messages of one topic. On damaged ones it raises errors of many kinds, and may be asked again for
+fewer of them.
+"""
 
 
 def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings) -> Decoder:
@@ -55,11 +60,12 @@ def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings:
     deserialize = types.deserialize_ros1 if encoding == "ros1" else types.deserialize_cdr
     read = _imu if topic.kind == IMU else _states(finder(types.fielddefs, topic.kind), topic.kind)
 
-    def decode(message: Message) -> Sample:
+    def decode(message: Message) -> Samples:
         return read(message, deserialize(uncompressed(message.data), topic.kind))
 
-    usual = encoding == "cdr" and topic.kind in (JOINT_STATE, IMU)
-    return Repeated(decode, is_imu=topic.kind == IMU if usual else None)
+    if encoding == "cdr" and topic.kind in (JOINT_STATE, IMU):
+        return _Repeated(decode, is_imu=topic.kind == IMU)
+    return lambda messages: [decode(message) for message in messages]
 
 
 def is_low_state(topic: Topic) -> bool:
@@ -100,12 +106,12 @@ def joint_columns(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{name}.{channel}" for channel in CHANNELS for name in names)
 
 
-def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Sample]:
+def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Samples]:
     """Returns a decoder of messages that contain joints' states."""
     if find is None:
         raise RecordingError(f"a {kind} in this log has no joints' states: its definition is another one")
 
-    def read(message: Message, content: Any) -> Sample:
+    def read(message: Message, content: Any) -> Samples:
         names, channels = find(content)
         blank = np.full(len(names), np.nan)
         rows = [channels.get(channel, blank) for channel in CHANNELS]
@@ -114,12 +120,12 @@ def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Sample]:
             raise RecordingError(f"{message.topic}: a message has {len(names)} names and {count} of {wrong}")
         values = np.concatenate([row if len(row) else blank for row in rows])
         stamp = _stamp(content) if hasattr(content, "header") else message.received
-        return Sample(message.topic, message.received, stamp, "", joint_columns(names), values)
+        return _of_one(message, stamp, "", joint_columns(names), values)
 
     return read
 
 
-def _imu(message: Message, content: Any) -> Sample:
+def _imu(message: Message, content: Any) -> Samples:
     """Decodes an Imu, in which a covariance that begins with -1, or a quaternion of zeros, marks unknown values."""
     gyro, force, turn = content.angular_velocity, content.linear_acceleration, content.orientation
     values = np.array([gyro.x, gyro.y, gyro.z, force.x, force.y, force.z, turn.x, turn.y, turn.z, turn.w])
@@ -130,7 +136,12 @@ def _imu(message: Message, content: Any) -> Sample:
     if content.orientation_covariance[0] == -1 or not values[6:].any():
         values[6:] = np.nan
     frame = str(content.header.frame_id).lstrip("/")
-    return Sample(message.topic, message.received, _stamp(content), frame, IMU_NAMES, values)
+    return _of_one(message, _stamp(content), frame, IMU_NAMES, values)
+
+
+def _of_one(message: Message, stamp: int, frame: str, columns: tuple[str, ...], values: Array) -> Samples:
+    """The values (columns,) of one message."""
+    return Samples(message.topic, np.array([message.received]), np.array([stamp]), frame, columns, values[None])
 
 
 def _stamp(content: Any) -> int:
@@ -151,3 +162,72 @@ def _types(topic: Topic, encoding: str) -> Typestore:
         found = get_types_from_idl(definition) if is_idl else get_types_from_msg(definition, topic.kind)
         store.register({kind: fields for kind, fields in found.items() if kind not in store.types})
     return store
+
+
+class _Repeated:
+    """Decoder that learns the layout of the next message from each one that `decode` reads: an Imu or a JointState."""
+
+    def __init__(self, decode: Callable[[Message], Samples], *, is_imu: bool) -> None:
+        self._decode, self._is_imu = decode, is_imu
+        self._like: Samples | None = None
+        self._prefix, self._length, self._first, self._count = b"", 0, 0, 0
+        self._gaps: tuple[slice, ...] = ()
+        self._joints = b""  # their number, as encoded before each array
+        self._order: NDArray[np.intp] = _IMU_ORDER
+
+    def __call__(self, messages: Sequence[Message]) -> list[Samples]:
+        found: list[Samples] = []
+        alike: list[Message] = []
+        for message in messages:
+            if self._like is not None and self._is_laid_out_alike(message.data):
+                alike.append(message)
+                continue
+            found += self._by_position(alike)
+            alike = []
+            samples = self._decode(message)
+            self._learn(message.data, samples)
+            found.append(samples)
+        return found + self._by_position(alike)
+
+    def _by_position(self, messages: Sequence[Message]) -> list[Samples]:
+        if not messages or (like := self._like) is None:
+            return []
+        rows = np.frombuffer(b"".join([message.data for message in messages]), np.uint8).reshape(-1, self._length)
+        numbers = np.ascontiguousarray(rows[:, self._first : self._first + 8 * self._count]).view("<f8")
+        values = numbers[:, self._order]
+        if self._is_imu:
+            for covariance, part in _UNKNOWN:
+                values[numbers[:, covariance] == -1.0, part] = np.nan
+            values[~values[:, 6:].any(axis=1), 6:] = np.nan
+        times = np.ascontiguousarray(rows[:, 4:_STAMP])
+        stamps = times.view("<i4")[:, 0].astype(np.int64) * 1_000_000_000 + times.view("<u4")[:, 1]
+        received = np.array([message.received for message in messages])
+        return [Samples(like.topic, received, stamps, like.frame, like.columns, values)]
+
+    def _is_laid_out_alike(self, data: bytes) -> bool:
+        return (
+            len(data) == self._length
+            and data[:4] == _LITTLE
+            and data[_STAMP : self._first] == self._prefix
+            and all(data[gap] == self._joints for gap in self._gaps)
+        )
+
+    def _learn(self, data: bytes, samples: Samples) -> None:
+        """Determines the numbers' positions in the next message, if it has the same layout."""
+        self._like = None
+        if data[:4] != _LITTLE:
+            return
+        joints = 0 if self._is_imu else len(samples.columns) // 3
+        # the second and third array are preceded by 8 bytes with their length
+        count = _IMU_NUMBERS if self._is_imu else 3 * joints + 2
+        first = len(data) - 8 * count
+        if (first - 4) % 8 or first <= _STAMP or not (joints or self._is_imu):
+            return  # more data follows, or an array is empty
+        self._prefix, self._length, self._first, self._count = data[_STAMP:first], len(data), first, count
+        if not self._is_imu:
+            self._joints = struct.pack("<I", joints)
+            starts = (first - 8, first + 8 * joints, first + 16 * joints + 8)
+            self._gaps = tuple(slice(start, start + 4) for start in starts[1:])
+            self._order = np.delete(np.arange(count), [joints, 2 * joints + 1])
+        if self._is_laid_out_alike(data):
+            self._like = samples

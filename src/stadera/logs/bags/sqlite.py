@@ -39,7 +39,7 @@ class SqliteFile:
 
 
 def _message(row: tuple[str, object, object]) -> tuple[Message]:
-    """Converts a row; the columns of a sqlite table hold values of any type."""
+    """A row's message; the columns of a sqlite table hold values of any type."""
     topic, received, data = row
     if not (isinstance(received, int) and isinstance(data, bytes)):
         raise RecordingError(f"a message is {type(data).__name__} at {type(received).__name__}")

@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.joint_words import by_place, places
-from stadera.logs.bags.clock import TickClock
-from stadera.logs.bags.container import Message, Messages, Sample, SampleBatch, Topic
-from stadera.logs.bags.decode import IMU_NAMES, ZSTD, joint_columns, uncompressed
-from stadera.logs.bags.settings import DEFAULTS, BagSettings
-from stadera.types import Array
+from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
+from stadera.logs.bags.decode import IMU_NAMES, joint_columns, uncompressed
 
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
@@ -44,7 +41,7 @@ class LowStates:
     """
 
     def __init__(
-        self, topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings = DEFAULTS
+        self, topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings | None = None
     ) -> None:
         at = _offsets(topic, aligned=encoding == "cdr")
         count = 1 + max(int(name.split(".")[1]) for name in at if name.startswith("motor_state."))
@@ -60,42 +57,33 @@ class LowStates:
         self._columns = (*joint_columns(motor_names(joints)), *IMU_NAMES)
         self.clock, self.motors = TickClock(settings), 0
 
-    def __call__(self, message: Message) -> Sample:
-        """The values of one message."""
-        data = np.frombuffer(uncompressed(message.data), np.uint8)
-        ticks, values = self._read(data[None])
-        stamp = self.clock.stamp(message.received, int(ticks[0]))
-        return Sample(message.topic, message.received, stamp, "", self._columns, values[0])
-
-    def many(self, messages: Messages) -> SampleBatch | None:
-        """See `Decoder`; None for messages that are compressed individually, or of both orders of bytes."""
-        start = messages.data[:, :4]
-        if (start == np.frombuffer(ZSTD, np.uint8)).all(axis=1).any() or np.ptp(start[:, 1] & 1):
-            return None
-        ticks, values = self._read(messages.data)
-        stamps = self.clock.stamps(messages.received, ticks)
-        return SampleBatch(messages.topic, messages.received, stamps, "", self._columns, values)
-
-    def _read(self, data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Array]:
-        """Counters (n,) and values (n, columns) of messages (n, bytes) of one order of bytes."""
-        order = "<" if not self._start or data[0, 1] & 1 else ">"
-        content = data[:, self._start :]
+    def __call__(self, messages: Sequence[Message]) -> list[Samples]:
+        """The values of successive messages. Raises ValueError: they are of several sizes or orders of bytes."""
+        content = [uncompressed(message.data) for message in messages]
+        if len(set(map(len, content))) > 1 or len({self._order_of(data) for data in content}) > 1:
+            raise ValueError("messages of several layouts")
+        order = self._order_of(content[0])
+        body = np.frombuffer(b"".join(content), np.uint8).reshape(len(content), -1)[:, self._start :]
 
         def numbers(places: NDArray[np.int64], kind: str) -> NDArray[Any]:
-            return content.take(places.ravel(), axis=1).view(f"{order}{kind}")
+            return body.take(places.ravel(), axis=1).view(f"{order}{kind}")
 
         values = numbers(self._words, "f4").astype(np.float64)
-        ticks = numbers(self._tick, "u4")[:, 0].astype(np.int64)
         values[~values[:, -4:].any(axis=1), -4:] = np.nan
+        ticks = numbers(self._tick, "u4")[:, 0].tolist()
         if not self.motors:
             self.motors = 1 + int(np.flatnonzero(numbers(self._angles, "f4")[0]).max(initial=-1))
         if self._feet is not None:
             counts = numbers(self._feet + np.arange(8), "i2")
-            self._least, self._most = (
-                np.minimum(self._least, counts.min(axis=0)),
-                np.maximum(self._most, counts.max(axis=0)),
-            )
-        return ticks, values
+            self._least = np.minimum(self._least, counts.min(axis=0))
+            self._most = np.maximum(self._most, counts.max(axis=0))
+        received = np.array([message.received for message in messages])
+        stamps = [self.clock.stamp(*one) for one in zip(received.tolist(), ticks, strict=True)]
+        return [Samples(messages[0].topic, received, np.array(stamps), "", self._columns, values)]
+
+    def _order_of(self, data: bytes) -> str:
+        """Order of the bytes, which CDR states."""
+        return "<" if not self._start or data[1] & 1 else ">"
 
     def notes(self, topic: str) -> Iterator[str]:
         """Yields notes on the messages, one sentence each."""
@@ -106,6 +94,44 @@ class LowStates:
             feet = zip(MOTORS[::3], self._least, self._most, strict=True)
             counts = ", ".join(f"{motor[:2]} {low:g} to {high:g}" for motor, low, high in feet)
             yield f"foot_force of {topic} is not used: counts of a sensor, not newtons ({counts})"
+
+
+class TickClock:
+    """Stamps for messages without any: the times of recording, corrected by the robot's millisecond counter.
+
+    A stamp more than `counter_late` after the least delay is a late message or a step of the recorder's clock, and gets
+    the counter's time. A counter that stands still or restarts is ignored. `repaired` stamps were changed, the
+    `furthest` by [s].
+    """
+
+    def __init__(self, settings: BagSettings | None = None) -> None:
+        settings = settings or BagSettings()
+        self._late, self._jump = round(1e9 * settings.counter_late), round(1e9 * settings.counter_jump)
+        self._drift = settings.counter_drift
+        self.repaired, self.furthest = 0, 0.0
+        self._offset, self._tick, self._wraps = 0, -1, 0
+
+    def stamp(self, received: int, tick: int) -> int:
+        """The stamp [ns] of a message recorded at `received` [ns] with the counter at `tick` [ms, 32 bits]."""
+        passed = (tick - self._tick) % (1 << 32) if self._tick >= 0 else 0
+        anew = self._tick < 0 or passed == 0 or passed > 1 << 31
+        self._wraps += not anew and tick < self._tick
+        counted = (tick + (self._wraps << 32)) * 1_000_000
+        offset = received - counted
+        if anew:
+            self._offset = offset
+        elif abs(offset - self._offset) < self._jump:
+            self._offset = min(offset, self._offset + round(self._drift * passed * 1e6))
+        self._tick = tick
+        stamp = counted + min(max(offset, self._offset), self._offset + self._late)
+        self.repaired += stamp != received
+        self.furthest = max(self.furthest, 1e-9 * abs(stamp - received))
+        return stamp
+
+    def notes(self, topic: str) -> Iterator[str]:
+        """Yields notes on the corrections, one sentence each."""
+        if self.repaired:
+            yield f"{self.repaired} stamps of {topic} corrected by its counter, by at most {1e3 * self.furthest:.3g} ms"
 
 
 def _offsets(topic: Topic, *, aligned: bool) -> dict[str, int]:

@@ -7,11 +7,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.batches import Batch, in_si, recordings, within
 from stadera.logs.columns import TIME, Layout, layout
@@ -19,9 +17,6 @@ from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
 from stadera.logs.units import FACTORS, unix_unit
 from stadera.types import Array, Bools
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 INTERLEAVED = "rows without joint positions are left out; the IMU is interpolated at the stamps of the others"
 
@@ -124,15 +119,14 @@ def aligned(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
     batches are in SI units.
     """
     from stadera.logs.bags.alignment import Alignment, Track
-    from stadera.logs.bags.settings import DEFAULTS
 
     columns = layout.columns
     of_imu = [columns.index(name) for names in layout.imu.values() for name in names]
     of_joints = [k for k in range(1, len(columns)) if k not in of_imu]
-    tracks = [Track("joints", [columns[k] for k in of_joints], DEFAULTS)]
+    tracks = [Track("joints", [columns[k] for k in of_joints])]
     if of_imu:
-        tracks.append(Track("IMU", [columns[k] for k in of_imu], DEFAULTS))
-    alignment = Alignment(tracks, DEFAULTS)
+        tracks.append(Track("IMU", [columns[k] for k in of_imu]))
+    alignment = Alignment(tracks)
     order = np.argsort([0, *of_joints, *of_imu])
     for batch in chain(batches, [None]):
         if batch is not None:
@@ -152,36 +146,3 @@ def _complete(batch: Batch, layout: Layout) -> tuple[Bools, Bools]:
     is_imu = np.array([name in imu for name in layout.columns])
     stamped = ~blank[0]
     return stamped & ~blank[~is_imu].any(axis=0), stamped & ~blank[is_imu].any(axis=0)
-
-
-def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batch:
-    """Selects these columns of a record batch. A null is a blank cell. Raises RecordingError: a column is not numeric.
-    Integers are rounded to the nearest double.
-    """
-    values = np.empty((len(columns), table.num_rows))
-    blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None
-    for i, name in enumerate(columns):
-        cells = _numbers(table.column(name), name, source)
-        valid, numbers = cells.buffers()  # `to_numpy` would import pandas
-        if not len(cells) or numbers is None:
-            continue
-        values[i] = np.frombuffer(numbers, np.float64, len(cells), 8 * cells.offset)
-        if blank is not None and cells.null_count:
-            bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=cells.offset + len(cells), bitorder="little")
-            blank[i] = bits[cells.offset :] == 0
-            values[i, blank[i]] = np.nan
-    return Batch(values, blank)
-
-
-def _numbers(column: pa.Array, name: str, source: str) -> pa.Array:
-    import pyarrow as pa
-
-    kind = column.type
-    if pa.types.is_float64(kind):
-        return column
-    numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_null)
-    if not any(test(kind) for test in numeric):
-        raise RecordingError(f"{source}: column {name!r} holds {kind}, not numbers")
-    if pa.types.is_boolean(kind):
-        column = column.cast(pa.int8())
-    return column.cast(pa.float64(), safe=False)

@@ -1,24 +1,30 @@
-"""Reads the flat table from CSV: one header line, blank cells for dropouts; plain or compressed by gzip, bzip2 or
-zstd.
-"""
+"""The flat table read by Arrow: CSV, plain or compressed by gzip, bzip2 or zstd, and Parquet."""
+
+from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from stadera.boundary import foreign
+import numpy as np
+
+from stadera.boundary import begins_with, foreign
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.batches import Batch
-from stadera.logs.tables.rows import OpenTable, TableReader, batch_of
+from stadera.logs.batches import MOST_ROWS, Batch, rows_at_once
+from stadera.logs.columns import IMU_FRAME
+from stadera.logs.tables.rows import OpenTable, TableReader
 
-BLOCK_BYTES = 1 << 20
-_PIECE_BYTES = 1 << 12
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_BLOCK_BYTES = 1 << 20  # of a CSV table, read at a time
 _UNREADABLE = "not a readable CSV table"
+_DAMAGED = "damaged Parquet file"
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\x28\xb5\x2f\xfd": "zstd"}
-_SEPARATORS = (";", "\t", "|")
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ def _head(path: Path, size: int) -> bytes:
     found = bytearray()
     try:
         with pa.input_stream(str(path), compression=packed) as unpacked:
-            while len(found) < size and (some := unpacked.read(_PIECE_BYTES)):
+            while len(found) < size and (some := unpacked.read(4096)):
                 found += some
     except (pa.ArrowException, OSError):  # damaged or cut off: the part before it is still the beginning
         pass
@@ -79,10 +85,10 @@ def _packed(head: bytes) -> str | None:
 
 def _dialect(path: Path) -> Dialect:
     """Determines the format. Comment lines (#) before the header are skipped; tables with ; may use decimal commas."""
-    lines = _head(path, BLOCK_BYTES).decode("utf-8-sig", errors="ignore").splitlines()
+    lines = _head(path, _BLOCK_BYTES).decode("utf-8-sig", errors="ignore").splitlines()
     skip = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
     first, second = [*lines[skip : skip + 2], "", ""][:2]
-    separator = next((sign for sign in _SEPARATORS if sign in first and "," not in first), ",")
+    separator = next((sign for sign in ";\t|" if sign in first and "," not in first), ",")
     decimal = "," if separator == ";" and re.search(r"\d,\d", second) else "."
     with foreign(path, _UNREADABLE):
         header = next(csv.reader([first], delimiter=separator, skipinitialspace=True), [])
@@ -95,7 +101,7 @@ def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator
 
     # with one thread Arrow names the row of a bad cell
     reading = pacsv.ReadOptions(
-        use_threads=False, block_size=BLOCK_BYTES, column_names=dialect.header, skip_rows=dialect.skip
+        use_threads=False, block_size=_BLOCK_BYTES, column_names=dialect.header, skip_rows=dialect.skip
     )
     converting = pacsv.ConvertOptions(
         include_columns=list(columns),
@@ -133,3 +139,73 @@ def _explained(text: str, path: Path, dialect: Dialect) -> RecordingError:
     if "Empty CSV" in text:
         return RecordingError(f"{path}: too few samples: 0, at least 2 are needed")
     return RecordingError(f"{path}: {_UNREADABLE}: {' '.join(text.split())[:200]}")
+
+
+class ParquetTable(TableReader):
+    """Reads the flat table from Parquet, page by page: memory does not grow with the size of the row groups."""
+
+    name = "Parquet table"
+    suffixes = (".parquet", ".pq")
+
+    def accepts(self, path: Path) -> bool:
+        """A file that begins with Parquet's magic bytes."""
+        return begins_with(path, b"PAR1")
+
+    def opened(self, budget: Budget) -> OpenTable:
+        """See `TableReader`."""
+        from pyarrow import parquet
+
+        with foreign(budget.path, _DAMAGED):
+            schema = parquet.read_schema(budget.path)
+            frame = (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
+        names = tuple(schema.names)
+        return OpenTable(names, lambda found, rows: _parquet_batches(found, rows or MOST_ROWS, budget), frame or None)
+
+
+def _parquet_batches(columns: tuple[str, ...], rows: int, budget: Budget) -> Iterator[Batch]:
+    """Raises LimitError if row groups are larger than the budget allows. Only their totals are read: Arrow ends the
+    process if a column's statistics, which it reads along with the column's size, contradict its type.
+    """
+    from pyarrow import parquet
+
+    path, at_once = budget.path, 8192  # rows: Arrow keeps what the largest batch has taken
+    with foreign(path, _DAMAGED), parquet.ParquetFile(path, buffer_size=1 << 16, pre_buffer=False) as file:
+        groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
+        largest = max((group.total_byte_size / max(group.num_columns, 1) for group in groups), default=0.0)
+        budget.require_unpacked(largest, "a column of a row group")
+        count = min(rows, rows_at_once(len(columns)), at_once)
+        for batch in file.iter_batches(count, columns=list(columns), use_threads=False):
+            yield batch_of(batch, columns, str(path))
+
+
+def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batch:
+    """Selects these columns of a record batch. A null is a blank cell. Raises RecordingError: a column is not numeric.
+    Integers are rounded to the nearest double.
+    """
+    values = np.empty((len(columns), table.num_rows))
+    blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None
+    for i, name in enumerate(columns):
+        cells = _numbers(table.column(name), name, source)
+        valid, numbers = cells.buffers()  # `to_numpy` would import pandas
+        if not len(cells) or numbers is None:
+            continue
+        values[i] = np.frombuffer(numbers, np.float64, len(cells), 8 * cells.offset)
+        if blank is not None and cells.null_count:
+            bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=cells.offset + len(cells), bitorder="little")
+            blank[i] = bits[cells.offset :] == 0
+            values[i, blank[i]] = np.nan
+    return Batch(values, blank)
+
+
+def _numbers(column: pa.Array, name: str, source: str) -> pa.Array:
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_float64(kind):
+        return column
+    numeric = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_null)
+    if not any(test(kind) for test in numeric):
+        raise RecordingError(f"{source}: column {name!r} holds {kind}, not numbers")
+    if pa.types.is_boolean(kind):
+        column = column.cast(pa.int8())
+    return column.cast(pa.float64(), safe=False)
