@@ -44,7 +44,13 @@ def identify(
         str, option("SECONDS|auto", "Delay of the torques relative to their stamps; 'auto' estimates it.")
     ] = "auto",
     up: Annotated[str, option("X,Y,Z|auto", "The vertical in trunk axes; 'auto': from the IMU, else level.")] = "auto",
-    export: Annotated[Path | None, option("F.urdf", "Write the model file with the identified values.")] = None,
+    export: Annotated[
+        Path | None,
+        option(
+            "F.urdf|F.yaml",
+            "Write the model file as identified; .yaml: its drives for Isaac Lab, mjlab.",
+        ),
+    ] = None,
     force: Force = False,
     *,
     options: LogOptions,
@@ -74,14 +80,15 @@ def identify(
     )
     model = load_robot(options.robot(robot, logs[0]), options.reading.limits)
     files.check(export)
-    if export is not None:
+    drives = export is not None and export.suffix.lower() in (".yaml", ".yml")
+    if export is not None and not drives:
         check_export(model, export)
     training = [options.log(path) for path in logs]
     validation = [options.log(path) for path in validate or ()]
     with progress() as watch:
         result = identify_legs(model, training, settings, validation or None, watch, fix=options.fix, force=force)
     _require_trust(result, force)
-    files.write_result(result, (export, result.save_urdf))
+    files.write_result(result, (export, result.save_actuators if drives else result.save_urdf))
     show(*identification_tables(result))
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 @grouped
 def inspect(
     target: Annotated[str, argument("LOG|ROBOT", "A log, a robot's name, or a URDF or MJCF.")],
+    other: Annotated[str | None, argument("[ROBOT]", "Another model, to compare the first with.")] = None,
     robot: Annotated[
         str | None, option("R", "Check the log against this robot, standing or walking.", "--robot")
     ] = None,
@@ -23,12 +24,16 @@ def inspect(
 
     For a robot: legs, links with masses, joints with limits, assumptions of the loader. For a log: joints, duration,
     rate, gaps, ranges, and matching robots; with --robot, faults found in it, and whether `weigh` would accept it.
+    For two robots: where their masses, drives and limits differ; exit code 1 if they do.
     `--columns` without a value writes a map of a table's columns, filled in as far as they are recognised.
     """
     if options.columns == TEMPLATE:
         from stadera.logs.foreign.template import template
 
         print(template(Path(target), LogOptions(units=options.units, limit=options.limit).reading), end="")
+        return
+    if other is not None:
+        _compare(target, other, options)
         return
     if _is_robot(target):
         from stadera.report.inspect import robot_contents
@@ -53,6 +58,23 @@ def inspect(
     with progress() as watch:
         found = inspected(model, log, fix=options.fix, progress=watch)
     show(*log_contents(summary, [model.name], found))
+
+
+def _compare(first: str, second: str, options: LogOptions) -> None:
+    """Shows where two models differ. Raises ModelError: one is no robot; UntrustedError: they differ."""
+    from stadera.errors import ModelError, UntrustedError
+    from stadera.report.inspect import comparison
+    from stadera.robot import load_robot
+    from stadera.robot.compare import differences
+
+    for target in (first, second):
+        if not _is_robot(target):
+            raise ModelError(f"{target}: a log; two robots' models are compared")
+    one, other = (load_robot(target, limits_of(options.limit)) for target in (first, second))
+    found = list(differences(one, other))
+    show(*comparison(one, other, found))
+    if found:
+        raise UntrustedError(f"{first} and {second} differ in {len(found)} value{'s' if len(found) > 1 else ''}")
 
 
 def _is_robot(target: str) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -235,6 +236,15 @@ class Identification(Result):
 
         with written_together([path]) as (draft,):
             export_model(self.identified_robot(), draft)
+
+    def save_actuators(self, path: str | PathLike[str]) -> None:
+        """Writes the drives as YAML for Isaac Lab and mjlab, see `stadera.robot.actuators`."""
+        from stadera.files import write_text
+        from stadera.robot.actuators import actuators_yaml
+
+        text = actuators_yaml(self.identified_robot(), self.torque_lag, Path(self.source).name)
+        with written_together([path]) as (draft,):
+            write_text(draft, text)
 
     def to_tables(self) -> list[TableData]:
         """Tables of links and joints of each leg, then of the torque errors."""

@@ -15,6 +15,7 @@ from stadera.report.terminal import notes, rich_table
 
 if TYPE_CHECKING:
     from stadera.logs.summary import LogSummary
+    from stadera.robot.compare import Difference
     from stadera.robot.model import Robot
     from stadera.weigh.weigh import Inspection
 
@@ -25,6 +26,16 @@ def robot_contents(robot: Robot) -> Iterator[RenderableType]:
     yield rich_table(_link_table(robot))
     yield rich_table(_joint_table(robot))
     yield from notes(robot.notes)
+
+
+def comparison(first: Robot, second: Robot, found: Sequence[Difference]) -> Iterator[RenderableType]:
+    """The masses of two models, and each value in which they differ."""
+    yield Text(f"{first.name}: {number(first.mass, 6)} kg; {second.name}: {number(second.mass, 6)} kg", style="bold")
+    if not found:
+        yield Text("The same in every mass, centre, inertia, drive and limit.")
+        return
+    rows = [(d.of, d.value, *("none" if v is None else number(v, 6) for v in (d.first, d.second))) for d in found]
+    yield rich_table(TableData.of("Differences", ("of", "value", first.name, second.name), rows, sides="llrr"))
 
 
 def _link_table(robot: Robot) -> TableData:

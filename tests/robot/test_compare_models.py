@@ -1,0 +1,61 @@
+"""Two model files are compared value by value; drives are written for simulators."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from stadera.inertia import InertialParameters
+from stadera.robot import JointDynamics, load_robot
+from stadera.robot.actuators import actuators_yaml
+from stadera.robot.compare import differences
+from stadera.robot.export import export_model
+
+
+def test_a_robot_equals_itself_and_its_copy(tmp_path: Path) -> None:
+    robot = load_robot("hyq")
+    assert not list(differences(robot, robot))
+    export_model(robot, tmp_path / "copy.urdf")
+    assert not list(differences(robot, load_robot(tmp_path / "copy.urdf")))
+
+
+def test_each_changed_value_is_named(tmp_path: Path, run: Any) -> None:
+    robot = load_robot("hyq")
+    link, joint = robot.tree.links[3], robot.tree.joints[4]
+    body = robot.inertias[link]
+    heavier = InertialParameters.from_com(1.1 * body.mass, body.com, body.inertia_com)
+    other = robot.with_inertias({link: heavier}).with_dynamics({joint: JointDynamics(viscous=0.3)})
+    found = list(differences(robot, other))
+    assert [(d.of, d.value.split()[0]) for d in found] == [(link, "mass"), (joint, "viscous")]
+    np.testing.assert_allclose(found[0].second, 1.1 * body.mass)
+    export_model(other, tmp_path / "other.urdf")
+    ended = run("inspect", "hyq", tmp_path / "other.urdf")
+    assert ended.code == 1
+    assert link in ended.out
+    assert "differ in 2 values" in ended.err
+    assert run("inspect", "hyq", "hyq").code == 0
+
+
+def test_drives_are_yaml_with_ranges_of_what_was_determined() -> None:
+    robot = load_robot("hyq")
+    joint, rest = robot.tree.joints[0], robot.tree.joints[1]
+    found = JointDynamics(armature=0.02, viscous=0.1, coulomb=0.5)
+    known = JointDynamics(armature=0.004, viscous=float("nan"), coulomb=0.4)
+    robot = robot.with_dynamics({joint: found}, {joint: known})
+    text = actuators_yaml(robot, 0.012, "swing.csv")
+    read = yaml.safe_load(text)
+    isaac, mjlab, ranges = read["isaac_lab"], read["mjlab"], read["randomisation"]
+    assert isaac["class"].startswith("isaaclab.actuators.")
+    assert isaac["joint_names_expr"] == mjlab["target_names_expr"] == list(robot.tree.joints)
+    assert isaac["armature"][joint] == mjlab["armature"][joint] == 0.02
+    assert isaac["friction"][joint] == isaac["dynamic_friction"][joint] == mjlab["frictionloss"][joint] == 0.5
+    assert isaac["effort_limit"][joint] == robot.limits[joint].effort
+    np.testing.assert_allclose(ranges["armature"][joint], [0.012, 0.028])
+    np.testing.assert_allclose(ranges["coulomb"][joint], [0.0, 1.3])  # friction is not below zero
+    assert not ranges["viscous"]
+    assert f"{joint}: viscous" in text
+    assert f"{rest}: armature, viscous, coulomb" in text
+    assert "12.0 ms" in text
