@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from stadera.lab.plant import IDEAL
-from stadera.live.posture import Posture, Postures
-from stadera.live.view import Viewer
+from stadera.live.view import Posture, Postures, Viewer
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.estimator import TrunkEstimator

@@ -6,9 +6,9 @@
 The worker's thread does all the work; sources of messages only queue them.
 """
 
+from stadera.live.run import Worker
 from stadera.live.session import Answer, LiveSession
 from stadera.live.settings import LiveSettings
 from stadera.live.state import Lag, LiveState
-from stadera.live.worker import Worker
 
 __all__ = ["Answer", "Lag", "LiveSession", "LiveSettings", "LiveState", "Worker"]

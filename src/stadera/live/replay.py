@@ -1,9 +1,12 @@
 """Replays a log as if the robot were running now, and records messages as a log."""
 
+from __future__ import annotations
+
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,13 +14,15 @@ from stadera.checks import Guard
 from stadera.live import messages
 from stadera.live.state import LiveState
 from stadera.live.topics import KINDS, Arrival
-from stadera.live.worker import Worker
 from stadera.logs import stream, take
 from stadera.logs.join import with_velocity
 from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.weigh.reading import with_extra_joints
+
+if TYPE_CHECKING:
+    from stadera.live.run import Worker
 
 
 def replay(

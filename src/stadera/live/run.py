@@ -1,21 +1,135 @@
-"""Runs a session from start to end: source of messages, receivers of states, clean shutdown."""
+"""Runs a session from start to end: source of messages, a thread that processes them, receivers of states."""
 
 import gc
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from stadera.live.link import Endpoints, ZenohLink
 from stadera.live.messages import RESET, TARE
 from stadera.live.replay import MessageRecorder, replay
-from stadera.live.session import LiveSession
+from stadera.live.session import Answer, LiveSession
 from stadera.live.state import LiveState
-from stadera.live.worker import Worker
+from stadera.live.topics import Arrival
+from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile, Topics
 from stadera.threads import one_thread
 
-_POLL = 0.05  # s, after which a failure of the worker ends the session
+
+class _Request(NamedTuple):
+    """A request to be processed between two messages, and the function that receives the answer."""
+
+    do: Callable[[], Answer]
+    reply: Callable[[Answer], None]
+
+
+_Item = Arrival | Recording | _Request
+
+
+class Worker:
+    """Feeds a session, not to be used by others between `start` and `stop`, in a separate thread. `put` and `ask` never
+    wait, and may be called from any thread. `keep` is called with every message before it is processed.
+
+    Attributes:
+        sinks: called in the worker's thread with a state every `period`, and at once after a change.
+        dropped: number of messages dropped because the queue was full, the oldest first.
+        failure: the exception that ended the thread; None if there is none.
+    """
+
+    def __init__(self, session: LiveSession, keep: Callable[[Arrival], None] | None = None) -> None:
+        self._session, self._settings, self._keep = session, session.settings, keep
+        self.sinks: Sequence[Callable[[LiveState], None]] = ()
+        self._waiting: deque[_Item] = deque()
+        self._lock, self._stop = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="stadera live", daemon=True)
+        self._due = 0.0
+        self._sent: tuple[object, ...] = ()
+        self.dropped = 0
+        self.failure: BaseException | None = None
+
+    def start(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Processes the queue, sends a last state, and ends; returns when that is done."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def put(self, item: Arrival | Recording) -> None:
+        """Queues a message, or samples of a log. If the queue is full the oldest message is dropped."""
+        with self._lock:
+            self._waiting.append(item)
+            if len(self._waiting) > self._settings.queue:
+                self._drop_oldest()
+
+    def ask(self, do: Callable[[], Answer], reply: Callable[[Answer], None]) -> None:
+        """Queues a request such as `session.tare`; its answer is passed to `reply` in the worker's thread."""
+        with self._lock:
+            self._waiting.append(_Request(do, reply))
+
+    @property
+    def pending(self) -> int:
+        """Number of queued items."""
+        return len(self._waiting)
+
+    # -- inside -----------------------------------------------------------------------------------------------
+    def _drop_oldest(self) -> None:
+        oldest = next((k for k, item in enumerate(self._waiting) if not isinstance(item, _Request)), None)
+        if oldest is not None:
+            del self._waiting[oldest]
+            self.dropped += 1
+
+    def _run(self) -> None:
+        try:
+            stopping = False
+            while not stopping:
+                stopping = self._stop.wait(self._settings.batch)
+                with self._lock:
+                    items, self._waiting = self._waiting, deque()
+                self.work(items)
+                self._send(final=stopping)
+        except BaseException as error:  # passed to the thread that waits for this one
+            self.failure = error
+
+    def work(self, items: Sequence[_Item]) -> None:
+        """Processes items: consecutive messages together, requests and samples one by one."""
+        arrivals: list[Arrival] = []
+        for item in items:
+            if isinstance(item, Arrival):
+                if self._keep is not None:
+                    self._keep(item)
+                arrivals.append(item)
+                continue
+            self._session.feed(arrivals)
+            arrivals = []
+            if isinstance(item, _Request):
+                item.reply(item.do())
+            else:
+                self._session.add(item, time.monotonic())
+        self._session.feed(arrivals)
+
+    def _fed_until(self, now: float) -> float:
+        """Arrival of the oldest queued message; now if there is none."""
+        with self._lock:
+            return next((item.arrived for item in self._waiting if isinstance(item, Arrival)), now)
+
+    def _send(self, *, final: bool) -> None:
+        now = time.monotonic()
+        until = self._fed_until(now)
+        event = self._session.event(until)
+        if now < self._due and event == self._sent and not final:
+            return
+        state = self._session.state(now, until)
+        state = replace(state, lost={**state.lost, "queue": self.dropped})
+        self._due, self._sent = now + self._settings.period, event
+        for sink in self.sinks:
+            sink(state)
 
 
 @dataclass(frozen=True)
@@ -62,7 +176,7 @@ def run(
             frame, fix = session.imu_frame, session.fix
             replay(source.log, session.robot, worker, stop, source.rate, imu_frame=frame, fix=fix)
         else:
-            while not stop.wait(_POLL) and worker.failure is None:
+            while not stop.wait(0.05) and worker.failure is None:  # s, until a failure of the worker is noticed
                 pass
     finally:
         worker.stop()
