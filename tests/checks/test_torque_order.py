@@ -9,11 +9,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from stadera.checks import torque_steps
-from stadera.checks.footing import Footing
+from stadera.checks import CheckLimits, torques
 from stadera.checks.instants import Instants
-from stadera.checks.limits import CheckLimits
-from stadera.checks.torque_order import slopes, swapped_in_motion
+from stadera.checks.residual import Footing
+from stadera.checks.torques import SwappedTorques, TrunkRows, swapped_in_motion, torque_step
 from stadera.lab.experiments.fault_kinds import FORCES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -41,6 +40,16 @@ def swapped(log: Recording, name: str, pair: tuple[str, str]) -> Recording:
         order[i], order[j] = j, i
     assert log.effort is not None
     return replace(log, effort=log.effort[:, order])
+
+
+def footing_of(log: Recording, name: str, limits: CheckLimits) -> Footing:
+    robot = load_robot(name)
+    return Footing(robot, Instants.of(log, robot.tree.joints, ImuMount.of(robot), limits), limits)
+
+
+def order_of(log: Recording, name: str, limits: CheckLimits) -> SwappedTorques | None:
+    footing = footing_of(log, name, limits)
+    return swapped_in_motion(footing, TrunkRows.of(footing))
 
 
 @pytest.mark.parametrize(
@@ -117,10 +126,10 @@ def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, se
 def test_a_step_that_any_joint_explains_is_not_named(monkeypatch: pytest.MonkeyPatch, most: int, named: bool) -> None:
     """Four joints alike: what comes to the whole robot at once is no joint's sensor."""
     squares, sizes = np.r_[np.full(4, 400.0), np.zeros(8)], np.full(12, 0.1)
-    robot, log = load_robot("go2"), log_of("go2", "shake", 11, False)
-    monkeypatch.setattr(torque_steps, "_likeliest", lambda *_: ((squares, sizes), (slice(0, 40), 20)))
-    blocks = Instants.of(log, robot.tree.joints, ImuMount.of(robot), CheckLimits())
-    found = torque_steps.torque_step(Footing(robot, blocks), CheckLimits(step_alike_most=most))
+    log = log_of("go2", "shake", 11, False)
+    monkeypatch.setattr(torques, "_tested", lambda *_: (squares, sizes))
+    footing = footing_of(log, "go2", CheckLimits(step_alike_most=most))
+    found = torque_step(footing, TrunkRows.of(footing))
     assert (found is not None) == named
 
 
@@ -139,7 +148,7 @@ def test_slopes_are_numpys_gradients_stretch_by_stretch() -> None:
     rng, group = np.random.default_rng(0), np.repeat([0, 1, 2, 3, 4], [25, 1, 2, 3, 25])
     time, values = np.cumsum(rng.uniform(0.03, 0.05, len(group))), rng.normal(size=(len(group), 4, 3))
     flat = np.zeros((len(group), 12))
-    found = slopes(values, Instants(time, group, flat, flat, flat))
+    found = Instants((), time, group, flat, flat, flat).slopes(values)
     for one in np.unique(group):
         at = group == one
         expected = np.gradient(values[at], time[at], axis=0) if at.sum() > 1 else np.zeros((1, 4, 3))
@@ -157,27 +166,24 @@ def test_hips_of_a_sound_robot_that_stands_are_not_accused(name: str, seed: int)
 
 def test_an_order_that_does_not_explain_the_motion_itself_is_not_named() -> None:
     """Legs in the wrong order, and torques that lead the motion by 40 ms: neither order fits."""
-    robot, log = load_robot("hyq"), log_of("hyq", "trot", 15, True)
+    log = log_of("hyq", "trot", 15, True)
     assert log.effort is not None
     led = np.roll(log.effort, -10, axis=0)
-    blocks = Instants.of(replace(log, effort=led), robot.tree.joints, ImuMount.of(robot), CheckLimits())
-    assert swapped_in_motion(Footing(robot, blocks), CheckLimits()) is None
+    assert order_of(replace(log, effort=led), "hyq", CheckLimits()) is None
     wrong = swapped(replace(log, effort=led), "hyq", ("LF", "RF"))
-    blocks = Instants.of(wrong, robot.tree.joints, ImuMount.of(robot), CheckLimits())
-    assert swapped_in_motion(Footing(robot, blocks), CheckLimits(order_fits=1.0)) is not None
-    assert swapped_in_motion(Footing(robot, blocks), CheckLimits(order_fits=0.001)) is None
+    assert order_of(wrong, "hyq", CheckLimits(order_fits=1.0)) is not None
+    assert order_of(wrong, "hyq", CheckLimits(order_fits=0.001)) is None
 
 
 def test_an_order_that_gains_in_one_second_only_is_not_named() -> None:
     """Torques of two legs exchanged for a second are no order of the log's torques."""
-    robot, log = load_robot("go2"), log_of("go2", "shake", 11, False)
+    log = log_of("go2", "shake", 11, False)
     other = swapped(log, "go2", ("LF", "RF"))
     assert log.effort is not None
     assert other.effort is not None
     during = (log.time > 1.0) & (log.time < 2.0)
     mixed = replace(log, effort=np.where(during[:, None], other.effort, log.effort))
-    blocks = Instants.of(mixed, robot.tree.joints, ImuMount.of(robot), CheckLimits())
-    assert swapped_in_motion(Footing(robot, blocks), CheckLimits()) is None
+    assert order_of(mixed, "go2", CheckLimits()) is None
 
 
 @pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "trot", 15), ("anymal_c", "crawl", 13)])

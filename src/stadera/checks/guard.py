@@ -7,12 +7,12 @@ Units and signs are checked for any motion. Checks that need a robot on its feet
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from stadera.checks.diagnosis import diagnose, unit_findings
+from stadera.checks.diagnosis import diagnose
 from stadera.checks.finding import Finding
 from stadera.checks.limits import CheckLimits
-from stadera.checks.units import limit_findings
+from stadera.checks.units import limit_findings, unit_findings
 from stadera.errors import UntrustedError
-from stadera.logs.mend import Mend, changed
+from stadera.logs.mend import changed
 from stadera.logs.reader import stream
 from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
@@ -32,10 +32,10 @@ class Guard:
     def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
         """Faults of units and signs in a log's first chunk."""
         first = self._first(log)
-        if first is None:
-            return ()
-        found = unit_findings(first, self.robot)
-        return found if found or self.on_feet else tuple(limit_findings(first, self.robot, CheckLimits()))
+        found = () if first is None else unit_findings(first, self.robot)
+        if first is None or found or self.on_feet:
+            return found
+        return tuple(limit_findings(first, self.robot, CheckLimits()))
 
     def findings(self, log: LogFile | Recording) -> tuple[Finding, ...]:
         """All faults in a log's first chunk. Raises RecordingError: the log cannot be read, or lacks a joint.
@@ -46,36 +46,28 @@ class Guard:
         first = self._first(log)
         return () if first is None else diagnose(first, self.robot, self.imu_frame)
 
-    def require(self, log: LogFile | Recording) -> None:
-        """Refuses a log with wrong units or signs. Raises UntrustedError: they are wrong; names the option that
-        corrects them. Also raises as `findings`.
-        """
-        if fatal := [finding for finding in self.units(log) if finding.fatal]:
-            raise UntrustedError(f"{log.source}: {fatal[0]}")
-
     def mended(self, log: LogFile | Recording) -> LogFile | Recording:
         """The log with all unambiguous faults corrected, and a note on each; raises as `findings`."""
         for _ in range(self.rounds):
             mends = [finding.mend for finding in self.findings(log) if finding.mend is not None]
             if not mends:
                 break
-            log = _changed(log, mends)
+            if isinstance(log, Recording):
+                log = changed(log, mends)
+            else:
+                log = replace(log, reading=replace(log.reading, changes=(*log.reading.changes, *mends)))
         return log
 
     def admitted(self, log: LogFile | Recording, *, fix: bool, force: bool) -> LogFile | Recording:
-        """The log to use: corrected with `fix`, and checked unless a result is forced; raises as `require`."""
-        if fix:
-            log = self.mended(log)
-        if not force:
-            self.require(log)
+        """The log to use: corrected with `fix`, and its units and signs checked unless a result is forced. Raises
+        UntrustedError: they are wrong; names the option that corrects them. Also raises as `findings`.
+        """
+        log = self.mended(log) if fix else log
+        wrong = () if force else [finding for finding in self.units(log) if finding.fatal]
+        if wrong:
+            raise UntrustedError(f"{log.source}: {wrong[0]}")
         return log
 
     def _first(self, log: LogFile | Recording) -> Recording | None:
         first = next(stream(log, joints=self.joints), None)
         return first if first is not None and len(first) > 1 else None
-
-
-def _changed(log: LogFile | Recording, mends: Sequence[Mend]) -> LogFile | Recording:
-    if isinstance(log, Recording):
-        return changed(log, mends)
-    return replace(log, reading=replace(log.reading, changes=(*log.reading.changes, *mends)))

@@ -1,292 +1,227 @@
-"""Fault hypotheses: common mistakes in logs whose sensors contradict each other, each with the way to undo it."""
+"""Fault hypotheses: common mistakes in logs, each with a correction, a sentence and the option that applies it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
+from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.checks.instants import Instants
 from stadera.checks.units import DEGREE
 from stadera.logs.columns import CHANNELS
-from stadera.logs.mend import GYRO, Mend
-from stadera.robot.model import Robot
+from stadera.logs.mend import ACCELEROMETER, GYRO, Mend
+from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
-Places = NDArray[np.int64]
+Order = tuple[int, ...]
+"""For each leg, or joint of a leg, the one whose values are recorded as its own."""
 
-KINDS = ("HAA", "HFE", "KFE")
-_MOTION = CHANNELS[:3]
-_WHICH = {"": CHANNELS, "the torques of ": CHANNELS[3:], "the positions of ": _MOTION}
+_MOTION, _TORQUES = CHANNELS[:3], CHANNELS[3:]
+_WHICH = {"": CHANNELS, "the torques of ": _TORQUES, "the positions of ": _MOTION}
 _BY_NAMES = "--columns MAP.toml with the right names"
 _BY_SIGN = "--columns MAP.toml with factor = -1"
-_BY_FRAME = "--imu-frame NAME"
-_TORQUE_UNITS = (("mNm", 1e-3), ("kNm", 1e3))
-_SIDES: dict[tuple[int, ...], str] = {
-    (1, 0, 3, 2): "left and right legs",
-    (2, 3, 0, 1): "front and hind legs",
-    (3, 2, 1, 0): "diagonal legs, LF with RH and RF with LH,",
-}
-"""By the order of LF, RF, LH, RH."""
+_TORQUE_UNITS = {"mNm": 1e-3, "kNm": 1e3}
 
 
 @dataclass(frozen=True, eq=False)
-class FaultHypothesis:
+class Hypothesis:
     """A possible fault of a log."""
 
     cause: str  # one word: imu_frame, torque_signs, torque_unit, joint_order, joint_signs, gyro_unit
     text: str  # description of the fault, a clause
-    undo: Callable[[Instants], Instants]  # makes the log without the fault, joints in the tree's order
+    undo: Mend  # correction of the log, with a turn of the IMU in trunk axes
     option: str = ""  # command-line option that corrects it
-    mend: Mend | None = None  # correction of the recordings; None if it needs more information
+    known: bool = True  # False if the correction is estimated, and needs more information to be applied
     rare: bool = False  # True if it needs more gain in motion, see `CheckLimits.rare`
 
     @property
     def torques_alone(self) -> bool:
         """True if only torques are those of other joints."""
-        return isinstance(self.undo, _Taken) and self.undo.channels == _WHICH["the torques of "]
+        return bool(self.undo.swapped) and {channel for channel, _ in self.undo.swapped} == set(_TORQUES)
 
 
-def hypotheses_at_rest(robot: Robot, *, imu: bool = True) -> Iterator[FaultHypothesis]:
-    """Yields hypotheses that show on average, simpler ones first; those of the IMU only with `imu`."""
+def hypotheses_at_rest(robot: Robot, most: int, *, imu: bool = True) -> Iterator[Hypothesis]:
+    """Yields hypotheses that show on average, simpler ones first; those of the IMU only with `imu`. Orders of more than
+    `most` legs or joints are exchanges of two.
+    """
     yield from _torque_signs(robot)
-    yield from _orders(robot)
+    legs, alike = [leg.joints for leg in robot.legs], len({len(leg.joints) for leg in robot.legs}) == 1
+    if alike:
+        for order in _orders(len(robot.kinds), most):
+            taken = [[leg[k] for k in order] for leg in legs]
+            yield from _reordered(robot, f"joints {_cycle(order, robot.kinds)} of all legs", taken, _WHICH)
+    for order, what in leg_orders(robot, most).items():
+        yield from _reordered(robot, what, [legs[k] for k in order], _WHICH)
+    if alike:
+        flat = np.array(legs)
+        yield from _reordered(robot, "joints by kind and joints by leg", flat.T.reshape(flat.shape).tolist(), _WHICH)
+        by_leg = flat.reshape(flat.shape[::-1]).T.tolist()
+        yield from _reordered(robot, "joints by leg and joints by kind", by_leg, _WHICH)
+    yield from _joint_signs(robot)
     if imu:
         yield from _turns()
 
 
-def hypotheses_in_motion(robot: Robot) -> Iterator[FaultHypothesis]:
-    """Yields hypotheses that show in motion, for logs with an IMU."""
-    names, place = [leg.name for leg in robot.legs], places(robot)
-    for order in _orders_of_four():
-        which = tuple(_WHICH) if order in _SIDES or sum(a != b for a, b in enumerate(order)) == 2 else ("",)
-        for name, found in zip(which, _reordered(robot, _legs(order, names), place[list(order)], which), strict=True):
-            yield replace(found, rare=True) if name and order not in _SIDES else found
+def hypotheses_in_motion(robot: Robot, most: int) -> Iterator[Hypothesis]:
+    """Yields hypotheses that show in motion, for logs with an IMU; orders as `hypotheses_at_rest`."""
+    legs, mirrored = [leg.joints for leg in robot.legs], mirrors(robot)
+    for order, what in leg_orders(robot, most).items():
+        whole, *parts = _reordered(robot, what, [legs[k] for k in order], _WHICH)
+        yield whole
+        if order in mirrored or sum(a != b for a, b in enumerate(order)) == 2:
+            yield from (replace(part, rare=order not in mirrored) for part in parts)
     yield from _joint_signs(robot)
     for quarters in (1, 2, 3):
-        turn = np.round(_about_z(quarters * np.pi / 2))
+        c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         yield _turned(turn, f"the IMU is turned by {90 * quarters}° about the vertical")
     yield _gyro(-1.0, "the gyro's sign is reversed", "")
     yield _gyro(DEGREE, "the gyro seems to be in deg/s", "--units gyro=deg/s")
 
 
-def torque_scales(robot: Robot, loads: Array, lightest: float, heaviest: float) -> Iterator[FaultHypothesis]:
-    """Yields hypotheses of scaled torques, of all legs, of pairs or of one: of motors before the gear, or in another
-    unit.
+def torque_orders(robot: Robot, most: int) -> Iterator[tuple[Order, Hypothesis]]:
+    """Yields every other order of the legs' torques, and the hypothesis that they are recorded in it."""
+    for order, what in leg_orders(robot, most).items():
+        taken = [robot.legs[k].joints for k in order]
+        yield from ((order, found) for found in _reordered(robot, what, taken, ("the torques of ",)))
+
+
+def torque_scales(robot: Robot, loads: Array, lightest: float, heaviest: float) -> Iterator[Hypothesis]:
+    """Yields hypotheses of scaled torques, of all legs, of half of them or of one: of motors before the gear, or in
+    another unit.
 
     Args:
-        loads: (4,), mean upward load of each foot as a share of the robot's weight.
+        loads: (L,), mean upward load of each foot as a share of the robot's weight.
         lightest, heaviest: shares of its weight that a robot may have; factors within them cannot be detected.
     """
-    place, names = places(robot), [leg.name for leg in robot.legs]
-    for count in (4, 2, 1):
-        for chosen in combinations(range(4), count):
-            factor = _factor(float(loads[list(chosen)].sum()), float(loads.sum()), count)
-            if factor <= 0 or lightest < 1.0 / factor < heaviest:
-                continue
-            whose = "" if count == 4 else f" of {' and '.join(names[k] for k in chosen)}"
-            yield _scaled(robot, place[list(chosen)].ravel(), factor, whose)
+    n, total = len(loads), float(loads.sum())
+    for count in dict.fromkeys((n, n // 2, 1)):
+        for chosen in combinations(range(n), count):
+            carried = float(loads[list(chosen)].sum())
+            # with it these legs carry as much as the others, and all together the robot's weight
+            wanted = (total - carried) / (n - count) * count if count < n else 1.0
+            if carried and (factor := wanted / carried) > 0 and not lightest < 1.0 / factor < heaviest:
+                names = " and ".join(robot.legs[k].name for k in chosen)
+                joints = [joint for k in chosen for joint in robot.legs[k].joints]
+                yield _scaled(joints, factor, "" if count == n else f" of {names}")
 
 
-def places(robot: Robot) -> Places:
-    """Index of each leg's joints in the tree, (4, 3)."""
-    return np.array([[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs], dtype=np.int64)
+def leg_orders(robot: Robot, most: int) -> dict[Order, str]:
+    """Orders of the legs other than the right one, those with the fewest changes first, and which are swapped."""
+    names, sizes, known = [leg.name for leg in robot.legs], [len(leg.joints) for leg in robot.legs], mirrors(robot)
+    orders = dict.fromkeys([*_orders(len(names), most), *known])
+    fitting = [order for order in orders if [sizes[k] for k in order] == sizes]
+    return {order: known.get(order) or f"legs {_cycle(order, names)}" for order in fitting}
 
 
-# -- torques ---------------------------------------------------------------------------------------------------------
+def mirrors(robot: Robot) -> dict[Order, str]:
+    """Orders in which each leg is exchanged with its mirror image, by the places of the hips."""
+    hips, names = robot.hips[:, :2] - robot.hips[:, :2].mean(axis=0), [leg.name for leg in robot.legs]
+    found: dict[Order, str] = {}
+    for sign, what in (((1, -1), "left and right legs"), ((-1, 1), "front and hind legs"), ((-1, -1), "")):
+        off = np.linalg.norm(hips * sign - hips[:, None], axis=2).argmin(axis=0)
+        order = tuple(map(int, off))
+        if sorted(order) == list(range(len(hips))) != list(order):
+            pairs = " and ".join(f"{names[k]} with {names[other]}" for k, other in enumerate(order) if k < other)
+            found.setdefault(order, what or f"diagonal legs, {pairs},")
+    return found
 
 
-def _factor(carried: float, total: float, count: int) -> float:
-    """Factor on the torques of so many legs with which they carry as much as the others, all four the robot's weight;
-    -1 where they carry nothing.
+def _orders(count: int, most: int) -> list[Order]:
+    """Orders other than the right one, those with the fewest changes first; only exchanges of two of more than
+    `most`.
     """
-    if not carried:
-        return -1.0
-    return (total - carried) / (4 - count) * count / carried if count < 4 else (1.0 - total + carried) / carried
-
-
-def _scaled(robot: Robot, chosen: Places, factor: float, whose: str) -> FaultHypothesis:
-    scale = np.ones(len(robot.tree.joints))
-    unit, factor = next(((u, f) for u, f in _TORQUE_UNITS if 0.5 < f / factor < 2.0), ("", factor))
-    scale[chosen] = factor
-    joints = [robot.tree.joints[k] for k in chosen]
-    mend = None
-    if unit:
-        text = f"the torques{whose} seem to be in {unit}"
-        mend = Mend(f"torques{whose} taken to be in {unit}", joint_factors={("effort", j): factor for j in joints})
-        option = f"--units {unit}"
-    else:
-        size = f"{factor:.3g} times too small" if factor > 1 else f"{1 / factor:.3g} times too large"
-        text = f"the torques{whose} are about {size}, as those of motors before the gear, or in another unit"
-        option = "--gear RATIO"
-    if whose:
-        option = f"--columns MAP.toml with factor = {factor:.3g}"
-    return FaultHypothesis("torque_unit", text, lambda b: replace(b, effort=b.effort * scale), option, mend)
-
-
-def _torque_signs(robot: Robot) -> Iterator[FaultHypothesis]:
-    place = places(robot)
-    n = len(robot.tree.joints)
-
-    def flipped(text: str, chosen: Places) -> FaultHypothesis:
-        sign = np.ones(n)
-        sign[chosen.ravel()] = -1.0
-        joints = [robot.tree.joints[k] for k in chosen.ravel()]
-        mend = Mend(f"{text}, and turned back", joint_factors={("effort", joint): -1.0 for joint in joints})
-        return FaultHypothesis("torque_signs", text, lambda b: replace(b, effort=b.effort * sign), _BY_SIGN, mend)
-
-    yield flipped("the signs of all torques are reversed", place)
-    for count in (1, 2, 3):
-        for legs in combinations(range(4), count):
-            names = " and ".join(robot.legs[k].name for k in legs)
-            yield flipped(f"the signs of the torques of {names} are reversed", place[list(legs)])
-    for count in (1, 2):
-        for kinds in combinations(range(3), count):
-            names = " and ".join(KINDS[k] for k in kinds)
-            yield flipped(f"the signs of all {names} torques are reversed", place[:, list(kinds)])
-    for leg, kind in product(range(4), range(3)):
-        joint = robot.tree.joints[int(place[leg, kind])]
-        yield flipped(f"the sign of the torque of {joint!r} is reversed", place[leg, kind])
-
-
-# -- joints ----------------------------------------------------------------------------------------------------------
-
-
-def _orders(robot: Robot) -> Iterator[FaultHypothesis]:
-    place = places(robot)
-    for kinds in list(permutations(range(3)))[1:]:
-        yield from _reordered(robot, f"joints {_cycle(kinds, KINDS)} of all legs", place[:, list(kinds)], tuple(_WHICH))
-    names = [leg.name for leg in robot.legs]
-    for order in _orders_of_four():
-        yield from _reordered(robot, _legs(order, names), place[list(order)], tuple(_WHICH))
-    by_kind, by_leg = place.T.reshape(4, 3), place.reshape(3, 4).T
-    yield from _reordered(robot, "joints by kind and joints by leg", by_kind, tuple(_WHICH))
-    yield from _reordered(robot, "joints by leg and joints by kind", by_leg, tuple(_WHICH))
-    yield from _joint_signs(robot)
-
-
-def torque_orders(robot: Robot) -> Iterator[tuple[tuple[int, ...], FaultHypothesis]]:
-    """Yields every other order of the legs' torques, and the hypothesis that they are recorded in it."""
-    place, names = places(robot), [leg.name for leg in robot.legs]
-    for order in _orders_of_four():
-        for found in _reordered(robot, _legs(order, names), place[list(order)], ("the torques of ",)):
-            yield order, found
-
-
-def _orders_of_four() -> list[tuple[int, ...]]:
-    """Orders of the legs other than the right one, those with the fewest changes first."""
-    return sorted(permutations(range(4)), key=lambda order: sum(a != b for a, b in enumerate(order)))[1:]
-
-
-def _reordered(robot: Robot, what: str, taken: Places, which: Sequence[str]) -> Iterator[FaultHypothesis]:
-    joints, order = robot.tree.joints, np.arange(len(robot.tree.joints), dtype=np.int64)
-    order[places(robot).ravel()] = taken.ravel()
-    moved = [(joints[k], joints[source]) for k, source in enumerate(order) if k != source]
-    for name in which:
-        channels, text = _WHICH[name], f"{name}{what} are swapped"
-        mend = Mend(f"{text}, and put back", swapped={(c, joint): source for c in channels for joint, source in moved})
-        yield FaultHypothesis("joint_order", text, _Taken(order, channels), _BY_NAMES, mend)
-
-
-@dataclass(frozen=True, eq=False)
-class _Taken:
-    """Takes the values of other joints, in some channels."""
-
-    order: Places
-    channels: tuple[str, ...]
-
-    def __call__(self, blocks: Instants) -> Instants:
-        moved = ("position", "rate") if "position" in self.channels else ()
-        names = (*moved, "effort") if "effort" in self.channels else moved
-        return replace(blocks, **{name: getattr(blocks, name)[:, self.order] for name in names})
-
-
-def _joint_signs(robot: Robot) -> Iterator[FaultHypothesis]:
-    """Yields hypotheses of joints with the opposite sign, as if both sides of the robot were mirrored."""
-    place = places(robot)
-    sides = {"right legs": (1, 3), "left legs": (0, 2), "all legs": (0, 1, 2, 3)}
-    for (side, legs), kinds in product(sides.items(), ((0,), (1,), (2,), (1, 2), (0, 1, 2))):
-        chosen = place[np.ix_(legs, kinds)].ravel()
-        sign = np.ones(len(robot.tree.joints))
-        sign[chosen] = -1.0
-        joints = [robot.tree.joints[k] for k in chosen]
-        what = f"{' and '.join(KINDS[k] for k in kinds)} of the {side}"
-        for whole in (True, False):
-            channels = CHANNELS if whole else _MOTION
-            text = f"{'' if whole else 'the positions of '}{what} have the other sign"
-            mend = Mend(f"{text}, turned", joint_factors={(c, joint): -1.0 for c in channels for joint in joints})
-            yield FaultHypothesis("joint_signs", text, _Mirrored(sign, whole), _BY_SIGN, mend)
-
-
-@dataclass(frozen=True, eq=False)
-class _Mirrored:
-    """Reverses joints, with or without their torques."""
-
-    sign: Array
-    torques: bool
-
-    def __call__(self, blocks: Instants) -> Instants:
-        effort = blocks.effort * self.sign if self.torques else blocks.effort
-        return replace(blocks, position=blocks.position * self.sign, rate=blocks.rate * self.sign, effort=effort)
-
-
-# -- the IMU ---------------------------------------------------------------------------------------------------------
-
-
-def _turns() -> Iterator[FaultHypothesis]:
-    """Yields the accelerometer's sign, and the rotations that map axes to axes."""
-    yield FaultHypothesis(
-        "imu_frame",
-        "the accelerometer's sign is reversed, gravity instead of the specific force",
-        lambda b: b if b.specific_force is None else replace(b, specific_force=-b.specific_force),
-        mend=Mend("sign of the accelerometer turned", factors={"accelerometer": -1.0}),
-    )
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        turn = np.zeros((3, 3))
-        turn[range(3), order] = signs
-        if np.linalg.det(turn) < 0 or np.array_equal(turn, np.eye(3)):
-            continue
-        axes = ", ".join(("" if sign > 0 else "-") + "xyz"[k] for k, sign in zip(order, signs, strict=True))
-        yield _turned(turn, f"the IMU's frame is wrong: its axes ({axes}) are what is taken for (x, y, z) of the trunk")
-
-
-def _turned(turn: Array, text: str) -> FaultHypothesis:
-    rows = tuple(tuple(float(x) for x in row) for row in turn)
-    return FaultHypothesis("imu_frame", text, _Turn(turn), _BY_FRAME, Mend(f"{text}; turned", turn=rows))  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True, eq=False)
-class _Turn:
-    """Rotates the IMU's values."""
-
-    turn: Array
-
-    def __call__(self, blocks: Instants) -> Instants:
-        names = ("specific_force", "angular_velocity")
-        values = {name: getattr(blocks, name) for name in names}
-        return replace(blocks, **{name: v @ self.turn.T for name, v in values.items() if v is not None})
-
-
-def _gyro(factor: float, text: str, option: str) -> FaultHypothesis:
-    return FaultHypothesis(
-        "gyro_unit",
-        text,
-        lambda b: b if b.angular_velocity is None else replace(b, angular_velocity=factor * b.angular_velocity),
-        option,
-        Mend(f"{text}, converted", factors={GYRO: factor}),
-    )
-
-
-def _about_z(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _legs(order: tuple[int, ...], names: Sequence[str]) -> str:
-    return _SIDES.get(order) or f"legs {_cycle(order, names)}"
+    if factorial(count) <= most:
+        return sorted(permutations(range(count)), key=lambda order: sum(a != b for a, b in enumerate(order)))[1:]
+    pairs = combinations(range(count), 2)
+    return [tuple({a: b, b: a}.get(k, k) for k in range(count)) for a, b in pairs]
 
 
 def _cycle(order: Sequence[int], names: Sequence[str]) -> str:
-    moved = [names[k] for k, other in enumerate(order) if k != other]
-    return " and ".join([", ".join(moved[:-1]), moved[-1]])
+    *first, last = [names[k] for k, other in enumerate(order) if k != other]
+    return f"{', '.join(first)} and {last}"
+
+
+def _factored(joints: Sequence[str], channels: Sequence[str], factor: float, text: str) -> Mend:
+    return Mend(text, joint_factors={(channel, joint): factor for channel in channels for joint in joints})
+
+
+def _scaled(joints: Sequence[str], factor: float, whose: str) -> Hypothesis:
+    unit, factor = next(((u, f) for u, f in _TORQUE_UNITS.items() if 0.5 < f / factor < 2.0), ("", factor))
+    size = f"{factor:.3g} times too small" if factor > 1 else f"{1 / factor:.3g} times too large"
+    text = f"the torques{whose} are about {size}, as those of motors before the gear, or in another unit"
+    option = f"--units {unit}" if unit else "--gear RATIO"
+    option = f"--columns MAP.toml with factor = {factor:.3g}" if whose else option
+    undo = _factored(joints, _TORQUES, factor, f"torques{whose} taken to be in {unit}")
+    text = f"the torques{whose} seem to be in {unit}" if unit else text
+    return Hypothesis("torque_unit", text, undo, option, known=bool(unit))
+
+
+def _torque_signs(robot: Robot) -> Iterator[Hypothesis]:
+    def flipped(text: str, joints: Sequence[str]) -> Hypothesis:
+        undo = _factored(joints, _TORQUES, -1.0, f"{text}, and turned back")
+        return Hypothesis("torque_signs", text, undo, _BY_SIGN)
+
+    yield flipped("the signs of all torques are reversed", robot.tree.joints)
+    for count in range(1, len(robot.legs)):
+        for legs in combinations(robot.legs, count):
+            names = " and ".join(leg.name for leg in legs)
+            joints = [joint for leg in legs for joint in leg.joints]
+            yield flipped(f"the signs of the torques of {names} are reversed", joints)
+    for count in (1, 2):
+        for kinds in combinations(range(len(robot.kinds)), count):
+            names = " and ".join(robot.kinds[k] for k in kinds)
+            yield flipped(f"the signs of all {names} torques are reversed", _of_kinds(robot.legs, kinds))
+    for joint in robot.tree.joints:
+        yield flipped(f"the sign of the torque of {joint!r} is reversed", [joint])
+
+
+def _of_kinds(legs: Sequence[Leg], kinds: Sequence[int]) -> list[str]:
+    return [leg.joints[k] for leg in legs for k in kinds if k < len(leg.joints)]
+
+
+def _reordered(robot: Robot, what: str, taken: Sequence[Sequence[str]], which: Iterable[str]) -> Iterator[Hypothesis]:
+    """The values of joints are recorded as those of others, `taken`, by leg."""
+    pairs = [(a, b) for leg, own in zip(robot.legs, taken, strict=True) for a, b in zip(leg.joints, own, strict=True)]
+    for name in which:
+        text = f"{name}{what} are swapped"
+        swapped = {(channel, joint): source for channel in _WHICH[name] for joint, source in pairs if joint != source}
+        yield Hypothesis("joint_order", text, Mend(f"{text}, and put back", swapped=swapped), _BY_NAMES)
+
+
+def _joint_signs(robot: Robot) -> Iterator[Hypothesis]:
+    """Yields hypotheses of joints with the opposite sign, as if both sides of the robot were mirrored."""
+    y, kinds = dict(zip(robot.legs, robot.hips[:, 1], strict=True)), range(len(robot.kinds))
+    sides = {"right legs": [leg for leg in y if y[leg] < 0], "left legs": [leg for leg in y if y[leg] > 0]}
+    sides["all legs"] = list(y)
+    for (side, legs), chosen in product(sides.items(), (*((k,) for k in kinds), tuple(kinds[1:]), tuple(kinds))):
+        what = f"{' and '.join(robot.kinds[k] for k in chosen)} of the {side}"
+        for name, channels in (("", CHANNELS), ("the positions of ", _MOTION)):
+            text = f"{name}{what} have the other sign"
+            undo = _factored(_of_kinds(legs, chosen), channels, -1.0, f"{text}, turned")
+            yield Hypothesis("joint_signs", text, undo, _BY_SIGN)
+
+
+def _turns() -> Iterator[Hypothesis]:
+    """Yields the accelerometer's sign, and the rotations that map axes to axes."""
+    text = "the accelerometer's sign is reversed, gravity instead of the specific force"
+    undo = Mend("sign of the accelerometer turned", factors={ACCELEROMETER: -1.0})
+    yield Hypothesis("imu_frame", text, undo)
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        turn = np.zeros((3, 3))
+        turn[range(3), order] = signs
+        if np.linalg.det(turn) > 0 and not np.array_equal(turn, np.eye(3)):
+            axes = ", ".join(("" if sign > 0 else "-") + "xyz"[k] for k, sign in zip(order, signs, strict=True))
+            said = f"the IMU's frame is wrong: its axes ({axes}) are what is taken for (x, y, z) of the trunk"
+            yield _turned(turn, said)
+
+
+def _turned(turn: Array, text: str) -> Hypothesis:
+    rows: tuple[tuple[float, float, float], ...] = tuple(map(tuple, turn.tolist()))
+    return Hypothesis("imu_frame", text, Mend(f"{text}; turned", turn=rows), "--imu-frame NAME")
+
+
+def _gyro(factor: float, text: str, option: str) -> Hypothesis:
+    return Hypothesis("gyro_unit", text, Mend(f"{text}, converted", factors={GYRO: factor}), option)

@@ -1,22 +1,30 @@
 """Reduces a log for the checks: means and slopes over instants of 40 ms, thinned out evenly by whole seconds."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.checks.limits import CheckLimits
+from stadera.constants import NOTHING
+from stadera.logs.mend import ACCELEROMETER, GYRO, Mend
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.types import Array
+
+_CHANNELS = {"position": "position", "velocity": "rate", "effort": "effort"}
+_VECTORS = {ACCELEROMETER: "specific_force", GYRO: "angular_velocity"}
 
 
 @dataclass(frozen=True, eq=False)
 class Instants:
     """Instants of a log, joints in the requested order."""
 
+    joints: tuple[str, ...]
     time: Array  # (instants,) [s], midpoints
     # (instants,), index of the stretch without gaps, of up to a second, that contains each instant
     group: NDArray[np.int64]
@@ -33,79 +41,107 @@ class Instants:
         return len(self.time)
 
     @classmethod
-    def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Self:
+    def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Instants:
         """Computes the instants of a recording that has these joints; missing efforts are zero."""
         chosen = [recording.index(joint) for joint in joints]
         steps = np.diff(recording.time)
         period = float(np.median(steps)) if len(steps) else limits.instant
         n = max(round(limits.instant / period), limits.instant_samples) if 2.0 * period <= limits.instant else 1
-        count = len(recording) // n
-        rows = _thinned(count, limits.instants, limits)
-        time = recording.time[: count * n].reshape(count, n)[rows]
-        whole = np.ptp(time, axis=1) < limits.whole * n * period
-        rows, time = rows[whole], time[whole]
+        rows = _thinned(len(recording) // n, limits.instants, limits)
 
         def cut(values: Array) -> Array:
-            return np.asarray(values[: count * n].reshape(count, n, values.shape[1])[rows])
+            return np.asarray(values[: len(values) // n * n].reshape(-1, n, *values.shape[1:])[rows])
 
         def mean(values: Array | None) -> Array | None:
             return None if values is None else cut(values).mean(axis=1)
 
-        position = cut(recording.position[:, chosen])
+        def felt(values: Array) -> Array | None:
+            return None if mount is None else mean(mount.in_trunk_axes(values))
+
+        imu, time = recording.imu, cut(recording.time)
+        whole = np.ptp(time, axis=1) < limits.whole * n * period
+        rows, time = rows[whole], time[whole]
         centred = (time - time.mean(axis=1, keepdims=True))[..., None]
         with np.errstate(invalid="ignore", divide="ignore"):
-            rate = (centred * position).sum(axis=1) / (centred**2).sum(axis=1)
-        imu = recording.imu
-        force = omega = None
-        if imu is not None and mount is not None:
-            force = mean(mount.in_trunk_axes(imu.linear_acceleration))
-            omega = mean(mount.in_trunk_axes(imu.angular_velocity))
+            rate = (centred * cut(recording.position[:, chosen])).sum(axis=1) / (centred**2).sum(axis=1)
         effort = np.zeros_like(recording.position) if recording.effort is None else recording.effort
-        middle = time.mean(axis=1)
         return cls(
-            time=middle,
-            group=_groups(middle, n * period, limits),
-            position=position.mean(axis=1),
+            joints=tuple(joints),
+            time=time.mean(axis=1),
+            group=_groups(time.mean(axis=1), n * period, limits),
+            position=cut(recording.position[:, chosen]).mean(axis=1),
             rate=rate,
             effort=cut(effort[:, chosen]).mean(axis=1),
             velocity=None if recording.velocity is None else mean(recording.velocity[:, chosen]),
-            specific_force=force,
-            angular_velocity=omega,
+            specific_force=None if imu is None else felt(imu.linear_acceleration),
+            angular_velocity=None if imu is None else felt(imu.angular_velocity),
         )
 
     @property
     def complete(self) -> bool:
         """True with an IMU and the rates of all joints."""
-        return (
-            self.angular_velocity is not None and self.specific_force is not None and bool(np.isfinite(self.rate).all())
-        )
+        return self.angular_velocity is not None and bool(np.isfinite(self.rate).all())
 
-    def thinned(self, most: int, limits: CheckLimits) -> Self:
+    def thinned(self, most: int, limits: CheckLimits) -> Instants:
         """Thinned out evenly to at most `most` instants, by whole seconds."""
         rows = _thinned(len(self), most, limits)
         return self if len(rows) == len(self) else self.at(rows)
 
-    def at(self, rows: NDArray[np.int64]) -> Self:
+    def at(self, rows: NDArray[np.int64]) -> Instants:
         """A selection of the instants."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "joints"}
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})
+
+    def after(self, mend: Mend) -> Instants:
+        """The instants of the log after a correction, whose turn of the IMU is in trunk axes."""
+        touched = {channel for channel, _ in (*mend.swapped, *mend.joint_factors)}
+        new: dict[str, Any] = {
+            name: mend.of_joints(c, getattr(self, name), self.joints) for c, name in _CHANNELS.items() if c in touched
+        }
+        for quantity, name in _VECTORS.items():
+            values, factor = getattr(self, name), mend.factors.get(quantity, 1.0)
+            if values is not None and (mend.turn or factor != 1.0):
+                new[name] = factor * values @ np.array(mend.turn or np.eye(3)).T
+        return replace(self, **new)
+
+    def shifted(self, by: int) -> tuple[Instants, Instants]:
+        """The instants `by` before others of their stretch, and the same with the IMU's values of these others."""
+        here = np.arange(max(-by, 0), len(self) - max(by, 0))
+        here = here[self.group[here] == self.group[here + by]]
+        now, other = self.at(here), self.at(here + by)
+        return now, replace(now, specific_force=other.specific_force, angular_velocity=other.angular_velocity)
+
+    def slopes(self, values: Array) -> Array:
+        """Derivatives of values (instants, ...) [1/s], by central differences within each stretch, one-sided at its
+        ends.
+        """
+        out = np.zeros_like(values)
+        if len(self) < 2:
+            return out
+        wide = (slice(None), *[None] * (values.ndim - 1))
+        steps, joined = np.diff(self.time), np.diff(self.group) == 0
+        between = np.diff(values, axis=0) / steps[wide]
+        before, after = np.append(False, joined), np.append(joined, False)
+        # the slope on either side counts as much as the step on the other side is long; the only one, fully
+        left = np.where(before, np.where(after, np.append(steps, 1.0), 1.0), 0.0)
+        right = np.where(after, np.where(before, np.append(1.0, steps), 1.0), 0.0)
+        total = np.maximum(left + right, NOTHING)
+        out[1:] += (left / total)[1:][wide] * between
+        out[:-1] += (right / total)[:-1][wide] * between
+        return out
 
 
 def _thinned(count: int, most: int, limits: CheckLimits) -> NDArray[np.int64]:
     """Indices of at most `most` instants, in whole groups spread evenly."""
     if count <= most:
         return np.arange(count)
-    kept = max(most // limits.second, 1)
-    groups = np.unique(np.linspace(0, count // limits.second - 1, kept).astype(np.int64))
+    groups = np.unique(np.linspace(0, count // limits.second - 1, max(most // limits.second, 1)).astype(np.int64))
     return np.asarray((groups[:, None] * limits.second + np.arange(limits.second)).ravel())
 
 
 def _groups(time: Array, length: float, limits: CheckLimits) -> NDArray[np.int64]:
     """Splits the log into stretches without gaps, of up to a second, of instants of this length [s]."""
-    if not len(time):
-        return np.empty(0, dtype=np.int64)
-    gap = np.concatenate([[0], np.cumsum(np.diff(time) > limits.whole * length)])
-    start = np.concatenate([[0], np.flatnonzero(np.diff(gap)) + 1])
-    place = np.arange(len(time)) - start[gap]
-    second = np.column_stack([gap, place // limits.second])
-    return np.unique(second, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    new = np.append(True, np.diff(time) > limits.whole * length)[: len(time)]
+    start = np.maximum.accumulate(np.where(new, np.arange(len(time)), 0))
+    new |= (np.arange(len(time)) - start) % limits.second == 0
+    return np.cumsum(new, dtype=np.int64) - 1

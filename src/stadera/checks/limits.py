@@ -1,7 +1,7 @@
 """Limits of the consistency checks."""
 
 from dataclasses import dataclass, fields
-from math import radians
+from math import pi, radians
 
 from stadera.errors import require_positive
 
@@ -28,6 +28,8 @@ class CheckLimits:
     # distance of the centre of mass from the model's, as a share of half the diagonal between the feet
     off_centre: float = 0.35
     outside: float = 0.1  # mean angle beyond a joint's limit [rad]
+    unfelt: float = 1e-4  # det J of a leg, in its cubed length, below which its torques do not tell its foot's force
+    rounds: int = 6  # of solving for the vertical without an IMU; each leaves a tenth of its error or less
     block: float = 0.25  # averaging time before tilts are compared [s]
     quiet: float = 1.0  # deviation of the specific force from gravity in a block whose tilt is used [m/s²]
     fewest_blocks: int = 4  # number of such blocks needed to compare tilts
@@ -39,6 +41,9 @@ class CheckLimits:
     gravity: float = 0.6  # deviation of the mean specific force from gravity [m/s²]
     gravity_samples: int = 250  # over which specific forces are averaged: a quarter of a second to a second, a step
     upright: float = radians(10.0)  # angle between the verticals from orientation and accelerometer [rad]
+    # close, far: angles within which two verticals agree, and beyond which a third one is the one that is wrong [rad]
+    close: float = radians(15.0)
+    far: float = radians(25.0)
     stuck: float = 0.05  # time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s]
     rests: float = 0.005  # change of a joint's position [rad] below which a velocity of exactly zero is a rest
     lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
@@ -52,10 +57,12 @@ class CheckLimits:
     # precision of the prior of a second's trunk where torques of other legs are tried, in units of the robot's mass and
     # leg length
     loose: float = 0.01
-    # instants, trial_instants: numbers to which a log is thinned out, and again for testing hypotheses on averages
+    # instants, trial_instants, motion_instants: numbers to which a log is thinned out, and again for testing hypotheses
+    # on averages and in motion
     instants: int = 1500
     trial_instants: int = 200
-    excerpt: int = 8  # every so many seconds of a log suffice to rule out most hypotheses
+    motion_instants: int = 375
+    orders: int = 24  # of legs or of a leg's joints, up to which all are tried; beyond only exchanges of two
     much_better: float = 0.25  # largest share of the cost that remains under a confirmed hypothesis
     better: float = 0.75  # the same in motion, where rough steps and friction leave more
     # same, similar: differences in cost within which the simpler hypothesis is chosen, and within which both are named
@@ -67,7 +74,7 @@ class CheckLimits:
     lively_motion: float = 3.0  # multiple of `slide` above which the robot moves
     unbalance: float = 0.05  # usual residual wrench, as a share of the weight
     lively_share: float = 0.3  # share of instants with motion above which the robot is not at rest
-    # gain, gain_at_rest: decrease of an instant's cost (see `motion`) that confirms a hypothesis. In clean logs of
+    # gain, gain_at_rest: decrease of an instant's cost (see `residual`) that confirms a hypothesis. In clean logs of
     # eight robots no hypothesis gains more than 0.05 in motion; at rest, where static friction of the drives counts,
     # hips of the other sign gain up to 0.56 on logs of sound robots (18 stands with drawn errors).
     gain: float = 0.08
@@ -80,8 +87,7 @@ class CheckLimits:
     deviations: float = 2.5
     segment: int = 12
     alike: float = 0.9  # share of the largest gain above which another hypothesis is named with it
-    # order_instants, order_fewest: most and least number of instants to test the order of the legs' torques
-    order_instants: int = 375
+    # least number of instants to test the order of the legs' torques, and whether the IMU is late
     order_fewest: int = 50
     order_repeated: float = 2.5  # number of successive instants that share one model error: a tenth of a second
     # -2 log of the likelihood's ratio above which the torques are those of other legs: 2 ln(23 / 0.001), one in a
@@ -114,6 +120,8 @@ class CheckLimits:
     pushing: float = 0.25
     push_left: float = 0.25
     slow: float = 0.5  # step between samples above which time is not in seconds [s]
+    steps: tuple[float, float] = (5e-5, 0.2)  # shortest and longest step between samples of a log [s]
+    unlimited: float = 1.2 * pi  # range to both sides of a joint whose model states no limits [rad]
     # angle beyond the limits above which a position is in degrees, if it is within them once converted [rad]
     turns: float = 0.7
     # root mean square of velocities above which they are compared with slopes of positions [rad/s]
@@ -121,9 +129,15 @@ class CheckLimits:
     correlation: float = 0.5  # between velocities and slopes below which they do not belong to the same joint
     standing_torques: float = 0.8  # correlation of torques with those of a standing robot above which it is on its feet
     unit_tolerance: float = 0.3  # relative deviation of a ratio from that of two units
+    # bare, loaded: share of a model's mass by which a robot may be lighter or heavier: batteries, cameras, a model of
+    # another version, torques with an error in common; and in which it may be with a load, for which quadrupeds are
+    # built up to a half of their mass
+    bare: float = 0.2
+    loaded: float = 1.6
 
     def __post_init__(self) -> None:
-        require_positive("check limit", self, [field.name for field in fields(self)])
+        numbers = [field.name for field in fields(self) if field.name != "steps"]
+        require_positive("check limit", self, numbers)
 
 
 @dataclass(frozen=True)
@@ -134,8 +148,7 @@ class WindowLimits:
     fewest: int = 20  # least number of samples in a window
     usual: int = 4096  # number of samples from which usual values are taken, to 2 %
     most: int = 20  # steps of one joint that are examined
-    rate: float = 100.0  # to which a log is thinned out for its legs [Hz]
-    levelled: float = 0.5  # over which the specific force is averaged for the vertical [s]
+    at_once: int = 3  # joints examined at a time, which bounds the memory
     step: float = 0.02  # time over which velocity and change of position are compared [s]
     # speed of a joint above which they are compared [rad/s], at least `above` times the noise of a joint at rest
     moving: float = 0.1
@@ -167,17 +180,4 @@ class WindowLimits:
     white: float = 0.2
     coloured: float = 0.7
     holds: float = 4.0  # standard deviations of a window's mean torque above which the joint holds something
-    # height of a swinging foot above its lowest position, as a share of the leg's length, and its speed relative to the
-    # standing feet [m/s]
-    raised: tuple[float, float] = (0.03, 0.15)
-    # apparent load of a raised foot, as a share of the weight, and as a share of its load when low
-    carries: tuple[float, float] = (0.15, 1.5)
-    # of a window that raised and low samples of a foot must each cover; often: share of such windows with the fault
-    share: float = 0.1
-    often: float = 0.5
-    slip: float = 0.3  # relative speed of standing feet beyond which they slip [m/s]
-    repeated: float = 10.0  # samples at 100 Hz that share one error
-    evidence: float = 20.0  # χ² above which another gyro is the right one
-    turned: float = 0.8  # share of the feet's relative motion, squared, that it may leave
-    better: float = 0.4  # remaining share of the feet's relative motion if they rotate less than the gyro reads
     left_out: float = 0.3  # largest share of the log that may be excluded because of faults in part of it

@@ -8,20 +8,13 @@ fit a Go2's slightly longer legs as well as their own.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from stadera.checks.footing import Footing
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
-from stadera.constants import GRAVITY
+from stadera.checks.residual import Footing
 from stadera.errors import StaderaError, require_positive
 from stadera.logs.recording import Recording
 from stadera.robot import CATALOG, load_robot
 from stadera.robot.model import Robot
-
-SAME = 0.2
-"""Share of the model's mass by which a bare robot may differ from it: batteries, cameras, a model of another version,
-torques with an error in common."""
-HEAVIEST = 1.6
-"""Mass of a loaded robot in its own: quadrupeds are built for loads of a third to a half of their mass."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +36,17 @@ class Likeness:
     @property
     def alike(self) -> bool:
         """Whether the robot, perhaps with a load, is about as heavy."""
-        return 1.0 - SAME < self.ratio < HEAVIEST
+        limits = CheckLimits()
+        return 1.0 - limits.bare < self.ratio < limits.loaded
 
 
 def likeness(recording: Recording, robot: Robot) -> Likeness | None:
     """What the log's torques carry on a robot's legs; None if the log lacks some of its joints or torques."""
     if recording.effort is None or not set(robot.tree.joints) <= set(recording.joints) or len(recording) < 2:
         return None
-    footing = Footing(robot, Instants.of(recording, robot.tree.joints, None, CheckLimits()))
-    carried = (footing.forces.sum(axis=1) * footing.up.T).sum(axis=0).mean() / GRAVITY
-    return Likeness(robot.name, robot.mass, float(carried))
+    limits = CheckLimits()
+    footing = Footing(robot, Instants.of(recording, robot.tree.joints, None, limits), limits)
+    return Likeness(robot.name, robot.mass, float(footing.load.sum(axis=1).mean()) * robot.mass)
 
 
 def carried_by_others(recording: Recording, robot: Robot) -> tuple[Likeness, ...]:
@@ -67,11 +61,12 @@ def other_robots(robot: Robot, mass: float, loaded: bool) -> tuple[str, ...]:
     """Robots known by name, with the same joints, whose own mass is nearer to this one [kg], perhaps with a load on it,
     nearest first, each with its mass; none if the robot's own is near.
     """
-    own, most = abs(mass / robot.mass - 1.0), HEAVIEST - 1.0 if loaded else SAME
-    if own < SAME:
+    limits, own = CheckLimits(), abs(mass / robot.mass - 1.0)
+    if own < limits.bare:
         return ()
-    found = sorted((mass / other.mass - 1.0, other.name, other.mass) for other in _kin(robot))
-    near = sorted((abs(off), name, other) for off, name, other in found if -SAME < off < most and abs(off) < own)
+    most = limits.loaded - 1.0 if loaded else limits.bare
+    found = [(mass / other.mass - 1.0, other.name, other.mass) for other in _kin(robot)]
+    near = sorted((abs(x), name, other) for x, name, other in found if -limits.bare < x < most and abs(x) < own)
     return tuple(f"{name} ({other:.3g} kg)" for _, name, other in near)
 
 

@@ -17,10 +17,20 @@ from stadera.types import Array, Bools
 
 DEGREE = np.pi / 180.0
 _TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_STEPS = (5e-5, 0.2)  # s, between samples of any log of a robot
-_UNLIMITED = 1.2 * np.pi  # rad, for a joint whose model states no limits
 _RATIOS = {"deg/s": 1.0 / DEGREE, "rpm": 30.0 / np.pi, "rad/ms": 1e-3, "mrad/s": 1e3}
 _GRAVITIES = {"g": 9.80665, "mg": 9.80665e-3}
+
+
+def unit_findings(recording: Recording, robot: Robot, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
+    """Finds values in other units than SI or with the wrong sign, for any motion."""
+    limits = limits or CheckLimits()
+    found = [*time_findings(recording, limits), *position_findings(recording, robot, limits)]
+    joints = tuple(joint for joint in robot.tree.joints if joint in recording.joints)
+    if not found and joints and len(recording) > 1:
+        found += velocity_findings(Instants.of(recording, joints, None, limits), limits)
+    gravity = () if recording.imu is None else tuple(gravity_findings(recording.imu, limits))
+    gyro = () if found or gravity else tuple(gyro_findings(recording, limits))
+    return (*found, *gravity, *gyro)
 
 
 def time_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
@@ -28,39 +38,38 @@ def time_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding
     if len(recording) < 2:
         return
     step = float(np.median(np.diff(recording.time)))
-    unit = next((u for u, factor in _TIMES.items() if _STEPS[0] <= factor * step <= _STEPS[1]), None)
+    least, most = limits.steps
+    unit = next((u for u, factor in _TIMES.items() if least <= factor * step <= most), None)
     if step >= limits.slow and unit is not None:
         mend = Mend(f"time taken to be in {unit}", factors={"time": _TIMES[unit]})
         text = f"samples are {step:.3g} s apart: time seems to be in {unit}, not in s"
         yield Finding("time_unit", text, f"--units {unit}", mend)
 
 
-def _in_degrees(recording: Recording, robot: Robot, leg: Leg, limits: CheckLimits) -> bool:
-    beyond = [_beyond(recording, robot, joint, 1.0) for joint in leg.joints]
-    converted = [_beyond(recording, robot, joint, DEGREE) for joint in leg.joints]
-    # a hip stays within a few degrees, thigh and knee do not
-    return min(beyond[1:]) > limits.turns and max(converted) < 0.5 * limits.turns
-
-
 def position_findings(recording: Recording, robot: Robot, limits: CheckLimits) -> Iterator[Finding]:
     """Detects joint positions in degrees, of all legs or of some: beyond the limits, and within them once converted."""
+
+    def in_degrees(leg: Leg) -> bool:
+        beyond, converted = (
+            [_beyond(recording, robot, joint, factor, limits) for joint in leg.joints] for factor in (1.0, DEGREE)
+        )
+        # a hip may stay within a few degrees, thigh and knee do not
+        return sorted(beyond)[-2] > limits.turns and max(converted) < 0.5 * limits.turns
+
     legs = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
-    degrees = [leg for leg in legs if _in_degrees(recording, robot, leg, limits)]
+    degrees = [leg for leg in legs if in_degrees(leg)]
     if not degrees:
         return
     joints = [joint for leg in degrees for joint in leg.joints]
-    far = max(joints, key=lambda joint: _beyond(recording, robot, joint, 1.0))
-    evidence = f"{far!r} would be {_beyond(recording, robot, far, 1.0):.3g} rad beyond its limits"
+    far, most = max(((j, _beyond(recording, robot, j, 1.0, limits)) for j in joints), key=lambda pair: pair[1])
+    evidence = f"{far!r} would be {most:.3g} rad beyond its limits"
     if len(degrees) == len(legs):
         mend = Mend("joint positions taken to be in degrees", factors={"position": DEGREE})
         yield Finding("position_unit", f"joint positions seem to be in degrees: {evidence}", "--units deg", mend)
         return
-    names = " and ".join(leg.name for leg in degrees)
-    mend = Mend(
-        f"joint positions of {names} taken to be in degrees",
-        joint_factors={("position", joint): DEGREE for joint in joints},
-    )
-    text = f"joint positions of {names} seem to be in degrees, those of the other legs in radians: {evidence}"
+    whose = f"joint positions of {' and '.join(leg.name for leg in degrees)}"
+    mend = Mend(f"{whose} taken to be in degrees", joint_factors={("position", joint): DEGREE for joint in joints})
+    text = f"{whose} seem to be in degrees, those of the other legs in radians: {evidence}"
     yield Finding("position_unit", text, "--columns MAP.toml with their unit", mend)
 
 
@@ -72,53 +81,70 @@ def limit_findings(recording: Recording, robot: Robot, limits: CheckLimits) -> I
     for leg in robot.legs:
         if not set(leg.joints) <= set(recording.joints):
             continue
-        beyond = [_beyond(recording, robot, joint, 1.0) for joint in leg.joints]
-        if max(beyond) < limits.outside:
-            continue
-        turned = [_beyond(recording, robot, joint, -1.0) for joint in leg.joints]
-        wrong = [j for j, now, then in zip(leg.joints, beyond, turned, strict=True) if now > limits.outside > then]
-        if len(wrong) == sum(value > limits.outside for value in beyond):
+        beyond, turned = (
+            np.array([_beyond(recording, robot, joint, sign, limits) for joint in leg.joints]) for sign in (1.0, -1.0)
+        )
+        out = beyond > limits.outside
+        if out.any() and (turned[out] < limits.outside).all():
+            wrong = [repr(joint) for joint, so in zip(leg.joints, out, strict=True) if so]
             text = (
-                f"leg {leg.name}: {', '.join(map(repr, wrong))} {'are' if len(wrong) > 1 else 'is'} {max(beyond):.2f} "
+                f"leg {leg.name}: {', '.join(wrong)} {'are' if len(wrong) > 1 else 'is'} {max(beyond):.2f} "
                 "rad beyond the joint's limits, and within them with the other sign: the sign is reversed, or the "
                 "values are another joint's"
             )
             yield Finding("joint_signs", text, "--columns MAP.toml with factor = -1 or the right names")
 
 
-def _beyond(recording: Recording, robot: Robot, joint: str, factor: float) -> float:
+def _beyond(recording: Recording, robot: Robot, joint: str, factor: float, limits: CheckLimits) -> float:
     """Angle by which a joint is beyond its limits for half of the time [rad]."""
-    found = robot.limits[joint]
-    lower, upper = max(found.lower, -2 * _UNLIMITED), min(found.upper, 2 * _UNLIMITED)
-    if not np.isfinite([found.lower, found.upper]).all():
-        lower, upper = -_UNLIMITED, _UNLIMITED
+    found, most = robot.limits[joint], limits.unlimited
+    bounded = bool(np.isfinite([found.lower, found.upper]).all())
+    lower, upper = (max(found.lower, -2 * most), min(found.upper, 2 * most)) if bounded else (-most, most)
     q = factor * recording.position[:, recording.index(joint)]
-    beyond = np.maximum(q - upper, lower - q)
-    if 2 * np.count_nonzero(beyond > 0.0) < len(q) - 1:
-        return 0.0
-    return float(np.median(np.maximum(beyond, 0.0)))
+    beyond = np.maximum(np.maximum(q - upper, lower - q), 0.0)
+    return float(np.median(beyond)) if 2 * np.count_nonzero(beyond) >= len(q) - 1 else 0.0
 
 
-def velocity_findings(blocks: Instants, joints: Sequence[str], limits: CheckLimits) -> Iterator[Finding]:
+def velocity_findings(blocks: Instants, limits: CheckLimits) -> Iterator[Finding]:
     """Compares joint velocities with the slopes of the positions: unit, sign, order."""
     if blocks.velocity is None or not len(blocks) or not np.isfinite(blocks.rate).all():
         return
     rate, velocity = _without_spikes(blocks.rate), _without_spikes(blocks.velocity)
     moves = np.sqrt((rate**2).mean(axis=0)) > limits.turning
-    if not moves.any():
-        return
     both = (rate * velocity).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = both / (rate**2).sum(axis=0)
         correlation = both / np.sqrt((rate**2).sum(axis=0) * (velocity**2).sum(axis=0))
     related = moves & (np.abs(correlation) > limits.correlation)
-    yield from _velocity_units(slope, related, moves, joints, limits)
-    yield from _velocity_signs(slope, related, moves, joints)
-    strange = moves & ~related & velocity.any(axis=0)
-    if strange.any():
+
+    def names(chosen: Bools) -> str:
+        return listed([repr(joint) for joint, one in zip(blocks.joints, chosen, strict=True) if one], 3)
+
+    def factors(chosen: Sequence[bool] | Bools, factor: float) -> dict[tuple[str, str], float]:
+        return {("velocity", joint): factor for joint, one in zip(blocks.joints, chosen, strict=True) if one}
+
+    for unit, ratio in _RATIOS.items():
+        so = related & (np.abs(slope / ratio - 1.0) < limits.unit_tolerance)
+        if not so.any():
+            continue
+        some = bool((moves & ~so).any())
+        whose = f"velocities of {names(so)}" if some else "joint velocities"
+        option = "--columns MAP.toml with their unit" if some else f"--units velocity={unit}"
+        scale = {"joint_factors": factors(so, 1.0 / ratio)} if some else {"factors": {"velocity": 1.0 / ratio}}
+        text = f"{whose} seem to be in {unit}: {np.median(slope[so]):.3g} times the slopes of the positions"
+        mend = Mend(f"{whose} taken to be in {unit}", **scale)  # type: ignore[arg-type]
+        yield Finding("velocity_unit", text, "" if unit == "rad/ms" else option, mend)
+    if (wrong := related & (slope < 0)).any():
+        everywhere = not (moves & ~wrong).any()
+        whose = "all joints" if everywhere else names(wrong)
+        text = f"the sign of the velocities of {whose} is reversed: positions move the other way"
+        turned = factors(np.ones_like(wrong) if everywhere else wrong, -1.0)
+        mend = Mend(f"sign of the velocities of {whose} turned", joint_factors=turned)
+        yield Finding("velocity_unit", text, "--columns MAP.toml with factor = -1", mend)
+    if (strange := moves & ~related & velocity.any(axis=0)).any():
         yield Finding(
             "velocity_order",
-            f"velocities of {_names(strange, joints)} are not the slopes of their positions: their columns are "
+            f"velocities of {names(strange)} are not the slopes of their positions: their columns are "
             "swapped, or belong to other joints",
             "--columns MAP.toml without velocities, which are then made of the positions",
         )
@@ -128,49 +154,6 @@ def _without_spikes(values: Array) -> Array:
     """Values (instants, n) clipped at three times the 95 % quantile of each column."""
     largest = 3.0 * np.quantile(np.abs(values), 0.95, axis=0)
     return np.clip(values, -largest, largest)
-
-
-def _velocity_units(
-    slope: Array, related: Bools, moves: Bools, joints: Sequence[str], limits: CheckLimits
-) -> Iterator[Finding]:
-    for unit, ratio in _RATIOS.items():
-        so = related & (np.abs(slope / ratio - 1.0) < limits.unit_tolerance)
-        if not so.any():
-            continue
-        whose, option = ("joint velocities seem", f"--units velocity={unit}")
-        mend = Mend(f"joint velocities taken to be in {unit}", factors={"velocity": 1.0 / ratio})
-        if (moves & ~so).any():
-            whose, option = f"velocities of {_names(so, joints)} seem", "--columns MAP.toml with their unit"
-            factors = {("velocity", joint): 1.0 / ratio for joint, one in zip(joints, so, strict=True) if one}
-            mend = Mend(f"velocities of {_names(so, joints)} taken to be in {unit}", joint_factors=factors)
-        if unit == "rad/ms":
-            option = ""
-        yield Finding(
-            "velocity_unit",
-            f"{whose} to be in {unit}: {np.median(slope[so]):.3g} times the slopes of the positions",
-            option,
-            mend,
-        )
-
-
-def _velocity_signs(slope: Array, related: Bools, moves: Bools, joints: Sequence[str]) -> Iterator[Finding]:
-    wrong = related & (slope < 0)
-    if wrong.any():
-        whose = "all joints" if not (moves & ~wrong).any() else _names(wrong, joints)
-        factors = {("velocity", joint): -1.0 for k, joint in enumerate(joints) if wrong[k] or whose == "all joints"}
-        yield Finding(
-            "velocity_unit",
-            f"the sign of the velocities of {whose} is reversed: positions move the other way",
-            "--columns MAP.toml with factor = -1",
-            Mend(f"sign of the velocities of {whose} turned", joint_factors=factors),
-        )
-
-
-def _names(chosen: Bools, joints: Sequence[str]) -> str:
-    return listed([repr(joint) for joint, one in zip(joints, chosen, strict=True) if one], 3)
-
-
-# -- the IMU ---------------------------------------------------------------------------------------------------------
 
 
 def gravity_findings(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
@@ -205,8 +188,13 @@ def gyro_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding
     imu = recording.imu
     if imu is None or imu.orientation is None or len(recording) < 2:
         return
-    up = _vector_blocks(recording, upwards(imu.orientation), limits)
-    omega = _vector_blocks(recording, imu.angular_velocity, limits).position
+
+    def blocks(values: Array) -> Instants:
+        """Instants of vectors (samples, 3), stored in place of joint positions."""
+        bare = replace(recording, joints=tuple("xyz"), position=values, velocity=None, acceleration=None, effort=None)
+        return Instants.of(bare, bare.joints, None, limits)
+
+    up, omega = blocks(upwards(imu.orientation)), blocks(imu.angular_velocity).position
     turning = -np.cross(omega, up.position)  # of the world's vertical, in the IMU's frame
     speed = float(np.sqrt((up.rate**2).sum(axis=1).mean())) if len(up) else 0.0
     if not np.isfinite(speed) or speed < limits.turning:
@@ -227,10 +215,3 @@ def gyro_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding
             "the gyro's sign is reversed: the IMU's orientation turns the other way",
             mend=Mend("sign of the gyro turned", factors={GYRO: -1.0}),
         )
-
-
-def _vector_blocks(recording: Recording, values: Array, limits: CheckLimits) -> Instants:
-    """Instants of vectors (samples, 3), stored in place of joint positions."""
-    axes = ("x", "y", "z")
-    bare = replace(recording, joints=axes, position=values, velocity=None, acceleration=None, effort=None)
-    return Instants.of(bare, axes, None, limits)

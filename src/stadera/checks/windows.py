@@ -8,11 +8,9 @@ Joint by joint, in windows of a second:
 - impossible torque: several times the drive's limit.
 - clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
 - torque that is only noise: uncorrelated from sample to sample, while the other torques are correlated.
-
-Checks of the legs together are in `stadera.checks.leg_windows`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -24,9 +22,9 @@ from stadera.constants import GRAVITY, MEDIAN_OF_CHI2
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.model import Robot
+from stadera.trust import Verdict
 from stadera.types import Array, Bools
 
-_AT_ONCE = 3  # joints examined at a time, which bounds the memory
 _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
 
 
@@ -34,12 +32,12 @@ _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the cha
 class WindowFault:
     """A fault in part of a log."""
 
-    channel: str  # velocity, position, effort, imu or legs
-    what: str  # joint, leg or sensor
+    channel: str  # velocity, position or effort
+    what: str  # joint
     evidence: str  # description of the fault, a clause that continues `what`
     # (k, 2) begin and end of the affected windows [s], each as a pair, in order
     windows: tuple[tuple[float, float], ...]
-    lasting: bool = False  # True if it affects everything after it, not only these windows
+    lasting: bool = False  # True if it affects everything after it, by a change of geometry that error bars cover
 
     def message(self, since: float = 0.0) -> str:
         """One clause with location, description and time, in seconds since the log's beginning [s]."""
@@ -75,21 +73,43 @@ class Windows:
         return tuple((float(self.edges[k]), float(self.edges[k + 1])) for k in np.flatnonzero(chosen))
 
 
-def joint_faults(recording: Recording, robot: Robot, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Yields faults of single joints; of velocities only if they were measured."""
+def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | None = None) -> tuple[WindowFault, ...]:
+    """Finds contradictions between the signals of each joint of a log with all of the robot's joints, window by window.
+    Velocities as measured, None if they were not.
+    """
+    limits = limits or WindowLimits()
     if len(recording) < limits.fewest:
-        return
-    windows = Windows.of(recording.time, limits.length)
-    joints = robot.tree.joints
+        return ()
+    windows, joints = Windows.of(recording.time, limits.length), robot.tree.joints
+    found: list[WindowFault] = []
     if recording.velocity is not None:
-        legs = (joints[k : k + _AT_ONCE] for k in range(0, len(joints), _AT_ONCE))
-        found = [fault for leg in legs for fault in _velocity(recording, leg, windows, limits)]
-        yield from sorted(found, key=lambda fault: fault.channel != "position")
+        for k in range(0, len(joints), limits.at_once):
+            found += _velocity(recording, joints[k : k + limits.at_once], windows, limits)
+        found.sort(key=lambda fault: fault.channel != "position")
     if recording.effort is not None:
         effort = recording.channel("effort", joints)
-        yield from _beyond(effort, robot, windows, limits)
-        yield from _clipped(effort, robot, windows, limits)
-        yield from _noise(effort, joints, windows, limits)
+        for check in (_beyond, _clipped, _noise):
+            found += check(effort, robot, windows, limits)
+    return tuple(found)
+
+
+def with_verdicts(
+    faults: Sequence[WindowFault], duration: float, limits: WindowLimits
+) -> Iterator[tuple[WindowFault, Verdict | None]]:
+    """Yields each fault with its verdict on the log; None if its windows are skipped instead.
+
+    Windows are skipped as long as all skipped ones cover a small part of the log [s].
+    """
+    out: set[tuple[float, float]] = set()
+    for fault in sorted(faults, key=lambda fault: len(fault.windows)):
+        with_it = out | set(fault.windows)
+        if fault.lasting:
+            yield fault, "doubtful"
+        elif sum(end - begin for begin, end in with_it) <= limits.left_out * duration:
+            out = with_it
+            yield fault, None
+        else:
+            yield fault, "bad"
 
 
 def _velocity(
@@ -195,21 +215,21 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
                 break
 
 
-def _noise(effort: Array, joints: tuple[str, ...], windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
+def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
     """Detects noise by the correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)², about a mean
     of zero: a joint that rests holds something.
     """
     count = np.maximum(np.bincount(windows.of_sample, minlength=len(windows)), 1)[:, None]
     same = windows.of_sample[1:] == windows.of_sample[:-1]
-    correlation, holds = np.empty((2, len(windows), len(joints)))
-    for k in range(0, len(joints), _AT_ONCE):
-        own = effort[:, k : k + _AT_ONCE]
+    correlation, holds = np.empty((2, len(windows), effort.shape[1]))
+    for k in range(0, effort.shape[1], limits.at_once):
+        own = effort[:, k : k + limits.at_once]
         mean = windows.sums(own) / count
         away = windows.sums((own - mean[windows.of_sample]) ** 2)
         steps = windows.sums(np.diff(own, axis=0)[same] ** 2, windows.of_sample[1:][same])
-        correlation[:, k : k + _AT_ONCE] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
-        holds[:, k : k + _AT_ONCE] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
-    for j, joint in enumerate(joints):
+        correlation[:, k : k + limits.at_once] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
+        holds[:, k : k + limits.at_once] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
+    for j, joint in enumerate(robot.tree.joints):
         others = np.median(np.delete(correlation, j, axis=1), axis=1)
         chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count[:, 0] > limits.fewest)
         chosen &= holds[:, j] < limits.holds

@@ -44,7 +44,7 @@ class Mend:
         """Returns the corrected recording, which must contain the joints whose columns are swapped."""
         scaled = recording.mapped(self._scaled)
         channels = {c: getattr(scaled, c) for c in CHANNELS}
-        kept = {c: self._joints(c, v, recording.joints) for c, v in channels.items() if v is not None}
+        kept = {c: self.of_joints(c, v, recording.joints) for c, v in channels.items() if v is not None}
         imu = None if scaled.imu is None else self._imu(scaled.imu)
         return replace(scaled, **kept, imu=imu)  # type: ignore[arg-type]
 
@@ -53,7 +53,7 @@ class Mend:
         quantity = quantity.removeprefix("others.")
         return values * self.factors[quantity] if quantity in self.factors else values
 
-    def _joints(self, channel: str, values: Array, joints: Sequence[str]) -> Array:
+    def of_joints(self, channel: str, values: Array, joints: Sequence[str]) -> Array:
         order = [joints.index(self.swapped.get((channel, joint), joint)) for joint in joints]
         factor = np.array([self.joint_factors.get((channel, joint), 1.0) for joint in joints])
         return np.asarray(values[:, order] * factor)

@@ -202,6 +202,12 @@ class Robot:
         """True if it has the legs LF, RF, LH and RH of three joints each."""
         return tuple(leg.name for leg in self.legs) == LEG_NAMES and all(len(leg.joints) == 3 for leg in self.legs)
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of joints that its legs have, from the trunk outwards."""
+        most = max(len(leg.joints) for leg in self.legs)
+        return ("HAA", "HFE", "KFE") if self.quadruped else tuple(f"no. {k + 1}" for k in range(most))
+
     @cached_property
     def leg_length(self) -> float:
         """Length of the shortest leg when fully extended [m], from its second joint to its foot."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.checks import FATAL, Finding, contradictions, diagnose
-from stadera.checks.leg_windows import window_faults, with_verdicts
+from stadera.checks.windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
 from stadera.logs.columns import HALF_IMU
@@ -143,8 +143,7 @@ class CheckedLog:
 
     def _check_windows(self, chunk: Recording) -> None:
         limits, duration = self._request.settings.windows, float(chunk.time[-1] - chunk.time[0])
-        faults = window_faults(chunk, self._request.robot, self._request.imu_frame, limits)
-        for fault, verdict in with_verdicts(faults, duration, limits):
+        for fault, verdict in with_verdicts(window_faults(chunk, self._request.robot, limits), duration, limits):
             if verdict is not None:
                 self.doubts[verdict, fault.message(self.begin)] = None
                 continue

@@ -1,0 +1,223 @@
+"""The residual that all hypotheses are compared by: what a log's signals, taken together, leave unexplained.
+
+Encoders and torques give the force of the ground on each foot, f = J^-T (h - τ) for legs at rest under the actual
+specific force (`stadera.body`): the effect of their accelerations cancels over steps, and is zero at rest. Then, at
+each instant,
+
+**Feet.** A foot l on the ground, at p_l in the trunk frame and moving at s_l relative to it, is at rest in the world:
+s_l + ω x p_l is the same for all loaded feet. Weighted with their loads, its variance is their sliding: whether
+encoders and gyro agree on the trunk's rotation, and torques on the loaded feet.
+
+**Balance.** Within a second the trunk's mass m and first moment h are constant, and with b the wrench of the feet minus
+that of the legs' weight,
+
+    [a ; -[a]x h] (m, h) = b,
+
+four unknowns for six equations an instant: whether torques, encoders and accelerometer agree on how the load moves from
+foot to foot as the trunk sways.
+
+The cost of an instant is log(1 + square / usual²), which limits the influence of feet that touch down or slip and of
+swinging legs. The usual value cancels when a log is compared with itself under a hypothesis: `Gain`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from stadera.body import Body, Motion, State
+from stadera.checks.instants import Instants
+from stadera.checks.limits import CheckLimits
+from stadera.constants import GRAVITY
+from stadera.inertia import skews
+from stadera.logs.mend import Mend
+from stadera.robot.model import Robot
+from stadera.types import Array, Bools
+
+
+@lru_cache(maxsize=16)
+def body_of(robot: Robot) -> Body:
+    """The robot's legs and trunk, cached."""
+    return Body.of(robot, others=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Footing:
+    """Kinematics and forces of the L legs at the instants of a log, trunk frame; joints in the tree's order."""
+
+    robot: Robot
+    blocks: Instants
+    limits: CheckLimits
+    known: State | None = None  # `state`, of other instants with the same positions and specific forces
+
+    def after(self, mend: Mend, *others: Footing) -> Footing:
+        """The footing at the same instants of the log after a correction; `others` are after other corrections."""
+        blocks = self.blocks.after(mend)
+        same = (
+            other.state
+            for other in (self, *others)
+            if blocks.specific_force is other.blocks.specific_force is not None
+            and np.array_equal(blocks.position, other.blocks.position)
+        )
+        return replace(self, blocks=blocks, known=next(same, None))
+
+    @property
+    def body(self) -> Body:
+        """The robot's legs and trunk."""
+        return body_of(self.robot)
+
+    @property
+    def weight(self) -> float:
+        """Of the model [N]."""
+        return self.robot.mass * GRAVITY
+
+    @cached_property
+    def specific_force(self) -> Array:
+        """(instants, 3) [m/s²]; without an IMU along the total contact force, which the legs' weight hardly turns."""
+        if self.blocks.specific_force is not None:
+            return self.blocks.specific_force
+        a = np.tile([0.0, 0.0, GRAVITY], (len(self.blocks), 1))
+        for _ in range(self.limits.rounds):
+            state = _at_rest(self.body, self.blocks.position, a, self.limits.unfelt * self.robot.leg_length**3)
+            a = GRAVITY * unit(self.body.forces(state, self._left(state)).sum(axis=1))
+        return a
+
+    @cached_property
+    def up(self) -> Array:
+        """(instants, 3), unit vectors along the specific force."""
+        return unit(self.specific_force)
+
+    @cached_property
+    def state(self) -> State:
+        """Dynamics of the legs at rest."""
+        least = self.limits.unfelt * self.robot.leg_length**3
+        return self.known or _at_rest(self.body, self.blocks.position, self.specific_force, least)
+
+    def _left(self, state: State) -> Array:
+        return np.asarray((state.torque - self.blocks.effort)[:, self.body.in_legs])
+
+    @cached_property
+    def force(self) -> Array:
+        """Force of the ground on the feet, (instants, L, 3) [N]."""
+        return self.body.forces(self.state, self._left(self.state))
+
+    @cached_property
+    def target(self) -> Array:
+        """b, (instants, 6) [N, N·m]."""
+        return self.body.target(self.state, self._left(self.state))
+
+    @cached_property
+    def contact(self) -> Array:
+        """Points of contact, (instants, L, 3) [m]."""
+        return np.asarray(self.state.feet - self.body.radii[:, None] * self.up[:, None])
+
+    @cached_property
+    def load(self) -> Array:
+        """Upward force on each foot, share of the weight, (instants, L)."""
+        return np.asarray(np.einsum("nli,ni->nl", self.force, self.up) / self.weight)
+
+    @cached_property
+    def speed(self) -> Array:
+        """Of the points of contact relative to the trunk, (instants, L, 3) [m/s]; NaN where it is not known."""
+        body, legs = self.body, self.body.in_legs
+        arm = self.contact[:, body.leg_of[legs]] - self.state.origin[:, legs]
+        moved = np.cross(self.state.axis[:, legs], arm) * self.blocks.rate[:, legs, None]
+        return np.asarray(np.add.reduceat(moved, body.starts, axis=1))
+
+    @cached_property
+    def moving(self) -> Bools:
+        """Instants in which the robot moves, (instants,), of a log with an IMU."""
+        limits, length, omega = self.limits, self.robot.leg_length, self.blocks.angular_velocity
+        assert omega is not None
+        feet = (np.nan_to_num(self.speed) ** 2).sum(axis=2).mean(axis=1)
+        least = limits.lively_motion * limits.slide * length
+        return np.asarray(feet + length**2 * (omega**2).sum(axis=1) > least**2)
+
+    @cached_property
+    def sliding(self) -> Array:
+        """Cost of feet that slide, (instants,), of a log with an IMU; NaN for instants that are not used."""
+        limits, omega = self.limits, self.blocks.angular_velocity
+        assert omega is not None
+        load = np.clip(self.load - limits.carries, 0.0, 1.0)
+        enough = (load > 0).sum(axis=1) >= 2
+        weight = (load / np.where(enough, load.sum(axis=1), 1.0)[:, None])[..., None]
+        velocity = np.nan_to_num(self.speed) + np.cross(omega[:, None], self.contact)
+        spread = (weight * (velocity - (weight * velocity).sum(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
+        # the variance of a weighted mean of few loses one degree of freedom
+        spread /= np.maximum(1.0 - (weight**2).sum(axis=(1, 2)), 1e-3)
+        cost = np.where(self.moving, np.log1p(spread / (limits.slide * self.robot.leg_length) ** 2), 0.0)
+        return np.where(enough & np.isfinite(self.speed).all(axis=(1, 2)), cost, np.nan)
+
+    @cached_property
+    def unbalance(self) -> Array:
+        """Cost of torques that do not balance the trunk, (instants,); NaN for instants that are not used."""
+        a, length, group = self.specific_force, self.robot.leg_length, self.blocks.group
+        if not len(a):
+            return np.empty(0)
+        A, scale = np.zeros((len(a), 6, 4)), np.array([1.0, 1.0, 1.0, *[1.0 / length] * 3])
+        A[:, :3, 0], A[:, 3:, 1:], b = a, -skews(a) / length, self.target * scale
+        first, count = np.unique(group, return_index=True, return_counts=True)[1:]
+        squares = np.add.reduceat(A.transpose(0, 2, 1) @ A, first)
+        along = np.add.reduceat((A.transpose(0, 2, 1) @ b[..., None])[..., 0], first)
+        solution = (np.linalg.pinv(squares, rcond=1e-12, hermitian=True) @ along[..., None])[..., 0]
+        left = b - (A @ np.repeat(solution, count, axis=0)[..., None])[..., 0]
+        cost = np.log1p((left**2).sum(axis=1) / (self.limits.unbalance * self.weight) ** 2)
+        return np.where(np.repeat(count >= self.limits.fewest, count), cost, np.nan)
+
+    @property
+    def cost(self) -> float:
+        """Of both together over the instants that are used."""
+        parts = [part[np.isfinite(part)] for part in (self.sliding, self.unbalance)]
+        return float(sum(part.mean() for part in parts if len(part)))
+
+    @property
+    def lively(self) -> float:
+        """Share of instants in which the robot moves."""
+        return float(self.moving.mean()) if len(self.blocks) else 0.0
+
+    @property
+    def slides(self) -> float:
+        """Median sliding speed of loaded feet [m/s]."""
+        middle = float(np.nanmedian(self.sliding)) if np.isfinite(self.sliding).any() else 0.0
+        return float(np.sqrt(np.expm1(middle))) * self.limits.slide * self.robot.leg_length
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Reduction of the cost of an instant by a hypothesis."""
+
+    mean: float  # over the instants
+    deviations: float  # the mean divided by its standard deviation, from the scatter of half seconds
+
+    @classmethod
+    def of(cls, now: Footing, other: Footing) -> Gain:
+        """Compares a log with another one. A part of the cost available for only one of them is ignored."""
+        gains = np.stack([now.sliding - other.sliding, now.unbalance - other.unbalance])
+        gain = np.nan_to_num(gains).sum(axis=0)[np.isfinite(gains).any(axis=0)]
+        parts = len(gain) // now.limits.segment
+        if parts < 2:
+            return cls(0.0, 0.0)
+        means = np.array([part.mean() for part in np.array_split(gain, parts)])
+        std = float(means.std(ddof=1) / np.sqrt(parts))
+        return cls(float(means.mean()), float(means.mean()) / std if std > 0 else 0.0)
+
+    def confirms(self, least: float, limits: CheckLimits) -> bool:
+        """True if it is at least this large, and certain."""
+        return self.mean >= least and self.deviations >= limits.deviations
+
+
+def _at_rest(body: Body, position: Array, specific_force: Array, least: float) -> State:
+    """Dynamics of legs at rest; a leg whose det J is below `least` [m³] tells nothing of its foot's force."""
+    still, up = np.zeros_like(position), unit(specific_force)
+    none = np.zeros_like(specific_force)
+    state = body.at(Motion(position, still, still, none, none, specific_force, up))
+    felt = np.append(np.abs(state.volume) >= least, np.zeros((len(position), 1), dtype=bool), axis=1)
+    return replace(state, to_wrench=np.where(felt[:, body.leg_of, None], state.to_wrench, 0.0))
+
+
+def unit(vectors: Array) -> Array:
+    """Vectors (n, 3) divided by their lengths; zero stays zero."""
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(size > 0, size, 1.0))

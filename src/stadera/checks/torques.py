@@ -1,0 +1,327 @@
+"""Hypotheses of torques that the trunk's rows decide while the robot moves: another order of legs, a step of a sensor.
+
+As the trunk sways, the load moves from foot to foot, and each leg's torques follow its own foot's load. The rows of the
+trunk (`stadera.body`), at instants of 40 ms, are
+
+    A θ + C p = b + noise,        b = Σ_l E_l (h_l - τ_π(l)) - Σ_l w_l
+
+for torques in the order π, with θ the trunk's ten parameters, unknown in every second, and p the errors that robots
+have: friction, rotor inertia, offsets, gains, lag, encoder zeros and the IMU, with their usual sizes Σ. After θ is
+eliminated, N equations with residual r remain, and with the noise's variance s² chosen best
+
+    -2 log L(π) = min_s [ rᵀ (s² k 1 + C Σ Cᵀ)⁻¹ r + N/k log s² + log |1 + Σ Cᵀ C / s² k| ],
+
+k instants sharing one error. Another order than the recorded one is found where
+
+- it gains more than by chance in any of the orders, also without the second that it gains most in: swapped torques are
+  wrong all the time, a load that lands or a push for a moment;
+- it explains the motion itself, with a residual s of a few per cent of the weight. Where neither order does, something
+  else is wrong with the log or the model, and their difference tells nothing.
+
+It is certain if it also gains where a constant force and moment from outside, unknown in every second, may act. A robot
+at rest shows no order by this: there static friction varies more than the load. Two legs whose torques are swapped at
+rest push against each other, if the feet are not below the hips. Friction can hold that, so it is a doubt and not a
+contradiction.
+
+**Steps.** An offset c of joint k that begins at t₀ adds E_k(t) c from then on. A load that comes then adds A(t) δ
+instead, δ its mass and first moment. Within some seconds around t₀,
+
+    A θ + [t > t₀] A δ + C p + [t > t₀] E_k c = b,
+
+θ and δ are eliminated, p has its usual size, and c is as large as its standard deviation z times; z² is compared for
+all joints and times. Legs that swing tell c from a load: no foot in the air carries. A robot must move all the time: as
+it begins to move, friction lets go of all joints, which looks like a step. A push from outside that begins at t₀ adds a
+nearly constant force and moment, which an offset imitates: the two look alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stadera.body import Motion
+from stadera.body.friction import direction
+from stadera.checks.hypotheses import Hypothesis, Order, mirrors, torque_orders
+from stadera.checks.limits import CheckLimits
+from stadera.checks.residual import Footing
+from stadera.inertia import skew, skews
+from stadera.logs.mend import Mend
+from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.model import Robot
+from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.settings import ModelErrors
+from stadera.trunk.wrench import TRUNK_MAP, trunk_signals
+from stadera.types import Array
+
+_ERRORS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer", "gain", "torque_lag", "encoder")
+"""Errors of `stadera.trunk.error_model`; those from the gain on depend on the torques."""
+
+
+@dataclass(frozen=True, eq=False)
+class SwappedTorques:
+    """The hypothesis that torques are recorded in another order of the legs, twice its gain in log likelihood, and
+    whether it is certain: likelier also where something may push or pull the robot.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    certain: bool
+
+
+@dataclass(frozen=True)
+class TorqueStep:
+    """A step of a torque sensor."""
+
+    joints: tuple[str, ...]  # the joint that explains it best, and those that explain it about as well
+    time: float  # [s], to within about half a second
+    size: float  # of the first joint [N·m], later minus earlier offset of the recorded torque
+    deviations: float  # z of the first joint
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkRows:
+    """Rows of the trunk at n instants, in units of 1 % of the weight, for L legs of k joints.
+
+    b and the columns of C that depend on the torques are sums over the legs, each linear in the torques τ_m that the
+    leg is given. So the rows of any order of torques are sums of columns of leg l with torques m, and their products
+    follow from those of these columns, summed over the instants once.
+    """
+
+    footing: Footing
+    # (6 n, c): b without torques; `fixed` errors that do not depend on the torques; by m, l and joint -E τ; by m and l
+    # E τ̇; and by m, l and displaced joint ∂b/∂q
+    columns: Array
+    fixed: int
+    matrix: Array  # (6 n, 10), A, with θ in units of the robot's mass and leg length
+    root: Array  # (p, p), root of the errors' covariance
+    limit: Array  # (L k,) [N·m], limits of the torques
+
+    @classmethod
+    def of(cls, footing: Footing) -> TrunkRows | None:
+        """The rows of a log with an IMU and legs of equally many joints; None of others."""
+        robot, b, body, length = footing.robot, footing.blocks, footing.body, footing.robot.leg_length
+        if not b.complete or b.angular_velocity is None or len({len(leg) for leg in body.legs}) > 1:
+            return None
+        n, count, legs = len(b), len(body.legs), np.array(body.legs)
+        qd, omega, alpha, a = b.rate, b.angular_velocity, b.slopes(b.angular_velocity), footing.specific_force
+        qdd, torque, rate = b.slopes(qd), b.effort[:, legs], b.slopes(b.effort)[:, legs]
+
+        def at(kind: int | None, step: float) -> tuple[Array, Array]:
+            """E (n, 6, L, k), and b by leg without torques (n, 6, L), with all joints of a kind displaced [rad]."""
+            position = b.position.copy()
+            if kind is not None:
+                position[:, legs[:, kind]] += step
+            motion = Motion(position, qd, qdd, omega, alpha, a, footing.up)
+            state = body.at(motion)
+            wrench = body.by_leg(state, body.left(state, motion, np.zeros_like(qd)))
+            return np.moveaxis(state.to_wrench[:, legs], -1, 1), np.moveaxis(wrench, -1, 1)
+
+        step = 1e-4
+        E, own = at(None, step)
+        slopes = [((e - E) / step, (w - own) / step) for e, w in (at(kind, step) for kind in range(legs.shape[1]))]
+        moment = _first_moment(robot, b.position.mean(axis=0))
+        by_force = np.concatenate([robot.mass * np.eye(3), skew(moment)])
+        fixed = [*(-E * x[:, None, legs] for x in (qdd, qd, direction(qd), np.ones_like(qd)))]
+        fixed += [by_force @ skews(a), np.tile(-by_force, (n, 1, 1))]
+        by_torque = -np.einsum("nclk,nmk->ncmlk", E, torque)
+        late = np.einsum("nclk,nmk->ncml", E, rate)
+        turned = [w[:, :, None] - np.einsum("nclk,nmk->ncml", e, torque) for e, w in slopes]
+        scale = 0.01 * footing.weight * np.array([1.0, 1.0, 1.0, *[length] * 3])[:, None]
+        parts = [own.sum(axis=2), *fixed, by_torque, late, np.stack(turned, axis=-1)]
+        columns = np.concatenate([part.reshape(n, 6, -1) / scale for part in parts], axis=2)
+        A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale
+        size = robot.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
+        model = ErrorModel(robot, ModelErrors(), length)
+        chosen = np.concatenate([np.arange(model.layout.count)[model.layout.places[name]] for name in _ERRORS])
+        return cls(
+            footing,
+            columns.reshape(6 * n, -1),
+            4 * count * legs.shape[1] + 6,
+            (A * size).reshape(6 * n, 10),
+            np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)]),
+            model.limit,
+        )
+
+    def chosen(self, order: Sequence[int]) -> Array:
+        """(c, 1 + p): which of the columns make b and C, with p in units of its usual size, of torques in an order."""
+        count, k, first = len(order), len(self.limit) // len(order), 1 + self.fixed
+        legs = count * np.array(order) + np.arange(count)  # places of (m, l)
+        joints, n = (k * legs[:, None] + np.arange(k)).ravel(), count * k
+        late, turned = first + count * n, first + count * n + count**2
+        out = np.zeros((self.columns.shape[1], first + 2 * n + 1))
+        out[np.arange(first), np.arange(first)] = 1.0
+        out[first + joints, 0] = 1.0
+        out[first + joints, first + np.arange(n)] = 1.0
+        out[late + legs, first + n] = 1.0
+        out[turned + joints, first + n + 1 + np.arange(n)] = 1.0
+        out[:, 1:] = out[:, 1:] @ self.root
+        return out
+
+    def by_second(self, *, pushed: bool = False) -> tuple[Array, Array]:
+        """Products of the columns (seconds, c, c) after θ is eliminated, another one in every second, and numbers of
+        rows less θ's; of at most `motion_instants`. With `pushed` another constant force and moment from outside too.
+        """
+        limits, group, products, counts = self.footing.limits, self.footing.blocks.group, [], []
+        seconds = np.unique(group)
+        most = max(limits.motion_instants // limits.second, 1)
+        for one in seconds[np.unique(np.linspace(0, len(seconds) - 1, min(most, len(seconds))).astype(np.int64))]:
+            at = np.flatnonzero(np.repeat(group == one, 6))
+            A, outside = self.matrix[at], 10.0 * np.tile(np.eye(6), (len(at) // 6, 1))
+            products.append(_less(self.columns[at], np.hstack([A, outside]) if pushed else A, limits))
+            counts.append(max(len(at) - A.shape[1] - 6 * pushed, 0))
+        return np.array(products), np.array(counts, dtype=float)
+
+
+def _less(columns: Array, matrix: Array, limits: CheckLimits) -> Array:
+    """Products of columns after what a matrix explains of them, with a weak prior, is taken out."""
+    weak = limits.loose * np.eye(matrix.shape[1])
+    explained = np.linalg.qr(np.vstack([matrix, weak]))[0][: len(matrix)].T @ columns
+    return np.asarray(columns.T @ columns - explained.T @ explained)
+
+
+def _first_moment(robot: Robot, position: Array) -> Array:
+    """Of the whole robot at a position (n,) [rad], (3,) [kg·m], trunk frame."""
+    turns, origins = forward_kinematics(robot.tree, position[None])
+    bodies = [robot.inertias[link] for link in robot.tree.links]
+    poses = zip(bodies, turns[0], origins[0], strict=True)
+    return np.asarray(sum(turn @ body.first_moment + body.mass * origin for body, turn, origin in poses))
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """Of rows from which θ was eliminated."""
+
+    cost: float  # -2 log L
+    variance: float  # s² k of a row
+    # value, vector: eigenvalues and vectors of Cᵀ C, with p in units of its usual size
+    value: Array
+    vector: Array
+
+    @classmethod
+    def of(cls, products: Array, count: int, repeated: float) -> Likelihood:
+        """From the products of b and C, (1 + p, 1 + p), over `count` rows, of which `repeated` share an error."""
+        value, vector = np.linalg.eigh(products[1:, 1:])
+        value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
+        scales = np.logspace(-3.0, 3.0, 49)  # s², in rows of 1 % of the weight
+        k = repeated * scales[:, None]
+        squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
+        costs = squares + count / repeated * np.log(scales) + np.log1p(value / k).sum(axis=1)
+        best = int(np.argmin(costs))
+        return cls(float(costs[best]), float(k[best, 0]), value, vector)
+
+
+def swapped_in_motion(footing: Footing, rows: TrunkRows | None) -> SwappedTorques | None:
+    """The order of torques that explains the motion better; None if the recorded one is not worse than by chance, or
+    the robot is at rest.
+    """
+    limits, own = footing.limits, tuple(range(len(footing.robot.legs)))
+    if rows is None or len(footing.blocks) < limits.order_fewest or footing.lively <= limits.lively_share:
+        return None
+
+    def fitted(order: Order, products: Array, counts: Array) -> Likelihood:
+        chosen = rows.chosen(order)
+        return Likelihood.of(chosen.T @ products @ chosen, int(counts.sum()), limits.order_repeated)
+
+    def gain(order: Order, products: Array, counts: Array) -> float:
+        return fitted(own, products, counts).cost - fitted(order, products, counts).cost
+
+    seconds, counts = rows.by_second()
+    whole = seconds.sum(axis=0)
+    recorded = fitted(own, whole, counts).cost
+    found = {order: (fitted(order, whole, counts), what) for order, what in torque_orders(footing.robot, limits.orders)}
+    order = min(found, key=lambda order: found[order][0].cost)
+    fit, best = found[order]
+    most, residual = recorded - fit.cost, 0.01 * np.sqrt(fit.variance / limits.order_repeated)
+    if most <= limits.order_gain or residual > limits.order_fits:
+        return None
+    others = ((whole - one, np.delete(counts, k)) for k, one in enumerate(seconds))
+    if min(gain(order, *other) for other in others) <= 0.5 * limits.order_gain:
+        return None
+    pushed, left = rows.by_second(pushed=True)
+    return SwappedTorques(best, most, gain(order, pushed.sum(axis=0), left) > limits.order_certain)
+
+
+def pushing_at_rest(footing: Footing) -> Iterator[str]:
+    """Yields pairs of left and right feet that push against each other, and would not with their torques swapped; one
+    clause each.
+    """
+    legs, limits = footing.robot.legs, footing.limits
+    order = next((order for order, what in mirrors(footing.robot).items() if what.startswith("left")), ())
+    for a, b in ((a, b) for a, b in enumerate(order) if a < b and len(legs[a].joints) == len(legs[b].joints)):
+        pairs = [*zip(legs[a].joints, legs[b].joints, strict=True)]
+        exchange = {("effort", one): other for pair in pairs for one, other in (pair, pair[::-1])}
+        swapped = footing.after(Mend("", swapped=exchange))
+        now, other = _push(footing, a, b), _push(swapped, a, b)
+        load = float(footing.load[:, [a, b]].mean()) * footing.weight
+        if abs(now) > limits.pushing * load and abs(other) < limits.push_left * abs(now):
+            yield (
+                f"feet {legs[a].name} and {legs[b].name} would push against each other with {abs(now):.3g} N under "
+                f"{load:.3g} N each; with their torques swapped they would not"
+            )
+
+
+def _push(footing: Footing, a: int, b: int) -> float:
+    """Mean force of two feet against each other, along the level line between them [N]."""
+    up, contact, force = footing.up.mean(axis=0), footing.contact.mean(axis=0), footing.force.mean(axis=0)
+    line = contact[b] - contact[a]
+    line -= up * (line @ up)
+    return float((force[b] - force[a]) @ line) / (2.0 * float(np.linalg.norm(line)))
+
+
+def torque_step(footing: Footing, rows: TrunkRows | None) -> TorqueStep | None:
+    """The step with the largest z, if it is beyond chance and no small one; None if there is none."""
+    limits, time, spans = footing.limits, footing.blocks.time, [] if rows is None else list(_spans(footing))
+    if rows is None or not spans:
+        return None
+    recorded = rows.columns @ rows.chosen(range(len(footing.robot.legs)))
+    found = {k: _tested(rows, recorded, *spans[k]) for k in range(0, len(spans), 2)}
+    near = max(found, key=lambda k: float(found[k][0].max()))
+    found |= {k: _tested(rows, recorded, *spans[k]) for k in (near - 1, near + 1) if 0 <= k < len(spans)}
+    k = max(found, key=lambda k: float(found[k][0].max()))
+    (squares, sizes), (span, at) = found[k], spans[k]
+    best = int(np.argmax(squares))
+    alike = [k for k in np.argsort(-squares) if squares[k] > squares[best] - limits.step_alike]
+    small = squares[best] < limits.step_gain or abs(sizes[best]) < limits.step_least
+    if small or len(alike) > limits.step_alike_most:
+        return None
+    names = [joint for leg in footing.robot.legs for joint in leg.joints]
+    size, z = float(sizes[best] * rows.limit[best]), float(np.sqrt(squares[best]))
+    return TorqueStep(tuple(names[k] for k in alike), float(time[span.start + at]), size, z)
+
+
+def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:
+    """Yields stretches around possible steps, without gaps, in which the robot moves before and after; and the first
+    instant after the step.
+    """
+    limits, time, lively = footing.limits, footing.blocks.time, footing.moving
+    step = float(np.median(np.diff(time))) if len(time) > 1 else limits.instant
+    half, least, every = (max(1, round(x / step)) for x in (limits.step_span, limits.step_side, limits.step_every))
+    for at in range(least, len(time) - least + 1, every):
+        begin, end = max(at - half, 0), min(at + half, len(time))
+        whole = time[end - 1] - time[begin] < 1.1 * (end - begin) * step
+        if whole and min(lively[begin:at].mean(), lively[at:end].mean()) > limits.step_lively:
+            yield slice(begin, end), at - begin
+
+
+def _tested(rows: TrunkRows, recorded: Array, span: slice, at: int) -> tuple[Array, Array]:
+    """z² (L k,) and size (L k,) as a share of the limit, by joint; z² is 0 where the rows do not tell it from a load,
+    and for all joints if the rows fit badly.
+    """
+    limits, part, n = rows.footing.limits, slice(6 * span.start, 6 * span.stop), len(rows.limit)
+    A, both, offset = rows.matrix[part], recorded[part], rows.columns[part, 1 + 3 * n : 1 + 4 * n] * rows.limit
+    after = (np.arange(len(A)) >= 6 * at)[:, None]
+    columns, p = np.hstack([both, offset * after]), both.shape[1]
+    trunk = np.hstack([A, A[:, :4] * after])
+    products = _less(columns, trunk, limits)
+    fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
+    if fit.variance > limits.order_repeated * limits.step_scatter**2:
+        return np.zeros(n), np.zeros(n)
+    # what p, of its usual size, explains is taken out of b and of the steps
+    weight = (fit.vector / (fit.variance + fit.value)) @ fit.vector.T
+    by_errors = products[p:, 1:p] @ weight
+    along = products[p:, 0] - by_errors @ products[1:p, 0]
+    left = np.maximum(np.diagonal(products)[p:] - (by_errors * products[p:, 1:p]).sum(axis=1), 1e-12)
+    seen = left > limits.step_seen * (columns[:, p:] ** 2).sum(axis=0)
+    return np.where(seen, along**2 / left / fit.variance, 0.0), along / left
