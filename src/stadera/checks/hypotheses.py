@@ -121,9 +121,10 @@ def mirrors(robot: Robot) -> dict[Order, str]:
     hips, names = robot.hips[:, :2] - robot.hips[:, :2].mean(axis=0), [leg.name for leg in robot.legs]
     found: dict[Order, str] = {}
     for sign, what in (((1, -1), "left and right legs"), ((-1, 1), "front and hind legs"), ((-1, -1), "")):
-        off = np.linalg.norm(hips * sign - hips[:, None], axis=2).argmin(axis=0)
-        order = tuple(map(int, off))
-        if sorted(order) == list(range(len(hips))) != list(order):
+        off = np.linalg.norm(hips * sign - hips[:, None], axis=2)
+        order = tuple(off.argmin(axis=0).tolist())
+        near = bool((off.min(axis=0) < 0.2 * np.ptp(hips, axis=0).max()).all())
+        if near and sorted(order) == list(range(len(hips))) != list(order):
             pairs = " and ".join(f"{names[k]} with {names[other]}" for k, other in enumerate(order) if k < other)
             found.setdefault(order, what or f"diagonal legs, {pairs},")
     return found
@@ -194,10 +195,10 @@ def _reordered(robot: Robot, what: str, taken: Sequence[Sequence[str]], which: I
 def _joint_signs(robot: Robot) -> Iterator[Hypothesis]:
     """Yields hypotheses of joints with the opposite sign, as if both sides of the robot were mirrored."""
     y, kinds = dict(zip(robot.legs, robot.hips[:, 1], strict=True)), range(len(robot.kinds))
-    sides = {"right legs": [leg for leg in y if y[leg] < 0], "left legs": [leg for leg in y if y[leg] > 0]}
+    sides = {"the right legs": [leg for leg in y if y[leg] < 0], "the left legs": [leg for leg in y if y[leg] > 0]}
     sides["all legs"] = list(y)
     for (side, legs), chosen in product(sides.items(), (*((k,) for k in kinds), tuple(kinds[1:]), tuple(kinds))):
-        what = f"{' and '.join(robot.kinds[k] for k in chosen)} of the {side}"
+        what = f"{' and '.join(robot.kinds[k] for k in chosen)} of {side}"
         for name, channels in (("", CHANNELS), ("the positions of ", _MOTION)):
             text = f"{name}{what} have the other sign"
             undo = _factored(_of_kinds(legs, chosen), channels, -1.0, f"{text}, turned")
