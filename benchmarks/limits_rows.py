@@ -25,16 +25,15 @@ from stadera.inertia import InertialParameters
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.front import Front
-from stadera.trunk.row_sums import robot_weight, unit_of_rows
 from stadera.trunk.rows import BlockRows, half_window
 from stadera.trunk.samples import SampleBuffer, Samples
+from stadera.trunk.segment import robot_weight, unit_of_rows
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Array, Bools
 
 _STEP, _SHIFT = 1e-5, 1e-3  # rad; m or s, of differences
 _OF_TRUNK = ("angular_velocity", "angular_acceleration", "specific_force")
 _AXES = np.eye(3)
-_SAMPLING = 11 + PLACES["sampling"].start
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,19 +60,19 @@ class LogRows:
         """Of all blocks that the estimator would use; with the true trunk, at which errors of the IMU are linearised,
         and the true model errors (ERRORS,), with which all legs in the air are found.
         """
-        maker = Front(robot, ImuMount.of(robot), settings.swing)
+        maker = Front(robot, ImuMount.of(robot), settings)
+        maker.shape = trunk
         known = errors[PLACES["rotor"].start : PLACES["coulomb"].stop].reshape(3, 12)
         maker.know_joints(known, np.zeros((3, 12)))
-        buffer, most = SampleBuffer(robot.tree.joints, settings), settings.impact * robot_weight(robot)
         made: list[tuple[BlockRows, tuple[Array, Array]]] = []
         before: Array | None = None
-        for stretch in buffer.take(samples.table):
+        for stretch in SampleBuffer(robot.tree.joints, settings).take(samples.table):
             if stretch.gap:
                 maker.interrupt()
             for table in stretch.blocks:
-                rows, times = maker.block(table, trunk).rows, table[1:-1, 0]
-                if rows is not None and before is not None and np.abs(rows.columns[:3, _SAMPLING]).max() <= most:
-                    made.append((rows, (before, times)))
+                block, times = maker.block(table), table[1:-1, 0]
+                if block.rows is not None and not block.struck and before is not None:
+                    made.append((block.rows, (before, times)))
                 before = times
         return cls._of(made, robot, _JointEffects(robot, samples) if any(r.swing.air.any() for r, _ in made) else None)
 

@@ -15,9 +15,8 @@ from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import centre_slope
-from stadera.trunk.row_sums import RowSums
 from stadera.trunk.scatter import RobustWeights, Scatter
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import RowSums, Segment, WeightedRows
 from stadera.trunk.settings import ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
 from stadera.trunk.swing import SwingJoints
 

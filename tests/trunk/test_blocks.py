@@ -16,9 +16,9 @@ from stadera.body import Body
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import Samples, SwingDetection, TrunkEstimator
+from stadera.trunk import Samples, TrunkEstimator, TrunkSettings
 from stadera.trunk.changes import ChangeDetector
-from stadera.trunk.front import BLIND, Front
+from stadera.trunk.front import Front
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
@@ -64,10 +64,10 @@ def test_blocks_are_refused() -> None:
     position[10:, list(Body.of(made).legs[2])] = 0.0
     force[5] = 0.0
     table = replace(data, position=position, specific_force=force).table
-    maker = Front(made, MOUNT, SwingDetection())
+    maker = Front(made, MOUNT, TrunkSettings())
     noise = maker.torque_noise
-    assert maker.block(table[:12], made.inertias[made.trunk]).refused == BLIND
-    assert maker.block(table[10:22], made.inertias[made.trunk]).refused == 2
+    assert "accelerometer reads zero" in maker.block(table[:12]).refusal
+    assert f"leg {made.legs[2].name} is so stretched" in maker.block(table[10:22]).refusal
     np.testing.assert_array_equal(maker.torque_noise, noise)
 
 
@@ -121,9 +121,9 @@ def test_measurements_of_any_layout_count_alike() -> None:
         values.setflags(write=False)
         return values
 
-    expected = learnt(np.copy)._current.triangle
+    expected = learnt(np.copy)._history.current.triangle
     for change in (lambda values: np.repeat(values, 2)[::2], read_only):
-        np.testing.assert_array_equal(learnt(change)._current.triangle, expected)
+        np.testing.assert_array_equal(learnt(change)._history.current.triangle, expected)
 
 
 def test_a_measurement_of_another_size_is_refused() -> None:

@@ -83,7 +83,11 @@ def test_a_tare_leaves_out_its_blocks_and_bars_say_what_is_suspected_and_what_er
     estimator.tare()
     step = round(BLOCK / float(np.median(np.diff(samples.time))))
     rest, blocks = samples[~before], 0
-    while estimator.payload is not None and estimator._loaded is not None and estimator._loaded.blocks == 0:
+    while (
+        estimator.payload is not None
+        and estimator._history.loaded is not None
+        and estimator._history.loaded.blocks == 0
+    ):
         estimator.add(rest[blocks * step : (blocks + 1) * step])
         blocks += 1
         assert blocks < 10
@@ -93,7 +97,7 @@ def test_a_tare_leaves_out_its_blocks_and_bars_say_what_is_suspected_and_what_er
     assert payload is not None
     assert payload.mass == pytest.approx(8.0, abs=0.6)
     assert 0.6 < change.mass_std / payload.mass_std < 1.6  # both know the models' errors
-    estimator._detector = SimpleNamespace(suspected=np.array([0.5, 0.0, 0.0, 0.0]))
+    estimator._changes.detector = SimpleNamespace(suspected=np.array([0.5, 0.0, 0.0, 0.0]))
     more = estimator.payload
     assert more is not None
     assert more.mass_std == pytest.approx(np.hypot(payload.mass_std, 0.5), rel=1e-6)

@@ -12,8 +12,7 @@ from stadera.robot import load_robot
 from stadera.trunk.changes import ChangeDetector, Jump
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.row_sums import RowSums
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import RowSums, Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 from stadera.trunk.wrench import trunk_matrix, trunk_signals

@@ -15,10 +15,9 @@ from stadera.trunk.error_model import INVISIBLE, ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.noise import third_differences_squared
-from stadera.trunk.row_sums import RowSums, robot_weight, unit_of_rows, weighted
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
 from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.swing import SwingJoints
 from walking import Walk, walked

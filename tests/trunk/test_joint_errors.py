@@ -11,8 +11,7 @@ from layout import ERRORS, LAYOUT, LEARNT, PLACES
 from stadera.robot import load_robot
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.row_sums import RowSums
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import RowSums, Segment, WeightedRows
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 

@@ -16,7 +16,7 @@ from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import TrunkEstimator
+from stadera.trunk import TrunkEstimator, TrunkSettings
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.front import Front
 from stadera.trunk.samples import Samples
@@ -172,10 +172,10 @@ def test_rotors_that_the_model_lacks_are_found_by_legs_in_the_air(name: str, sce
     estimator.add(Samples.of_recording(run.recording, model))
     place = PLACES["rotor"]
     joints = [joint for leg in model.legs for joint in leg.joints]
-    found, std = estimator._errors.mean[place], estimator._errors.std[place]
+    found, std = estimator._fit.errors.mean[place], estimator._fit.errors.std[place]
     truth = np.array([turned[joint].armature for joint in joints])
     knees = slice(2, None, 3)
-    assert estimator._swing.rows > 50
+    assert estimator._fit.swing.rows > 50
     np.testing.assert_allclose(found[knees], truth[knees], rtol=0.2)
     assert (np.abs(found - truth) < 4.0 * std).all()
 
@@ -209,9 +209,9 @@ def airborne(share: float, bent: bool, moving: float = 0.0, noise: float = 1e-4,
     samples = Samples(
         0.001 * np.arange(n), q + 0 * white, velocity, effort + white, omega + 0 * white[:, :3], up + white[:, :3]
     )
-    maker, air = Front(model, ImuMount.of(model), SwingDetection()), []
+    maker, air = Front(model, ImuMount.of(model), TrunkSettings()), []
     for k in range(0, n - 22, 20):
-        made = maker.block(samples.table[k : k + 22], model.inertias[model.trunk])
+        made = maker.block(samples.table[k : k + 22])
         if made.rows is not None:
             air.append(made.rows.swing.air)
     return np.array(air)
@@ -263,4 +263,4 @@ def test_a_torque_that_jumps_is_named_by_the_leg_in_the_air() -> None:
         assert (estimator.trust.verdict == "good") == (jump == 0.0)
         assert all(repr(model.tree.joints[5]) in reason for reason in changed)
         at = [joint for leg in model.legs for joint in leg.joints].index(model.tree.joints[5])
-        assert estimator._swing.stepped[at] == pytest.approx(jump, abs=2.0)
+        assert estimator._fit.swing.stepped[at] == pytest.approx(jump, abs=2.0)

@@ -33,9 +33,13 @@ from scipy.special import gammaln
 
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout, ErrorModel
+from stadera.trunk.front import Front
+from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.row_sums import RowSums
+from stadera.trunk.rows import SwingRows
+from stadera.trunk.segment import RowSums
 from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
 
@@ -165,6 +169,66 @@ class Fit:
         level = max(float(self.remainder[0, 0]), 1e-300)
         prior = np.linalg.inv(most**2 * errors.covariance[place, place])
         return float(along @ np.linalg.solve(normal + prior, along)) / level
+
+
+class ModelFit:
+    """Model errors of a robot as estimated from all its rows so far, and how well they explain these.
+
+    Args:
+        robot: the model. settings: sizes of the errors, limits of the verdict, and when both are updated.
+
+    Attributes:
+        model: prior of the errors. swing: sums of the legs in the air. errors: p̂ and Σ.
+        fit: of the rows, and swing_misfit, of the legs in the air; None before either is evaluated.
+        due: number of blocks after which all are updated next.
+    """
+
+    def __init__(self, robot: Robot, settings: TrunkSettings) -> None:
+        self._robot, self._settings = robot, settings
+        self.model = ErrorModel(robot, settings.model, robot.leg_length)
+        self.swing = SwingJoints(self.model, settings.swing)
+        self.errors = Errors(self.model, self.swing, 1.0)
+        self.fit: Fit | None = None
+        self.swing_misfit: float | None = None
+        self.due, self._trust = 0, None  # type: int, Trust | None
+
+    def add_swing(self, swing: SwingRows, front: Front) -> None:
+        """Adds a block's rows of legs in the air."""
+        if swing.air.any():
+            self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, front.torque_noise, swing.late)
+
+    def update(self, history: History, front: Front) -> None:
+        """Updates p̂, Σ and the fit if it is time to."""
+        if history.blocks < self.due:
+            return
+        self.due = history.blocks + self._settings.wait(history.blocks)
+        rows, layout = history.total, self.model.layout
+        usual = Errors(self.model, self.swing, 1.0, rows, layout.by_swing)
+        self.fit = Fit.of(rows, usual, self._settings, history.robust.tails)
+        self.errors = Errors(self.model, self.swing, self.fit.shared_scale(self._settings), rows)
+        laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
+        front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
+        self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None
+        self._trust = None
+
+    @property
+    def verdict(self) -> tuple[Verdict, float]:
+        """Verdict and misfit."""
+        if self.fit is None or self.swing_misfit is None:
+            return "doubtful", 1.0
+        return self.fit.verdict(self._settings, self.swing_misfit, self.swing.stepped), self.fit.misfit
+
+    @property
+    def trust(self) -> Trust:
+        """The verdict with its reasons."""
+        if self._trust is None:
+            if self.fit is None or self.swing_misfit is None:
+                self._trust = Trust("doubtful", 1.0, {}, ("too few rows yet to evaluate the fit",))
+            else:
+                self._trust = self.fit.trust(
+                    self._robot, self.model, self._settings, self.swing_misfit, self.swing.stepped
+                )
+        return self._trust
 
 
 def _scale_square(residual: float, noise: tuple[float, float], errors: tuple[float, float], spread: float) -> float:

@@ -35,8 +35,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from stadera.trunk.error_model import ErrorModel
-from stadera.trunk.row_sums import RowSums
-from stadera.trunk.segment import Segment
+from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.swing import SwingJoints, without_noise
 from stadera.types import Array
 

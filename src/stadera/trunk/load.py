@@ -128,6 +128,11 @@ def scale_of(mass: float, std: float, without: float | None) -> float | None:
     return sqrt(max(std**2 - without**2, 0.0)) / abs(mass)
 
 
+def without_scale(variance: float, by_scale: float) -> float:
+    """A mass's standard deviation without the part that the torques' common scale brings."""
+    return sqrt(max(variance - by_scale**2, 0.0))
+
+
 def described(body: Payload | TrunkParameters, mass: float) -> str:
     """Mass and centre of mass with their standard deviations, without what was not observed."""
     from stadera.report.numbers import with_scale, with_std

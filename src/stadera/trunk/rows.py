@@ -42,7 +42,6 @@ from stadera.inertia import InertialParameters, skew, skews
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration
-from stadera.trunk.equations import Equations
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.lifted import Lifted
@@ -70,6 +69,31 @@ three samples a block, by 20 % with two, and fully with one (the window's respon
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
 _UNIT = np.eye(3)
+
+
+class Equations:
+    """Six rows A θ + C p = b.
+
+    Attributes:
+        columns: (6, 10 + 1 + errors), of A, b and C.
+    """
+
+    columns: Array
+
+    @property
+    def matrix(self) -> Array:
+        """A (6, 10)."""
+        return self.columns[:, :10]
+
+    @property
+    def target(self) -> Array:
+        """b (6,)."""
+        return self.columns[:, 10]
+
+    @property
+    def errors(self) -> Array:
+        """C (6, errors)."""
+        return self.columns[:, 11:]
 
 
 @dataclass(frozen=True, eq=False)

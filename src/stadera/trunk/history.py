@@ -1,0 +1,144 @@
+"""Sums of the rows by load: the present load's, those of loads before it, and those since the tare."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from stadera.robot.model import Robot
+from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.rows import BlockRows
+from stadera.trunk.scatter import RobustWeights, Scatter
+from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
+from stadera.trunk.settings import TrunkSettings
+from stadera.types import Array
+
+
+class Known(NamedTuple):
+    """What was known before a change of the load, to return to if it was a push."""
+
+    before: Segment
+    finished: tuple[Segment, ...]
+    loaded: Segment | None
+
+
+class History:
+    """Sums of all rows so far.
+
+    The latest blocks are kept one by one, with the estimate before each of them, since a change is detected some time
+    after it happened: twice `ChangeSettings.pending` blocks.
+
+    Args:
+        robot: the model. prior: (10,), of the trunk. layout: places of the model errors.
+
+    Attributes:
+        blocks: number of blocks so far.
+        recent: the latest blocks of the present load.
+        finished: the last four loads before the present one.
+        tare: the trunk at the last tare; None without one.
+        loaded: the trunk by the rows since the tare alone, until a change is detected; None without a tare.
+        scatter: κ of the rows. robust: weights of the blocks.
+    """
+
+    def __init__(self, robot: Robot, prior: Array, layout: ErrorLayout, settings: TrunkSettings) -> None:
+        mass, le = robot.mass, robot.leg_length
+        self._settings, self._layout = settings, layout
+        self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
+        self._unit = unit_of_rows(robot_weight(robot), le)
+        self.blocks = 0
+        self.recent: deque[WeightedRows] = deque()
+        self._known = deque([Segment.prior(prior, self._wide, layout)])  # before each of `recent`, and with all
+        self.finished: tuple[Segment, ...] = ()
+        self._earlier: RowSums | None = None  # the sum of `finished`
+        self.tare: Segment | None = None
+        self.loaded: Segment | None = None
+        self._unused = 0  # next blocks that still contain samples before the tare
+        self.robust, self._since_tare = RobustWeights(settings.outliers), RobustWeights(settings.outliers)
+        self.scatter = Scatter(self._wide[:4], settings.memory / settings.block, settings.outliers)
+
+    @property
+    def current(self) -> Segment:
+        """The present estimate."""
+        return self._known[-1]
+
+    @property
+    def aged(self) -> Segment:
+        """The estimate without the last `pending` blocks, in which a change may still be detected."""
+        return self._known[max(len(self.recent) - self._settings.changes.pending, 0)]
+
+    @property
+    def oldest(self) -> Segment:
+        """The estimate without all `recent` blocks."""
+        return self._known[0]
+
+    @property
+    def total(self) -> RowSums:
+        """Sums over all loads. Rows in which a change may still be detected do not count against the model."""
+        enough = self.aged.blocks >= self._settings.outliers.cluster or self.finished
+        last = self.aged if enough else self.current
+        return self._sum((last,)) if self._earlier is None else self._earlier.plus(last)
+
+    def add(self, made: BlockRows, errors: Array) -> WeightedRows:
+        """Adds a block, and returns its rows with their weight; `errors` are p̂."""
+        keep = exp(-made.elapsed / self._settings.memory)
+        rows = weighted(made, self._unit)
+        rows = replace(rows, weight=self.robust.weight(rows, self.current, errors))
+        self.scatter.count(rows, self.aged, errors)
+        self._known.append(self.current.add(rows, keep))
+        self.recent.append(rows)
+        self.blocks += 1
+        if self.loaded is not None:
+            self._unused -= 1
+            if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
+                weight = self._since_tare.weight(rows, self.loaded, errors)
+                self.loaded = self.loaded.add(replace(rows, weight=weight), keep, remainder=False)
+        if len(self.recent) > 2 * self._settings.changes.pending:
+            self.recent.popleft()
+            self._known.popleft()
+        return rows
+
+    def set_tare(self, errors: Array) -> None:
+        """Makes the present trunk the tare. Later rows are summed separately too."""
+        self.tare, self._unused = self.current, self._settings.changes.spoilt
+        self._since_tare = RobustWeights(self._settings.outliers)
+        self.loaded = self._widened(self.current, errors)
+
+    def begin_load(self, blocks: int, errors: Array) -> Known:
+        """Begins a load that came so many blocks ago, with the rows since, and returns what was known before."""
+        recent, spoilt = list(self.recent), self._settings.changes.spoilt
+        blocks = min(blocks, len(recent))
+        before = self._known[max(len(recent) - blocks - spoilt, 0)]
+        known = Known(before, self.finished, self.loaded)
+        self._set((*self.finished[-3:], before), None)
+        # weights were those of residuals from the earlier load
+        self._begin(self._widened(before, errors), recent[len(recent) - blocks + spoilt :], 1.0)
+        return known
+
+    def return_to(self, known: Known) -> None:
+        """Continues an earlier load with the latest `ChangeSettings.back` blocks."""
+        rows = list(self.recent)[-self._settings.changes.back :]
+        self._set(known.finished, known.loaded)
+        self._begin(known.before, rows)
+
+    def _begin(self, segment: Segment, rows: Sequence[WeightedRows], weight: float | None = None) -> None:
+        self._known, self.recent = deque([segment]), deque(rows)
+        for row in rows:
+            self._known.append(self.current.add(row if weight is None else replace(row, weight=weight)))
+        self.scatter.restart()
+
+    def _set(self, finished: tuple[Segment, ...], loaded: Segment | None) -> None:
+        self.finished, self.loaded = finished, loaded
+        self._earlier = self._sum(finished) if finished else None
+
+    def _sum(self, segments: Sequence[Segment]) -> RowSums:
+        swing = self._settings.swing
+        return RowSums.of(segments, swing.repeated, swing.returning)
+
+    def _widened(self, known: Segment, errors: Array) -> Segment:
+        """A prior for the trunk under another load."""
+        return Segment.prior(known.mean(errors), self._settings.after_change * self._wide, self._layout)
