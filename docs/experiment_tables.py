@@ -1,4 +1,4 @@
-"""Writes tables of experiments.md, comparison.md and walking.md from the runs' JSON: python docs/experiment_tables.py
+"""Writes tables of the pages in PAGES from the runs' JSON: python docs/experiment_tables.py
 
 A run's JSON is docs/results/NAME.json, as `stadera reproduce NAME --json docs/results/NAME.json` writes it, or of peers
 `python benchmarks/peers.py --json docs/results/peers.json`, or of the demo a list of what `stadera demo --seed N --json
@@ -19,7 +19,11 @@ from typing import Any
 from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
-PAGES = tuple(FOLDER / name for name in ("experiments.md", "comparison.md", "walking.md"))
+STUDIES = ("reality", "real_walks", "faults")
+PAGES = (
+    *(FOLDER / f"{name}.md" for name in ("experiments", "comparison", "walking")),
+    *(FOLDER / "validation" / f"{name}.md" for name in STUDIES),
+)
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]
 Naming = Callable[[Record], str]
@@ -64,10 +68,7 @@ def crossed(records: Iterable[Record], row: Naming, column: Naming, corner: str)
     cells: dict[str, dict[str, str]] = {}
     for record in records:
         cells.setdefault(row(record), {})[column(record)] = cell(record)
-    columns = list(dict.fromkeys(name for found in cells.values() for name in found))
-    lines = [f"| {corner} | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
-    lines += [f"| {name} | {' | '.join(found.get(c, '') for c in columns)} |" for name, found in cells.items()]
-    return "\n".join(lines)
+    return table(cells, corner)
 
 
 def cell(record: Record) -> str:
@@ -120,9 +121,40 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
             chosen = [r for r in compared if r["case"]["error"] == error]
             μ, σ = (next(key for key in chosen[0]["case"] if key.startswith(letter)) for letter in "μσ")
             yield crossed(chosen, case("reading", "method"), case(μ, σ), f"{error}: ‖δ‖ in x-y [cm]; {μ}, {σ}")
+    elif name == "reality":
+        yield from reality(records)
+    elif name == "mini_cheetah":
+        yield crossed(records, case("metric"), lambda _: "ten walks, two in the air", "")
+    elif name == "faults":
+        yield crossed(records, case(*records[0]["case"]), case("metric"), "fault")
     else:
         (key,) = records[0]["case"]
         yield crossed(records, case("metric"), case(key), key)
+
+
+def reality(records: list[Record]) -> Iterator[str]:
+    """Errors by motion and method for each set of errors, then bars and behaviour."""
+    median, high = ", median", ", 95th percentile"
+    for errors in dict.fromkeys(r["case"]["errors"] for r in records):
+        own = [r for r in records if r["case"]["errors"] == errors]
+        sized = {(*r["case"].values(), r["metric"]): r for r in own if "scenario" in r["case"]}
+        cells: dict[str, dict[str, str]] = {}
+        for (*of, metric), record in sized.items():
+            if metric.endswith(median):
+                upper = sized[(*of, metric.replace(median, high))]
+                unit = f"{metric.removesuffix(median)} [{record['unit']}]"
+                cells.setdefault(", ".join(of[1:]), {})[unit] = f"{cell(record)}; {cell(upper)}"
+        yield table(cells, errors)
+        rest = [r for r in own if "scenario" not in r["case"]]
+        yield crossed(rest, case("metric"), case("method"), f"{errors}: bars and behaviour")
+
+
+def table(cells: dict[str, dict[str, str]], corner: str) -> str:
+    """Rows by name, each with its cells by column."""
+    columns = list(dict.fromkeys(name for found in cells.values() for name in found))
+    lines = [f"| {corner} | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
+    lines += [f"| {name} | {' | '.join(found.get(c, '') for c in columns)} |" for name, found in cells.items()]
+    return "\n".join(lines)
 
 
 def demo(runs: list[Record]) -> str:
