@@ -65,6 +65,14 @@ class LogJob:
         if self.options.identify and (self.tare or self.legs):
             raise StaderaError(f"{self.log}: a tare and identified legs are of weighing, not of identifying legs")
 
+    def model(self, robot: str | None = None) -> Robot:
+        """The robot with its legs, loaded once per process; `robot`: the log's, if the job has none. Raises ModelError,
+        UnknownNameError, UntrustedError: as in `load_robot` and `with_identified_legs`.
+        """
+        name = self.robot or robot
+        assert name is not None
+        return _model(name, self.legs, self.options.reading.limits, self.options.force)
+
 
 def jobs_of(
     logs: Iterable[str | PathLike[str]],
@@ -114,19 +122,8 @@ def read_manifest(
     return list(jobs.values())
 
 
-def check_models(jobs: Iterable[LogJob]) -> None:
-    """Loads every model and every file of legs once, so that errors appear before the computation. Raises ModelError,
-    UnknownNameError, UntrustedError: as in `load_robot` and `with_identified_legs`.
-    """
-    used = ((job.robot, job.legs, job.options.reading.limits, job.options.force) for job in jobs)
-    for robot, legs, limits, force in dict.fromkeys(used):
-        if robot is not None:
-            robot_of(robot, legs, limits, force)
-
-
 @cache
-def robot_of(robot: str, legs: str | None, limits: Limits, force: bool = False) -> Robot:
-    """The model of a job with its legs, loaded once per process."""
+def _model(robot: str, legs: str | None, limits: Limits, force: bool) -> Robot:
     from stadera.identify.schema import with_identified_legs
 
     model = load_robot(robot, limits)

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.fleet.jobs import LogJob, robot_of
+from stadera.fleet.jobs import LogJob
 from stadera.fleet.table import FleetTable
 from stadera.identify.merge import MergedLegs, merge_legs
 from stadera.information import Information, Unknowns
-from stadera.robot.model import Robot
 
 
 def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLegs]:
@@ -33,11 +32,7 @@ def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLe
             logs[row["robot"]][row["log"]][row["leg"]] = _information(row)
     if not logs:
         raise StaderaError("no log from which legs were identified, so there is nothing to merge")
-    return {robot: merge_legs(_model(robot, first[robot]), own) for robot, own in logs.items()}
-
-
-def _model(robot: str, job: LogJob) -> Robot:
-    return robot_of(job.robot or robot, None, job.options.reading.limits)
+    return {robot: merge_legs(first[robot].model(robot), own) for robot, own in logs.items()}
 
 
 def _information(row: dict[str, Any]) -> Information:

@@ -6,16 +6,19 @@ run again on another one. A task whose workers keep dying (out of memory, say) b
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import logging
 import os
+import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, TypeVar
 
 import stadera
 from stadera.errors import MissingExtraError, StaderaError, require_positive
-from stadera.fleet.memory import release_memory
 from stadera.garbage import keep_loaded
 
 Task = TypeVar("Task")
@@ -126,12 +129,27 @@ def attempted_by_worker(run: Callable[[Task], Found], task: Task) -> Found | Fai
     return outcome
 
 
-def require_dask() -> None:
-    """Checks that Dask is installed. Raises MissingExtraError: it is not."""
+def release_memory() -> None:
+    """Frees what no one refers to, and gives free pages back to the operating system, so that a worker does not grow
+    with the tasks. Takes some 50 ms, and less after `keep_loaded`.
+
+    Three things keep memory otherwise: objects in reference cycles, until the collector's oldest generation is due,
+    which is many logs later; glibc, whose arenas keep freed pages between those in use; and Arrow's own pool.
+    """
+    gc.collect()
+    if arrow := sys.modules.get("pyarrow"):
+        arrow.default_memory_pool().release_unused()
+    if trim := _malloc_trim():
+        trim(0)
+
+
+@cache
+def _malloc_trim() -> Any:
+    """The C library's `malloc_trim`; None if it has none, as outside glibc."""
     try:
-        import distributed  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("distributed", "fleet", "more than one worker") from None
+        return ctypes.CDLL(None).malloc_trim
+    except (OSError, TypeError, AttributeError):
+        return None
 
 
 def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Task]) -> Iterator[tuple[str, Any]]:
@@ -155,10 +173,11 @@ def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Tas
 @contextmanager
 def _client(pool: Pool) -> Iterator[Any]:
     """A client of the pool's cluster; a local cluster lives as long as the client."""
-    require_dask()
-    import dask
-    import distributed
-
+    try:
+        import dask
+        import distributed
+    except ImportError:
+        raise MissingExtraError("distributed", "fleet", "more than one worker") from None
     if pool.scheduler is not None:
         try:
             client: Any = distributed.Client(  # type: ignore[no-untyped-call]
@@ -192,12 +211,12 @@ def _check_workers(client: Any, address: str, patience: float) -> None:
         client.wait_for_workers(1, timeout=patience)
     except NoWorkers:
         raise StaderaError(f"{address}: the scheduler has no workers, and none has come in {patience:g} s") from None
-    for worker, version in client.run(version_here, on_error="return").items():
+    for worker, version in client.run(_version_here, on_error="return").items():
         if version != stadera.__version__:
             here = f"stadera {version}" if isinstance(version, str) else "no stadera that can be imported"
             raise StaderaError(f"{address}: worker {worker} has {here}, and this is {stadera.__version__}")
 
 
-def version_here() -> str:
+def _version_here() -> str:
     """The version of this package in the process that evaluates this."""
     return stadera.__version__

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import stadera
 from stadera.errors import StaderaError, UntrustedError
-from stadera.fleet.jobs import LogJob, robot_of
+from stadera.fleet.jobs import LogJob
 from stadera.fleet.source import digest, fetched, is_url, robot_named_in
 from stadera.fleet.table import COLUMNS, SIDES
 from stadera.logs.topics import LogFile
@@ -51,8 +51,7 @@ class Done:
 def process(task: Task) -> Done:
     """Weighs one log, or identifies legs from it. Any error becomes part of the row."""
     job, begun = task.job, perf_counter()
-    row: Row = dict.fromkeys(COLUMNS)
-    row |= {"log": job.log, "robot": job.name or job.robot, "status": "ok", "version": stadera.__version__}
+    row = _empty(job) | {"status": "ok"}
     source, path = None, Path(job.log)
     sides: Mapping[str, Iterable[Row]] = dict.fromkeys(SIDES, ())
     with ExitStack() as stack:
@@ -87,9 +86,12 @@ def is_done(task: Task) -> bool:
 
 def lost(job: LogJob, reason: str) -> Done:
     """Row of a log whose workers were lost, to be tried again another time."""
-    row: Row = dict.fromkeys(COLUMNS)
-    row |= {"log": job.log, "robot": job.name or job.robot, "version": stadera.__version__}
-    return Done(None, row | {"status": "failed", "error": f"{job.log}: {reason}"})
+    return Done(None, _empty(job) | {"status": "failed", "error": f"{job.log}: {reason}"})
+
+
+def _empty(job: LogJob) -> Row:
+    named = {"log": job.log, "robot": job.name or job.robot, "version": stadera.__version__}
+    return dict.fromkeys(COLUMNS) | named
 
 
 def _failed(error: Exception, path: str, log: str) -> Row:
@@ -117,7 +119,7 @@ class _Source:
         tare = stack.enter_context(fetched(given)) if isinstance(given, str) else given
         robot, sha256 = job.robot or robot_named_in(path), digest(path)
         files = [
-            robot_of(robot, job.legs, job.options.reading.limits, job.options.force).source,
+            job.model(robot).source,
             job.legs,
             tare if isinstance(tare, Path) else None,
         ]
@@ -143,7 +145,7 @@ def _weighed(job: LogJob, source: _Source) -> Row:
     options = job.options
     tare = _log(job, source.tare) if isinstance(source.tare, Path) else source.tare
     result = weigh(
-        robot_of(source.robot, job.legs, job.options.reading.limits, job.options.force),
+        job.model(source.robot),
         _log(job, source.path),
         tare,
         options.method,
@@ -167,7 +169,7 @@ def _identified(job: LogJob, source: _Source) -> tuple[Row, Mapping[str, Iterabl
     from stadera.identify.settings import IdentifySettings
 
     options = job.options
-    robot = robot_of(source.robot, None, options.reading.limits)
+    robot = job.model(source.robot)
     log = _log(job, source.path)
     legs = tuple(leg.name for leg in robot.legs if has_effort(log, leg.joints))
     result = identify(robot, log, IdentifySettings(legs=legs or None), fix=options.fix, force=options.force)

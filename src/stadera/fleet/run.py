@@ -12,11 +12,11 @@ from pathlib import Path
 from time import monotonic
 
 from stadera.files import require_writable
-from stadera.fleet.jobs import LogJob, check_models
+from stadera.fleet.jobs import LogJob
 from stadera.fleet.journal import journal, read_journal
 from stadera.fleet.pool import Failure, Pool, run_tasks
 from stadera.fleet.row import Done, Row, Task, is_done, lost, process
-from stadera.fleet.source import is_url, size_of
+from stadera.fleet.source import is_url
 from stadera.fleet.table import SIDES, FleetTable, read_fleet, side_path, table_path
 
 Watch = Callable[[str, int, int, str], None]
@@ -46,12 +46,14 @@ def run_fleet(
     target = require_writable(table_path(out))
     tables = (target, *(side_path(target, name) for name in SIDES))
     jobs = [job for job in jobs if Path(job.log) not in tables]
-    check_models(jobs)
+    for job in jobs:
+        if job.robot is not None:
+            job.model()  # errors appear before the computation
     fleet = _Fleet(target, jobs, saved_every)
     by_log = {job.log: job for job in jobs}
     tasks = {log: Task(job, fleet.key(log)) for log, job in by_log.items()}
     waiting = {log: task for log, task in tasks.items() if not is_done(task)}
-    progress = _Progress([by_log[log] for log in waiting], watch)
+    finished = _progress(list(waiting), watch)
     try:
         with journal(fleet.journal) as append, closing(run_tasks(process, waiting, pool or Pool())) as outcomes:
             for log, outcome in outcomes:
@@ -59,7 +61,7 @@ def run_fleet(
                 if done.row is not None:
                     append({"key": done.key, "row": done.row, **done.sides})
                     fleet.add(log, done)
-                progress.finished(log)
+                finished(log)
     finally:
         fleet.save()
         fleet.journal.unlink(missing_ok=True)
@@ -115,21 +117,28 @@ class _Fleet:
             self._done[row["log"]] = Done(key, row, own)
 
 
-class _Progress:
-    """Progress by the logs' sizes, which determine their time; by number if some are remote."""
+def _progress(logs: Sequence[str], watch: Watch | None) -> Callable[[str], None]:
+    """Returns the function that counts a finished log: by the logs' sizes, which determine their time; by number if
+    some are remote.
+    """
+    if watch is None:
+        return lambda log: None
+    remote = any(map(is_url, logs))
+    sizes = {log: 1 if remote else _size(Path(log)) for log in logs}
+    total, done = sum(sizes.values()), list[str]()
 
-    def __init__(self, jobs: Sequence[LogJob], watch: Watch | None) -> None:
-        self._watch, self._done = watch, 0
-        remote = watch is None or any(is_url(job.log) for job in jobs)
-        self._sizes = {job.log: 1 if remote else max(size_of(job.log), 1) for job in jobs}
-        self._total, self._logs = sum(self._sizes.values()), 0
-        self._show()
+    def finished(log: str) -> None:
+        done.append(log)
+        watch("weighing logs", sum(sizes[log] for log in done), total, f"{len(done)} of {len(logs)}")
 
-    def finished(self, log: str) -> None:
-        """Counts a finished log."""
-        self._done, self._logs = self._done + self._sizes[log], self._logs + 1
-        self._show()
+    watch("weighing logs", 0, total, f"0 of {len(logs)}")
+    return finished
 
-    def _show(self) -> None:
-        if self._watch is not None:
-            self._watch("weighing logs", self._done, self._total, f"{self._logs} of {len(self._sizes)}")
+
+def _size(path: Path) -> int:
+    """Size in bytes of a file or a folder, at least 1."""
+    try:
+        files = path.rglob("*") if path.is_dir() else [path]
+        return max(1, sum(file.stat().st_size for file in files if file.is_file()))
+    except OSError:  # reported in the log's own row
+        return 1

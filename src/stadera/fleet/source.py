@@ -50,19 +50,6 @@ def expanded(pattern: str) -> list[str]:
     return found
 
 
-def size_of(address: str) -> int:
-    """Size in bytes, for estimating the remaining time; 0 if it cannot be determined cheaply."""
-    try:
-        if is_url(address):
-            system, path = _system(address)
-            return int(system.size(path) or 0)
-        place = Path(address)
-        files = place.rglob("*") if place.is_dir() else [place]
-        return sum(file.stat().st_size for file in files if file.is_file())
-    except Exception:  # any error of a remote location is reported in the log's own row
-        return 0
-
-
 @contextmanager
 def fetched(address: str) -> Iterator[Path]:
     """Yields the log on this machine's disk for as long as it is used. RecordingError if it cannot be fetched,

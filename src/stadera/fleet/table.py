@@ -17,14 +17,11 @@ from stadera.files import written_together
 from stadera.results import Result, data_frame
 
 _VALUES = ("trunk_mass", "com_x", "com_y", "com_z", "payload_mass")
+_OF_LOG = {"log": "string", "robot": "string"}
 COLUMNS: dict[str, str] = {
-    "log": "string",
-    "sha256": "string",
-    "robot": "string",
-    "begin": "double",
-    "end": "double",
-    "status": "string",
-    "error": "string",
+    **dict.fromkeys(("log", "sha256", "robot"), "string"),
+    **dict.fromkeys(("begin", "end"), "double"),
+    **dict.fromkeys(("status", "error"), "string"),
     **{name: "double" for value in _VALUES for name in (value, f"{value}_std")},
     "changes": "int64",
     "trust": "string",
@@ -33,26 +30,17 @@ COLUMNS: dict[str, str] = {
     "version": "string",
 }
 """Columns of the table, with their types."""
-JOINTS: dict[str, str] = {
-    "log": "string",
-    "robot": "string",
-    "joint": "string",
-    "parameter": "string",
-    "value": "double",
-    "std": "double",
-}
+JOINTS = _OF_LOG | {"joint": "string", "parameter": "string", "value": "double", "std": "double"}
 """Columns of the table of joints: armature [kg·m²], viscous [N·m·s/rad], coulomb and offset [N·m]; `std` is null if the
 data do not measure the value.
 """
-LEGS: dict[str, str] = {
-    "log": "string",
-    "robot": "string",
+LEGS = {
+    **_OF_LOG,
     "leg": "string",
     "columns": "list<string>",
     "R": "list<double>",
     "z": "list<double>",
-    "cost": "double",
-    "count": "double",
+    **dict.fromkeys(("cost", "count"), "double"),
 }
 """Columns of the table of each log's information on each leg: a `stadera.information.Information`, R row by row."""
 SIDES: dict[str, dict[str, str]] = {"joints": JOINTS, "legs": LEGS}
