@@ -301,7 +301,7 @@ def test_a_malformed_number_is_refused(good: str, bad: str, named: str, tmp_path
 def test_pinocchio_must_read_what_the_file_states(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import pinocchio as pin
 
-    build = pin.buildModelFromUrdf
+    build = pin.buildModelFromXML
 
     def altered(*arguments: object) -> pin.Model:
         model = build(*arguments)
@@ -309,5 +309,5 @@ def test_pinocchio_must_read_what_the_file_states(tmp_path: Path, monkeypatch: p
             model.inertias[3] = pin.Inertia.Zero()
         return model
 
-    monkeypatch.setattr(pin, "buildModelFromUrdf", altered)
+    monkeypatch.setattr(pin, "buildModelFromXML", altered)
     assert "lf_thigh" in _refused(write(tmp_path, quadruped()))

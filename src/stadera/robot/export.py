@@ -17,12 +17,11 @@ from stadera.errors import ModelError
 from stadera.files import written_together
 from stadera.inertia import InertialParameters
 from stadera.limits import UNLIMITED
+from stadera.robot import urdf
 from stadera.robot.load import load_robot, parse_xml, read_model_file
-from stadera.robot.mjcf import write as mjcf
 from stadera.robot.model import JointDynamics, Robot
 from stadera.robot.modelfile import ModelFile
-from stadera.robot.urdf import write as urdf
-from stadera.robot.xml import PayloadLink, named, remark
+from stadera.robot.xml import PayloadLink, named
 
 
 def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None, note: str = "") -> None:
@@ -48,21 +47,25 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
     _check_not_negative(dynamics, ("viscous", "coulomb") if is_urdf else ("viscous", "coulomb", "armature"))
     origins = {link: prior.frames[link].translation for link in prior.tree.links}
+    document = parse_xml(source, UNLIMITED)
     if is_urdf:
-        document = urdf.write_urdf(source, inertias, fixed, dynamics)
+        urdf.write_urdf(document, source, inertias, fixed, dynamics)
     else:
-        document = mjcf.write_mjcf(source, target, inertias, origins, fixed, dynamics)
+        from stadera.robot import mjcf  # with MuJoCo, by which the model was read
+
+        mjcf.write_mjcf(document, source, target, inertias, origins, fixed, dynamics)
     if payload is not None:
         if is_urdf:
-            urdf.add_payload(document, prior.trunk, payload)
+            urdf.add_payload(document.root, prior.trunk, payload)
         else:
-            mjcf.add_payload(document, named(document, "body", prior.trunk, source), origins[prior.trunk], payload)
+            trunk = named(document.root, "body", prior.trunk, source)
+            mjcf.add_payload(document.root, trunk, origins[prior.trunk], payload)
         robot = robot.with_inertias({robot.trunk: robot.inertias[robot.trunk] + payload.body})  # as it reads back
     if note:
-        remark(document, note)
+        document.remark(note)
     with written_together([target]) as (draft,):
         with draft.open("w", encoding="utf-8") as stream:
-            document.writexml(stream, encoding="utf-8")
+            document.write(stream)
         _check_reads_back(robot, draft, target)
 
 
@@ -72,7 +75,7 @@ def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
     """
     if robot.source is None:
         raise ModelError(f"robot {robot.name} was made in memory, there is no model file to write its values into")
-    is_urdf = parse_xml(robot.source, UNLIMITED).tag == "robot"
+    is_urdf = parse_xml(robot.source, UNLIMITED).root.tag == "robot"
     valid = (".urdf",) if is_urdf else (".xml", ".mjcf")
     if Path(path).suffix.lower() not in valid:
         kind = "a URDF" if is_urdf else "an MJCF"

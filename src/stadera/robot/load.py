@@ -1,6 +1,5 @@
 """Loads a robot by name from the catalogue, or from a URDF or MJCF file; tells by its joints whose a log is."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Collection
 from dataclasses import replace
 from os import PathLike
@@ -21,7 +20,7 @@ from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, S
 from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
-from stadera.robot.xmltree import parsed, require_depth, require_size
+from stadera.robot.xml import Document, read_xml
 from stadera.types import Array, Progress
 
 _UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit
@@ -60,15 +59,15 @@ def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
     """Reads a URDF or MJCF, distinguished by the root element. LimitError if it exceeds the limits, ModelError if it is
     not a file, not XML, or XML of another kind.
     """
-    root = parse_xml(path, limits)
+    root = parse_xml(path, limits).root
     if root.tag == "robot":
-        require_depth(root.findall("joint"), path, limits)
-        from stadera.robot.urdf.read import read_urdf
+        from stadera.robot.urdf import read_urdf, require_depth
 
+        require_depth(root, path, limits)
         with foreign(path, "not a URDF that can be read", ModelError):
             return read_urdf(path, root)
     try:
-        from stadera.robot.mjcf.read import read_mjcf
+        from stadera.robot.mjcf import read_mjcf, require_size
     except ModuleNotFoundError as error:
         raise MissingExtraError("mujoco", "lab", f"reading the MJCF {path}") from error
     require_size(root, path, limits)
@@ -76,16 +75,16 @@ def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
         return read_mjcf(path)
 
 
-def parse_xml(path: Path, limits: Limits = DEFAULTS) -> ET.Element:
-    """The root element of a robot file, <robot> or <mujoco>; for a xacro that of its expansion. Raises as
+def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
+    """A robot file, with the root element <robot> or <mujoco>; for a xacro its expansion. Raises as
     `read_model_file`.
     """
     require_input(path, ModelError)
     with foreign(path, "a robot is a URDF or an MJCF file, and this is not XML", ModelError):
-        root = parsed(path, limits)
-    if root.tag not in ("robot", "mujoco"):
-        raise ModelError(f"{path}: root element <{root.tag}>; a URDF has <robot>, an MJCF <mujoco>")
-    return root
+        document = read_xml(path, limits)
+    if document.root.tag not in ("robot", "mujoco"):
+        raise ModelError(f"{path}: root element <{document.root.tag}>; a URDF has <robot>, an MJCF <mujoco>")
+    return document
 
 
 def _understand(file: ModelFile) -> Robot:

@@ -1,76 +1,161 @@
-"""XML documents that keep their comments, and a payload's link, for the writers of both formats."""
+"""XML of robot models: read within limits, changed, and written with its comments and the prefixes of its names.
 
-from collections.abc import Iterable, Mapping
+A xacro is read after expansion by the package xacro (the extra of that name). Entities, which can expand without bound,
+are not read.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import redirect_stderr
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
-from xml.dom import minidom
+from typing import IO
+from xml.dom.minidom import Element
+from xml.parsers import expat
 
 import numpy as np
 
-from stadera.boundary import foreign
-from stadera.errors import ModelError
+from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
+from stadera.limits import DEFAULTS, Limits
 from stadera.robot.model import JointDynamics
-from stadera.robot.xmltree import expanded, is_xacro
 from stadera.types import Array
 
-_UNITS = {"armature": "kg m^2", "offset": "N m"}
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """A root element with all comments in it, and the comments before it."""
+
+    root: ET.Element
+    remarks: list[str]
+
+    def remark(self, text: str) -> None:
+        """Adds a comment before the root."""
+        self.remarks.append(plain(f"\n  {text}\n"))
+
+    def write(self, stream: IO[str]) -> None:
+        """Writes it to a stream in UTF-8."""
+        comments = "".join(f"<!--{text}-->\n" for text in self.remarks)
+        stream.write(f'<?xml version="1.0" encoding="utf-8"?>\n{comments}{ET.tostring(self.root, "unicode")}\n')
 
 
-def parse_document(path: Path) -> minidom.Document:
-    """Parses a whole file, comments included; a xacro after expansion. Raises ModelError: not XML."""
-    with foreign(path, "not XML", ModelError):
-        return minidom.parseString(expanded(path)) if is_xacro(path) else minidom.parse(str(path))
+class _Builder(ET.TreeBuilder):
+    """Builds a tree, and counts elements."""
+
+    def __init__(self, path: Path, limits: Limits) -> None:
+        super().__init__(insert_comments=True)
+        self._path, self._limits, self.remarks = path, limits, list[str]()
+        self._elements = self._depth = 0
+
+    def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:  # type: ignore[override]
+        self._elements, self._depth = self._elements + 1, self._depth + 1
+        self._limits.require("elements", self._elements, self._path, "elements")
+        self._limits.require("depth", self._depth, self._path, "elements in each other")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+    def remark(self, text: str) -> None:
+        """Keeps a comment, also one before the root."""
+        if self._depth:
+            self.comment(text)
+        elif not self._elements:
+            self.remarks.append(text)
+
+    def doctype(self, *_: object) -> None:
+        raise ModelError(f"{self._path}: a DOCTYPE, whose entities are not read; no robot's model needs one")
 
 
-def root_of(document: minidom.Document) -> minidom.Element:
-    """The root element. Raises ModelError: there is none."""
-    if document.documentElement is None:
-        raise ModelError("an XML document without a root")
-    return document.documentElement
+def read_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
+    """A file, a xacro expanded with its arguments' defaults.
+
+    Raises:
+        LimitError: more elements, or deeper nesting, than the limits allow. ModelError: a DOCTYPE, or as `expanded`.
+        MissingExtraError: as `expanded`. expat.ExpatError, LookupError: not XML, or of an unknown encoding.
+    """
+    builder, parser = _Builder(path, limits), expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler, parser.CommentHandler = builder.data, builder.remark
+    parser.StartDoctypeDeclHandler = builder.doctype
+    for piece in [expanded(path)] if is_xacro(path) else _pieces(path):
+        parser.Parse(piece)
+    parser.Parse(b"", True)
+    return Document(builder.close(), builder.remarks)
 
 
-def named(document: minidom.Document, tag: str, name: str, source: Path) -> minidom.Element:
+def _pieces(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while piece := file.read(1 << 16):
+            yield piece
+
+
+def is_xacro(path: Path) -> bool:
+    """True if a file must be expanded: by its name, or by the namespace of its root element."""
+    if path.name.lower().endswith(".xacro"):
+        return True
+    with path.open("rb") as file:
+        head = file.read(4096).decode(errors="replace")
+    return any(name in head for name in ("xmlns:xacro=", "ros.org/wiki/xacro", "ros.org/xacro"))
+
+
+def expanded(path: Path) -> str:
+    """The text of a xacro, expanded. MissingExtraError if the package is not installed, ModelError if it cannot be
+    expanded, such as for an argument without a default or a missing package.
+    """
+    by_hand = f"expand it where its packages are: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    write = Element.writexml  # xacro replaces this for the whole process by a version that drops white space
+    try:
+        import xacro
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("xacro", "xacro", f"{path}: a xacro; {by_hand}; reading it as it is") from error
+    finally:
+        Element.writexml = write  # type: ignore[method-assign]
+    said = StringIO()
+    try:
+        with redirect_stderr(said):  # xacro prints warnings there
+            return str(xacro.process_file(str(path)).toxml())
+    except (Exception, SystemExit) as error:  # of many kinds, and for some errors it exits
+        why = " ".join(f"{said.getvalue()} {error}".split())[:300]
+        raise ModelError(f"{path}: xacro cannot expand it ({why}); {by_hand}") from error
+
+
+# -- changes ---------------------------------------------------------------------------------------------------------
+
+
+def named(root: ET.Element, tag: str, name: str, source: Path) -> ET.Element:
     """The element with that tag and name. Raises ModelError: there is none, as for bodies that a model attaches from
     another file.
     """
-    for element in document.getElementsByTagName(tag):
-        if element.getAttribute("name") == name:
-            return element
+    for found in root.iter(tag):
+        if found.get("name") == name:
+            return found
     raise ModelError(f"{source}: no <{tag} name={name!r}> in the file itself to write the values into")
 
 
-def check_free(document: minidom.Document, tag: str, name: str) -> None:
+def check_free(root: ET.Element, tag: str, name: str) -> None:
     """Checks that no element of that tag has this name. Raises ModelError: there is one."""
-    if any(node.getAttribute("name") == name for node in document.getElementsByTagName(tag)):
+    if any(found.get("name") == name for found in root.iter(tag)):
         raise ModelError(f"the model has a {tag} {name!r} already; a payload needs another name")
 
 
-def children(element: minidom.Element, tag: str) -> list[minidom.Element]:
-    """Direct children of that tag."""
-    return [node for node in element.childNodes if isinstance(node, minidom.Element) and node.tagName == tag]
-
-
-def put_child(parent: minidom.Element, child: minidom.Element) -> None:
+def put_child(parent: ET.Element, child: ET.Element) -> None:
     """Replaces the first child of the same tag, or inserts the child first; further children of its tag are removed."""
-    present = children(parent, child.tagName)
-    if present:
-        parent.replaceChild(child, present[0])
-        for extra in present[1:]:
-            parent.removeChild(extra)
-    else:
-        parent.insertBefore(child, parent.firstChild)
+    present = parent.findall(child.tag)
+    child.tail = present[0].tail if present else None
+    at = list(parent).index(present[0]) if present else 0
+    for one in present:
+        parent.remove(one)
+    parent.insert(at, child)
 
 
-def element(
-    document: minidom.Document, tag: str, attributes: Mapping[str, str], *inside: minidom.Element
-) -> minidom.Element:
+def element(tag: str, attributes: Mapping[str, str], *inside: ET.Element) -> ET.Element:
     """A new element with these attributes and children."""
-    made = document.createElement(tag)
-    for name, value in attributes.items():
-        made.setAttribute(name, value)
-    for child in inside:
-        made.appendChild(child)
+    made = ET.Element(tag, dict(attributes))
+    made.extend(inside)
     return made
 
 
@@ -80,47 +165,24 @@ def numbers(*values: float | Iterable[float] | Array) -> str:
     return " ".join(repr(float(value)) for value in flat)
 
 
-def append_after_comment(
-    document: minidom.Document, parent: minidom.Element, text: str, nodes: Iterable[minidom.Element]
-) -> None:
-    """Appends a comment and elements, each on its own line."""
-    pieces: list[minidom.Comment | minidom.Element] = [comment(document, text), *nodes]
-    for node in pieces:
-        parent.appendChild(document.createTextNode("\n  "))
-        parent.appendChild(node)
-    parent.appendChild(document.createTextNode("\n"))
+def plain(text: str) -> str:
+    """A comment's text; XML forbids two hyphens in it."""
+    return text.replace("--", "- -")
 
 
-def describe(
-    document: minidom.Document,
-    links: Iterable[str],
-    dynamics: Mapping[str, JointDynamics],
-    without_place: tuple[str, ...],
-) -> None:
-    """Adds a comment before the root: the links and joints written, and joint values that the format cannot
-    represent.
-    """
+def description(links: Iterable[str], dynamics: Mapping[str, JointDynamics], without_place: Iterable[str]) -> str:
+    """Comment on the links and joints written, and on joint values that the format cannot represent."""
     lines = [
         "Written by stadera. Inertial values of these links are those of all that moves with the link, and the "
         f"inertials of the bodies fixed to it were taken away: {', '.join(links) or 'none'}.",
         f"Joint friction written for: {', '.join(dynamics) or 'none'}.",
     ]
+    units = {"armature": "kg m^2", "offset": "N m"}
     left = [(j, kind, getattr(d, kind)) for j, d in dynamics.items() for kind in without_place if getattr(d, kind)]
     if left:
-        listed = "; ".join(f"{joint} {kind} {value!r} {_UNITS[kind]}" for joint, kind, value in left)
+        listed = "; ".join(f"{joint} {kind} {value!r} {units[kind]}" for joint, kind, value in left)
         lines.append(f"Values that this format has no place for: {listed}.")
-    remark(document, *lines)
-
-
-def comment(document: minidom.Document, text: str) -> minidom.Comment:
-    """A comment node; XML forbids two hyphens in it."""
-    return document.createComment(text.replace("--", "- -"))
-
-
-def remark(document: minidom.Document, *lines: str) -> None:
-    """Inserts a comment before the root."""
-    text = "\n  ".join(lines)
-    document.insertBefore(comment(document, f"\n  {text}\n"), document.documentElement)
+    return "\n  ".join(lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +208,9 @@ class PayloadLink:
         tensor = self.body.inertia_com
         return np.where(np.abs(tensor) < 1e-12 * np.abs(self.body.inertia).max(), 0.0, tensor)
 
-    @property
-    def comment(self) -> str:
-        """The comment before the link."""
-        return f" {self.name}: the load that was weighed. {self.note} "
+    def append_to(self, parent: ET.Element, *nodes: ET.Element) -> None:
+        """Appends the elements that make the link, after a comment, each on its own line."""
+        parent.append(ET.Comment(plain(f" {self.name}: the load that was weighed. {self.note} ")))
+        parent.extend(nodes)
+        for node in parent[-1 - len(nodes) :]:
+            node.tail = "\n  "

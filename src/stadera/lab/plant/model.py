@@ -19,7 +19,7 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, positive
 from stadera.inertia import InertialParameters
-from stadera.robot.mjcf.read import keep_quiet
+from stadera.robot.mjcf import keep_quiet
 from stadera.robot.model import Robot, Tree
 from stadera.types import Array
 

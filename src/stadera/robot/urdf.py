@@ -1,4 +1,4 @@
-"""Reads a URDF: bodies and joints through Pinocchio, shapes and single links from the XML.
+"""Reads and writes URDF: bodies and joints through Pinocchio, shapes and single links from the XML.
 
 urdfdom ignores an inertial that it cannot parse (ixx="0,05"). So every number that is used is parsed here as well, and
 Pinocchio's inertia of each moving link is compared with the sum over the links fixed to it.
@@ -15,9 +15,10 @@ import pinocchio as pin
 from stadera.constants import ROUNDING, SAME
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
-from stadera.robot.model import Shape
+from stadera.limits import Limits
+from stadera.robot.model import JointDynamics, Shape
 from stadera.robot.modelfile import ModelFile
-from stadera.robot.xmltree import expanded, is_xacro
+from stadera.robot.xml import Document, PayloadLink, check_free, description, element, named, numbers, put_child
 from stadera.types import Array
 
 _DUMMY_MASS_RATIO = 1e-3  # a root this light compared with its fixed child is only the root of the tree
@@ -38,8 +39,8 @@ _SIZES: dict[_Kind, tuple[tuple[str, int], ...]] = {
 
 
 def read_urdf(path: Path, root: ET.Element) -> ModelFile:
-    """Reads a URDF whose XML has been parsed. Raises ModelError: Pinocchio cannot build a model from it, a number is
-    malformed, or a link's mass is negative.
+    """Reads a URDF whose XML has been parsed, and whose chains of joints are short enough (`require_depth`). Raises
+    ModelError: Pinocchio cannot build a model from it, a number is malformed, or a link's mass is negative.
     """
     try:
         bodies = {_name(link): _body(link) for link in root.findall("link")}
@@ -47,7 +48,7 @@ def read_urdf(path: Path, root: ET.Element) -> ModelFile:
         children = {_name(joint): _child(joint) for joint in root.findall("joint")}
         for joint in root.findall("joint"):
             _check_joint(joint)
-        model = _build(path)
+        model = _build(ET.tostring(root, "unicode"))
         _check_bodies(model, bodies)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from error
@@ -63,14 +64,26 @@ def read_urdf(path: Path, root: ET.Element) -> ModelFile:
     )
 
 
-def _build(path: Path) -> Any:
-    build, source = pin.buildModelFromUrdf, str(path)
-    if is_xacro(path):
-        build, source = pin.buildModelFromXML, expanded(path)
+def require_depth(root: ET.Element, path: Path, limits: Limits) -> None:
+    """Checks the length of the chains of joints in a URDF. Raises LimitError: a chain is too long."""
+    links = ((joint.find("parent"), joint.find("child")) for joint in root.findall("joint"))
+    above = {c.get("link"): p.get("link") for p, c in links if p is not None and c is not None}
+    depth: dict[str | None, int] = {}
+    for link in above:
+        chain: list[str | None] = []
+        while link in above and link not in depth and len(chain) <= limits.depth:
+            chain.append(link)
+            link = above[link]
+        for k, one in enumerate(reversed(chain), start=1 + depth.get(link, 0)):
+            depth[one] = k
+            limits.require("depth", k, path, "joints one behind the other")
+
+
+def _build(text: str) -> Any:
     try:
-        model = build(source)
+        model = pin.buildModelFromXML(text)
         if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
-            model = build(source, pin.JointModelFreeFlyer())
+            model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
         raise ModelError(f"not a URDF that Pinocchio can build: {str(error).splitlines()[0]}") from error
     return model
@@ -128,7 +141,7 @@ def _check_joint(joint: ET.Element) -> None:
     for tag, attributes in _JOINT_NUMBERS.items():
         if (element := joint.find(tag)) is not None:
             for attribute, count in attributes.items():
-                _numbers(joint, element, attribute, count)
+                _read_numbers(joint, element, attribute, count)
 
 
 def _body(link: ET.Element) -> InertialParameters:
@@ -140,8 +153,8 @@ def _body(link: ET.Element) -> InertialParameters:
     if mass is None or tensor is None:
         raise ModelError(f"link {_name(link)!r}: its <inertial> needs <mass> and <inertia>")
     rotation, translation = _pose(link, inertial.find("origin"))
-    components = [_numbers(link, tensor, name, 1, required=True)[0] for name in _TENSOR]
-    value = _numbers(link, mass, "value", 1, required=True)[0]
+    components = [_read_numbers(link, tensor, name, 1, required=True)[0] for name in _TENSOR]
+    value = _read_numbers(link, mass, "value", 1, required=True)[0]
     return InertialParameters(np.array([value, 0.0, 0.0, 0.0, *components])).transformed(rotation, translation)
 
 
@@ -157,7 +170,7 @@ def _link_shapes(link: ET.Element) -> list[Shape]:
 def _shape(link: ET.Element, element: ET.Element) -> Shape | None:
     for kind in get_args(_Kind):
         if (found := element.find(f"geometry/{kind}")) is not None:
-            size = [_numbers(link, found, attribute, count) for attribute, count in _SIZES[kind]]
+            size = [_read_numbers(link, found, attribute, count) for attribute, count in _SIZES[kind]]
             return Shape(_name(link), kind, sum(size, ()), *_pose(link, element.find("origin")))
     return None
 
@@ -165,11 +178,11 @@ def _shape(link: ET.Element, element: ET.Element) -> Shape | None:
 def _pose(owner: ET.Element, origin: ET.Element | None) -> tuple[Array, Array]:
     if origin is None:
         return np.eye(3), np.zeros(3)
-    turn, place = (_numbers(owner, origin, attribute, 3) for attribute in ("rpy", "xyz"))
+    turn, place = (_read_numbers(owner, origin, attribute, 3) for attribute in ("rpy", "xyz"))
     return pin.rpy.rpyToMatrix(*turn), np.array(place)
 
 
-def _numbers(
+def _read_numbers(
     owner: ET.Element, element: ET.Element, attribute: str, count: int, required: bool = False
 ) -> tuple[float, ...]:
     """The numbers of an attribute; zeros if it is absent."""
@@ -177,10 +190,66 @@ def _numbers(
     if text is None and not required:
         return (0.0,) * count
     try:
-        numbers = tuple(float(word) for word in (text or "").split())
+        found = tuple(float(word) for word in (text or "").split())
     except ValueError:
-        numbers = ()
-    if len(numbers) != count or not np.isfinite(numbers).all():
+        found = ()
+    if len(found) != count or not np.isfinite(found).all():
         what = f"<{element.tag} {attribute}={text!r}>" if text is not None else f"<{element.tag}> without {attribute}:"
         raise ModelError(f"{owner.tag} {_name(owner)!r}: {what} needs {count} number(s), with decimal points")
-    return numbers
+    return found
+
+
+# -- writing ---------------------------------------------------------------------------------------------------------
+def write_urdf(
+    document: Document,
+    source: Path,
+    inertias: Mapping[str, InertialParameters],
+    fixed: Mapping[str, list[str]],
+    dynamics: Mapping[str, JointDynamics],
+) -> None:
+    """Writes these inertias (by moving link, in its frame), none for the bodies fixed to it, and these joints' friction
+    into the URDF `source`; armature and offset go into a comment.
+    """
+    root = document.root
+    for link, inertia in inertias.items():
+        put_child(named(root, "link", link, source), _inertial(inertia.mass, inertia.com, inertia.inertia_com))
+        for name in fixed[link]:
+            body = named(root, "link", name, source)
+            for inertial in body.findall("inertial"):
+                body.remove(inertial)
+    for joint, values in dynamics.items():
+        owner = named(root, "joint", joint, source)
+        target = owner.find("dynamics")
+        target = ET.SubElement(owner, "dynamics") if target is None else target
+        target.attrib |= {"damping": numbers(values.viscous), "friction": numbers(values.coulomb)}
+    document.remark(description(inertias, dynamics, ("armature", "offset")))
+
+
+def add_payload(root: ET.Element, trunk: str, payload: PayloadLink) -> None:
+    """Adds the payload's link, and the fixed joint that connects it to the trunk. Raises ModelError: the file already
+    has a link or a joint of that name.
+    """
+    joint_name = f"{payload.name}_joint"
+    check_free(root, "link", payload.name)
+    check_free(root, "joint", joint_name)
+    link = element("link", {"name": payload.name}, _inertial(payload.body.mass, np.zeros(3), payload.tensor))
+    joint = element(
+        "joint",
+        {"name": joint_name, "type": "fixed"},
+        element("origin", {"xyz": numbers(payload.body.com), "rpy": "0 0 0"}),
+        element("parent", {"link": trunk}),
+        element("child", {"link": payload.name}),
+    )
+    payload.append_to(root, link, joint)
+
+
+def _inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
+    """The <inertial> element; URDF states the inertia about the centre of mass, here in the link's own axes."""
+    components = {f"i{'xyz'[i]}{'xyz'[j]}": numbers(tensor[i, j]) for i in range(3) for j in range(i, 3)}
+    return element(
+        "inertial",
+        {},
+        element("origin", {"xyz": numbers(com), "rpy": "0 0 0"}),
+        element("mass", {"value": numbers(mass)}),
+        element("inertia", components),
+    )

@@ -1,13 +1,15 @@
-"""Reads an MJCF into a Pinocchio model, with MuJoCo's own compiler.
+"""Reads and writes MJCF: read into a Pinocchio model with MuJoCo's own compiler.
 
 MuJoCo's compiler defines MJCF (defaults, includes, frames, angles, actuators). Pinocchio's parser ignores actuator
 ranges and, with a joint anchor off the body's origin, misplaces fixed child bodies.
 """
 
+import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from xml.parsers.expat import ExpatError
 
 import mujoco
 import numpy as np
@@ -15,8 +17,21 @@ import pinocchio as pin
 
 from stadera.boundary import foreign
 from stadera.errors import ModelError
-from stadera.robot.model import Shape
+from stadera.inertia import InertialParameters
+from stadera.limits import Limits
+from stadera.robot.model import JointDynamics, Shape
 from stadera.robot.modelfile import ModelFile
+from stadera.robot.xml import (
+    Document,
+    PayloadLink,
+    check_free,
+    description,
+    element,
+    named,
+    numbers,
+    put_child,
+    read_xml,
+)
 from stadera.types import Array
 
 _PRIMITIVES = {
@@ -44,6 +59,48 @@ def read_mjcf(path: Path) -> ModelFile:
         masses={builder.body_name(b): float(mj.body_mass[b]) for b in builder.bodies},
         shapes=tuple(builder.shapes()),
     )
+
+
+def require_size(root: ET.Element, path: Path, limits: Limits) -> None:
+    """Checks the sizes that an MJCF requests from a compiler: included files, copies, arrays. Raises LimitError: too
+    many elements, or an array that is too large.
+    """
+    total = _elements(root, path, limits, {path.resolve()})
+    limits.require("elements", total, path, "elements, with all copies and included files")
+
+
+def _elements(node: ET.Element, path: Path, limits: Limits, seen: set[Path]) -> float:
+    """Number of elements in this one, itself included, with all copies."""
+    own = 1.0 + sum(_elements(child, path, limits, seen) for child in node)
+    if node.tag in ("size", "numeric", "hfield"):  # their numbers are sizes of arrays
+        largest = max((_number(value) for name, value in node.items() if name != "memory"), default=0.0)
+        limits.require("elements", largest / 1e6, path, f"million numbers of <{node.tag}>")
+    if node.tag in ("include", "model") and (name := node.get("file")):
+        own += _of_file(path.parent / name, limits, seen)
+    for word in (node.get("count") or "").split():
+        own *= max(_number(word), 1.0)
+    return own
+
+
+def _of_file(path: Path, limits: Limits, seen: set[Path]) -> float:
+    """Number of elements in another file; zero if it does not exist or is not XML, which the compiler reports
+    better.
+    """
+    if path.resolve() in seen or not path.is_file():
+        return 0.0
+    seen.add(path.resolve())
+    try:
+        root = read_xml(path, limits).root
+    except (ExpatError, LookupError, ValueError):
+        return 0.0
+    return _elements(root, path, limits, seen)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
 
 
 def keep_quiet() -> None:
@@ -246,3 +303,105 @@ def _rotation(quaternion_wxyz: Array) -> Array:
 
 def _pose(quaternion_wxyz: Array, translation: Array) -> Any:
     return pin.SE3(_rotation(quaternion_wxyz), np.array(translation))
+
+
+# -- writing ---------------------------------------------------------------------------------------------------------
+def write_mjcf(
+    document: Document,
+    source: Path,
+    target: Path,
+    inertias: Mapping[str, InertialParameters],
+    origins: Mapping[str, Array],
+    fixed: Mapping[str, list[str]],
+    dynamics: Mapping[str, JointDynamics],
+) -> None:
+    """Writes these inertias, zero ones for `fixed` bodies, and these joints' dynamics into the MJCF `source`.
+
+    Included files are merged, as an include means. Default classes stay: values are written to the elements themselves,
+    which overrides them.
+
+    Args:
+        target: the file to be written; if it is in another folder, relative asset folders become absolute.
+        inertias: by moving link, in the link's frame (the body's axes, origin at the joint's anchor).
+        origins: by moving link, the body's origin in the link's frame [m]. fixed: by moving link, the bodies fixed to
+            it.
+        dynamics: by joint; the offset goes into a comment.
+
+    Raises:
+        ModelError: an inertia that MuJoCo would refuse, or a file whose inertias are all computed from its shapes.
+    """
+    root = document.root
+    _draw_in_includes(root, source.parent)
+    for compiler in root.iter("compiler"):
+        if compiler.get("inertiafromgeom") == "true" or "settotalmass" in compiler.attrib:
+            raise ModelError(f"{source}: its compiler makes inertias itself (inertiafromgeom or settotalmass)")
+    if target.resolve().parent != source.resolve().parent:
+        _point_to_assets(root, source.resolve().parent)
+    for link, inertia in inertias.items():
+        about_body = inertia.shifted(-origins[link])
+        _check_possible(link, about_body)
+        inertial = _inertial(about_body.mass, about_body.com, about_body.inertia_com)
+        put_child(named(root, "body", link, source), inertial)
+        for name in fixed[link]:
+            nothing = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
+            put_child(named(root, "body", name, source), element("inertial", nothing))
+    for joint, values in dynamics.items():
+        written = {"damping": values.viscous, "frictionloss": values.coulomb, "armature": values.armature}
+        named(root, "joint", joint, source).attrib |= {name: numbers(value) for name, value in written.items()}
+    document.remark(description(inertias, dynamics, ("offset",)))
+
+
+def add_payload(root: ET.Element, trunk: ET.Element, origin: Array, payload: PayloadLink) -> None:
+    """Adds the payload as a body without joints to the trunk, whose body origin (3,) [m] is given in the trunk frame.
+    Raises ModelError: the file has a body of that name already.
+    """
+    check_free(root, "body", payload.name)
+    inertial = _inertial(payload.body.mass, np.zeros(3), payload.tensor)
+    place = {"name": payload.name, "pos": numbers(payload.body.com - origin)}
+    payload.append_to(trunk, element("body", place, inertial))
+
+
+def _inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
+    """Principal moments about the centre of mass, and the rotation to their axes (quaternion wxyz)."""
+    from scipy.spatial.transform import Rotation
+
+    moments, axes = np.linalg.eigh(tensor)
+    axes[:, 2] *= np.linalg.det(axes)
+    attributes = {
+        "pos": numbers(com),
+        "quat": numbers(Rotation.from_matrix(axes).as_quat(scalar_first=True)),
+        "mass": numbers(mass),
+        "diaginertia": numbers(np.maximum(moments, 0.0)),
+    }
+    return element("inertial", attributes)
+
+
+def _check_possible(link: str, inertia: InertialParameters) -> None:
+    moments = np.linalg.eigvalsh(inertia.inertia_com)
+    if not (moments > 0).all() or moments[0] + moments[1] < moments[2]:
+        raise ModelError(
+            f"link {link!r} has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg·m², which no body has "
+            "and MJCF does not hold; identify it physically consistent"
+        )
+
+
+def _draw_in_includes(root: ET.Element, folder: Path) -> None:
+    for parent in list(root.iter()):
+        for include in parent.findall("include"):
+            inner, at = read_xml(folder / include.get("file", "")).root, list(parent).index(include)
+            _draw_in_includes(inner, folder)
+            parent[at : at + 1] = list(inner)
+
+
+def _point_to_assets(root: ET.Element, folder: Path) -> None:
+    """Makes the folders of meshes and textures absolute; both default to the model's own folder."""
+    if root.find(".//asset") is None:
+        return
+    if root.find("compiler") is None:
+        put_child(root, ET.Element("compiler"))
+    compilers = root.findall("compiler")
+    said = {name: value for compiler in compilers for name, value in compiler.items()}
+    for name in ("meshdir", "texturedir"):
+        relative = said.get(name, said.get("assetdir", ""))
+        for compiler in compilers:
+            compiler.set(name, str(folder / relative))
