@@ -12,8 +12,7 @@ from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.experiments.runner import Paper, ReproduceSettings
 from stadera.lab.experiments.standing import load_point
 from stadera.lab.laws.contact_com import ContactCom
-from stadera.lab.laws.convergence import settling_time
-from stadera.lab.laws.recursive import LawSettings
+from stadera.lab.laws.recursive import LawSettings, settling_time
 from stadera.lab.plant import IDEAL, Plant, Sensors, VirtualForce
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line, stacked
 from stadera.report.table import Cell, TableData

@@ -7,7 +7,7 @@ rank two; its damped pseudo-inverse ([F]xᵀ [F]x + λ² 1)⁻¹ [F]xᵀ is -[F]
     c_⊥ = -[F]x⁺ μ = F x μ / (|F|² + λ²),
 
 the point of the line of action nearest to the trunk's origin. The estimate steps towards it by α = 0.002 at 1 kHz,
-first in a plane (see `standing.recursive`), and after a tilt of the trunk along the remaining direction. All vectors
+first in a plane (see `RecursiveCom`), and after a tilt of the trunk along the remaining direction. All vectors
 are in trunk axes, so no heading is needed.
 """
 
@@ -16,8 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from stadera.body.statics import cross
-from stadera.lab.laws.convergence import step_size
-from stadera.lab.laws.recursive import LEAST_TILT, RecursiveCom
+from stadera.lab.laws.recursive import LEAST_TILT, RecursiveCom, step_size
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.standing.contact import ContactForces
 
@@ -25,18 +24,13 @@ _NOT_TILTED = f"the height is observable in a trunk tilted by {np.rad2deg(LEAST_
 
 
 class ContactCom(RecursiveCom):
-    """Steps towards the line of action of the contact forces. Works with any controller, in closed loop or open loop.
-
-    Arguments, attributes and errors: see `RecursiveCom`.
-    """
+    """Steps towards the line of action of the contact forces, with any controller, in closed loop or open loop."""
 
     _last = np.nan
 
     def look_for_height(self) -> None:
         """Starts phase two: the components in the plane are kept, and later tilted poses determine the height.
-
-        Raises:
-            IdentificationError: the components in the plane have not been found yet.
+        Raises IdentificationError: the components in the plane have not been found yet.
         """
         self._look_for_height()
 

@@ -30,40 +30,21 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class MassSettings:
-    """Settings of the average over samples.
+    """Settings of the average over samples, all positive."""
 
-    Attributes:
-        time_constant: of averaging [s].
-        settled: number of time constants at rest after which the estimate may count as converged.
-        faster: ratio of the rates of a second, faster average, in which a change appears first, and the main one.
-        change: difference between the two averages that counts as a change, as a share of the robot's mass.
-        first: duration assigned to the first sample after a restart [s]; any short one gives it its full weight.
-
-    Raises:
-        StaderaError: a value that is not positive.
-    """
-
-    time_constant: float = 0.5
-    settled: float = 3.0
-    faster: float = 5.0
-    change: float = 1e-3
-    first: float = 1e-3
+    time_constant: float = 0.5  # of averaging [s]
+    settled: float = 3.0  # time constants at rest after which the estimate may count as converged
+    faster: float = 5.0  # ratio of the rates of a second average, in which a change appears first, and the main one
+    change: float = 1e-3  # difference of the two averages that counts as a change, as a share of the robot's mass
+    first: float = 1e-3  # duration of the first sample after a restart [s]; any short one gives it its full weight
 
     def __post_init__(self) -> None:
         require_positive("mass averaging's", self, (field.name for field in fields(self)))
 
 
 class MassEstimator(StaticEstimator):
-    """Weighs the trunk while the robot stands still. An `Estimator` of the mass only.
-
-    Args:
-        robot: the model of the legs.
-        start: initial estimate, which also supplies the centre of mass; None for the robot's own trunk.
-        forces: estimator of contact forces; None for a new one.
-        settings: None for the defaults.
-
-    Raises:
-        ImplausibleError: the start is implausible.
+    """Weighs the trunk while the robot stands still: an `Estimator` of the mass only; `start` supplies the centre of
+    mass. Arguments: see `RecursiveCom`.
     """
 
     _WITHOUT_IMU = True
@@ -80,8 +61,7 @@ class MassEstimator(StaticEstimator):
         self._errors = ConstantErrors.of(self.forces.noise)
         self._last: tuple[ContactForces, Measurement] | None = None
         self._known: Array | None = None
-        self._averaged_variance = 0.0
-        self._slow = self._fast = self._sample_variance = 0.0
+        self._averaged_variance = self._slow = self._fast = self._sample_variance = 0.0
         self._interrupted()
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:

@@ -15,7 +15,7 @@ which is the paper's M = [[0, -1], [1, 0]] K / (m g) on e_o = (-φ, -θ) (eq. 12
 A centre of mass ahead of the estimate lowers the nose, θ > 0, so ĉ_x must grow with +θ: eq. 14's α is M β. As printed,
 with α a positive scalar on (-φ, -θ), the update would diverge in x.
 
-Phase one steps ĉ by β S E δ (S: see `standing.recursive`). At its end e = 0: the true centre of mass is above or below
+Phase one steps ĉ by β S E δ (S: see `RecursiveCom`). At its end e = 0: the true centre of mass is above or below
 ĉ along the vertical u₀, e_z of a trunk held upright. Phase two tilts the reference, and the remaining error is along u₀
 alone, δ = s u₀:
 
@@ -33,12 +33,12 @@ A settling time is accepted only if κ is at most a quarter of that (a gain marg
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, ModelError
 from stadera.inertia import skew
-from stadera.lab.laws.convergence import step_size
-from stadera.lab.laws.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom
+from stadera.lab.laws.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom, step_size
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
@@ -51,15 +51,8 @@ from stadera.types import Array
 class OrientationCom(RecursiveCom):
     """Steps towards the centre of mass for which the trunk's orientation error vanishes.
 
-    Args:
-        robot: the model of the legs.
-        posture: the control law that holds the trunk.
-        start: initial estimate, also the controller's; None for the robot's own trunk.
-        forces, settings: as for `RecursiveCom`; contact forces are used for mass and stance only.
-
-    Raises:
-        ImplausibleError: the start is implausible.
-        ModelError: the settling time leaves too small a gain margin.
+    `posture` is the control law that holds the trunk; `start` is also the controller's initial estimate. Contact forces
+    are used for mass and stance only. Raises ModelError: the settling time leaves too small a gain margin.
     """
 
     def __init__(
@@ -74,32 +67,26 @@ class OrientationCom(RecursiveCom):
         settling, period = self.settings.settling, self.settings.period
         if settling < (least := posture.fastest_settling(period)):
             raise ModelError(f"a settling time of {settling} s is too short for this posture: at least {least:.2f} s")
-        self.posture, self._reference = posture, posture.reference
+        self.posture, self.reference = posture, posture.reference
         self._step, self._due = step_size(settling, period), np.nan
         self._clear()
-
-    @property
-    def reference(self) -> Array:
-        """Reference orientation to which the trunk is held, world, (3, 3)."""
-        return self._reference
 
     def look_for_height(self, reference: Array) -> None:
         """Starts phase two; from now on the controller holds the trunk to this reference (3, 3), world.
 
         Raises:
-            IdentificationError: the components in the plane have not been found yet, or the reference is tilted by less
-                than 3° from the last one.
+            IdentificationError: the plane has not been found yet, or the reference is tilted by less than 3°.
             ModelError: not a rotation.
         """
         rotation = rotation_of(reference)
-        turned = float(np.arccos(np.clip(rotation[2] @ self._reference[2], -1.0, 1.0)))
+        turned = float(np.arccos(np.clip(rotation[2] @ self.reference[2], -1.0, 1.0)))
         if self.phase is Phase.PLANE and turned < LEAST_TILT:
             raise IdentificationError(
                 f"the height needs a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found, not by "
                 f"{np.rad2deg(turned):.1f}°"
             )
         self._look_for_height()
-        self._reference = rotation
+        self.reference = rotation
         self._clear()
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
@@ -108,7 +95,7 @@ class OrientationCom(RecursiveCom):
             return
         if np.isnan(self._due):
             self._due = measurement.time + self.settings.period
-        self._turned += _log(measurement.rotation.T @ self._reference)
+        self._turned += Rotation.from_matrix(measurement.rotation.T @ self.reference).as_rotvec()
         self._count += 1
         if measurement.time < self._due - 1e-9:
             return
@@ -148,10 +135,3 @@ class OrientationCom(RecursiveCom):
         felt = super()._felt(instant)
         felt[1:, 24:27] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
         return felt
-
-
-def _log(rotation: Array) -> Array:
-    """The rotation vector (3,) [rad] of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

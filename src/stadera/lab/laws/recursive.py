@@ -29,13 +29,13 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
+from math import exp, log
 
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import IdentificationError, require_positive
+from stadera.errors import IdentificationError, ModelError, positive, require_positive
 from stadera.inertia import skew
-from stadera.lab.laws.convergence import TOLERANCE, Settled, settling_time
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
@@ -46,6 +46,67 @@ from stadera.trunk.standing.equilibrium import ConstantErrors, leg_mass_slope
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.static import StaticEstimator
 from stadera.types import Array
+
+STEP, PERIOD = 0.002, 0.001
+"""α of the paper's approach (c), and the period [s] for which it is given."""
+
+
+def settling_time(step: float = STEP, period: float = PERIOD) -> float:
+    """Time t_a [s] until e^-3 (5 %) of an error remains, for a step β (0 to 1) every `period` T_s [s].
+
+    ĉ(k+1) = ĉ(k) + β (c - ĉ(k)) leaves 1 - β of the error each time, so t_a = -3 T_s / ln(1 - β) (the paper, below
+    eq. 14). Keeping t_a constant for any T_s makes an estimate independent of the sampling rate.
+
+    Raises:
+        ModelError: the step is outside 0 to 1, or the period is not positive.
+    """
+    if not 0.0 < step < 1.0:
+        raise ModelError(f"a step size lies between 0 and 1, got {step}")
+    return -3.0 * positive("a period", period, "s", ModelError) / log(1.0 - step)
+
+
+def step_size(settling: float, period: float) -> float:
+    """The step (0 to 1) every `period` [s] that leaves 5 % of an error after `settling` [s]."""
+    return 1.0 - exp(-3.0 * period / settling)
+
+
+class Settled:
+    """The paper's criterion of convergence: the innovation |c - ĉ| is below 0.0005 m (section V.C), apart from noise.
+
+    A single sample's innovation is dominated by noise, so a running mean of it is compared, `quicker` times faster than
+    the estimate. At low rates even the mean has a noise of millimetres: the part within `deviations` standard
+    deviations, from the scatter of the innovations, is ignored. The estimate is then as close as the noise allows.
+
+    Raises:
+        ModelError: the tolerance, in the innovation's unit, is not positive.
+    """
+
+    def __init__(self, tolerance: float = 0.0005, quicker: float = 5.0, deviations: float = 2.0) -> None:
+        self.tolerance = positive("a tolerance", tolerance, error=ModelError)
+        self._quicker, self._deviations = quicker, deviations
+        self.restart()
+
+    def restart(self) -> None:
+        """Discards all innovations."""
+        self._mean: Array | float = 0.0
+        self._spread, self._noise, self._left = 0.0, 0.0, 1.0
+
+    def take(self, innovation: Array, step: float) -> None:
+        """Adds an innovation (k,); `step` is the estimate's own."""
+        share = min(self._quicker * step, 1.0)
+        away = innovation - self._mean
+        self._mean = self._mean + share * away
+        self._spread += share * ((1.0 - share) * float(away @ away) - self._spread)
+        self._noise = self._spread * share / (2.0 - share)
+        self._left *= 1.0 - share
+
+    @property
+    def reached(self) -> bool:
+        """True if the estimate has settled; never before the mean covers a time constant."""
+        if self._left >= exp(-1.0):
+            return False
+        return float(np.sum(np.square(self._mean))) < self.tolerance**2 + self._deviations**2 * self._noise
+
 
 SLOW = StaticLimits(angular_velocity=0.3, joint_velocity=0.5, specific_force=1.0, quiet=0.02)
 """Slow enough for small steps: while a law's own corrections rotate the trunk, inertial moments stay small."""
@@ -72,37 +133,21 @@ class Plane(StrEnum):
 
 @dataclass(frozen=True)
 class LawSettings:
-    """Settings of a feedback law.
+    """Settings of a feedback law, all positive."""
 
-    Attributes:
-        settling: time after which 5 % of an error remains [s]; by default that of the paper's α = 0.002 at 1 kHz.
-        period: of the updates of `OrientationCom`, which averages in between [s].
-        height_std: standard deviation of the centre of mass along the vertical, where it is not observed [m]; on a
-            slope it enters the other components' covariance.
-        orientation_std: constant error of the measured orientation [rad].
-        plane: see `Plane`.
-        still: limits of standing still.
-        mass_settled: innovation of the mass below which it has settled, as a share of the robot's mass.
-        stale: interval at which the covariance is recomputed [s].
-        hidden: share of the vertical along an axis above which this component is not observed.
-        damping: λ of `ContactCom`'s pseudo-inverse, as a share of the weight; biases a centre of mass by its square.
-        longest_step: largest duration assigned to one measurement, as a share of `settling`.
-
-    Raises:
-        StaderaError: a value that is not positive.
-    """
-
-    settling: float = settling_time()
-    period: float = 0.02
+    settling: float = settling_time()  # time after which 5 % of an error remains [s]; the paper's by default
+    period: float = 0.02  # of the updates of `OrientationCom`, which averages in between [s]
+    # standard deviation of the centre of mass along the vertical, where it is not observed [m]; on a slope it enters
+    # the other components' covariance
     height_std: float = 0.05
-    orientation_std: float = float(np.deg2rad(0.2))
+    orientation_std: float = float(np.deg2rad(0.2))  # constant error of the measured orientation [rad]
     plane: Plane = Plane.TRUNK
-    still: StaticLimits = SLOW
-    mass_settled: float = 1e-3
-    stale: float = 0.1
-    hidden: float = 0.5
-    damping: float = 1e-3
-    longest_step: float = 0.1
+    still: StaticLimits = SLOW  # limits of standing still
+    mass_settled: float = 1e-3  # innovation of the mass below which it has settled, as a share of the robot's mass
+    stale: float = 0.1  # interval at which the covariance is recomputed [s]
+    hidden: float = 0.5  # share of the vertical along an axis above which this component is not observed
+    damping: float = 1e-3  # λ of `ContactCom`'s pseudo-inverse, as a share of the weight; biases by its square
+    longest_step: float = 0.1  # largest duration assigned to one measurement, as a share of `settling`
 
     def __post_init__(self) -> None:
         numbers = (field.name for field in fields(self) if field.name not in ("plane", "still"))
@@ -118,18 +163,13 @@ class LawSettings:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """State of a law at one instant, trunk axes.
+    """State of a law at one instant, trunk axes."""
 
-    Attributes:
-        forces: of the feet. joint_position: (n,) [rad]. up: (3,), the vertical. com: (3,) [m], of the whole robot.
-        trunk: the estimate.
-    """
-
-    forces: ContactForces
-    joint_position: Array
-    up: Array
-    com: Array
-    trunk: TrunkModel
+    forces: ContactForces  # of the feet
+    joint_position: Array  # (n,) [rad]
+    up: Array  # (3,), the vertical
+    com: Array  # (3,) [m], of the whole robot
+    trunk: TrunkModel  # the estimate
 
     @cached_property
     def from_wrench(self) -> Array:
@@ -147,15 +187,9 @@ class RecursiveCom(StaticEstimator):
 
     Args:
         robot: the model of the legs.
-        start: initial estimate; None for the robot's own trunk.
+        start: initial estimate; None for the robot's own trunk. Raises ImplausibleError: it is implausible.
         forces: estimator of contact forces; None for a new one.
         settings: None for the defaults.
-
-    Attributes:
-        phase: see `Phase`.
-
-    Raises:
-        ImplausibleError: the start is implausible.
     """
 
     def __init__(
@@ -169,7 +203,7 @@ class RecursiveCom(StaticEstimator):
         super().__init__(robot, start, forces, self.settings.still)
         self.phase = Phase.PLANE
         self._errors = ConstantErrors.of(self.forces.noise, self.settings.orientation_std)
-        self._settled = Settled(TOLERANCE)
+        self._settled = Settled()
         self._mass_settled = Settled(self.settings.mass_settled * robot.mass)
         self._known: Array | None = None
         self._seen_from: Instant | None = None
@@ -177,7 +211,6 @@ class RecursiveCom(StaticEstimator):
         self._before: Instant | None = None  # at the end of phase one
         self._step = 0.0
 
-    # -- for the laws -----------------------------------------------------------------------------------------
     @property
     def _leg_mass(self) -> float:
         return self.forces.legs.mass
@@ -205,21 +238,13 @@ class RecursiveCom(StaticEstimator):
         return self.settings.selection(up) @ error
 
     def _look_for_height(self) -> None:
-        """Starts phase two.
-
-        Raises:
-            IdentificationError: phase one has not settled.
-        """
+        """Starts phase two. Raises IdentificationError: phase one has not settled."""
         if (self.phase is Phase.PLANE and not self._settled.reached) or self._seen_from is None:
             raise IdentificationError("the height is estimated once the components in the plane have converged")
         if self.phase is Phase.PLANE:
             self._before = self._seen_from
         self.phase, self._known = Phase.HEIGHT, None
         self._settled.restart()
-
-    def _averaging(self) -> float:
-        """Share of the white noise's variance that remains after steps of this size."""
-        return self._step / (2.0 - self._step)
 
     def _interrupted(self) -> None:
         self._settled.restart()
@@ -236,12 +261,11 @@ class RecursiveCom(StaticEstimator):
         if self._seen_from is None:
             return unobserved()
         if self._known is None:
-            self._known = self._evaluated(self._seen_from)
+            one_pose = self._before is None
+            self._known = self._of_one_pose(self._seen_from) if one_pose else self._of_two_poses(self._seen_from)
         return self._known
 
-    def _evaluated(self, instant: Instant) -> Array:
-        if self._before is not None:
-            return self._of_two_poses(self._before, instant)
+    def _of_one_pose(self, instant: Instant) -> Array:
         settings, up, felt = self.settings, instant.up, self._felt(instant)
         covariance = felt @ self._errors.covariance @ felt.T + self._white(instant)
         select, lost = np.eye(4), up
@@ -254,10 +278,10 @@ class RecursiveCom(StaticEstimator):
         covariance[hidden, :] = covariance[:, hidden] = np.nan
         return np.asarray(covariance)
 
-    def _of_two_poses(self, first: Instant, second: Instant) -> Array:
-        """Covariance (4, 4) from A ε₁ + B ε with A = E₀ - u₀ u₀ᵀE E₀ / sin², B = u₀ u₀ᵀ / sin²; the mass is the second
-        pose's.
-        """
+    def _of_two_poses(self, second: Instant) -> Array:
+        """From A ε₁ + B ε with A = E₀ - u₀ u₀ᵀE E₀ / sin², B = u₀ u₀ᵀ / sin²; the mass is the second pose's."""
+        first = self._before
+        assert first is not None
         line, up = first.up, second.up
         square = 1.0 - float(up @ line) ** 2
         if square < 0.5 * np.sin(LEAST_TILT) ** 2:  # still moving to the tilt
@@ -277,6 +301,6 @@ class RecursiveCom(StaticEstimator):
         return np.asarray(instant.from_wrench @ slope)
 
     def _white(self, instant: Instant) -> Array:
-        """Covariance (4, 4) due to the torques' white noise, after averaging by the steps."""
-        slope = instant.from_wrench
-        return np.asarray(self._averaging() * slope @ instant.forces.white_covariance @ slope.T)
+        """Covariance (4, 4) due to the torques' white noise; steps β leave β / (2 - β) of its variance."""
+        slope, share = instant.from_wrench, self._step / (2.0 - self._step)
+        return np.asarray(share * slope @ instant.forces.white_covariance @ slope.T)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stadera.body.statics import foot_jacobians, foot_positions, nominal_feet
 from stadera.constants import GRAVITY
@@ -31,25 +32,15 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Reach:
-    """Requirements on the legs in a pose.
+    """Requirements on the legs in a pose."""
 
-    Attributes:
-        least_load: on every foot, as a share of the robot's weight.
-        torque: largest torque of any joint, as a share of its effort limit.
-        least_size: share of its requested size below which a pose is given up.
-        shrunk: factor by which a pose out of reach is reduced in each attempt.
-        solved: distance of the feet from their targets below which a pose is reached [m].
-        steps: number of steps of Newton's method.
-        largest_step: of each joint in one step [rad].
-    """
-
-    least_load: float = 0.05
-    torque: float = 0.8
-    least_size: float = 0.25
-    shrunk: float = 0.8
-    solved: float = 1e-7
-    steps: int = 30
-    largest_step: float = 0.2
+    least_load: float = 0.05  # on every foot, as a share of the robot's weight
+    torque: float = 0.8  # largest torque of any joint, as a share of its effort limit
+    least_size: float = 0.25  # share of its requested size below which a pose is given up
+    shrunk: float = 0.8  # factor by which a pose out of reach is reduced in each attempt
+    solved: float = 1e-7  # distance of the feet from their targets below which a pose is reached [m]
+    steps: int = 30  # of Newton's method
+    largest_step: float = 0.2  # of each joint in one step [rad]
 
     def __post_init__(self) -> None:
         require_positive("reach of a pose", self, self.__dataclass_fields__)
@@ -59,15 +50,10 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class PoseOffset:
-    """A pose of the trunk relative to the nominal stance, with the feet unchanged.
+    """A pose of the trunk relative to the nominal stance, with the feet unchanged."""
 
-    Attributes:
-        shift: (3,) [m], of the trunk's origin, in the nominal trunk's axes.
-        turn: (3,) [rad], rotation vector from the nominal trunk, in its axes.
-    """
-
-    shift: Array = field(default_factory=lambda: np.zeros(3))
-    turn: Array = field(default_factory=lambda: np.zeros(3))
+    shift: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], of the origin, in the nominal trunk's axes
+    turn: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [rad], rotation vector in its axes
 
     def scaled(self, share: float) -> PoseOffset:
         """The pose with shift and turn multiplied by `share`."""
@@ -149,8 +135,6 @@ def standing_still(
     """
     source, reach = forces or ContactForceEstimator(robot), reach or Reach()
     q0 = standing_configuration(robot)
-    from scipy.spatial.transform import Rotation
-
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     feet = (foot_positions(robot, q0[None])[0] - pose.shift) @ rotation
     q = _reached(source, feet, q0, reach)
@@ -160,10 +144,10 @@ def standing_still(
     still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), GRAVITY * up, rotation)
     state = source.legs.at(still)
     contact = feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
-    grasp = np.vstack([np.hstack([np.eye(3)] * 4), np.hstack([skew(p) for p in contact])])
+    grasp = np.vstack([np.hstack([np.eye(3)] * len(contact)), np.hstack([skew(p) for p in contact])])
     trunk = TrunkModel.prior(robot)
     pull = np.concatenate([robot.mass * up, np.cross(trunk.mass * trunk.com_trunk + state.moment, up)]) * GRAVITY
-    force = (np.linalg.pinv(grasp) @ pull).reshape(4, 3)
+    force = (np.linalg.pinv(grasp) @ pull).reshape(-1, 3)
     torque = state.bias - np.einsum("lij,li->lj", state.jacobians(contact), force)
     effort = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
     effort[source.legs.columns] += torque
