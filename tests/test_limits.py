@@ -25,7 +25,7 @@ from robot.robot_files import mjcf, quadruped, urdf_joint, urdf_link
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 from stadera.logs import LogFile, read, stream
-from stadera.logs.reading import Reading
+from stadera.logs.topics import Reading
 from stadera.robot import load_robot
 
 ZEROS = bytes(1 << 20)

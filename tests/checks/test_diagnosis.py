@@ -23,7 +23,7 @@ from stadera.inertia import skew
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Imu, Recording
-from stadera.logs.join import take
+from stadera.logs.recording import take
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.weigh import diagnose

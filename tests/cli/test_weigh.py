@@ -14,7 +14,7 @@ import pytest
 
 from stadera.cli import main
 from stadera.logs import Imu, Recording, read, write_table
-from stadera.logs.join import take
+from stadera.logs.recording import take
 from stadera.robot import load_robot
 from stadera.weigh.truth import Truth, read_truth
 

@@ -15,7 +15,7 @@ from stadera.errors import UntrustedError
 from stadera.live import LiveSession, Worker
 from stadera.live.replay import replay
 from stadera.logs import Recording, take, write_table
-from stadera.logs.reading import Reading
+from stadera.logs.topics import Reading
 from stadera.robot import Robot
 from stadera.trust import Trust
 

@@ -14,7 +14,7 @@ from scipy import io
 
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Topics, read, stream
-from stadera.logs.reading import Reading
+from stadera.logs.topics import Reading
 
 TIME = np.arange(40) * 0.01
 MANY = np.arange(480.0).reshape(40, 12)

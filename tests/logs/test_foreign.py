@@ -16,7 +16,7 @@ from stadera.joint_words import matched, places
 from stadera.logs import Imu, LogFile, Recording, Topics, read, stream
 from stadera.logs.foreign.column_map import column_map, parsed, preset, preset_names
 from stadera.logs.foreign.template import template
-from stadera.logs.reading import Reading
+from stadera.logs.topics import Reading
 from stadera.logs.units import Units, unix_unit
 
 UNITREE = [f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf")]

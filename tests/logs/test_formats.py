@@ -14,7 +14,7 @@ from stadera.identify.settings import IdentifySettings
 from stadera.inertia import InertialParameters
 from stadera.lab.plant import STANDARD
 from stadera.logs import LogFile, Recording, Topics, read, take
-from stadera.logs.reading import Reading
+from stadera.logs.topics import Reading
 from stadera.robot import load_robot
 from stadera.weigh import weigh
 from walking import Walk, recorded, walked

@@ -11,7 +11,7 @@ import pytest
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Recording, read, stream, write_table
 from stadera.logs.mend import Gear, Mend, changed
-from stadera.logs.reading import Reading
+from stadera.logs.topics import Reading
 
 JOINTS = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
 

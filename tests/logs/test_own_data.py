@@ -145,6 +145,6 @@ def test_a_recording_is_read_as_a_file_is() -> None:
 
 
 def test_readers_libraries_are_imported_when_they_are_used() -> None:
-    code = "import sys, stadera.logs.reader, stadera.logs.tables.write; print(*sys.modules)"
+    code = "import sys, stadera.logs.reader, stadera.logs.frames; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pyarrow", "mcap", "rosbags", "zstandard", "pandas", "polars"} & set(loaded)

@@ -16,9 +16,8 @@ from stadera.identify.settings import IdentifySettings
 from stadera.lab.plant import STANDARD
 from stadera.logs import LogFile, Recording, Topics, read, stream
 from stadera.logs.frames import columns_of
-from stadera.logs.join import with_velocity
-from stadera.logs.pd_law import PdGains
-from stadera.logs.reading import Reading
+from stadera.logs.recording import with_velocity
+from stadera.logs.topics import PdGains, Reading
 from stadera.robot import load_robot
 from stadera.weigh import weigh
 from walking import Walk, recorded, walked

@@ -20,7 +20,7 @@ from stadera.logs import (
     suggest_cutoff,
     take,
 )
-from stadera.logs.cutoff import highest_cutoff
+from stadera.logs.filters import highest_cutoff
 
 RATE = 500.0
 JOINTS = ("LF_HAA", "LF_HFE", "LF_KFE")

@@ -13,7 +13,7 @@ from stadera.errors import RecordingError, UntrustedError
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
-from stadera.logs.tables.write import write_table
+from stadera.logs.frames import write_table
 from stadera.robot import load_robot
 from stadera.weigh import weigh
 

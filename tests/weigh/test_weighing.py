@@ -16,7 +16,7 @@ from stadera.errors import IdentificationError, UntrustedError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant import STANDARD
 from stadera.logs import LogFile, Recording, write_table
-from stadera.logs.join import take
+from stadera.logs.recording import take
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Frame

@@ -16,7 +16,7 @@ from stadera.errors import IdentificationError, RecordingError, StaderaError
 from stadera.lab.scenarios.run import Run, simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording, write_table
-from stadera.logs.join import take
+from stadera.logs.recording import take
 from stadera.robot import load_robot
 from stadera.trunk.settings import ModelErrors, TrunkSettings
 from stadera.weigh import Weighing, diagnose, weigh

@@ -67,7 +67,7 @@ def live(
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
     from stadera.live.run import LiveSource, run
-    from stadera.logs.reading import AS_RECORDED
+    from stadera.logs.topics import AS_RECORDED
     from stadera.report.live import live_summary
 
     model = robot_with_legs(robot, legs, options.reading.limits, force)

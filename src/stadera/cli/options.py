@@ -15,8 +15,7 @@ from stadera.cli.gate import GatedCommand
 
 if TYPE_CHECKING:
     from stadera.limits import Limits
-    from stadera.logs.reading import Reading
-    from stadera.logs.topics import LogFile, Topics
+    from stadera.logs.topics import LogFile, Reading, Topics
 
 
 def option(metavar: str, help_: str, *names: str, **settings: Any) -> Any:
@@ -165,7 +164,7 @@ class LogOptions:
     @cached_property
     def reading(self) -> Reading:
         """The other options, parsed; raises as `Reading.of`."""
-        from stadera.logs.reading import Reading
+        from stadera.logs.topics import Reading
 
         return Reading.of(self.columns, self.units, self.pd, limits_of(self.limit), self.gear)
 

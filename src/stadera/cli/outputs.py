@@ -35,7 +35,7 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
 
 def check_table(path: Path) -> None:
     """Checks that the path's suffix is a format for tables. Raises RecordingError: another suffix."""
-    from stadera.logs.tables.write import SUFFIXES
+    from stadera.logs.frames import SUFFIXES
 
     if path.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")

@@ -41,7 +41,7 @@ def torque_lag(value: str) -> float | None:
     """Seconds, or None for "auto"."""
     if value.lower() == "auto":
         return None
-    from stadera.logs.settings import LONGEST_DELAY
+    from stadera.logs.processing import LONGEST_DELAY
 
     option, wanted = "'--torque-lag'", f"seconds between -{LONGEST_DELAY:g} and {LONGEST_DELAY:g}, or 'auto'"
     lag = _number(value, wanted, option)

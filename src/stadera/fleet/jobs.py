@@ -11,8 +11,7 @@ from pathlib import Path
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.fleet.source import expanded, is_url
 from stadera.limits import Limits
-from stadera.logs.reading import AS_RECORDED, Reading
-from stadera.logs.topics import Topics
+from stadera.logs.topics import AS_RECORDED, Reading, Topics
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.weigh.settings import check_choice, tare_of

@@ -22,8 +22,8 @@ from stadera.identify.log import Part
 from stadera.identify.residuals import residual_noise, rows_of, speed
 from stadera.identify.solutions import Estimate
 from stadera.information import Information
+from stadera.logs.filters import smooth_rows
 from stadera.logs.processing import Processed
-from stadera.logs.smoothing import smooth_rows
 from stadera.types import Array
 
 

@@ -16,11 +16,9 @@ from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.residuals import torque_sizes
 from stadera.identify.settings import IdentifySettings, LagSettings
-from stadera.logs.cutoff import highest_cutoff, suggest_cutoff
-from stadera.logs.join import take
-from stadera.logs.processing import preprocess_stream
-from stadera.logs.recording import Recording
-from stadera.logs.settings import Preprocessing
+from stadera.logs.filters import highest_cutoff, suggest_cutoff
+from stadera.logs.processing import Preprocessing, preprocess_stream
+from stadera.logs.recording import Recording, take
 from stadera.robot.model import Leg, Robot
 from stadera.types import Progress
 

@@ -10,11 +10,9 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.identify.spikes import SpikeSettings, without_spikes
-from stadera.logs.join import take
-from stadera.logs.processing import Processed, preprocess_stream
+from stadera.logs.processing import Preprocessing, Processed, preprocess_stream
 from stadera.logs.reader import stream
-from stadera.logs.recording import Recording
-from stadera.logs.settings import Preprocessing
+from stadera.logs.recording import Recording, take
 from stadera.logs.topics import LogFile
 
 Log = Recording | LogFile

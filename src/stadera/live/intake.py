@@ -1,7 +1,7 @@
 """Converts messages of a running robot to samples: decodes, synchronises and merges them, and restarts when the stream
 changes.
 
-The first messages determine which topic, publishers and columns are read, as for a bag (`stadera.logs.bags.beginning`).
+The first messages determine which topic, publishers and columns are read, as for a bag (`stadera.logs.bags.merging`).
 This is repeated when a clock was set, the rate changed, or a publisher names other joints than before.
 """
 
@@ -22,9 +22,8 @@ from stadera.logs.bags.merging import Merging, beginning_of
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import Batch, recordings
 from stadera.logs.columns import TIME, Layout, layout
-from stadera.logs.reading import AS_RECORDED, Reading
 from stadera.logs.recording import Recording
-from stadera.logs.topics import Topics
+from stadera.logs.topics import AS_RECORDED, Reading, Topics
 from stadera.robot.model import Robot
 from stadera.types import Array
 

@@ -15,9 +15,8 @@ from stadera.live import messages
 from stadera.live.state import LiveState
 from stadera.live.topics import KINDS, Arrival
 from stadera.logs import stream, take
-from stadera.logs.join import with_velocity
 from stadera.logs.reader import Log, as_log
-from stadera.logs.recording import Recording
+from stadera.logs.recording import Recording, with_velocity
 from stadera.robot.model import Robot
 from stadera.weigh.reading import with_extra_joints
 

@@ -12,11 +12,9 @@ from stadera.live.intake import Intake
 from stadera.live.settings import LiveSettings
 from stadera.live.state import Lag, LiveState
 from stadera.live.topics import Arrival
-from stadera.logs.join import concatenate
 from stadera.logs.mend import Change, changed
-from stadera.logs.reading import AS_RECORDED, Reading
-from stadera.logs.recording import Recording
-from stadera.logs.topics import Topics
+from stadera.logs.recording import Recording, concatenate
+from stadera.logs.topics import AS_RECORDED, Reading, Topics
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator

@@ -5,14 +5,11 @@ from typing import TYPE_CHECKING
 from stadera.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from stadera.logs.cutoff import suggest_cutoff
-    from stadera.logs.join import concatenate, take
-    from stadera.logs.processing import Processed, preprocess, preprocess_stream
+    from stadera.logs.filters import smooth_rows, suggest_cutoff
+    from stadera.logs.frames import write_table
+    from stadera.logs.processing import Preprocessing, Processed, preprocess, preprocess_stream
     from stadera.logs.reader import READERS, as_log, as_logs, read, reader_of, stream
-    from stadera.logs.recording import Imu, Recording
-    from stadera.logs.settings import Preprocessing
-    from stadera.logs.smoothing import smooth_rows
-    from stadera.logs.tables.write import write_table
+    from stadera.logs.recording import Imu, Recording, concatenate, take
     from stadera.logs.topics import LogFile, Topics
 
 __all__ = [
@@ -38,14 +35,11 @@ __all__ = [
 ]
 
 _HOMES = {
-    "cutoff": "suggest_cutoff",
-    "join": "concatenate take",
-    "processing": "Processed preprocess preprocess_stream",
+    "filters": "smooth_rows suggest_cutoff",
+    "frames": "write_table",
+    "processing": "Preprocessing Processed preprocess preprocess_stream",
     "reader": "READERS as_log as_logs read reader_of stream",
-    "recording": "Imu Recording",
-    "settings": "Preprocessing",
-    "smoothing": "smooth_rows",
-    "tables.write": "write_table",
+    "recording": "Imu Recording concatenate take",
     "topics": "LogFile Topics",
 }
 

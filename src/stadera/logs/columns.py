@@ -8,9 +8,7 @@ from difflib import get_close_matches
 from stadera.errors import RecordingError, UnknownNameError, listed
 from stadera.joint_words import matched, places
 from stadera.logs.foreign.translate import Translation, hint, translated
-from stadera.logs.pd_law import DESIRED, PdGains
-from stadera.logs.reading import AS_RECORDED, Reading
-from stadera.logs.topics import Topics
+from stadera.logs.topics import AS_RECORDED, DESIRED, PdGains, Reading, Topics
 
 TIME = "time"
 CHANNELS: tuple[str, ...] = ("position", "velocity", "acceleration", "effort")

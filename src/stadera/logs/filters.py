@@ -1,4 +1,4 @@
-"""Zero-delay low-pass filtering and differentiation by finite, symmetric kernels.
+"""Zero-delay low-pass filtering and differentiation by finite, symmetric kernels; the cut-off.
 
 Every kernel has an odd number of taps around the sample, so the delay is zero and a sample depends only on neighbours
 within half a window: filtering overlapping chunks gives the same result as filtering the whole log, and samples without
@@ -13,12 +13,16 @@ holds for the filtered ones.
 """
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize, signal
+from scipy.special import chdtri
 
 from stadera.errors import RecordingError
+from stadera.logs.recording import Recording
+from stadera.logs.sampling import GAP_FACTOR, Block, Sampling, resampled, sampling_of, segments, windows
 from stadera.types import Array
 
 RATES_PER_CUTOFF = 8.0
@@ -118,3 +122,111 @@ def apply(kernel: Array, values: Array) -> Array:
     if len(kernel) == 1:
         return values  # the identity
     return np.asarray(signal.oaconvolve(values, kernel[np.newaxis, ::-1], mode="valid", axes=1))
+
+
+def smooth_rows(
+    chunks: Iterable[tuple[Array, Array]], rate_hz: float, cutoff_hz: float, every: int | None = None
+) -> Iterator[tuple[Array, Array]]:
+    """Filters consecutive chunks of rows, time (samples,) [s], even except for gaps, and values (samples, ...), without
+    delay; yields time (kept,) and values (kept, ...).
+
+    Chunks give the same result as the whole; nothing is filtered across a gap. Rows without a full window (2.17 /
+    cut-off before and after [s]) are dropped. One row in `every` is kept, counted from the first of each stretch; None:
+    so that the rate is twice the cut-off. RecordingError for a cut-off as in `low_pass`, or `every` below one.
+    """
+    kernel = low_pass(rate_hz, cutoff_hz)
+    step = max(1, int(rate_hz / (2 * cutoff_hz))) if every is None else every
+    if step < 1:
+        raise RecordingError(f"one row in {step} cannot be kept; needs to be at least 1")
+    shape: tuple[int, ...] = ()
+
+    def flat() -> Iterator[tuple[Array, Array]]:
+        nonlocal shape
+        for time, values in chunks:
+            if len(time):
+                shape = values.shape[1:]
+                yield time, values.reshape(len(time), -1).T
+
+    half, seen = len(kernel) // 2, 0
+    sampling = Sampling(1 / rate_hz, even=True, tolerance=0.5, gap_factor=1.5)
+    for block in windows(segments(flat(), sampling), half):
+        seen = 0 if block.start else seen
+        first = -seen % step
+        rows = len(block.time) - 2 * half
+        if first < rows:
+            kept = _correlate_every(kernel, block.values[:, first:], step)
+            yield block.time[half + first : half + rows : step], np.ascontiguousarray(kept.T).reshape(-1, *shape)
+        seen += rows
+
+
+def _correlate_every(kernel: Array, values: Array, step: int) -> Array:
+    """Every step-th correlation with a complete window, starting with the first; the kernel is symmetric."""
+    lead = -(len(kernel) - 1) % step  # so that the first whole window is one of those computed
+    padded = np.pad(values, ((0, 0), (lead, 0)))
+    full: Array = signal.upfirdn(kernel, padded, down=step, axis=1)
+    first = (lead + len(kernel) - 1) // step
+    count = (values.shape[1] - len(kernel)) // step + 1
+    return full[:, first : first + count]
+
+
+@dataclass(frozen=True)
+class CutoffSettings:
+    """Criteria for motion in a spectrum."""
+
+    power_share: float = 0.99  # share of the velocity's power that the filter must pass unchanged
+    # lowest cut-off suggested [Hz]: Coulomb friction changes sign abruptly, whatever the motion's frequency
+    lowest_hz: float = 5.0
+    stretch: float = 10.0  # length of the stretches whose spectra are averaged [s]; 10 s resolve 0.1 Hz
+    noise_factor: float = 4.0  # multiple of the noise floor below which position power counts as noise
+    # probability that noise alone exceeds its floor by more in any bin: few spectra averaged scatter by more than that
+    false_motion: float = 0.01
+
+
+def suggest_cutoff(
+    recording: Recording, joints: Sequence[str] | None = None, settings: CutoffSettings | None = None
+) -> float | None:
+    """Suggests a cut-off [Hz] for these joints (None: all) that passes the motion unchanged and rejects noise; None if
+    accelerations are recorded, which only simulations do, so that no filter is needed.
+
+    The power spectrum P(f) of every joint's position (Welch) has a floor, the median over the upper half of the band,
+    due to encoder noise and resolution. Power above it, up to the highest cut-off that the sampling rate allows, is
+    motion, with velocity power (2π f)² P(f); above by more than K averaged spectra scatter, chi-squared with 2 K
+    degrees of freedom, since the weight (2π f)² would make motion of the noise. The filter is flat up to half its
+    cut-off, so the cut-off is twice the frequency below which 99 % of that power lies, for the fastest joint; at least
+    5 Hz and at most an eighth of the sampling rate.
+
+    Raises:
+        RecordingError: fewer than two samples. UnknownNameError: a joint that is not recorded.
+    """
+    if recording.acceleration is not None:
+        return None
+    sampling = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source)
+    position = recording.channel("position", tuple(joints) if joints is not None else recording.joints).T
+    blocks = segments([(recording.time, position)], sampling)
+    longest = max(blocks if sampling.even else resampled(blocks, sampling.period), key=lambda block: len(block.time))
+    settings = settings or CutoffSettings()
+    wanted = max(2.0 * _highest_motion(longest, sampling.rate_hz, settings), settings.lowest_hz)
+    return min(float(np.floor(10 * wanted) / 10), sampling.rate_hz / RATES_PER_CUTOFF)
+
+
+def highest_cutoff(recording: Recording) -> float:
+    """The highest cut-off that the recording's sampling rate allows [Hz]."""
+    rate_hz = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source).rate_hz
+    return rate_hz / RATES_PER_CUTOFF
+
+
+def _highest_motion(block: Block, rate_hz: float, settings: CutoffSettings) -> float:
+    """Frequency below which `power_share` of the fastest joint's velocity power lies [Hz]; 0 if nothing moves."""
+    samples = min(len(block.time), round(settings.stretch * rate_hz))
+    frequency, power = signal.welch(block.values, rate_hz, nperseg=samples, axis=1)
+    floor = np.median(power[:, frequency >= rate_hz / 4], axis=1, keepdims=True)
+    freedom = 2 * max(1, len(block.time) // samples)
+    scatter = chdtri(freedom, settings.false_motion / len(frequency)) / chdtri(freedom, 0.5)
+    motion = (power > max(settings.noise_factor, scatter) * floor) & (frequency <= rate_hz / RATES_PER_CUTOFF)
+    velocity_power: Array = np.where(motion, power - floor, 0.0) * (2 * np.pi * frequency) ** 2
+    share = np.cumsum(velocity_power, axis=1)
+    moving = share[:, -1] > 0
+    if not moving.any():
+        return 0.0
+    reached = share[moving] >= settings.power_share * share[moving, -1:]
+    return float(frequency[reached.argmax(axis=1)].max())

@@ -18,9 +18,8 @@ from stadera.checks.windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
 from stadera.logs.columns import HALF_IMU
-from stadera.logs.join import with_velocity
 from stadera.logs.reader import HEAD_ROWS, read_head
-from stadera.logs.recording import OtherJoints
+from stadera.logs.recording import OtherJoints, with_velocity
 from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS, method_of
 from stadera.trust import Verdict

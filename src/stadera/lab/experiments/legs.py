@@ -26,7 +26,7 @@ from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record
 from stadera.lab.experiments.runner import Paper, ReproduceSettings
 from stadera.lab.plant import STANDARD, Gains, measured, perturbed, perturbed_physical, simulate_leg
 from stadera.logs import Recording
-from stadera.logs.join import concatenate
+from stadera.logs.recording import concatenate
 from stadera.logs.topics import example
 from stadera.report.figures import Axis, Figure, Panel, line, stacked
 from stadera.report.look import ROLES

@@ -24,9 +24,8 @@ from stadera.logs.bags.merging import Merging, beginning_of, first_samples
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import Batch, recordings, within
 from stadera.logs.columns import TIME, layout
-from stadera.logs.reading import Reading
 from stadera.logs.recording import Recording
-from stadera.logs.topics import LogFile
+from stadera.logs.topics import LogFile, Reading
 from stadera.logs.units import Units
 from stadera.types import Bools
 

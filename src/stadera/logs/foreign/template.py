@@ -8,7 +8,7 @@ from stadera.logs.columns import IMU_COLUMNS, TIME
 from stadera.logs.foreign.column_map import preset_names
 from stadera.logs.foreign.translate import Translation, guessed
 from stadera.logs.reader import reader_of
-from stadera.logs.reading import Reading
+from stadera.logs.topics import Reading
 from stadera.logs.units import FACTORS
 
 _HEAD = """\

@@ -9,10 +9,8 @@ from dataclasses import dataclass, field, replace
 
 from stadera.errors import RecordingError, listed
 from stadera.joint_words import places, words
-from stadera.logs.foreign.column_map import TEMPLATE_HINT, ColumnMap, Source, preset, preset_names
-from stadera.logs.foreign.pattern import Hit, hits
-from stadera.logs.reading import Reading
-from stadera.logs.topics import Topics
+from stadera.logs.foreign.column_map import TEMPLATE_HINT, ColumnMap, Hit, Source, hits, preset, preset_names
+from stadera.logs.topics import Reading, Topics
 from stadera.logs.units import FACTORS, Units, labelled, quantity_of
 
 _GENERAL = "names"

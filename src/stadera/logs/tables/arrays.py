@@ -23,8 +23,8 @@ from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.batches import Batch, rows_at_once
 from stadera.logs.columns import CHANNELS
-from stadera.logs.pd_law import DESIRED
 from stadera.logs.tables.rows import OpenTable, TableReader
+from stadera.logs.topics import DESIRED
 from stadera.types import Array
 
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
