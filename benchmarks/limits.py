@@ -67,7 +67,7 @@ from stadera.cli.terminal import progress, show
 from stadera.files import written_together
 from stadera.fleet.pool import Pool
 from stadera.inertia import InertialParameters
-from stadera.lab.control.planner.feet import PlanError
+from stadera.lab.control.support import PlanError
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.experiments.reality import HOW, ROBOTS, SCENARIOS, SHARES, RealityCase
 from stadera.lab.experiments.runner import run_grid

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.lab.baselines import ALL_METHODS
-from stadera.lab.control.planner.feet import PlanError
+from stadera.lab.control.support import PlanError
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.plant import SimulationError, Tray
 from stadera.lab.scenarios.run import simulate

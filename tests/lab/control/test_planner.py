@@ -8,10 +8,18 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from stadera.lab.control.crawl.settings import CrawlCommand, CrawlSettings, StepTiming
-from stadera.lab.control.planner.com import SupportPhase, plan_com
-from stadera.lab.control.planner.feet import Footholds, GroundPlane, PathPose, PlanError, SupportPolygon, facing
-from stadera.lab.control.planner.steps import Airborne, PlannedStep, body_times, support_phases
+from stadera.lab.control.com_plan import SupportPhase, plan_com
+from stadera.lab.control.steps import (
+    CrawlCommand,
+    CrawlSettings,
+    PathPose,
+    Step,
+    StepTiming,
+    body_times,
+    footholds,
+    support_phases,
+)
+from stadera.lab.control.support import GroundPlane, PlanError, SupportPolygon, facing
 from stadera.robot import load_robot
 
 FEET = np.array([[0.37, 0.21], [0.37, -0.21], [-0.37, 0.21], [-0.37, -0.21]])
@@ -54,7 +62,7 @@ def test_contacts_in_a_line_are_no_polygon() -> None:
 
 
 def walk_phases(stride: float) -> list[SupportPhase]:
-    steps = [PlannedStep(leg, FEET[leg] + [stride, 0.0], TIMING.body) for leg in (2, 0, 3, 1)]
+    steps = [Step(leg, FEET[leg] + [stride, 0.0], TIMING.body) for leg in (2, 0, 3, 1)]
     return support_phases(FEET, steps, TIMING, 0.03, 1.0)
 
 
@@ -91,7 +99,7 @@ def test_supports_follow_the_steps() -> None:
     assert sum(phase.duration for phase in phases) == pytest.approx(4 * 0.8 + TIMING.transfer + 1.0)
     assert [len(phase.support.corners) for phase in phases[::2]] == [4] * 5
     np.testing.assert_allclose(phases[-1].goal, [0.3, 0.0], atol=1e-12)
-    landing = support_phases(FEET, [], TIMING, 0.03, 1.0, Airborne(1, FEET[1], 0.2))
+    landing = support_phases(FEET, [], TIMING, 0.03, 1.0, Step(1, FEET[1], 0.2))
     assert [phase.duration for phase in landing] == [0.2, 1.0]
     with pytest.raises(PlanError, match="duration"):
         SupportPhase(0.0, phases[0].support, np.zeros(2), True)
@@ -111,8 +119,8 @@ def test_the_path_is_an_arc() -> None:
     end = path.ahead(0.3, 0.5, 2.0)
     np.testing.assert_allclose(end.position, small.position, atol=1e-6)
     assert end.heading == pytest.approx(1.2)
-    footholds, pose = Footholds.of(np.column_stack([FEET, np.zeros(4)]), 0.0)
-    np.testing.assert_allclose([pose.place(offset) for offset in footholds.offsets], FEET, atol=1e-12)
+    offsets, pose = footholds(np.column_stack([FEET, np.zeros(4)]), 0.0)
+    np.testing.assert_allclose([pose.place(offset) for offset in offsets], FEET, atol=1e-12)
 
 
 def test_the_trunk_faces_along_the_plane_through_the_feet() -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lab.control.testbed import ROBOTS, bed, load_of, moved, robot_named
 from stadera.lab.control import TestBed, TrunkGains, TrunkPose
-from stadera.lab.control.gains import composite
+from stadera.lab.control.trunk import composite
 from stadera.lab.laws.mass import MassEstimator, MassSettings
 from stadera.lab.plant import STANDARD, SimulationError, Terrain, VirtualForce
 from stadera.robot.stance import standing_configuration

@@ -13,7 +13,7 @@ from stadera.body.statics import foot_positions
 from stadera.errors import ModelError, UnknownNameError
 from stadera.inertia import skew
 from stadera.lab.control import ControlError, TrunkController, TrunkGains, TrunkPose
-from stadera.lab.control.smooth import SmoothTrunk
+from stadera.lab.control.trunk import SmoothTrunk
 from stadera.lab.plant import Terrain
 from stadera.robot import Robot
 from stadera.robot.pinocchio import pinocchio_model

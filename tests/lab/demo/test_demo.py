@@ -28,7 +28,7 @@ from stadera.robot import load_robot
 from stadera.robot.kinematics import forward_kinematics
 
 SHORT = DemoSettings(seconds=7.0, seed=1, after_fall=0.4)
-CLASSIC = DemoSettings(mass=10.0, corner="LH", load_at=1.3, seconds=7.6, speed=0.1, seed=1, classic=True)
+CLASSIC = DemoSettings(mass=10.0, corner="LH", load_at=3.0, seconds=9.0, speed=0.1, seed=1, classic=True)
 
 
 @pytest.fixture(scope="module")
@@ -254,6 +254,4 @@ def test_the_load_is_noticed_weighed_at_rest_and_walked_on_with(classic: DemoRes
     assert payload is not None
     assert abs(payload.mass - load.mass) < 4.0 * payload.mass_std + 0.05
     assert np.isnan(payload.com[2])
-    checks = classic.to_dict()["with"]["checks"]
-    assert any(check["changed"] for check in checks)
     assert "weighing centre of mass" in demo_html(classic)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stadera.errors import StaderaError
-from stadera.lab.control.crawl.run import Fall
+from stadera.lab.control.monitor import Fall
 from stadera.lab.experiments.loaded_walk import (
     OutcomeLimits,
     WalkOutcome,

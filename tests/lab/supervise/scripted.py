@@ -10,12 +10,8 @@ class ScriptedWalker:
 
     def __init__(self, *, stops: bool = True, takes: bool = True) -> None:
         self.stops, self.takes = stops, takes
-        self.walking, self.sat, self.fault = True, False, ""
+        self.walking, self.fault = True, ""
         self.models: list[TrunkModel] = []
-
-    @property
-    def phase(self) -> str:
-        return "walking" if self.walking else "standing"
 
     @property
     def stopped(self) -> bool:
@@ -26,9 +22,6 @@ class ScriptedWalker:
 
     def resume(self) -> None:
         self.walking = True
-
-    def sit(self) -> None:
-        self.sat, self.walking = True, False
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
         if self.takes:

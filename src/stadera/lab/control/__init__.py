@@ -1,19 +1,23 @@
 """Controllers with which the test-bed's robots stand and walk."""
 
-from stadera.lab.control.crawl.crawl import Crawl
-from stadera.lab.control.crawl.run import WalkMonitor, walk
-from stadera.lab.control.crawl.settings import CrawlCommand, CrawlPhase
-from stadera.lab.control.gains import TrunkGains
+from stadera.lab.control.crawl import Crawl, CrawlPhase
+from stadera.lab.control.monitor import Fall, WalkMonitor, walk
 from stadera.lab.control.reference import Shake, TrunkPose
-from stadera.lab.control.stand import TestBed
+from stadera.lab.control.stand import Controller, TestBed
+from stadera.lab.control.steps import CrawlCommand, CrawlSettings
+from stadera.lab.control.support import PlanError
 from stadera.lab.control.trot import Trot
-from stadera.lab.control.trunk import ControlError, TrunkController
+from stadera.lab.control.trunk import ControlError, TrunkController, TrunkGains
 
 __all__ = [
     "ControlError",
+    "Controller",
     "Crawl",
     "CrawlCommand",
     "CrawlPhase",
+    "CrawlSettings",
+    "Fall",
+    "PlanError",
     "Shake",
     "TestBed",
     "Trot",

@@ -139,3 +139,25 @@ class ForceDistribution:
     def _found(self, forces: Array) -> Array:
         self.solved, self._before, self.forces = True, forces, forces.reshape(4, 3)
         return self.forces
+
+
+@dataclass(frozen=True)
+class LoadRamp:
+    """A limit of a foot's normal force that changes linearly."""
+
+    begin: float  # [s]
+    duration: float  # [s], positive
+    start: float  # [N]
+    goal: float  # [N]
+    remains: bool  # whether the limit persists after the end; else it is removed
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise ModelError(f"loading or relieving a foot takes a positive time, got {self.duration} s")
+
+    def at(self, time: float) -> float:
+        """The limit [N]; infinite after the end, unless it remains."""
+        x = (time - self.begin) / self.duration
+        if x >= 1.0 and not self.remains:
+            return np.inf
+        return self.start + min(max(x, 0.0), 1.0) * (self.goal - self.start)

@@ -25,11 +25,10 @@ from numpy.typing import ArrayLike
 from stadera.body.statics import nominal_feet
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, positive
-from stadera.lab.control.gains import composite
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import Gait
 from stadera.lab.control.swing import SwingTrajectory
-from stadera.lab.control.trunk import TrunkController
+from stadera.lab.control.trunk import TrunkController, composite
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement

@@ -17,23 +17,23 @@ inverse dynamics (`stadera.lab.control.swing`), and F, Γ include the reaction o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, isfinite, sqrt
 
 import numpy as np
 
 from stadera.body.instant import LegState
 from stadera.body.statics import cross, nominal_feet
-from stadera.constants import GRAVITY
-from stadera.errors import StaderaError, UnknownNameError
-from stadera.inertia import skew
-from stadera.lab.control.distribution import ContactLimits, ForceDistribution
-from stadera.lab.control.gains import TrunkGains
-from stadera.lab.control.loading import FootLoads, Ramp
+from stadera.constants import GRAVITY, NOTHING
+from stadera.errors import ModelError, StaderaError, UnknownNameError, positive
+from stadera.inertia import InertialParameters, skew
+from stadera.lab.control.distribution import ContactLimits, ForceDistribution, LoadRamp
 from stadera.lab.control.odometry import LegOdometry
 from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
-from stadera.lab.control.smooth import SmoothTrunk
 from stadera.lab.control.swing import SwingLegs, SwingTrajectory
+from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.contact import ground_normal
@@ -47,6 +47,91 @@ _GRAVITY = GRAVITY * _UP
 
 class ControlError(StaderaError):
     """The controller cannot do what was requested, or received unusable measurements."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkGains:
+    """Springs and dampers of the trunk controller."""
+
+    stiffness: float  # [N/m]
+    damping: float  # [N·s/m], on the centre of mass, equal in all directions
+    angular_stiffness: Array  # (3,) [N·m/rad]
+    # (3,) [N·m·s/rad], about the trunk's axes. Not multiplied by an inertia again: the paper writes I K_p for the
+    # torsional stiffness (eq. 12), which is the product given here.
+    angular_damping: Array
+
+    @classmethod
+    def of(cls, robot: Robot, linear: float = 12.0, angular: float = 16.0, damping: float = 0.8) -> TrunkGains:
+        """K = m ω², D = 2 ζ ω m, and the same with the moments of inertia, of the whole robot in its nominal stance;
+        natural frequencies ω of the centre of mass (linear), and of roll, pitch and yaw (angular) [rad/s], and damping
+        ratio ζ.
+        """
+        for value in (linear, angular, damping):
+            positive("frequencies and damping of the trunk", value, error=ModelError)
+        whole = composite(robot, standing_configuration(robot))
+        moments = np.diag(whole.inertia_com)
+        return cls(
+            stiffness=whole.mass * linear**2,
+            damping=2.0 * damping * linear * whole.mass,
+            angular_stiffness=moments * angular**2,
+            angular_damping=2.0 * damping * angular * moments,
+        )
+
+
+def composite(robot: Robot, joint_position: Array) -> InertialParameters:
+    """The whole robot as one rigid body, in the trunk frame, at joint positions (n,) [rad]."""
+    rotations, translations = forward_kinematics(robot.tree, joint_position[None])
+    total = InertialParameters.zero()
+    for i, link in enumerate(robot.tree.links):
+        total = total + robot.inertias[link].transformed(rotations[0, i], translations[0, i])
+    return total
+
+
+class SmoothTrunk:
+    """The controller's trunk model, checked for plausibility and low-pass filtered with T [s].
+
+    A new model is a target. Mass m and first moment h = m c approach it by ṁ = (m* - m) / T, ḣ = (h* - h) / T. Torques
+    are continuous in both, so a step of the model changes them by at most the share dt / T of its full effect in one
+    control period. The centre of mass h / m is a mean of past and new ones weighted by mass, so it stays in any box
+    that contains them all.
+
+    Attributes:
+        mass, moment: [kg], (3,) [kg·m], in use now.
+        target_mass, target_moment: those of the last accepted model, without filtering: for planning ahead.
+        rejected: why the last model was rejected, one sentence; empty if it was accepted.
+    """
+
+    def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:
+        positive("the trunk model's time constant", time_constant, "s", ModelError)
+        bounds.check(start)
+        self.bounds, self.time_constant = bounds, time_constant
+        self.rejected = ""
+        self.mass, self.moment = start.mass, start.mass * start.com_trunk
+        self.target_mass, self.target_moment = self.mass, self.moment
+        self._settled = True
+
+    @property
+    def model(self) -> TrunkModel:
+        return TrunkModel(self.mass, self.moment / self.mass)
+
+    def accept(self, model: TrunkModel) -> bool:
+        """Makes a model the target if it is plausible; else keeps the last one and sets `rejected`."""
+        self.rejected = self.bounds.complaint(model) or ""
+        if self.rejected:
+            return False
+        self.target_mass, self.target_moment = model.mass, model.mass * model.com_trunk
+        self._settled = False
+        return True
+
+    def advance(self, dt: float) -> None:
+        """Advances the filter by dt [s]."""
+        if self._settled:
+            return
+        share = dt / (self.time_constant + dt)
+        self.mass += share * (self.target_mass - self.mass)
+        left = self.target_moment - self.moment
+        self.moment = self.moment + share * left
+        self._settled = abs(self.target_mass - self.mass) + float(np.abs(left).max()) < NOTHING
 
 
 class TrunkController:
@@ -111,7 +196,8 @@ class TrunkController:
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
         self._tree_order = np.argsort(self.legs.columns.ravel())
         length = moment_length or 0.5 * float(np.linalg.norm(feet[0] - feet[3]))
-        self._sharing, self._loads = ForceDistribution(limits, length), FootLoads()
+        self._sharing, self._most = ForceDistribution(limits, length), np.full(4, np.inf)
+        self._ramps: list[LoadRamp | None] = [None] * 4  # limits of the feet's loads; None for none
         here = TrunkPose(np.zeros(3), np.eye(3))
         self._reference: TrunkReference = Move(here, here, 0.0, 1.0)
         self._below, self._ground_stance = np.zeros((4, 3)), np.zeros(4, dtype=bool)
@@ -147,12 +233,12 @@ class TrunkController:
     def relieve(self, leg: int, duration: float) -> None:
         """Unloads a leg within a duration [s]; it then stays in stance without load."""
         now = max(float(self.forces[leg] @ self.normal), 0.0)
-        self._loads.put(leg, Ramp(self.time, duration, now, 0.0, remains=True))
+        self._ramps[leg] = LoadRamp(self.time, duration, now, 0.0, remains=True)
 
     @property
     def relieved(self) -> Bools:
         """Legs without load, in stance or in the air, (4,) bool."""
-        return np.array([not self.stance[k] or self._loads.relieved(k, self.time) for k in range(4)])
+        return np.array([not stands or most <= 0.0 for stands, most in zip(self.stance, self._limits(), strict=True)])
 
     def swing(self, leg: int, trajectory: SwingTrajectory) -> None:
         """Takes a leg out of stance and along a trajectory; a leg that already swings gets a new trajectory."""
@@ -170,7 +256,7 @@ class TrunkController:
         """Puts a leg into stance where it is; its load limit grows to the robot's weight within a duration [s]."""
         weight = self._sharing.normal_force()
         self.swinging.end(leg)
-        self._loads.put(leg, Ramp(self.time, duration, self._first_load * weight, weight, remains=False))
+        self._ramps[leg] = LoadRamp(self.time, duration, self._first_load * weight, weight, remains=False)
         self.stance = self.stance | (np.arange(4) == leg)
 
     # -- each period ----------------------------------------------------------------------------------------------
@@ -237,11 +323,15 @@ class TrunkController:
             self._ground_stance, self._below = self.stance, self._radii * self.normal
             self._across = skew(self.normal)  # turn x normal = turn @ this
             self._sharing.set_ground(self.normal)
-            self._loads.changed()
-        most = self._loads.most(time)
-        if most is not None:
-            self._sharing.set_most(np.where(self.stance, most, 0.0))
+        most = np.where(self.stance, self._limits(), 0.0)
+        if (most != self._most).any():
+            self._most = most
+            self._sharing.set_most(most)
         return dt
+
+    def _limits(self) -> list[float]:
+        """Limits of the feet's normal forces now [N]."""
+        return [np.inf if ramp is None else ramp.at(self.time) for ramp in self._ramps]
 
     def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:
         """Displacements θ x ρ n (4, 3) [m] of rolling feet since the last update, world axes; θ of the last links."""

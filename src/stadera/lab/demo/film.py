@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from stadera.lab.experiments.loaded_walk import LoadedWalk
-from stadera.lab.supervise import NonstopSupervisor, Supervisor
+from stadera.lab.supervise import Supervisor
 from stadera.types import Array, Bools
 
 PERIODS = 40
@@ -86,13 +86,8 @@ class Camera:
         self._states.append(str(walk.crawl.phase if supervisor is None else supervisor.state))
 
 
-def _weighed(supervisor: Supervisor | NonstopSupervisor | None) -> tuple[Array, Array]:
+def _weighed(supervisor: Supervisor | None) -> tuple[Array, Array]:
     """Present estimate of the trunk's mass, x and y, and standard deviations; NaN where there is none."""
-    value, std = np.full(3, np.nan), np.full(3, np.nan)
-    if isinstance(supervisor, NonstopSupervisor):
-        return supervisor.estimate.value[:3], supervisor.estimate.std[:3]
-    if supervisor is not None:
-        value[0] = supervisor.load_test.mass
-        if supervisor.weighing and supervisor.estimate is not None:
-            value[1:], std[1:] = supervisor.estimate.value[1:3], supervisor.estimate.std[1:3]
-    return value, std
+    if supervisor is None or supervisor.estimate is None:
+        return np.full(3, np.nan), np.full(3, np.nan)
+    return supervisor.estimate.value[:3], supervisor.estimate.std[:3]

@@ -27,7 +27,7 @@ def demo_dict(result: DemoResult) -> dict[str, Any]:
     fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside (of
     the true centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and planner
     have it at the end, its centre of mass in x and y), trunk, truth; of the one with identification also noticed_after,
-    updated_after, known_after, payload, transitions and checks. `runs` has both by the supervisor's name, each with all
+    updated_after, known_after, payload and transitions. `runs` has both by the supervisor's name, each with all
     of these, survived (that it walked), fall, state and steps.
     """
     settings, load = result.settings, true_load(result.identified.outcome)
@@ -69,10 +69,6 @@ def _reaction(run: DemoRun) -> dict[str, Any]:
         "known_after": known_after(run),
         "payload": None if payload is None else payload_dict(payload, trunk, {}),
         "transitions": [transition.to_dict() for transition in outcome.transitions],
-        "checks": [
-            {"time": c.time, "mass": c.mass, "expected": c.expected, "threshold": c.threshold, "changed": c.changed}
-            for c in outcome.checks
-        ],
     }
 
 

@@ -14,9 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import chi2
 
-from stadera.lab.control import Trot, TrunkController
-from stadera.lab.control.crawl.crawl import Crawl
-from stadera.lab.control.crawl.run import WalkMonitor, walk
+from stadera.lab.control import Crawl, Trot, TrunkController
+from stadera.lab.control.monitor import WalkMonitor, walk
 from stadera.lab.control.stand import Controller
 from stadera.lab.experiments.motion import Gait, RobotInMotion, fastest_trot, sway, walk_on
 from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record

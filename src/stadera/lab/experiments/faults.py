@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.lab.control.planner.feet import PlanError
+from stadera.lab.control.support import PlanError
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.experiments.fault_kinds import FORCES, SIGNAL_FAULTS
 from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record

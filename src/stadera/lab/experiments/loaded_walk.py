@@ -26,13 +26,10 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
-from stadera.lab.control import TestBed, TrunkController
-from stadera.lab.control.crawl.crawl import Crawl
-from stadera.lab.control.crawl.run import Fall, WalkMonitor
-from stadera.lab.control.crawl.settings import CrawlCommand, CrawlPhase
-from stadera.lab.control.planner.feet import PlanError
+from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController
+from stadera.lab.control.monitor import Fall, WalkMonitor
+from stadera.lab.control.support import PlanError
 from stadera.lab.control.trunk import ControlError
-from stadera.lab.control.walkers import CrawlWalker
 from stadera.lab.plant import (
     STANDARD,
     DroppedBox,
@@ -46,7 +43,7 @@ from stadera.lab.plant import (
 )
 from stadera.lab.plant.payload import Tray
 from stadera.lab.sensors import estimator_model, plant_model
-from stadera.lab.supervise import LoadCheck, NonstopSupervisor, State, SuperviseSettings, Supervisor, Transition
+from stadera.lab.supervise import NonstopSupervisor, State, StoppingSupervisor, Transition
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, TrunkModel
@@ -211,7 +208,6 @@ class LoadedWalkCase:
     errors: SensorErrors = STANDARD  # of the sensors
     seed: int = 0  # of all draws
     terrain: Terrain | None = None  # None for the plane
-    settings: SuperviseSettings | None = None  # of the supervisor that stops; None for the defaults
 
     @property
     def load(self) -> InertialParameters:
@@ -231,10 +227,8 @@ class LoadedWalkOutcome:
     # first time with four feet in stance at least one step's time after the load [s], since no supervisor can affect
     # the previous step; NaN if there is none
     evaluated_from: float
-    # transitions, checks, state: of the supervisor; empty, and WALKING, without one. A supervisor that does not stop
-    # makes no checks.
+    # transitions, state: of the supervisor; empty, and WALKING, without one
     transitions: tuple[Transition, ...]
-    checks: tuple[LoadCheck, ...]
     state: State
     noticed: tuple[float, ...]  # times of detection of changes of the load [s]
     model: TrunkModel  # trunk model of controller and planner at the end
@@ -331,12 +325,12 @@ class LoadedWalk:
         self._brake = np.where(np.isfinite(effort), effort / self.braked, 0.0)
         events = [(STAND, self._begin), (case.load_at, self._load), (case.unload_at, plant.remove_payload)]
         self._events = sorted(events, key=lambda event: event[0])
-        self.supervisor: Supervisor | NonstopSupervisor | None = None
+        self.supervisor: StoppingSupervisor | NonstopSupervisor | None = None
         if case.supervision is Supervision.STOPPING:
             forces = ContactForceEstimator(model, legs=controller.legs)
-            self.supervisor = Supervisor(model, CrawlWalker(self.crawl), forces=forces, settings=case.settings)
+            self.supervisor = StoppingSupervisor(model, self.crawl, forces=forces)
         elif case.supervision is Supervision.NONSTOP:
-            self.supervisor = NonstopSupervisor(model, CrawlWalker(self.crawl))
+            self.supervisor = NonstopSupervisor(model, self.crawl)
 
     def run(self, watch: Watch | None = None) -> LoadedWalkOutcome:
         """Runs to the end, or until the robot has fallen; `watch` is called after every period."""
@@ -392,7 +386,6 @@ class LoadedWalk:
             margin=monitor.margins,
             evaluated_from=self.evaluated_from,
             transitions=() if supervisor is None else supervisor.transitions,
-            checks=supervisor.checks if isinstance(supervisor, Supervisor) else (),
             state=State.WALKING if supervisor is None else supervisor.state,
             noticed=() if supervisor is None else supervisor.noticed,
             model=self.crawl.controller.trunk.model,

@@ -8,10 +8,9 @@ from typing import Literal
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.lab.control import Shake, TestBed, Trot, TrunkController
-from stadera.lab.control.crawl.crawl import Crawl
-from stadera.lab.control.crawl.settings import CrawlCommand
+from stadera.lab.control import Crawl, Shake, TestBed, Trot, TrunkController
 from stadera.lab.control.stand import Controller
+from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.plant import Plant, Sensors, estimator_model, plant_model, sensor_errors
 from stadera.lab.plant.payload import Tray
 from stadera.robot import Robot

@@ -22,7 +22,7 @@ from stadera.identify.legs import identify
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.baselines import ALL_METHODS
-from stadera.lab.control.planner.feet import PlanError
+from stadera.lab.control.support import PlanError
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.experiments.result import Bounds, CaseValues, ExperimentResult, Record, spread
 from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.lab.control.walkers import StandingWalker
+from stadera.lab.control import TrunkPose
 from stadera.lab.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings
-from stadera.lab.supervise import State, SuperviseSettings, Supervisor
-from stadera.lab.supervise.corrected import CorrectedForces
-from stadera.lab.supervise.weighing import Stage, StandingWeighing
+from stadera.lab.laws.static_poses import PoseOffset
+from stadera.lab.supervise import CorrectedForces, Lean, Stage, StandingWeighing, State, StoppingSupervisor
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
 
@@ -54,14 +53,15 @@ class _LoadedRun:
         self.case, self.times = case, case.times
         payload = weight_at(load_robot("hyq"), "LH", case.load) if case.load else None
         self.walk = LoadedWalk(LoadedWalkCase(payload=payload, load_at=case.times.load, seed=case.seed))
-        assert isinstance(self.walk.supervisor, Supervisor)
+        assert isinstance(self.walk.supervisor, StoppingSupervisor)
         self.supervisor = self.walk.supervisor
         self._periods = 0
+        self._home: TrunkPose | None = None
 
     def outcome(self) -> Outcome:
         as_measured = self._by_forces()
         found = self.supervisor.trunk
-        by_poses = self._weighed(self._weighing(self.supervisor.corrected, "poses"))
+        by_poses = self._weighed(self._weighing(self.supervisor.corrected, self._lean))
         truth = self.walk.bed.plant.truth()
         return {
             "contact": found.com_trunk[:2].tolist(),
@@ -80,16 +80,20 @@ class _LoadedRun:
             if not asked and time >= self.times.ask:
                 supervisor.weigh("Table V asks for it")
                 asked = True
-        uncorrected = self._weighing(CorrectedForces.none(supervisor.forces), "contact")
+        uncorrected = self._weighing(CorrectedForces.none(supervisor.forces))
         while supervisor.state is not State.CONVERGED:
             self._step(uncorrected)
         self.walk.supervisor = None  # it stays in place
         return self._weighed(uncorrected)
 
-    def _weighing(self, scale: CorrectedForces, method: str) -> StandingWeighing:
-        settings, time = SuperviseSettings(method=method), self.walk.bed.plant.time
-        walker = StandingWalker(self.walk.crawl.controller)
-        return StandingWeighing(scale, self.supervisor.trunk, walker, settings, time)
+    def _weighing(self, scale: CorrectedForces, lean: Lean | None = None) -> StandingWeighing:
+        return StandingWeighing(scale, self.supervisor.trunk, self.walk.bed.plant.time, lean=lean)
+
+    def _lean(self, pose: PoseOffset, duration: float) -> None:
+        """Moves the trunk to a pose relative to its reference at the first."""
+        controller = self.walk.crawl.controller
+        self._home = home = self._home or controller.reference
+        controller.move(home.moved(home.rotation @ pose.shift, pose.turn), duration)
 
     def _weighed(self, weighing: StandingWeighing) -> list[float]:
         """Completes a weighing; returns the centre of mass in x and y."""
@@ -106,7 +110,7 @@ class _LoadedRun:
         bed, self._periods = self.walk.bed, self._periods + 1
         if self.walk.monitor.fall is not None:
             raise StaderaError(f"{self.case}: the robot fell, {self.walk.monitor.fall.how}")
-        if self.supervisor.state in (State.STANDING, State.SITTING):
+        if self.supervisor.state is State.STANDING:
             raise StaderaError(f"{self.case}: {self.supervisor.transitions[-1].reason}")
         if bed.plant.time > self.times.longest:
             raise StaderaError(f"{self.case}: not weighed within {self.times.longest} s")

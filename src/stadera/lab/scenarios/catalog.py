@@ -11,10 +11,10 @@ from typing import TypeVar
 import numpy as np
 
 from stadera.errors import StaderaError, UnknownNameError
-from stadera.lab.control.crawl.crawl import Crawl
-from stadera.lab.control.crawl.settings import CrawlCommand
+from stadera.lab.control import Crawl
 from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
+from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.control.trot import Trot
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.laws.static_poses import static_poses

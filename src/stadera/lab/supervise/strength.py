@@ -1,11 +1,12 @@
 """Checks whether a robot is strong enough to walk with a load: joint torques on three legs relative to their limits.
 
 A statically stable crawl lifts each leg in turn while the centre of mass is over the triangle of the others. In the
-nominal stance on level ground, with the centre of mass over the point c of the triangle, vertical forces f_i hold it:
+nominal stance on level ground, with the centre of mass over the triangle's incentre c, where its three margins are
+equal, vertical forces f_i hold it:
 
     Σ f_i = m_r g,   Σ f_i p_i = m_r g c  (seen from above)   =>   f_i = m_r g λ_i,   λ: barycentric coordinates of c
 
-and need the torques τ_i = h_i - J_iᵀ f_i u. c is the triangle's incentre, where its three margins are equal.
+and need the torques τ_i = h_i - J_iᵀ f_i u. λ_i is the length of the edge opposite to foot i over the circumference.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.standing.legs import MeasuredLegs
-from stadera.types import Array
 
 
 @dataclass(frozen=True)
@@ -40,24 +40,20 @@ class Effort:
 def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
     """The joint closest to its torque limit when the robot stands on any three legs with this trunk."""
     legs, q = MeasuredLegs(robot), standing_configuration(robot)
-    up, n = np.array([0.0, 0.0, 1.0]), len(q)
-    still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), GRAVITY * up, np.eye(3))
-    state = legs.at(still)
+    up, zero = np.array([0.0, 0.0, 1.0]), np.zeros(len(q))
+    state = legs.at(Measurement(0.0, q, zero, zero, np.zeros(3), GRAVITY * up, np.eye(3)))
     contact = state.feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
-    weight = (trunk.mass + legs.mass) * GRAVITY
     lifting = state.jacobians(contact)[:, 2, :]  # decrease in torques per unit of vertical force
-    worst = Effort(robot.legs[0].joints[0], 0.0, np.inf)
-    for swing in range(4):
-        standing = [k for k in range(4) if k != swing]
-        for k, share in zip(standing, _incentre_shares(contact[standing, :2]), strict=True):
-            torques = np.abs(state.bias[k] - weight * share * lifting[k])
-            for joint, torque in zip(robot.legs[k].joints, torques.tolist(), strict=True):
-                effort = Effort(joint, torque, robot.limits[joint].effort)
-                worst = max(worst, effort, key=lambda e: e.share)
-    return worst
-
-
-def _incentre_shares(triangle: Array) -> Array:
-    """Barycentric coordinates (3,) of the incentre: the lengths of the opposite edges, normalised."""
-    edges = np.linalg.norm(np.roll(triangle, -1, axis=0) - np.roll(triangle, 1, axis=0), axis=1)
-    return np.asarray(edges / edges.sum())
+    efforts = []
+    for swing in range(len(robot.legs)):
+        standing = [k for k in range(len(robot.legs)) if k != swing]
+        triangle = contact[standing, :2]
+        opposite = np.linalg.norm(np.roll(triangle, -1, axis=0) - np.roll(triangle, 1, axis=0), axis=1)
+        forces = (trunk.mass + legs.mass) * GRAVITY * opposite / opposite.sum()
+        for k, force in zip(standing, forces, strict=True):
+            torques = np.abs(state.bias[k] - force * lifting[k]).tolist()
+            efforts += [
+                Effort(joint, torque, robot.limits[joint].effort)
+                for joint, torque in zip(robot.legs[k].joints, torques, strict=True)
+            ]
+    return max(efforts, key=lambda effort: effort.share)

@@ -1,39 +1,226 @@
-"""Supervisor that stops the robot to weigh a changed load: the state machine of the paper's section V.C.
+"""Supervisors that detect a change of a walking robot's load and have the trunk weighed again.
 
-    WALKING -> STOPPING -> WEIGHING_MASS -> WEIGHING_COM -> CONVERGED -> WALKING
+The walking estimator (`TrunkEstimator`) runs beside the robot and detects the change. From there the two differ:
 
-Controller and planner receive the new trunk once, after mass and centre of mass have both converged; until then both
-keep the old one. If the weighing fails, the robot stays in STANDING or SITTING, with the reason. The supervisor has no
-side effects other than commanding the walker, and stores events as values.
+    NonstopSupervisor:    WALKING -> WEIGHING -> WALKING
+    StoppingSupervisor:   WALKING -> STOPPING -> WEIGHING_MASS -> WEIGHING_COM -> CONVERGED -> WALKING
+
+The first waits, while the robot walks on, until the estimate is accurate enough. The second is the state machine of the
+paper's section V.C: the robot stops, and is weighed at rest. Until then controller and planner keep the last trunk.
+STANDING is final: the robot cannot continue, for the reason given. Supervisors have no side effects other than
+commanding the walker, and store events as values.
 """
 
 from __future__ import annotations
 
-from math import cos
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, runtime_checkable
 
-import numpy as np
-
-from stadera.constants import ROUNDING, SATURATED
-from stadera.errors import StaderaError
-from stadera.lab.supervise.corrected import CorrectedForces, PayloadScale
-from stadera.lab.supervise.load_test import LoadCheck, LoadTest
-from stadera.lab.supervise.offsets import SwingOffsets
-from stadera.lab.supervise.rest import RestWatch
-from stadera.lab.supervise.settings import SuperviseSettings
+from stadera.constants import ROUNDING
+from stadera.errors import StaderaError, require_positive
 from stadera.lab.supervise.strength import hardest_effort
-from stadera.lab.supervise.walker import State, Supervised, Walker
-from stadera.lab.supervise.weighing import Stage, StandingWeighing, require_poses
+from stadera.lab.supervise.weighing import CorrectedForces, Stage, StandingWeighing, WeighingSettings
 from stadera.robot.model import Robot
-from stadera.trunk.load import Payload
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.protocol import TrunkEstimate
+from stadera.trunk.protocol import Status, TrunkEstimate
+from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.payload import payload_of_difference
+from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 
-class Supervisor(Supervised):
-    """Processes every measurement, and commands a walker, which is walking, to stop, to use a new trunk, and to
-    continue. StaderaError if it cannot be weighed by the chosen method.
+@runtime_checkable
+class Walker(Protocol):
+    """A robot that walks, stops and stands on request, with its own controller and planner."""
+
+    @property
+    def stopped(self) -> bool:
+        """True if it stands on four feet and is not about to move."""
+
+    @property
+    def fault(self) -> str:
+        """Reason why it cannot continue walking, one sentence; empty if it can."""
+
+    def request_stop(self) -> None:
+        """Stops as soon as it is safe, on four feet."""
+
+    def resume(self) -> None:
+        """Continues walking."""
+
+    def update_trunk(self, trunk: TrunkModel) -> bool:
+        """Passes a model of the trunk to controller and planner, both or neither; False for neither."""
+
+
+class State(StrEnum):
+    """State of the supervised robot."""
+
+    WALKING = "walking"
+    STOPPING = "stopping"
+    WEIGHING_MASS = "weighing mass"
+    WEIGHING_COM = "weighing centre of mass"
+    CONVERGED = "converged"
+    WEIGHING = "weighing on the way"
+    STANDING = "standing"
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One change of state."""
+
+    time: float  # [s]
+    before: State
+    after: State
+    reason: str  # one sentence
+
+    def to_dict(self) -> dict[str, float | str]:
+        """Plain values for JSON."""
+        return {"time": self.time, "from": str(self.before), "to": str(self.after), "reason": self.reason}
+
+
+class Supervisor:
+    """What both supervisors share: the walking estimator, and the trunk that controller and planner use.
+
+    Attributes:
+        trunk: as used by controller and planner. estimator: beside the robot.
+        noticed: times of detection of changes of the load [s].
+    """
+
+    def __init__(
+        self, robot: Robot, walker: Walker, trunk: TrunkModel | None = None, settings: TrunkSettings | None = None
+    ) -> None:
+        self.robot, self.walker, self.state = robot, walker, State.WALKING
+        self.trunk = trunk or TrunkModel.prior(robot)
+        self.estimator = TrunkEstimator(robot, start=self.trunk, settings=settings)
+        self.noticed: tuple[float, ...] = ()
+        self._transitions: list[Transition] = []
+        self._time, self._since = 0.0, 0.0
+
+    @property
+    def transitions(self) -> tuple[Transition, ...]:
+        """All changes of state, in order."""
+        return tuple(self._transitions)
+
+    @property
+    def payload(self) -> Payload | None:
+        """The payload since the tare; None before."""
+        raise NotImplementedError
+
+    @property
+    def estimate(self) -> TrunkEstimate | None:
+        """The present estimate, whether accurate enough for the controller or not; None before the first."""
+        raise NotImplementedError
+
+    def _new_change(self) -> LoadChange | None:
+        """A change that the estimator has detected since the last call."""
+        changes = self.estimator.changes
+        if not changes or (self.noticed and changes[-1].noticed <= self.noticed[-1]):
+            return None
+        self.noticed = (*self.noticed, changes[-1].noticed)
+        return changes[-1]
+
+    def _too_heavy(self, trunk: TrunkModel) -> str:
+        """Why the robot is too weak to walk with this trunk; empty if it is not."""
+        hardest = hardest_effort(self.robot, trunk)
+        if hardest.share < 1.0:
+            return ""
+        return (
+            f"the load is too heavy to walk with: on three legs joint {hardest.joint!r} would need "
+            f"{hardest.torque:.0f} N·m and has {hardest.limit:.0f} N·m"
+        )
+
+    def _stand(self, reason: str) -> None:
+        if self.state is not State.STANDING:
+            self.walker.request_stop()
+            self._enter(State.STANDING, reason)
+
+    def _enter(self, state: State, reason: str) -> None:
+        self._transitions.append(Transition(self._time, self.state, state, reason))
+        self.state, self._since = state, self._time
+
+
+class NonstopSupervisor(Supervisor):
+    """Weighs a load without stopping the robot: passes every sufficiently accurate estimate to the walker.
+
+    The first such estimate is the tare, which is refined with the trunk until a load is added. `limits`: the accuracy
+    needed.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        walker: Walker,
+        trunk: TrunkModel | None = None,
+        settings: TrunkSettings | None = None,
+        limits: TrustLimits | None = None,
+    ) -> None:
+        super().__init__(robot, walker, trunk, settings)
+        self._trusted = TrustedEstimator(self.estimator, robot, self.trunk, limits)
+        self._handed = self._trusted.estimate()
+
+    @property
+    def payload(self) -> Payload | None:
+        return self.estimator.payload
+
+    @property
+    def estimate(self) -> TrunkEstimate:
+        return self.estimator.estimate()
+
+    def update(self, m: Measurement) -> None:
+        """Processes one measurement. Times must increase."""
+        self._time = m.time
+        self._trusted.update(m)
+        if self.state is State.STANDING:
+            return
+        change = self._new_change()
+        if change is not None and self.state is State.WALKING:
+            self._enter(State.WEIGHING, _sentence(change))
+        self._hand_on()
+        if fault := self.walker.fault:
+            self._stand(fault)
+
+    def _hand_on(self) -> None:
+        """Passes the trunk to the walker, if it is accurate enough and new."""
+        found = self._trusted.estimate()
+        if found is self._handed or found.status not in (Status.MOVING, Status.CONVERGED):
+            return
+        if self._handed.status is Status.WAITING:
+            self.estimator.tare()
+        self._handed = found
+        if not self.walker.update_trunk(found.trunk):
+            return
+        self.trunk = found.trunk
+        if self.state is not State.WEIGHING:
+            return
+        if heavy := self._too_heavy(found.trunk):
+            self._stand(heavy)
+            return
+        mass, x, y, _ = found.std
+        known = f"{found.trunk.mass:.2f} ± {mass:.2f} kg, its centre of mass to {1e3 * max(x, y):.1f} mm"
+        self._enter(State.WALKING, f"controller and planner have taken the new trunk: {known}")
+
+
+@dataclass(frozen=True)
+class StopSettings:
+    """Settings of the supervisor that stops, and limits for giving up."""
+
+    period: float = 0.004  # interval between measurements used for weighing [s]
+    stop_within: float = 5.0  # time after which a robot that has not stopped is given up [s]
+    restarts: int = 3  # number of times a weighing may restart because the load changes
+    settling: float = 0.5  # time for controller and trunk to settle with a new model of the trunk [s]
+
+    def __post_init__(self) -> None:
+        require_positive("supervision:", self, ("period", "stop_within", "settling"))
+        if self.restarts < 0:
+            raise StaderaError(f"supervision: a weighing begins anew 0 times or more, got {self.restarts}")
+
+
+class StoppingSupervisor(Supervisor):
+    """Stops the robot to weigh a changed load at rest, and passes the new trunk on once mass and centre of mass have
+    both converged. `forces`: estimator of the contact forces at rest.
     """
 
     def __init__(
@@ -42,37 +229,21 @@ class Supervisor(Supervised):
         walker: Walker,
         trunk: TrunkModel | None = None,
         forces: ContactForceEstimator | None = None,
-        settings: SuperviseSettings | None = None,
+        settings: StopSettings | None = None,
+        weighing: WeighingSettings | None = None,
     ) -> None:
         super().__init__(robot, walker, trunk)
-        self.settings = settings or SuperviseSettings()
-        if self.settings.method != "contact":
-            require_poses(walker, self.settings.method)
         self.forces = forces or ContactForceEstimator(robot)
-        self.load_test = LoadTest(robot.mass, self.trunk.mass, self.forces.noise, self.settings.load_test)
-        self._rest = RestWatch(self.forces, self.settings.rest)
-        self._scale = PayloadScale(self.forces, self.trunk)
-        self._swings = SwingOffsets(self.forces.legs, self.forces.noise, self.settings.offsets)
+        self.settings, self._how = settings or StopSettings(), weighing or WeighingSettings()
+        self._tare, self._restarts = self.trunk, 0
         self._weighing: StandingWeighing | None = None
         self._estimate: TrunkEstimate | None = None
         self._payload: Payload | None = None
-        self._checks: list[LoadCheck] = []
-        self._time, self._since, self._restarts = -np.inf, 0.0, 0
-        self._saturated = 0.0
-        self._loaded = self._is_down = False
-        effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
-        self._effort = SATURATED * effort
-
-    # -- what happened --------------------------------------------------------------------------------------------
-    @property
-    def checks(self) -> tuple[LoadCheck, ...]:
-        """All checks of the mass, in order."""
-        return tuple(self._checks)
 
     @property
-    def noticed(self) -> tuple[float, ...]:
-        """Times of detection of changes of the load [s]."""
-        return tuple(check.time for check in self._checks if check.changed)
+    def payload(self) -> Payload | None:
+        """The payload since the beginning, from the last weighing that converged; None before."""
+        return self._payload
 
     @property
     def estimate(self) -> TrunkEstimate | None:
@@ -86,42 +257,28 @@ class Supervisor(Supervised):
 
     @property
     def corrected(self) -> CorrectedForces:
-        """Contact forces corrected for the torque offsets known so far."""
-        if not self.settings.correct_torques:
-            return CorrectedForces.none(self.forces)
-        return CorrectedForces.of(self.forces, self.load_test.offsets, self.load_test.offsets_std)
+        """Contact forces corrected for the torque offsets that the walk has shown so far."""
+        return CorrectedForces.of(self.forces, self.estimator.drives)
 
-    @property
-    def payload(self) -> Payload | None:
-        """The payload since the beginning, from the last weighing that converged; None before."""
-        return self._payload
-
-    # -- each period ----------------------------------------------------------------------------------------------
-    def update(self, measurement: Measurement) -> None:
-        """Processes one measurement; uses one per period."""
-        m = measurement
-        elapsed = m.time - self._time
-        if elapsed < self.settings.period - ROUNDING:
+    def update(self, m: Measurement) -> None:
+        """Processes one measurement. Times must increase."""
+        self.estimator.update(m)
+        change = self._new_change()
+        if change is None and m.time - self._time < self.settings.period - ROUNDING:
             return
         self._time = m.time
-        if self.state is State.SITTING:
-            self._set_down()
-            return
-        if self._in_danger(m, min(elapsed, self.settings.period)):
-            return
-        if self.settings.correct_torques:
-            for swing in self._swings.update(m):
-                self.load_test.learn_offsets(swing)
-        change = self._check(m)
         match self.state:
-            case State.WALKING:
-                self._walk(m, change)
+            case State.WALKING if self.walker.fault:
+                self._stand(self.walker.fault)
+            case State.WALKING if change is not None:
+                self.weigh(_sentence(change))
             case State.STOPPING:
-                self._stop(m)
+                self._stop()
             case State.WEIGHING_MASS | State.WEIGHING_COM:
                 self._weigh(m, change)
-            case State.CONVERGED:
-                self._settle(m)
+            case State.CONVERGED if m.time - self._since >= self.settings.settling:
+                self.walker.resume()
+                self._enter(State.WALKING, "controller and planner have taken the new trunk")
 
     def weigh(self, reason: str) -> None:
         """Stops and weighs, for the caller's reason; StaderaError unless it is WALKING or STANDING."""
@@ -131,140 +288,54 @@ class Supervisor(Supervised):
         self.walker.request_stop()
         self._enter(State.STOPPING, reason)
 
-    # -- states -----------------------------------------------------------------------------------------------
-    def _walk(self, m: Measurement, change: LoadCheck | None) -> None:
-        if fault := self.walker.fault:
-            self._stand(fault)
-        elif change is not None:
-            self._restarts, self._loaded = 0, True
-            self._scale.new_load()
-            self.walker.request_stop()
-            self._enter(State.STOPPING, _sentence(change))
-        elif not self._loaded and self.walker.stopped:  # it has not begun to walk yet
-            self._scale.take(m, loaded=False)
-
-    def _stop(self, m: Measurement) -> None:
+    def _stop(self) -> None:
         if self.walker.stopped:
             self._begin_weighing("the robot stands")
-        elif m.time - self._since > self.settings.stop_within:
-            said = self.walker.fault or f"it is still in {self.walker.phase!r}"
-            self._sit(f"the robot does not come to stand within {self.settings.stop_within:g} s: {said}")
-
-    def _weigh(self, m: Measurement, change: LoadCheck | None) -> None:
-        weighing = self._weighing
-        if weighing is None or change is not None:
-            self._again(change)
-            return
-        weighing.update(m)
-        self._scale.take(m, loaded=True)
-        self._estimate = weighing.estimate
-        if weighing.stage is Stage.FAILED:
-            self._stand(weighing.reason)
-        elif weighing.stage is Stage.COM and self.state is State.WEIGHING_MASS and self._estimate is not None:
-            found = self._estimate
-            self._enter(
-                State.WEIGHING_COM, f"the trunk with its load weighs {found.trunk.mass:.2f} ± {found.std[0]:.2f} kg"
-            )
-        elif weighing.stage is Stage.DONE and self._estimate is not None:
-            self._converged(self._estimate)
-
-    def _again(self, change: LoadCheck | None) -> None:
-        self._restarts += 1
-        why = "" if change is None else _sentence(change)
-        if self._restarts > self.settings.restarts:
-            self._stand(f"the load keeps changing, the weighing began anew {self.settings.restarts} times: {why}")
-            return
-        self._scale.new_load()
-        self._begin_weighing(f"{why}, the weighing begins anew")
+        elif self._time - self._since > self.settings.stop_within:
+            self._stand(f"the robot does not come to stand within {self.settings.stop_within:g} s {self.walker.fault}")
 
     def _begin_weighing(self, reason: str) -> None:
-        self._weighing = StandingWeighing(self.corrected, self.trunk, self.walker, self.settings, self._time)
+        self._weighing = StandingWeighing(self.corrected, self.trunk, self._time, self._how)
         self._enter(State.WEIGHING_MASS, reason)
+
+    def _weigh(self, m: Measurement, change: LoadChange | None) -> None:
+        weighing = self._weighing
+        if change is not None or weighing is None:
+            self._again("" if change is None else _sentence(change))
+            return
+        weighing.update(m)
+        found = self._estimate = weighing.estimate
+        if weighing.stage is Stage.FAILED:
+            self._give_up(weighing.reason)
+        elif found is not None and weighing.stage is Stage.COM and self.state is State.WEIGHING_MASS:
+            said = f"the trunk with its load weighs {found.trunk.mass:.2f} ± {found.std[0]:.2f} kg"
+            self._enter(State.WEIGHING_COM, said)
+        elif found is not None and weighing.stage is Stage.DONE:
+            self._converged(found)
+
+    def _again(self, why: str) -> None:
+        self._restarts += 1
+        if self._restarts > self.settings.restarts:
+            self._give_up(f"the load keeps changing, the weighing began anew {self.settings.restarts} times: {why}")
+        else:
+            self._begin_weighing(f"{why}, the weighing begins anew")
 
     def _converged(self, found: TrunkEstimate) -> None:
         trunk, self._weighing = found.trunk, None
         x, y, z = trunk.com_trunk
         self._enter(State.CONVERGED, f"{trunk.mass:.2f} kg with the centre of mass at ({x:.4f}, {y:.4f}, {z:.4f}) m")
-        hardest = hardest_effort(self.robot, trunk)
-        if hardest.share >= 1.0:
-            self._sit(
-                f"the load is too heavy to walk with: on three legs joint {hardest.joint!r} would need "
-                f"{hardest.torque:.0f} N·m and has {hardest.limit:.0f} N·m"
-            )
+        if heavy := self._too_heavy(trunk):
+            self._stand(heavy)
         elif not self.walker.update_trunk(trunk):
             self._stand("controller and planner refused the new trunk, both keep the last one")
         else:
-            self.trunk = trunk
-            self._payload = self._scale.payload(found, self.corrected)
+            self.trunk, self._payload = trunk, payload_of_difference(self._tare, found)
 
-    def _settle(self, m: Measurement) -> None:
-        """Waits while the trunk settles with its new model, without checks."""
-        self._rest.restart()
-        if m.time - self._since >= self.settings.settling:
-            self.walker.resume()
-            self._enter(State.WALKING, "controller and planner have taken the new trunk")
-
-    # -- in every state -------------------------------------------------------------------------------------------
-    def _check(self, m: Measurement) -> LoadCheck | None:
-        """Returns the check at this instant if it detects a change of the load."""
-        if self.state is State.CONVERGED:
-            return None
-        moment = self._rest.update(m)
-        check = None if moment is None else self.load_test.check(moment)
-        if check is None:
-            return None
-        before = self._checks[-1].time if self._checks else -np.inf
-        self._checks.append(check)
-        if not check.changed:
-            # a change late in this moment would not show yet; one before the last check would have shown
-            self._scale.confirm(before)
-            return None
-        self.load_test.forget_mass()
-        return check
-
-    def _in_danger(self, m: Measurement, elapsed: float) -> bool:
-        if m.up[2] < cos(self.settings.tilt):
-            angle = np.rad2deg(np.arccos(m.up[2]))
-            self._sit(f"the trunk is tilted by {angle:.0f}°, more than {np.rad2deg(self.settings.tilt):.0f}°")
-            return True
-        loads = np.abs(m.effort) / self._effort
-        # time at the limit accumulates, and decays otherwise
-        step = elapsed if loads.max() >= 1.0 else -elapsed
-        self._saturated = max(self._saturated + step, 0.0)
-        if self._saturated > self.settings.saturation:
-            joint = int(loads.argmax())
-            self._sit(
-                f"too heavy: joint {self.robot.tree.joints[joint]!r} has been at its torque limit "
-                f"({abs(m.effort[joint]):.0f} N·m) for {self.settings.saturation:g} s"
-            )
-            return True
-        return False
-
-    def _stand(self, reason: str) -> None:
+    def _give_up(self, reason: str) -> None:
         self._weighing = None
-        self.walker.request_stop()
-        self._enter(State.STANDING, reason)
-
-    def _sit(self, reason: str) -> None:
-        self._weighing = None
-        self.walker.request_stop()
-        self._enter(State.SITTING, reason)
-        self._set_down()
-
-    def _set_down(self) -> None:
-        """Sets the robot down as soon as it stands on four feet."""
-        if not self._is_down and self.walker.stopped:
-            self.walker.sit()
-            self._is_down = True
-
-    def _enter(self, state: State, reason: str) -> None:
-        self._become(self._time, state, reason)
-        self._since = self._time
+        self._stand(reason)
 
 
-def _sentence(check: LoadCheck) -> str:
-    what = "added" if check.change > 0 else "removed"
-    return (
-        f"{abs(check.change):.2f} kg were {what}: {check.mass:.2f} kg where {check.expected:.2f} ± {check.std:.2f} kg "
-        f"were expected, more than {check.threshold:.2f} kg off"
-    )
+def _sentence(change: LoadChange) -> str:
+    ago = change.noticed - change.time
+    return f"the load has changed by {change.mass:+.1f} ± {change.mass_std:.1f} kg, {ago:.2f} s ago by the rows since"

@@ -1,25 +1,68 @@
-"""Weighs a robot that has stopped: first the mass (eq. 7), then the centre of mass by a chosen method.
+"""Weighs a robot that has stopped: the mass (eq. 7), then the centre of mass by contact forces (c) or static poses (a).
 
-Controller and planner keep their model meanwhile. The result is a `TrunkEstimate`, or a sentence on why there is none.
+Contact forces come from torques minus the offsets that the walk has shown. Controller and planner keep their model
+meanwhile. The result is a `TrunkEstimate`, or a sentence on why there is none.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
-from stadera.errors import StaderaError
 from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
-from stadera.lab.supervise.corrected import CorrectedForces
-from stadera.lab.supervise.settings import SuperviseSettings
-from stadera.lab.supervise.walker import PosingWalker, Walker
+from stadera.trunk.drives import TERMS, Drives
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
 from stadera.trunk.registry import Setup, make_estimator
+from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.types import Array
+
+Lean = Callable[[PoseOffset, float], None]
+"""Moves the trunk to a pose relative to that in which the robot stopped, within a duration [s]."""
+
+
+@dataclass(frozen=True)
+class WeighingSettings:
+    """Times of a weighing at rest [s]."""
+
+    mass_within: float = 6.0  # allowed for the mass to converge
+    com_within: float = 15.0  # the same for the centre of mass by contact forces
+    poses: int = 5  # number of static poses, each reached and held for
+    move: float = 0.8
+    hold: float = 1.2
+    back: float = 0.5  # to settle after they have been left
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedForces:
+    """Contact forces from torques whose constant offsets (12,) [N·m], leg by leg, are known."""
+
+    forces: ContactForceEstimator  # its noise has the offsets' remaining uncertainty as the constant part
+    offsets: Array
+
+    @classmethod
+    def of(cls, forces: ContactForceEstimator, drives: Drives) -> CorrectedForces:
+        """Corrected by the offsets of estimated drives."""
+        at = list(TERMS).index("offset")
+        noise = replace(forces.noise, torque_constant=drives.std[:, at].reshape(-1, 3))
+        known = ContactForceEstimator(forces.robot, noise, jacobian=forces.jacobian)
+        return cls(known, (drives.value - drives.model)[:, at])
+
+    @classmethod
+    def none(cls, forces: ContactForceEstimator) -> CorrectedForces:
+        """No correction."""
+        return cls(forces, np.zeros(len(forces.robot.tree.joints)))
+
+    def measurement(self, m: Measurement) -> Measurement:
+        """The measurement minus the offsets."""
+        effort = m.effort.copy()
+        effort[self.forces.legs.columns.ravel()] -= self.offsets
+        return replace(m, effort=effort)
 
 
 class Stage(StrEnum):
@@ -32,26 +75,27 @@ class Stage(StrEnum):
 
 
 class StandingWeighing:
-    """Weighs mass, then centre of mass, of a robot that stands, from corrected contact forces.
+    """Weighs a standing robot by approach (c), or by (a) if it can `lean`.
 
-    The walker leans, for methods that need poses, and states its posture for the method "orientation". `trunk` is the
-    controller's meanwhile, `begin` the present time [s], `reason` that of a failure, `estimate` None before the first.
-
-    Raises:
-        StaderaError: the method needs poses or the posture, and the walker provides neither.
+    `trunk` is the controller's meanwhile, `begin` the present time [s], `reason` that of a failure, `estimate` None
+    before the first.
     """
 
     def __init__(
-        self, corrected: CorrectedForces, trunk: TrunkModel, walker: Walker, settings: SuperviseSettings, begin: float
+        self,
+        corrected: CorrectedForces,
+        trunk: TrunkModel,
+        begin: float,
+        settings: WeighingSettings | None = None,
+        lean: Lean | None = None,
     ) -> None:
-        self.corrected, self.forces, self.settings = corrected, corrected.forces, settings
+        self.corrected, self.settings = corrected, settings or WeighingSettings()
         self.stage, self.reason = Stage.MASS, ""
         self.estimate: TrunkEstimate | None = None
-        self._trunk, self._begin = trunk, begin
-        self._walker = require_poses(walker, settings.method) if settings.method != "contact" else None
-        self._estimator: Estimator = MassEstimator(self.forces.robot, trunk, self.forces)
-        count = settings.posing.poses.get(settings.method)
-        self._poses = [] if count is None else list(static_poses(self.forces.robot, count=count))
+        self._trunk, self._begin, self._lean = trunk, begin, lean
+        robot = corrected.forces.robot
+        self._estimator: Estimator = MassEstimator(robot, trunk, corrected.forces)
+        self._poses = [] if lean is None else list(static_poses(robot, count=self.settings.poses))
         self._held_from, self._held_until = -np.inf, np.inf
 
     def update(self, m: Measurement) -> None:
@@ -61,48 +105,38 @@ class StandingWeighing:
         if m.time >= self._held_from:
             self._estimator.update(self.corrected.measurement(m))
             self.estimate = self._estimator.estimate()
+        converged = self.estimate is not None and self.estimate.status is Status.CONVERGED
         if self.stage is Stage.MASS:
-            self._weigh(m)
-        elif self._poses or self._held_until < np.inf:
-            self._pose(m)
-        else:
-            self._locate(m)
-
-    def _weigh(self, m: Measurement) -> None:
-        found = self.estimate
-        if found is None or found.status is not Status.CONVERGED:
-            self._give_up_after(m.time, self.settings.mass_within)
-            return
-        start = TrunkModel(found.trunk.mass, self._trunk.com_trunk, self._trunk.inertia_com)
-        posture = None if self._walker is None else replace(self._walker.posture(), feeds_back=False)
-        setup = Setup(self.forces.robot, start, self.forces, posture)
-        self._estimator = make_estimator(self.settings.method, setup)
-        self.stage, self._begin = Stage.COM, m.time
-
-    def _locate(self, m: Measurement) -> None:
-        if self.estimate is not None and self.estimate.status is Status.CONVERGED:
+            if converged:
+                self._begin_com(m.time)
+            else:
+                self._give_up_after(m.time, self.settings.mass_within)
+        elif self._lean is not None:
+            self._pose(m.time, self._lean)
+        elif converged:
             self.stage = Stage.DONE
         else:
             self._give_up_after(m.time, self.settings.com_within)
 
-    def _pose(self, m: Measurement) -> None:
+    def _begin_com(self, time: float) -> None:
+        assert self.estimate is not None
+        start = TrunkModel(self.estimate.trunk.mass, self._trunk.com_trunk, self._trunk.inertia_com)
+        setup = Setup(self.corrected.forces.robot, start, self.corrected.forces)
+        self._estimator = make_estimator("contact" if self._lean is None else "poses", setup)
+        self.stage, self._begin = Stage.COM, time
+
+    def _pose(self, time: float, lean: Lean) -> None:
         """Leads the trunk through the poses and back; measurements in between are ignored."""
-        how = self.settings.posing
-        if m.time < self._held_until < np.inf or self._walker is None:
+        how = self.settings
+        if time < self._held_until < np.inf:
             return
         if self._poses:
-            self._walker.lean(self._poses.pop(0), how.move)
-            self._held_from, self._held_until = m.time + how.move, m.time + how.move + how.hold
+            lean(self._poses.pop(0), how.move)
+            self._held_from, self._held_until = time + how.move, time + how.move + how.hold
         elif self._held_from < np.inf:
-            self._walker.lean(PoseOffset(), how.move)
-            self._held_from, self._held_until = np.inf, m.time + how.move + how.back
-        else:
-            self._held_until = np.inf
-            self._end_poses()
-
-    def _end_poses(self) -> None:
-        status = Status.WAITING if self.estimate is None else self.estimate.status
-        if status in (Status.CONVERGED, Status.MOVING):
+            lean(PoseOffset(), how.move)
+            self._held_from, self._held_until = np.inf, time + how.move + how.back
+        elif self.estimate is not None and self.estimate.status in (Status.CONVERGED, Status.MOVING):
             self.stage = Stage.DONE
         else:
             self._fail(f"the poses did not show the centre of mass: {self._last_word()}")
@@ -118,10 +152,3 @@ class StandingWeighing:
 
     def _fail(self, reason: str) -> None:
         self.stage, self.reason = Stage.FAILED, reason
-
-
-def require_poses(walker: Walker, method: str) -> PosingWalker:
-    """Returns the walker if it can lean; else StaderaError."""
-    if not isinstance(walker, PosingWalker):
-        raise StaderaError(f"the method {method!r} needs a walker that can lean and tells its posture; use 'contact'")
-    return walker

@@ -15,7 +15,6 @@ from stadera.lab.demo.schema import KNOWN, known_after, true_load
 from stadera.lab.report.demo.plots import com_figure, margin_figure, mass_figure
 from stadera.lab.report.demo.scene import scene
 from stadera.lab.report.demo.terminal import comparison_table, headline, load_table, log_table
-from stadera.lab.supervise import LoadTestSettings
 from stadera.report.figures import Figure
 from stadera.report.numbers import number, with_std
 from stadera.report.page import render, script_data
@@ -102,19 +101,17 @@ def _plots(result: DemoResult) -> Iterator[Figure]:
 
 
 def _terms(classic: bool) -> dict[str, str]:
-    test = LoadTestSettings()
+    noticed = {
+        "Noticed": "Joint torques, joint angles, gyro and accelerometer of every 20 ms give six equations that are "
+        "linear in the trunk's mass and centre of mass, whatever the robot does. The last of them fit a trunk that "
+        "jumped better than one that is as it was, by a factor of 10¹⁵.",
+    }
     at_rest = {
-        "Check": "Near rest, the ground's upward force from joint torques, over the specific force, less the legs; "
-        f"tested at {test.deviations:.2f} standard deviations, {test.false_alarms:g} false alarms an hour.",
         "Weighing": "First the mass, from the sum of the contact forces, then the centre of mass, from their line of "
         "action (the paper's approach (c)); both have to converge before controller and planner get either.",
         "Not observed": "A level trunk at rest does not show how high a centre of mass is.",
     }
-    on_the_way = {
-        "Weighed on the way": "Joint torques, joint angles, gyro and accelerometer of every 20 ms give six equations "
-        "that are linear in the trunk's mass and centre of mass, whatever the robot does.",
-        "Noticed": "The last rows fit a trunk that jumped better than one that is as it was, by a factor of 10¹⁵.",
-    }
+    on_the_way = {"Weighed on the way": "By the same equations, from the jump on, while the robot walks."}
     return {
         "Walked, stuck, fell": "Fell: the trunk tilted by 45°, or trunk, hip or knee on the ground. Stuck: not half of "
         "the commanded way or steps in the last gait cycle, a joint at its torque limit for 0.5 s, or the trunk 15 % "
@@ -122,5 +119,6 @@ def _terms(classic: bool) -> dict[str, str]:
         "Support polygon": "The hull of the feet that carry, seen from above. A slow robot stands while its centre of "
         "mass is over it.",
         "Steps lost": "Steps for which there was time, as commanded, while none was taken.",
+        **noticed,
         **(at_rest if classic else on_the_way),
     }

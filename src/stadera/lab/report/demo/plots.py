@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from stadera.lab.demo import DemoResult
 from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome
 from stadera.lab.report.demo.terminal import NAMES
-from stadera.lab.supervise import LoadCheck, State
-from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, line, stacked
+from stadera.lab.supervise import State
+from stadera.report.figures import Axis, Figure, Guide, Panel, band, line, stacked
 
 CLOSE = (1.0, 2.5)
 """Default time range of plots of weighing while walking: before the load and after it [s]."""
@@ -39,17 +36,15 @@ def margin_figure(result: DemoResult, note: str = "") -> Figure:
 
 def mass_figure(result: DemoResult, note: str = "") -> Figure:
     """Mass in controller and planner, true and estimated, of the run with identification."""
-    film, outcome = result.identified.film, result.identified.outcome
-    marks = [_thresholds(outcome.checks)] if outcome.checks else []
-    if not outcome.checks:
-        marks.append(band(film.time, film.mass[:, 2], film.std[:, 0], "orange", _BAND))
-    marks.append(line(film.time, film.mass[:, 0], _TRUE, "red", width=2.0, dashed=True))
-    marks.append(line(film.time, film.mass[:, 1], _CONTROLLER, "blue", width=2.2))
-    marks += _checks(outcome.checks)
-    masses = np.concatenate([film.mass[:, 0], [check.mass for check in outcome.checks]])
-    room = 0.1 * float(masses.max())
-    limits = float(masses.min()) - room, float(masses.max()) + room
-    panel = Panel(Axis(), Axis("trunk with load [kg]", limits=limits), tuple(marks))
+    film = result.identified.film
+    marks = (
+        band(film.time, film.mass[:, 2], film.std[:, 0], "orange", _BAND),
+        line(film.time, film.mass[:, 0], _TRUE, "red", width=2.0, dashed=True),
+        line(film.time, film.mass[:, 1], _CONTROLLER, "blue", width=2.2),
+    )
+    room = 0.1 * float(film.mass[:, 0].max())
+    limits = float(film.mass[:, 0].min()) - room, float(film.mass[:, 0].max()) + room
+    panel = Panel(Axis(), Axis("trunk with load [kg]", limits=limits), marks)
     return _over_time("Mass", [panel], result, note, window=_window(result))
 
 
@@ -68,26 +63,6 @@ def com_figure(result: DemoResult, note: str = "") -> Figure:
         limits = float(values[:, :2].min() - 1.0), float(values[:, :2].max() + 1.0)
         panels.append(Panel(Axis(), Axis(f"{label} [cm]", limits=limits), tuple(marks)))
     return _over_time("Centre of mass of the trunk with its load", panels, result, note, window=_window(result))
-
-
-def _thresholds(checks: Sequence[LoadCheck]) -> Series:
-    time = np.array([check.time for check in checks])
-    expected, threshold = (np.array([getattr(c, name) for c in checks]) for name in ("expected", "threshold"))
-    return band(time, expected, np.minimum(threshold, 5.0) / 2.0, "steel", "not a change")
-
-
-def _checks(checks: Sequence[LoadCheck]) -> list[Series]:
-    found = []
-    for changed, marker, colour, name in (
-        (False, "ring", "steel", "check at rest"),
-        (True, "diamond", "orange", "check: the load has changed"),
-    ):
-        chosen = [check for check in checks if check.changed == changed]
-        if chosen:
-            time, mass = np.array([c.time for c in chosen]), np.array([c.mass for c in chosen])
-            size = 12.0 if changed else 7.0
-            found.append(Series(time, mass, name, colour, 0.0, marker=marker, size=size))  # type: ignore[arg-type]
-    return found
 
 
 def _window(result: DemoResult) -> tuple[float, float] | None:

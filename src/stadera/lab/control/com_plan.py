@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
 from stadera.errors import positive
-from stadera.lab.control.planner.feet import PlanError, SupportPolygon
+from stadera.lab.control.support import PlanError, SupportPolygon
 from stadera.types import Array
 
 

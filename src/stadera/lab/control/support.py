@@ -1,11 +1,7 @@
-"""Geometry of the feet: support polygons seen from above, footholds along a path, and the plane of the ground.
+"""Geometry of the feet: support polygons seen from above, and the plane of the ground.
 
 A convex polygon is stored as half-planes n_i · p ≤ d_i with unit outward normals n_i, so d_i - n_i · p is the distance
 to edge i, positive inside, and the least of them is the static stability margin of a point p.
-
-The body's path is an arc: with speed v and turn rate r its pose (x, y, ψ) obeys ẋ = v cos ψ, ẏ = v sin ψ, ψ̇ = r. Each
-foot has a nominal position relative to the path's pose. A foot stays in place for the next three steps after landing,
-so it is placed at its nominal position in the middle of that time.
 """
 
 from __future__ import annotations
@@ -102,45 +98,6 @@ def _hull(points: Array) -> Array:
         return points[:0]
     first = np.lexsort((corners[:, 1], corners[:, 0]))[0]
     return np.roll(corners, -first, axis=0)
-
-
-@dataclass(frozen=True, eq=False)
-class PathPose:
-    """A pose of the path, seen from above, in the odometry frame: (2,) [m], and the heading [rad]."""
-
-    position: Array
-    heading: float
-
-    def ahead(self, speed: float, turn: float, time: float) -> PathPose:
-        """The pose on the path after a time [s], along the chord of the arc."""
-        angle = turn * time
-        chord = speed * time * float(np.sinc(0.5 * angle / np.pi))
-        direction = self.heading + 0.5 * angle
-        step = chord * np.array([np.cos(direction), np.sin(direction)])
-        return PathPose(self.position + step, self.heading + angle)
-
-    def place(self, offset: Array) -> Array:
-        """Transforms a point (2,) [m] relative to the pose to the odometry frame."""
-        c, s = np.cos(self.heading), np.sin(self.heading)
-        return np.asarray(self.position + np.array([[c, -s], [s, c]]) @ offset)
-
-
-@dataclass(frozen=True, eq=False)
-class Footholds:
-    """Nominal positions of the feet relative to the path's pose."""
-
-    offsets: Array  # (4, 2) [m], ahead and to the left of the path's pose
-
-    @classmethod
-    def of(cls, feet: Array, heading: float) -> tuple[Footholds, PathPose]:
-        """Computed from the positions of the feet (4, 3) [m]: the path starts in their middle."""
-        middle = feet[:, :2].mean(axis=0)
-        c, s = np.cos(heading), np.sin(heading)
-        return cls((feet[:, :2] - middle) @ np.array([[c, -s], [s, c]])), PathPose(middle, heading)
-
-    def next(self, leg: int, path: PathPose, speed: float, turn: float, step: float, ahead: float = 1.5) -> Array:
-        """Foothold (2,) [m] for the path's pose at landing; `ahead` steps [s] later its stance is half over."""
-        return path.ahead(speed, turn, ahead * step).place(self.offsets[leg])
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ import numpy as np
 
 from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY, ROUNDING
-from stadera.lab.control.planner.feet import PlanError, SupportPolygon
 from stadera.lab.control.stand import TestBed
+from stadera.lab.control.support import PlanError, SupportPolygon
 from stadera.lab.control.trunk import ControlError
 from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.types import Array, Bools

@@ -19,33 +19,46 @@ coming triangle by then, and is otherwise delayed by as little as necessary.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from enum import StrEnum
+
 import numpy as np
 
-from stadera.lab.control.crawl.body import BodyReference
-from stadera.lab.control.crawl.legs import LegSwing, StepSequence
-from stadera.lab.control.crawl.settings import (
-    CrawlCommand,
-    CrawlError,
-    CrawlEvent,
-    CrawlPhase,
-    CrawlSettings,
-    StepTiming,
-)
-from stadera.lab.control.loading import OverloadWatch
-from stadera.lab.control.planner.feet import GroundPlane, SupportPolygon
-from stadera.lab.control.planner.steps import Airborne, support_phases
+from stadera.lab.control.body import BodyReference
 from stadera.lab.control.stand import Gait
+from stadera.lab.control.steps import CrawlCommand, CrawlSettings, Step, StepSequence, support_phases
+from stadera.lab.control.support import GroundPlane, SupportPolygon
+from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.control.trunk import TrunkController
 from stadera.robot.model import LEG_NAMES
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array
 
 
+class CrawlPhase(StrEnum):
+    """Phase of a crawl."""
+
+    STAND = "stand"
+    BODY = "body motion"
+    SWING = "swing"
+    RETREAT = "retreat"
+
+
+@dataclass(frozen=True)
+class CrawlEvent:
+    """A transition: time [s], the phase that begins, the leg concerned (or None), and the reason."""
+
+    time: float
+    phase: CrawlPhase
+    leg: str | None
+    reason: str
+
+
 class Crawl(Gait):
     """Walks with a trunk controller. Uses measurements only; one `update` per control period.
 
     It starts standing; `resume` starts walking, and `request_stop` stops after the current step. `reason` says why it
-    stands, sits or retreats, `failed` whether it stopped because it could not continue; `events` has every transition.
+    stands or retreats, `failed` whether it stopped because it could not continue; `events` has every transition.
     """
 
     def __init__(
@@ -58,9 +71,12 @@ class Crawl(Gait):
         self._steps = StepSequence(controller.robot, self.settings, command or CrawlCommand())
         self._walks, self._stop = False, ""
         self._body: BodyReference | None = None
-        self._swing = LegSwing(controller, self.settings)
-        self._due, self._put_off, self._relieving, self._target = 0.0, 0.0, False, np.zeros(3)
-        self._overload = OverloadWatch(controller.robot.tree.joints)
+        # of the coming or present step: its foothold, when its leg lifts, for how long that was put off
+        self._target, self._due, self._put_off, self._relieving = np.zeros(3), 0.0, 0.0, False
+        # of the swing: where the foot stood, when the trajectory ends, whether the body waits for it, times at its lift
+        self._from, self._ends, self._late, self._above = np.zeros(3), 0.0, False, False
+        self._timing = self._steps.timing
+        self._overloaded, self._time = np.zeros(len(controller.robot.tree.joints)), np.nan
 
     # -- asked for ------------------------------------------------------------------------------------------------
     @property
@@ -74,32 +90,27 @@ class Crawl(Gait):
 
     def resume(self) -> None:
         """Starts walking, or continues with the leg whose turn it is."""
-        if self.phase is CrawlPhase.SIT:
-            raise CrawlError("a robot that sits cannot walk on")
         self._walks, self._stop, self.failed = True, "", False
 
     def request_stop(self, reason: str = "asked to stop") -> None:
         """Stops on four feet after the current step; see `stopped`."""
         self._walks, self._stop = False, self._stop or reason
 
-    def sit(self, reason: str = "asked to sit") -> None:
-        """Lowers the trunk permanently."""
-        if self.phase is not CrawlPhase.STAND or self._body is None:
-            raise CrawlError("a robot sits down from a stand: ask it to stop first")
-        how = self.settings.tuning
-        self._body.lower(self.controller.time, how.sitting, how.sit_time * self.settings.lead)
-        self._enter(CrawlPhase.SIT, None, reason)
-
     @property
     def stopped(self) -> bool:
         """True if it stands on four feet, with its reference at rest."""
-        standing = self.phase in (CrawlPhase.STAND, CrawlPhase.SIT)
-        return standing and self._body is not None and self.controller.time >= self._body.plan.end
+        standing = self.phase is CrawlPhase.STAND and self._body is not None
+        return standing and self.controller.time >= self._planned.plan.end
+
+    @property
+    def fault(self) -> str:
+        """Reason why it stands and cannot continue; empty if it can."""
+        return self.reason if self.failed and self.phase is CrawlPhase.STAND else ""
 
     @property
     def leg(self) -> str | None:
         """The swinging leg, or the next one to swing; None while standing."""
-        return None if self.phase in (CrawlPhase.STAND, CrawlPhase.SIT) else LEG_NAMES[self._leg]
+        return None if self.phase is CrawlPhase.STAND else LEG_NAMES[self._steps.leg]
 
     # -- what the test-bed's loop asks for ------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> Array:
@@ -109,30 +120,26 @@ class Crawl(Gait):
             self._start(measurement)
             return torque
         self._body.see(measurement)
-        overload = self._overload.update(measurement.time, self.controller.saturated)
-        if self._walks and overload:
-            self._fail(overload)
+        self._watch_limits(measurement.time)
         self._advance(measurement.time)
         return self.controller.update(measurement)
 
     # -- the state machine ----------------------------------------------------------------------------------------
-    @property
-    def _leg(self) -> int:
-        return self._steps.leg
-
-    @property
-    def _timing(self) -> StepTiming:
-        return self._steps.timing
-
     def _start(self, measurement: Measurement) -> None:
         controller = self.controller
-        self._body = BodyReference(controller, self.settings.tuning)
-        self._body.see(measurement)
-        self._body.begin()
+        self._body = BodyReference(controller, self.settings, measurement)
         controller.follow(self._body)
         nose = controller.rotation[:, 0]
         self._steps.start(controller.feet, float(np.arctan2(nose[1], nose[0])))
         self.events.append(CrawlEvent(measurement.time, self.phase, None, self.reason))
+
+    def _watch_limits(self, time: float) -> None:
+        """Fails if a joint has been at its torque limit for too long without a break."""
+        elapsed, self._time = 0.0 if np.isnan(self._time) else time - self._time, time
+        self._overloaded = np.where(self.controller.saturated, self._overloaded + elapsed, 0.0)
+        worst, longest = int(np.argmax(self._overloaded)), self.settings.overload
+        if self._walks and self._overloaded[worst] > longest:
+            self._fail(f"joint {self.robot.tree.joints[worst]} has been at its torque limit for {longest} s")
 
     def _advance(self, time: float) -> None:
         match self.phase:
@@ -143,110 +150,150 @@ class Crawl(Gait):
             case CrawlPhase.SWING:
                 self._watch_swing(time)
             case CrawlPhase.RETREAT:
-                if self._swing.back(time, self._planned.stretched(self._leg)):
-                    self._stand(time, self._stop)
+                self._put_back(time)
 
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
         """Starts the body's motion so that the next leg can swing after `body` [s]; `landed`: the last leg to land."""
-        timing, feet, target = self._timing, self.controller.feet, self._steps.target
+        timing, feet, target = self._steps.timing, self.controller.feet, self._steps.target
         self._put_off = 0.0
         self._target = np.array([*target, GroundPlane.of(feet).at(target)])
-        before = None if landed is None else Airborne(landed, feet[landed, :2], timing.transfer)
+        before = None if landed is None else Step(landed, feet[landed, :2], timing.transfer)
         body = self._plan_step(time, before, body)
         self._planned.follow_ground(time, self._steps.heading, body + timing.swing)
-        self._enter(CrawlPhase.BODY, self._leg, "")
+        self._enter(CrawlPhase.BODY, self._steps.leg, "")
 
-    def _plan_step(self, time: float, before: Airborne | None, body: float) -> float:
+    def _plan_step(self, time: float, before: Step | None, body: float) -> float:
         """Plans for a lift after `body` [s], or later if a new model needs more time; returns that time."""
-        new = self._model_moved()
-        for delay in self.settings.tuning.delays if new else (0.0,):
-            later = body + delay * self.settings.lead
+        timing, settings = self._steps.timing, self.settings
+        for delay in settings.delays if self._model_moved() else (0.0,):
+            later = body + delay * settings.lead
             self._replan(time, before, later)
-            if self._reaches(time + later):
+            # centre of mass and zero-moment point have to be inside the coming triangle when the leg is lifted
+            begin, end = time + later - 0.5 * timing.transfer, time + later + timing.swing
+            if self._planned.least_margin(self._triangle(), begin, end) >= settings.least_margin:
                 break
         self._due = time + later
         return later
 
-    def _reaches(self, lift: float) -> bool:
-        """True if centre of mass and zero-moment point are inside the coming triangle for a lift at this time."""
-        begin, end = lift - 0.5 * self._timing.transfer, lift + self._timing.swing
-        return self._planned.least_margin(self._triangle(), begin, end) >= self.settings.least_margin
-
     def _model_moved(self) -> bool:
-        return self._planned.moved > self.settings.tuning.moved * self.settings.margin
+        return self._planned.moved > self.settings.moved * self.settings.margin
 
     def _shift_body(self, time: float) -> None:
-        leg, controller, timing = self._leg, self.controller, self._timing
+        leg, controller, timing = self._steps.leg, self.controller, self._steps.timing
         if self._stop:
             self._stand(time, self._stop)
         elif not self._relieving and self._model_moved():
             self._plan_step(time, None, max(self._due - time, timing.transfer))
         elif not self._relieving and time >= self._due - timing.transfer:
-            if self._over_triangle():
+            if self._margin() >= self.settings.least_margin:
                 controller.relieve(leg, timing.transfer)
                 self._relieving = True
             else:
                 self._put_step_off(time)
         elif time >= self._due and controller.relieved[leg]:
-            if self._over_triangle():
-                self._swing.lift(time, leg, self._target, self._planned.normal, timing)
-                self._enter(CrawlPhase.SWING, leg, "")
+            if self._margin() >= self.settings.least_margin:
+                self._lift(time)
             else:
                 self._put_step_off(time)
 
     def _triangle(self) -> SupportPolygon:
-        return SupportPolygon.of(np.delete(self.controller.feet, self._leg, axis=0))
+        return SupportPolygon.of(np.delete(self.controller.feet, self._steps.leg, axis=0))
 
     def _margin(self) -> float:
         """Margin of the modelled centre of mass in the coming triangle [m]."""
         return self._triangle().margin(self._planned.com)
 
-    def _over_triangle(self) -> bool:
-        return self._margin() >= self.settings.least_margin
-
     def _put_step_off(self, time: float) -> None:
         """Gives the body the same time again; stops when the time limit is reached."""
-        settings, timing = self.settings, self._timing
+        settings, timing = self.settings, self._steps.timing
         if self._put_off >= settings.patience:
-            place = f"the triangle without {LEG_NAMES[self._leg]}"
+            place = f"the triangle without {LEG_NAMES[self._steps.leg]}"
             found = f"margin {self._margin():.3f} m, needed {settings.least_margin:.3f} m"
             self._fail(f"the centre of mass does not get over {place}: {found}")
             self._stand(time, self._stop)
             return
         if self._relieving:
-            self.controller.land(self._leg, timing.transfer)
+            self.controller.land(self._steps.leg, timing.transfer)
             self._relieving = False
         wait = max(settings.lead, 3.0 * timing.transfer)
         self._put_off += max(time + wait - self._due, 0.0)
         self._due = time + wait
         self._replan(time, None, wait)
 
+    # -- the leg in the air ---------------------------------------------------------------------------------------
+    def _lift(self, time: float) -> None:
+        settings = self.settings
+        self._late, self._from, self._timing = False, self._foot, self._steps.timing
+        goal = self._target - settings.press * self._planned.normal  # slightly below the ground
+        self._swing(time, goal, settings.clearance, settings.search_speed)
+        self._enter(CrawlPhase.SWING, self._steps.leg, "")
+
     def _watch_swing(self, time: float) -> None:
-        leg, swing = self._leg, self._swing
-        stretched = self._planned.stretched(leg)
-        if swing.landed(time, stretched):
+        leg, overdue = self._steps.leg, time - self._ends
+        if self._landed(time):
             self._steps.done()
             if self._stop:
                 self._stand(time, self._stop)
             else:
-                self._begin_step(time, self._steps.body_time(swing.overdue(time)), leg)
-        elif swing.out_of_reach(time, stretched):
+                self._begin_step(time, self._steps.body_time(overdue), leg)
+        elif overdue >= 0 and (
+            self._target[2] - float(self._foot[2]) > self.settings.search or self._planned.stretched(leg)
+        ):
             self._retreat(time)
-        elif swing.overdue_long(time) and not swing.late:  # the body waits over the three feet
-            swing.late = True
-            self._replan(time, swing.airborne(), None)
+        elif overdue >= 0.5 * self._timing.transfer and not self._late:
+            self._late = True
+            self._replan(time, self._airborne, None)  # the body waits over the three feet
+
+    def _landed(self, time: float) -> bool:
+        """Lands the foot if it has touched the ground; torques of an extended leg do not show it."""
+        leg, controller = self._steps.leg, self.controller
+        trajectory = controller.swinging.trajectories[leg]
+        if trajectory is None or self._planned.stretched(leg) or not controller.touched[leg]:
+            return False
+        if trajectory.progress(time) < self.settings.earliest:
+            return False
+        controller.land(leg, self._timing.transfer)
+        return True
 
     def _retreat(self, time: float) -> None:
-        leg, (x, y, _) = self._leg, self._swing.target
+        """Lifts a foot that has found no ground straight up; `_put_back` does the rest."""
+        leg, (x, y, z), here = self._steps.leg, self._target, self._foot
         self._fail(f"{LEG_NAMES[leg]} found no ground within {self.settings.search:.2f} m below ({x:.2f}, {y:.2f}) m")
-        self._swing.retreat(time)
-        self._replan(time, self._swing.airborne(), None)
+        high = max(z, self._from[2]) + self.settings.clearance
+        self._target, self._late, self._above = self._from, True, True
+        self._swing(time, np.array([*here[:2], high]), 0.0, 0.0)
+        self._replan(time, self._airborne, None)
         self._enter(CrawlPhase.RETREAT, leg, self._stop)
 
+    def _put_back(self, time: float) -> None:
+        """Moves the foot back to its previous foothold."""
+        if self._above:
+            if time >= self._ends:
+                self._above = False
+                self._swing(time, self._target, 0.0, self.settings.search_speed)
+        elif self._landed(time):
+            self._stand(time, self._stop)
+
+    @property
+    def _airborne(self) -> Step:
+        """For the body's plan: where the foot lands, after a long time on the other three."""
+        return Step(self._steps.leg, self._target[:2], self.settings.longest_airborne)
+
+    @property
+    def _foot(self) -> Array:
+        return np.array(self.controller.feet[self._steps.leg])
+
+    def _swing(self, time: float, goal: Array, clearance: float, descent: float) -> None:
+        duration = self._timing.swing
+        self._ends = time + duration
+        way = SwingTrajectory(self._foot, goal, time, duration, clearance, descent=descent)
+        self.controller.swing(self._steps.leg, way)
+
+    # -- planning -------------------------------------------------------------------------------------------------
     def _stand(self, time: float, reason: str) -> None:
         """Moves the body to the middle of four feet on the ground, and stays."""
         if self._relieving:
-            self.controller.land(self._leg, self._timing.transfer)
+            self.controller.land(self._steps.leg, self._steps.timing.transfer)
         self._walks, self._stop = False, ""
         self._replan(time, None, None)
         self._enter(CrawlPhase.STAND, None, reason)
@@ -258,15 +305,14 @@ class Crawl(Gait):
         self.phase, self.reason, self._relieving = phase, reason, False
         self.events.append(CrawlEvent(self.controller.time, phase, None if leg is None else LEG_NAMES[leg], reason))
 
-    # -- planning -------------------------------------------------------------------------------------------------
     @property
     def _planned(self) -> BodyReference:
         assert self._body is not None
         return self._body
 
-    def _replan(self, time: float, airborne: Airborne | None, body: float | None) -> None:
+    def _replan(self, time: float, airborne: Step | None, body: float | None) -> None:
         """Plans the body's motion again, with coming steps, the first after `body` [s]; None for a stand."""
-        timing, settings, feet = self._timing, self.settings, self.controller.feet
+        timing, settings, feet = self._steps.timing, self.settings, self.controller.feet
         steps = [] if body is None or self._stop else self._steps.ahead(body)
         phases = support_phases(feet, steps, timing, settings.margin, settings.lead, airborne)
         self._planned.replan(time, phases, settings.margin, timing.rest)

@@ -18,10 +18,10 @@ import numpy as np
 
 from stadera.body.statics import foot_jacobians
 from stadera.constants import GRAVITY
-from stadera.lab.control.crawl.settings import CrawlTuning
-from stadera.lab.control.planner.com import ComPlan, SupportPhase, plan_com
-from stadera.lab.control.planner.feet import GroundPlane, SupportPolygon, facing
+from stadera.lab.control.com_plan import ComPlan, SupportPhase, plan_com
 from stadera.lab.control.reference import Move, TrunkPose
+from stadera.lab.control.steps import CrawlSettings
+from stadera.lab.control.support import GroundPlane, SupportPolygon, facing
 from stadera.lab.control.trunk import TrunkController
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
@@ -29,19 +29,21 @@ from stadera.types import Array
 
 
 class BodyReference:
-    """A `TrunkReference`: `plan` of the centre of mass, `normal` (3,) of the ground, to which the trunk is parallel."""
+    """A `TrunkReference`, which holds the trunk at the controller's reference until the first `replan`: `plan` of the
+    centre of mass, `normal` (3,) of the ground, to which the trunk is parallel.
+    """
 
-    def __init__(self, controller: TrunkController, tuning: CrawlTuning) -> None:
-        self._controller, self._tuning = controller, tuning
-        here = controller.reference
-        self._legs, self._room = np.zeros(3), np.ones(4)
+    def __init__(self, controller: TrunkController, settings: CrawlSettings, measurement: Measurement) -> None:
+        self._controller, self._settings = controller, settings
         self._nominal = _determinants(
             foot_jacobians(controller.robot, standing_configuration(controller.robot)[None])[0]
         )
         self._mass, self._moment = controller.trunk.target_mass, controller.trunk.target_moment
+        self.see(measurement)
+        here = controller.reference
+        self.plan = ComPlan.standing(controller.time, (here.position + here.rotation @ self._lever())[:2])
         pose = TrunkPose(np.array([0.0, 0.0, here.position[2]]), here.rotation)
         self._pose = Move(pose, pose, controller.time, 1.0)
-        self.plan = ComPlan.standing(controller.time, here.position[:2])
         plane = GroundPlane.of(controller.feet)
         self.normal, self._height = plane.normal, float(controller.position[2] - plane.at(controller.position))
 
@@ -52,12 +54,7 @@ class BodyReference:
 
     def stretched(self, leg: int) -> bool:
         """True if a leg is nearly extended, so that its foot cannot reach farther."""
-        return bool(self._room[leg] < self._tuning.stretched)
-
-    def begin(self) -> None:
-        """Holds the trunk at the controller's reference, after the first measurement was processed."""
-        here = self._controller.reference
-        self.plan = ComPlan.standing(self._controller.time, (here.position + here.rotation @ self._lever())[:2])
+        return bool(self._room[leg] < self._settings.stretched)
 
     def _lever(self) -> Array:
         """c, with the trunk model of the plan."""
@@ -88,7 +85,7 @@ class BodyReference:
     def least_margin(self, support: SupportPolygon, begin: float, end: float) -> float:
         """Least margin [m] of the planned centre of mass and zero-moment point in a polygon, over a time range [s]."""
         tau2 = (float(self.com[2]) - self._ground) / GRAVITY
-        states = np.array([self.plan.at(time) for time in np.linspace(begin, end, self._tuning.looks)])
+        states = np.array([self.plan.at(time) for time in np.linspace(begin, end, self._settings.looks)])
         points = np.concatenate([states[:, 0], states[:, 0] - tau2 * states[:, 2]])
         return float(np.min(support.distances - points @ support.normals.T))
 
@@ -119,19 +116,11 @@ class BodyReference:
         the place where it is going, within a duration [s]. Each call follows half of a change of inclination.
         """
         plane = GroundPlane.of(self._controller.feet)
-        normal = self.normal + self._tuning.follows * (plane.normal - self.normal)
+        normal = self.normal + self._settings.follows * (plane.normal - self.normal)
         self.normal = normal / np.linalg.norm(normal)
         way = self.plan.at(time + duration)[0] - self.plan.at(time)[0]
         height = plane.at(self.at(time).position[:2] + way) + self._height
-        self._move(time, facing(self.normal, heading), height, duration)
-
-    def lower(self, time: float, share: float, duration: float) -> None:
-        """Lowers the trunk to a share of its height above the ground, within a duration [s]."""
-        ground = GroundPlane.of(self._controller.feet).at(self._controller.position)
-        self._move(time, self.at(time).rotation, ground + share * self._height, duration)
-
-    def _move(self, time: float, rotation: Array, height: float, duration: float) -> None:
-        goal = TrunkPose(np.array([0.0, 0.0, height]), rotation)
+        goal = TrunkPose(np.array([0.0, 0.0, height]), facing(self.normal, heading))
         self._pose = Move(self._pose.at(time), goal, time, duration)
 
 

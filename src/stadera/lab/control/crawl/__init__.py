@@ -1,1 +1,0 @@
-"""A statically stable crawl."""

@@ -1,1 +1,0 @@
-"""Plans of footholds and of the centre of mass."""
