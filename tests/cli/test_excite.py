@@ -79,7 +79,7 @@ def test_json_and_report_of_the_optimum(run: Run, tmp_path: Path) -> None:
         assert joint["torque"] <= joint["torque_bound"]
     html = page.read_text()
     assert html.startswith("<!DOCTYPE html>")
-    assert html.count('class="drawn"') == 2
+    assert html.count('class="plot"') == 2
     assert "rh_lowerleg.mcx" in html
 
 

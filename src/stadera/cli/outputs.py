@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from stadera.cli.options import JsonFile, ReportFile, option
 from stadera.errors import RecordingError, StaderaError
 from stadera.files import require_writable, write_text, written_together
+from stadera.results import Result, json_text
 
 if TYPE_CHECKING:
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
-    from stadera.results import Result
 
 Writer = Callable[[Path], object]
 """Fills the draft of one file."""
@@ -55,35 +54,6 @@ def check_report(path: Path | None) -> None:
 
 
 @dataclass(frozen=True)
-class FigureFile:
-    """A requested figure: its name (None for the main one) and its file."""
-
-    name: str | None
-    path: Path
-
-    @classmethod
-    def of(cls, given: str) -> FigureFile:
-        """Parses `[NAME=]F.pdf`. Raises StaderaError: not a format for figures. MissingExtraError: Matplotlib is not
-        installed.
-        """
-        from stadera.report.figures.paper import check_figure
-
-        name, sign, path = given.rpartition("=")
-        check_figure(path)
-        return cls(name if sign else None, Path(path))
-
-    def output(self, make: Callable[[], Mapping[str, Figure | TableData]]) -> tuple[Path, Writer]:
-        """The pair for `write_outputs`; writing it raises UnknownNameError if there is no figure of that name."""
-
-        def fill(draft: Path) -> None:
-            from stadera.report.figures.paper import drawn, save
-
-            save(drawn(make(), self.name), draft)
-
-        return self.path, fill
-
-
-@dataclass(frozen=True)
 class ResultFiles:
     """Options for the files of a result."""
 
@@ -95,17 +65,22 @@ class ResultFiles:
     ] = None
     latex: Annotated[Path | None, option("F.tex", "Write the tables as LaTeX.")] = None
 
-    @cached_property
-    def figures(self) -> tuple[FigureFile, ...]:
-        """The figures' files. Raises as `FigureFile.of`."""
-        return tuple(map(FigureFile.of, self.figure or ()))
+    @property
+    def figures(self) -> list[tuple[str | None, Path]]:
+        """Names (None for the main one) and files of the figures."""
+        parted = [given.rpartition("=") for given in self.figure or ()]
+        return [(name if sign else None, Path(path)) for name, sign, path in parted]
 
     def check(self, *others: Path | None) -> None:
         """Checks these and other files before the computation. Raises StaderaError: see `check_outputs` and
-        `check_report`.
+        `check_report`; not a format for figures. MissingExtraError: Matplotlib is not installed.
         """
-        drawn = [figure.path for figure in self.figures]
-        check_outputs((*others, self.json, self.report, self.latex, *drawn))
+        if self.figure:
+            from stadera.report.figures.paper import check_figure
+
+            for _, path in self.figures:
+                check_figure(path)
+        check_outputs((*others, self.json, self.report, self.latex, *(path for _, path in self.figures)))
         check_report(self.report)
 
     def write(
@@ -116,13 +91,22 @@ class ResultFiles:
         latex: Callable[[], str],
         figures: Callable[[], Mapping[str, Figure | TableData]],
     ) -> None:
-        """Writes these and other files, or none."""
+        """Writes these and other files, or none. Raises UnknownNameError: there is no figure of a name."""
+
+        def drawing(name: str | None) -> Writer:
+            def fill(draft: Path) -> None:
+                from stadera.report.figures.paper import drawn, save
+
+                save(drawn(figures(), name), draft)
+
+            return fill
+
         write_outputs(
             *others,
             (self.json, json_of(values)),
             (self.report, page_of(page)),
             (self.latex, text_of(latex)),
-            *(figure.output(figures) for figure in self.figures),
+            *((path, drawing(name)) for name, path in self.figures),
         )
 
     def write_result(self, result: Result, *others: tuple[Path | None, Writer]) -> None:
@@ -141,15 +125,14 @@ def write_outputs(*outputs: tuple[Path | None, Writer]) -> None:
             fill(draft)
 
 
+def text_of(make: Callable[[], str]) -> Writer:
+    """Writer of a text, computed only if the file is requested."""
+    return lambda draft: write_text(draft, make())
+
+
 def json_of(make: Callable[[], Any]) -> Writer:
     """Writer of plain values as JSON, computed only if the file is requested."""
-
-    def fill(draft: Path) -> None:
-        from stadera.results import json_text
-
-        write_text(draft, json_text(make()))
-
-    return fill
+    return text_of(lambda: json_text(make()))
 
 
 def page_of(make: Callable[[], str]) -> Writer:
@@ -164,8 +147,3 @@ def page_of(make: Callable[[], str]) -> Writer:
         write_pdf(make(), draft)
 
     return fill
-
-
-def text_of(make: Callable[[], str]) -> Writer:
-    """Writer of a text, computed only if the file is requested."""
-    return lambda draft: write_text(draft, make())

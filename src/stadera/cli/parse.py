@@ -1,5 +1,7 @@
 """Parses option values. Malformed values are bad usage (exit 2); unknown names are left to the callee."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
 from typing import Literal
@@ -91,13 +93,10 @@ def load(value: str) -> tuple[float, Literal["kg", "N"]]:
 
 def tare(value: str) -> tuple[float, float] | Path:
     """A range of time "T0:T1" [s], or the path of a log."""
-    from stadera.errors import IdentificationError
     from stadera.weigh.settings import tare_of
 
-    try:
+    with _bad_usage():
         found = tare_of(value)
-    except IdentificationError as error:
-        raise typer.BadParameter(str(error)) from None
     return Path(found) if isinstance(found, str) else found
 
 
@@ -111,11 +110,19 @@ def tare_range(value: str) -> tuple[float, float]:
 
 def weight(value: str) -> tuple[float, float]:
     """Mass and standard deviation [kg], "15.2kg±0.05"."""
-    from stadera.errors import IdentificationError
     from stadera.weigh.settings import weight_of
 
-    try:
+    with _bad_usage():
         return weight_of(value)
+
+
+@contextmanager
+def _bad_usage() -> Iterator[None]:
+    """Turns a value that the library refuses into bad usage."""
+    from stadera.errors import IdentificationError
+
+    try:
+        yield
     except IdentificationError as error:
         raise typer.BadParameter(str(error)) from None
 
