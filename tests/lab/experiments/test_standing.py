@@ -25,7 +25,7 @@ from stadera.lab.experiments.standing import (
 )
 from stadera.lab.plant import Gaussian
 from stadera.robot import load_robot
-from stadera.trunk import Status, TrunkModel
+from stadera.trunk import TrunkModel
 
 QUICK = ReproduceSettings(quick=True)
 
@@ -43,8 +43,6 @@ def outcome(case: StandingCase, com: tuple[float, float, float], mass: float = 6
         std=np.full(3, 0.003),
         one_pose_com=np.array(com),
         rotation=turn if getattr(case, "slope", 0.0) else np.eye(3),
-        status=Status.CONVERGED,
-        reason="",
         seconds=1.0,
         trace_time=np.arange(2.0),
         trace_com=np.zeros((2, 3)),

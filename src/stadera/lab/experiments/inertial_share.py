@@ -27,6 +27,7 @@ import numpy as np
 from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
+from stadera.inertia import skew
 from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.experiments.runner import Paper, ReproduceSettings
@@ -181,8 +182,4 @@ def _cycles(crawl: Crawl) -> int:
 
 def _wrench_map(points: Array) -> Array:
     """G (6, 3 k) of forces at points (k, 3)."""
-    columns = np.zeros((6, 3 * len(points)))
-    columns[:3] = np.tile(np.eye(3), len(points))
-    for axis, unit in enumerate(np.eye(3)):
-        columns[3:, axis::3] = np.cross(points, unit).T
-    return columns
+    return np.vstack([np.tile(np.eye(3), len(points)), np.hstack([skew(point) for point in points])])

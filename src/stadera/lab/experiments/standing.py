@@ -94,8 +94,6 @@ class StandingOutcome:
     std: Array  # (3,) [m], stated by the estimator; NaN where not observed
     one_pose_com: Array  # (3,) [m], estimate before the trunk was tilted for the height; `com` if it was not
     rotation: Array  # (3, 3), of the trunk in the world at that time
-    status: Status
-    reason: str
     seconds: float  # simulated [s]
     trace_time: Array  # (k,) [s]
     trace_com: Array  # (k, 3) [m], the estimate over time
@@ -251,8 +249,6 @@ class _StandingRun:
             std=np.sqrt(np.diag(found.covariance)[1:]),
             one_pose_com=one_pose_com,
             rotation=rotation,
-            status=found.status,
-            reason=found.reason,
             seconds=plant.time,
             trace_time=np.array([time for time, _ in self._trace]),
             trace_com=np.array([com for _, com in self._trace]),

@@ -102,7 +102,7 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
 
 
 def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
-    """Level, word, headline and reason for a number of bounds missed and their total."""
+    """Level, word, headline and reason."""
     if missed:
         why = "A bound that is missed is a measurement, not an error; why is said below."
         return "warning", f"{missed} missed", f"{bounded - missed} of {bounded} bounds are met", why
@@ -131,14 +131,5 @@ def _experiment(result: ExperimentResult) -> dict[str, object]:
     """The template's values for one experiment."""
     records = compared_records(result)
     tables = [*result.tables, *([record_table(records)] if records else [])]
-    return {
-        "name": result.name,
-        "title": result.title,
-        "lead": result.lead,
-        "facts": result.facts,
-        "tables": tables,
-        "coloured": next((table for table in tables if table.has_verdicts), None),
-        "plots": list(result.figures),
-        "notes": result.notes,
-        "differs": result.differs,
-    }
+    coloured = next((table for table in tables if table.has_verdicts), None)
+    return {**vars(result), "tables": tables, "coloured": coloured, "plots": list(result.figures)}

@@ -1,4 +1,4 @@
-"""Makes hyq.json, the meshes of HyQ for the demo's scene, from example-robot-data: python hyq_meshes.py SHARE
+"""Makes hyq.json, the meshes of HyQ for the demo's scene, from example-robot-data: python docs/hyq_meshes.py SHARE
 
 SHARE is the folder share/ that contains example-robot-data/. A mesh is stored as triangles of 16-bit integers in
 base64: corners between the least and greatest value of each coordinate, with an error of at most 10 µm, and the three
@@ -34,7 +34,7 @@ def packed(corners: np.ndarray, faces: np.ndarray) -> dict[str, Any]:
 
 
 def main(share: Path) -> None:
-    """Writes hyq.json next to this file."""
+    """Writes hyq.json into the package."""
     urdf = share / "example-robot-data/robots/hyq_description/robots/hyq_no_sensors.urdf"
     model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
     shapes = pin.GeometryModel()
@@ -54,7 +54,8 @@ def main(share: Path) -> None:
         place = {"at": shape.placement.translation.round(6).tolist(), "turn": turn.round(9).tolist()}
         parts.append({"joint": None if joint == "root_joint" else joint, "mesh": name, **place})
     found = json.dumps({"meshes": meshes, "parts": parts}, separators=(",", ":"))
-    (Path(__file__).parent / "hyq.json").write_text(found + "\n", encoding="utf-8")
+    vendor = Path(__file__).parent.parent / "src/stadera/lab/report/vendor"
+    (vendor / "hyq.json").write_text(found + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
