@@ -11,7 +11,7 @@ import pytest
 from identify.leg_runs import hyq, noisy, run
 from stadera import identify
 from stadera.errors import RecordingError
-from stadera.identify.held import carried_shares
+from stadera.identify.job import carried_shares
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings

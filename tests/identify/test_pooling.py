@@ -11,8 +11,7 @@ from identify.leg_runs import hyq
 from stadera.body import FrictionModel, JointTorqueRegressor
 from stadera.errors import IdentificationError
 from stadera.identify.prior import Prior, robot_prior
-from stadera.identify.solutions import Estimate, null_space_solution
-from stadera.identify.solving import KindSpread, pooled_prior
+from stadera.identify.solutions import Estimate, KindSpread, null_space_solution, pooled_prior
 from stadera.information import Information
 from stadera.robot.model import Leg
 

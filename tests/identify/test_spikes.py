@@ -9,8 +9,8 @@ import pytest
 
 import stadera
 from identify.leg_runs import hyq, noisy, run
+from stadera.identify.log import SpikeSettings, without_spikes
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.spikes import SpikeSettings, without_spikes
 
 RH = IdentifySettings(legs=("RH",), torque_lag=0.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stadera.errors import ModelError
-from stadera.identify.held import vertical_of
+from stadera.identify.job import vertical_of
 from stadera.logs.recording import Imu, Recording
 from stadera.robot import load_robot
 

@@ -10,17 +10,18 @@ independent.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import chain
 
 import numpy as np
 
-from stadera.body import JointTorqueRegressor, Rows, TrunkMotion
+from stadera.body import Rows, TrunkMotion
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
 from stadera.identify.residuals import residual_noise, rows_of, speed
 from stadera.identify.solutions import Estimate
+from stadera.identify.varying import VARYING_UNITS, VaryingFriction, columns_of, varying_friction
 from stadera.information import Information
 from stadera.logs.filters import smooth_rows
 from stadera.logs.processing import Processed
@@ -28,9 +29,9 @@ from stadera.types import Array
 
 
 def smoothed_rows(
-    regressor: JointTorqueRegressor, part: Part, trunk: TrunkMotion, cutoff_hz: float | None, drop_below: float
-) -> Iterator[tuple[Rows, ...]]:
-    """Yields one set of rows for each joint of the regressor, chunk by chunk, in N·m with unit noise.
+    task: LegTask, part: Part, trunk: TrunkMotion, cutoff_hz: float | None, drop_below: float
+) -> Iterator[tuple[Array, tuple[Rows, ...]]]:
+    """Yields times [s] and one set of rows for each joint of a leg, chunk by chunk, in N·m with unit noise.
 
     The part includes its samples at rest, since a filter must not run across gaps; `cutoff_hz` is that of the rows,
     None for no filter. Rows in which all joints are slower than `drop_below` [rad/s] are removed after filtering.
@@ -41,44 +42,44 @@ def smoothed_rows(
             continue
         chunks = chain([first], stream)
         if cutoff_hz is None:
-            yield from (_plain(regressor, chunk, trunk, drop_below) for chunk in chunks)
+            yield from (_plain(task, chunk, trunk, drop_below) for chunk in chunks)
         else:
-            yield from _filtered(regressor, chunks, trunk, first.report.rate_hz, cutoff_hz, drop_below)
+            yield from _filtered(task, chunks, trunk, first.report.rate_hz, cutoff_hz, drop_below)
 
 
-def _plain(
-    regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotion, drop_below: float
-) -> tuple[Rows, ...]:
-    moving = speed(regressor, chunk) >= drop_below
-    every = tuple(rows_of(regressor, chunk, trunk))
-    if moving.all():
-        return every
-    return tuple(rows.replaced(rows.reduced[moving], rows.target[moving]) for rows in every)
+def _plain(task: LegTask, chunk: Processed, trunk: TrunkMotion, drop_below: float) -> tuple[Array, tuple[Rows, ...]]:
+    moving = speed(task, chunk) >= drop_below
+    every = tuple(rows_of(task, chunk, trunk))
+    return chunk.time[moving], tuple(rows.replaced(rows.reduced[moving], rows.target[moving]) for rows in every)
 
 
 def _filtered(
-    regressor: JointTorqueRegressor,
+    task: LegTask,
     chunks: Iterator[Processed],
     trunk: TrunkMotion,
     rate_hz: float,
     cutoff_hz: float,
     drop_below: float,
-) -> Iterator[tuple[Rows, ...]]:
+) -> Iterator[tuple[Array, tuple[Rows, ...]]]:
     kinds: list[Rows] = []
 
     def stacked() -> Iterator[tuple[Array, Array]]:
         for chunk in chunks:
-            every = list(rows_of(regressor, chunk, trunk))
+            every = list(rows_of(task, chunk, trunk))
             kinds[:] = every
             sides = [side for rows in every for side in (rows.reduced, rows.target[:, None])]
-            yield chunk.time, np.concatenate([*sides, speed(regressor, chunk)[:, None]], axis=1)
+            yield chunk.time, np.concatenate([*sides, speed(task, chunk)[:, None]], axis=1)
 
-    for _, values in smooth_rows(stacked(), rate_hz, cutoff_hz):
-        values = values[values[:, -1] >= drop_below]
+    for time, values in smooth_rows(stacked(), rate_hz, cutoff_hz):
+        moving = values[:, -1] >= drop_below
+        values = values[moving]
         edges = np.cumsum([0, *(kind.reduced.shape[1] + 1 for kind in kinds)])
-        yield tuple(
-            kind.replaced(values[:, start : stop - 1], values[:, stop - 1])
-            for kind, start, stop in zip(kinds, edges[:-1], edges[1:], strict=True)
+        yield (
+            time[moving],
+            tuple(
+                kind.replaced(values[:, start : stop - 1], values[:, stop - 1])
+                for kind, start, stop in zip(kinds, edges[:-1], edges[1:], strict=True)
+            ),
         )
 
 
@@ -101,6 +102,30 @@ class Gathered:
             for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True)
         )
         return reduce(Information.merge, weighted, Information.empty(self.by_joint[0].unknowns)).fix(fixed)
+
+
+def with_varying_friction(job: Job, training: Part) -> Job:
+    """The job with the terms by which the joints' friction varies, where the training part shows that it does."""
+    asked, width = job.settings.varying, job.settings.width
+    if asked is None:
+        return job
+    every = dict.fromkeys(VARYING_UNITS, 0.0)
+    tasks, notes = [], []
+    for task in job.tasks:
+        joints = task.leg.joints
+        tried = task.with_varying(job.robot, dict.fromkeys(joints, every), width)
+        rows = smoothed_rows(tried, training, job.trunk, job.rows_cutoff, job.drop_below)
+        found = varying_friction(rows, joints, tried.prior, task.fixed, asked)
+        tasks.append(task.with_varying(job.robot, {joint: f.centres for joint, f in found.items()}, width))
+        notes += [
+            f"friction of {joint} varies with {' and '.join(_words(f))}: held-out torque error times {max(f.ratio):.2f}"
+            for joint, f in found.items()
+        ]
+    return replace(job, tasks=tuple(tasks), notes=(*job.notes, *notes))
+
+
+def _words(found: VaryingFriction) -> list[str]:
+    return ["position"] * ("coulomb_cos" in found.centres) + ["load"] * ("coulomb_load" in found.centres)
 
 
 def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
@@ -132,12 +157,12 @@ def with_noise_of(
 
 
 def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]:
-    return smoothed_rows(task.regressor, training, job.trunk, job.rows_cutoff, job.drop_below)
+    return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below))
 
 
 def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask) -> tuple[Information, ...]:
     """Sums up the information of each of a leg's joints."""
-    columns = task.regressor.columns
+    columns = task.columns
     pending: list[list[Information]] = [[Information.empty(columns)] for _ in task.leg.joints]
     for every in chunks:
         for waiting, rows in zip(pending, every, strict=True):
@@ -148,10 +173,10 @@ def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask) -> tuple[Infor
 
 
 def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, float]:
-    """Joint terms that fit best with the links at their CAD values."""
+    """Joint terms that fit best with the links at their CAD values, friction constant."""
     fitted: dict[str, float] = {}
     for information in by_joint:
-        terms = information.fix(task.rigid | dict(task.fixed))
+        terms = information.fix(task.rigid | dict(task.fixed) | dict.fromkeys(columns_of(task.varying), 0.0))
         # the other joints' terms do not affect this one
         heard = np.linalg.norm(terms.R, axis=0) > 0
         fitted |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}

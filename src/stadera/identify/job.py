@@ -2,25 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from stadera.body import FrictionModel, JointTorqueRegressor, TrunkMotion
+from stadera.body import Body, FrictionModel, JointMotion, JointTorqueRegressor, Motion, Rows, TrunkMotion
+from stadera.constants import GRAVITY, SINGULAR
 from stadera.errors import RecordingError
-from stadera.identify.held import TrunkUp, carried_shares, vertical_of
 from stadera.identify.lag import TorqueLag, estimate_lag
 from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
-from stadera.identify.prior import Prior, robot_prior
-from stadera.identify.residuals import torque_sizes
+from stadera.identify.prior import Prior, PriorWidth, robot_prior
 from stadera.identify.settings import IdentifySettings, LagSettings
+from stadera.identify.varying import columns_of, with_varying
 from stadera.logs.filters import highest_cutoff, suggest_cutoff
 from stadera.logs.processing import Preprocessing, preprocess_stream
 from stadera.logs.recording import Recording, take
+from stadera.robot.imu import ImuMount
 from stadera.robot.model import Leg, Robot
-from stadera.types import Progress
+from stadera.types import Array, Progress
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkUp:
+    """The vertical in trunk axes (3,), a sentence on its source, and how fast the trunk turns (rms) [rad/s]."""
+
+    up: Array
+    note: str
+    turning: float = 0.0
+
+
+def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, float] | None) -> TrunkUp:
+    """The given vertical, else the mean specific force in a log's IMU, else the trunk's z axis. UnknownNameError for an
+    IMU frame that the robot lacks, ModelError for one that is fixed to a leg.
+    """
+    if up is not None:
+        return TrunkUp(np.asarray(up, dtype=float), f"vertical given: ({up[0]:g}, {up[1]:g}, {up[2]:g}) in trunk axes")
+    imu = recording.imu
+    if imu is None:
+        return TrunkUp(np.array([0.0, 0.0, 1.0]), "no IMU in the log and no vertical given: trunk taken as level")
+    mean = ImuMount.of(robot, imu.frame).rotation @ imu.linear_acceleration.mean(axis=0)
+    turning = float(np.sqrt(np.mean(np.sum(imu.angular_velocity**2, axis=1))))
+    tilt = np.degrees(np.arccos(np.clip(mean[2] / np.linalg.norm(mean), -1.0, 1.0)))
+    return TrunkUp(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning)
+
+
+def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int = 4000) -> dict[str, float]:
+    """Mean upward force on each foot of a recorded leg as a share of the robot's weight, of postures in which the leg
+    is not near-singular; `up` (3,) is the vertical in trunk axes. A log of more than `samples` is thinned out.
+    """
+    body, joints = Body.of(robot, others=False), robot.tree.joints
+    thin = slice(None, None, -(-len(recording) // samples))
+    position, effort = np.zeros((2, len(recording.time[thin]), len(joints)))
+    recorded = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
+    for leg in recorded:
+        columns = [joints.index(joint) for joint in leg.joints]
+        position[:, columns], effort[:, columns] = (
+            recording.channel(name, leg.joints)[thin] for name in ("position", "effort")
+        )
+    vertical = up / np.linalg.norm(up)
+    still, rest = np.zeros_like(position), np.zeros((len(position), 3))
+    state = body.at(Motion(position, still, still, rest, rest, rest + GRAVITY * vertical, vertical))
+    with np.errstate(invalid="ignore"):  # of legs so stretched that they feel nothing, left out below
+        force = body.forces(state, (state.torque - effort)[:, body.in_legs]) @ vertical / (robot.mass * GRAVITY)
+    felt = np.abs(state.volume) > SINGULAR * robot.leg_length**3
+    loads = np.where(felt, force, 0.0).sum(axis=0) / np.maximum(felt.sum(axis=0), 1)
+    return {leg.name: float(loads[robot.legs.index(leg)]) for leg in recorded}
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +80,7 @@ class LegTask:
     nominal: Mapping[str, float]  # the model's values of all parameters
     fixed: Mapping[str, float]  # parameters that are not identified, at the model's values
     prior: Prior  # of the parameters that are identified
+    varying: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by joint, `VaryingFriction.centres`
 
     @classmethod
     def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:
@@ -44,6 +93,25 @@ class LegTask:
         fixed = {c: nominal[c] for c in regressor.columns if c in terms - chosen}
         identified = tuple(c for c in regressor.columns if c not in fixed)
         return cls(leg, regressor, nominal, fixed, robot_prior(robot, identified, settings.width))
+
+    def with_varying(self, robot: Robot, varying: Mapping[str, Mapping[str, float]], width: PriorWidth) -> LegTask:
+        """The task with friction of these joints that varies by these terms."""
+        more = columns_of(varying)
+        prior = robot_prior(robot, (*self.prior.columns, *more), width)
+        return replace(self, varying=varying, prior=prior, nominal=dict(self.nominal) | dict.fromkeys(more, 0.0))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all parameters."""
+        return self.regressor.columns + columns_of(self.varying)
+
+    def rows(self, motion: JointMotion, torque: Array, trunk: TrunkMotion, std: float = 1.0) -> Iterator[Rows]:
+        """One set of rows for each joint [N·m], from torques (samples, joints)."""
+        for k, (joint, rows) in enumerate(
+            zip(self.leg.joints, self.regressor.rows(motion, torque, trunk, std), strict=True)
+        ):
+            q, rate = motion.position[:, k], motion.velocity[:, k]
+            yield with_varying(rows, joint, self.varying.get(joint, {}), q, rate, self.rigid)
 
     @cached_property
     def rigid(self) -> dict[str, float]:
@@ -123,6 +191,24 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         doubts=tuple(dict.fromkeys(doubt for beginning in beginnings for doubt in beginning.doubts)),
         progress=progress,
     )
+
+
+def torque_sizes(
+    recordings: Sequence[Recording], joints: tuple[str, ...], cutoff_hz: float | None
+) -> tuple[dict[str, float], dict[str, float]]:
+    """White noise of each joint's recorded torque, and the torque's root mean square [N·m].
+
+    The noise is estimated from third differences, to which motion far below the sampling rate contributes nothing:
+    white noise of variance σ² gives 20 σ². A low-pass at `cutoff_hz` (None for none) passes 2 f_c / f_s of that.
+    """
+    noise, size = np.zeros(len(joints)), np.zeros(len(joints))
+    for recording in recordings:
+        effort = recording.channel("effort", joints)
+        passed = 1.0 if cutoff_hz is None else min(2.0 * cutoff_hz * float(np.median(np.diff(recording.time))), 1.0)
+        noise += passed * (np.diff(effort, 3, axis=0) ** 2).mean(axis=0) / 20.0
+        size += (effort**2).mean(axis=0)
+    noise, size = np.sqrt(noise / len(recordings)), np.sqrt(size / len(recordings))
+    return dict(zip(joints, noise.tolist(), strict=True)), dict(zip(joints, size.tolist(), strict=True))
 
 
 def _beginnings(

@@ -15,17 +15,15 @@ import numpy as np
 
 from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
-from stadera.identify.gather import Gathered, gather, with_noise_of
+from stadera.identify.gather import Gathered, gather, with_noise_of, with_varying_friction
 from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare
 from stadera.identify.log import Part
 from stadera.identify.observability import Combination, Observability, observability
 from stadera.identify.residuals import LegModels, LegScore, scored
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, unit_of
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.solutions import Estimate
-from stadera.identify.solving import solve_legs
-from stadera.identify.trust import trust_in
-from stadera.identify.warnings import leg_warnings, log_warnings
+from stadera.identify.solutions import Estimate, solve_legs
+from stadera.identify.trust import leg_warnings, log_warnings, trust_in
 from stadera.information import Information
 from stadera.logs.reader import Log, as_logs
 from stadera.logs.recording import Recording
@@ -88,6 +86,7 @@ def _identified(
     at_rest = not training.moves(job.drop_below)
     if at_rest:
         job = replace(job, drop_below=0.0)
+    job = with_varying_friction(job, training)
     gathered = gather(job, training)
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     estimates = _solve(job, gathered)
@@ -147,7 +146,7 @@ def _pooling_note(job: Job) -> tuple[str, ...]:
 
 def _models(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegModels:
     return LegModels(
-        regressor=task.regressor,
+        task=task,
         parameters={
             "prior": task.nominal,
             "prior_friction": dict(task.nominal) | dict(data.friction_only),
@@ -183,8 +182,8 @@ def structural_observability(task: LegTask, trunk: TrunkMotion, samples: int = 1
     n = len(task.leg.joints)
     rng = np.random.default_rng(0)
     motion = JointMotion(*(s * rng.uniform(-1, 1, (samples, n)) for s in (1.5, 5.0, 30.0)))
-    rows = task.regressor.rows(motion, np.zeros((samples, n)), trunk, std=1e-9)
-    return observability(Information.of(rows, task.regressor.columns).fix(task.fixed), task.prior)
+    rows = task.rows(motion, np.zeros((samples, n)), trunk, std=1e-9)
+    return observability(Information.of(rows, task.columns).fix(task.fixed), task.prior)
 
 
 def _known(combination: Combination, estimate: Estimate) -> KnownCombination:

@@ -34,7 +34,7 @@ from stadera.identify.prior import robot_prior
 from stadera.identify.result import LegIdentification, robot_with_legs
 from stadera.identify.schema import UNITS, joints_dict, links_dict
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.solving import solve_legs
+from stadera.identify.solutions import solve_legs
 from stadera.information import Information
 from stadera.robot.model import Robot
 from stadera.trust import Trust

@@ -43,9 +43,12 @@ class PriorWidth:
     # length
     torque: float = 0.2
     armature: float = 1.0  # of rotor inertias, relative to the leg's mass at half its length
+    # by which Coulomb friction varies with position, relative to the same torque: about as large as friction itself
+    varying: float = 0.02
+    load: float = 0.1  # of the share of the carried torque that friction takes
 
     def __post_init__(self) -> None:
-        for name in ("shape", "mass", "torque", "armature"):
+        for name in self.__dataclass_fields__:
             if not getattr(self, name) > 0:
                 raise IdentificationError(f"prior width {name!r} must be positive, got {getattr(self, name)}")
 
@@ -106,6 +109,9 @@ def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None
             values[at] = getattr(robot.dynamics[owner], term)
             inertia, torque = _joint_scales(robot, owner)
             root[at, at] = width.armature * inertia if term == "armature" else width.torque * torque
+            at += 1
+        elif owner in robot.dynamics and term.startswith("coulomb_"):  # terms by which it varies, zero in a model
+            root[at, at] = width.load if term == "coulomb_load" else width.varying * _joint_scales(robot, owner)[1]
             at += 1
         else:
             raise IdentificationError(f"no prior for parameter {columns[at]!r} of robot {robot.name}")

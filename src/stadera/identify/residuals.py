@@ -7,51 +7,33 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stadera.body import JointMotion, JointTorqueRegressor, Rows, TrunkMotion
+from stadera.body import JointMotion, Rows, TrunkMotion
 from stadera.constants import SATURATED
+from stadera.identify.job import LegTask
 from stadera.identify.result import TorqueTrace
 from stadera.logs.processing import Processed
-from stadera.logs.recording import Recording
 from stadera.types import Array
 
 TRACE_S, TRACE_SAMPLES = 60.0, 3000
 
 
-def rows_of(regressor: JointTorqueRegressor, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
-    """Yields one set of rows for each joint of the regressor's tree, in N·m with unit noise."""
-    index = [chunk.joints.index(joint) for joint in regressor.tree.joints]
+def rows_of(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
+    """Yields one set of rows for each joint of a leg, in N·m with unit noise."""
+    index = [chunk.joints.index(joint) for joint in task.leg.joints]
     assert chunk.effort is not None
     motion = JointMotion(chunk.position[:, index], chunk.velocity[:, index], chunk.acceleration[:, index])
-    return regressor.rows(motion, chunk.effort[:, index], trunk)
+    return task.rows(motion, chunk.effort[:, index], trunk)
 
 
-def speed(regressor: JointTorqueRegressor, chunk: Processed) -> Array:
-    """Speed of the regressor's fastest joint [rad/s], (samples,)."""
-    index = [chunk.joints.index(joint) for joint in regressor.tree.joints]
+def speed(task: LegTask, chunk: Processed) -> Array:
+    """Speed of a leg's fastest joint [rad/s], (samples,)."""
+    index = [chunk.joints.index(joint) for joint in task.leg.joints]
     return np.asarray(np.abs(chunk.velocity[:, index]).max(axis=1))
 
 
 def predicted(rows: Rows, parameters: Mapping[str, float]) -> Array:
     """Torque predicted from parameters, (samples,)."""
     return rows.predict(np.array([parameters[c] for c in rows.columns]))
-
-
-def torque_sizes(
-    recordings: Sequence[Recording], joints: tuple[str, ...], cutoff_hz: float | None
-) -> tuple[dict[str, float], dict[str, float]]:
-    """White noise of each joint's recorded torque, and the torque's root mean square [N·m].
-
-    The noise is estimated from third differences, to which motion far below the sampling rate contributes nothing:
-    white noise of variance σ² gives 20 σ². A low-pass at `cutoff_hz` (None for none) passes 2 f_c / f_s of that.
-    """
-    noise, size = np.zeros(len(joints)), np.zeros(len(joints))
-    for recording in recordings:
-        effort = recording.channel("effort", joints)
-        passed = 1.0 if cutoff_hz is None else min(2.0 * cutoff_hz * float(np.median(np.diff(recording.time))), 1.0)
-        noise += passed * (np.diff(effort, 3, axis=0) ** 2).mean(axis=0) / 20.0
-        size += (effort**2).mean(axis=0)
-    noise, size = np.sqrt(noise / len(recordings)), np.sqrt(size / len(recordings))
-    return dict(zip(joints, noise.tolist(), strict=True)), dict(zip(joints, size.tolist(), strict=True))
 
 
 def residual_noise(
@@ -132,7 +114,7 @@ def correlation_length(values: Array) -> float:
 class LegModels:
     """Models of one leg to compare with data: parameters by model, and the torque limit by joint [N·m]."""
 
-    regressor: JointTorqueRegressor
+    task: LegTask
     parameters: Mapping[str, Mapping[str, float]]
     limits: Mapping[str, float]
 
@@ -174,13 +156,13 @@ class LegScore:
         """Evaluates the models on one more chunk."""
         if not len(chunk):
             return
-        rows = list(rows_of(models.regressor, chunk, trunk))
+        rows = list(rows_of(models.task, chunk, trunk))
         measured = np.column_stack([r.target for r in rows])
         guesses = {
             name: np.column_stack([predicted(r, parameters) for r in rows])
             for name, parameters in models.parameters.items()
         }
-        moving = speed(models.regressor, chunk) >= drop_below
+        moving = speed(models.task, chunk) >= drop_below
         self.samples += int(np.count_nonzero(moving))
         for name, guess in guesses.items():
             self.squares[name] = self.squares.get(name, 0.0) + np.sum((measured - guess)[moving] ** 2, axis=0)
@@ -201,7 +183,7 @@ def scored(
     drop_below: float,
 ) -> list[LegScore]:
     """Evaluates each leg's models on a part. Samples with all joints slower than `drop_below` are skipped."""
-    scores = [LegScore(m.regressor.tree.joints) for m in models]
+    scores = [LegScore(m.task.leg.joints) for m in models]
     for done, chunk in enumerate(part):
         for score, leg_models in zip(scores, models, strict=True):
             score.add(chunk, leg_models, trunk, drop_below)

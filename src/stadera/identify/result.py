@@ -15,6 +15,7 @@ from stadera.body import FRICTION_UNITS
 from stadera.files import written_together
 from stadera.identify.observability import Identifiability
 from stadera.identify.solutions import Estimate
+from stadera.identify.varying import VARYING_UNITS
 from stadera.inertia import ORDER, UNITS, InertialParameters
 from stadera.information import Information
 from stadera.results import Result
@@ -283,7 +284,7 @@ def _std(leg: LegIdentification, joint: str) -> JointDynamics:
     return JointDynamics(**{term: np.nan if std is None else std for term, std in known.items()})
 
 
-_UNITS = dict(zip(ORDER, UNITS, strict=True)) | FRICTION_UNITS
+_UNITS = dict(zip(ORDER, UNITS, strict=True)) | FRICTION_UNITS | VARYING_UNITS
 
 
 def unit_of(column: str) -> str:

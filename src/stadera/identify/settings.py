@@ -9,10 +9,10 @@ import numpy as np
 
 from stadera.body import FRICTION_TERMS, FrictionModel
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
+from stadera.identify.log import SpikeSettings
 from stadera.identify.prior import PriorWidth
-from stadera.identify.solutions import SolverSettings
-from stadera.identify.solving import KindSpread
-from stadera.identify.spikes import SpikeSettings
+from stadera.identify.solutions import KindSpread, SolverSettings
+from stadera.identify.varying import VaryingSettings
 
 METHODS: tuple[str, ...] = ("consistent", "null-space")
 
@@ -98,6 +98,7 @@ class IdentifySettings:
         spread: spread between the drives of the legs; None to identify each leg separately.
         most_carried: share of the robot's weight above which a foot counts as loaded. Feet of a standing or walking
             robot carry a quarter on average; for real legs in the air the estimate is at most 0.01.
+        varying: when friction is taken to vary with position and load; None for never.
         trust: limits for a doubtful or bad fit.
         signals: cut-offs and selection of samples.
         solver: settings of the small problem to which the rows are reduced.
@@ -117,6 +118,7 @@ class IdentifySettings:
     width: PriorWidth = field(default_factory=PriorWidth)
     spread: KindSpread | None = field(default_factory=KindSpread)
     most_carried: float = 0.1
+    varying: VaryingSettings | None = field(default_factory=VaryingSettings)
     trust: TrustSettings = field(default_factory=TrustSettings)
     signals: SignalSettings = field(default_factory=SignalSettings)
     solver: SolverSettings = field(default_factory=SolverSettings)
